@@ -22,7 +22,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import SolverSettings
-from fdcal.session.calibrate import solve
+from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 
 from .draws import draw

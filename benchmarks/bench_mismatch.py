@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.faults import Faults
 from fdcal.model.gauge import position_errors
 from fdcal.model.scene_file import load_scene
-from fdcal.session.calibrate import solve as calibrate
+from fdcal.model.settings import Faults
+from fdcal.session.calibration_run import solve as calibrate
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import run as solve
 

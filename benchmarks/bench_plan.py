@@ -6,9 +6,8 @@ import time
 from collections.abc import Iterator
 
 from fdcal.session.planning.bounds import request_information
-from fdcal.session.planning.layout import read_layout
 from fdcal.session.planning.plan import make_plan
-from fdcal.session.planning.request import PlanRequest
+from fdcal.session.planning.request import PlanRequest, read_layout
 from fdcal.session.planning.trials import run_trials, workers_for
 
 from .report import Figure

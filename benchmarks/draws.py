@@ -21,8 +21,7 @@ import numpy as np
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
-from fdcal.model.arrays import positions_of
-from fdcal.model.arrays_3d import positions_3d
+from fdcal.model.arrays import positions_3d, positions_of
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power

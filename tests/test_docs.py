@@ -24,8 +24,7 @@ from fdcal.model.gauge import align
 from fdcal.model.measurement_file import OPTIONAL, REQUIRED, SEARCH
 from fdcal.model.scene_file import load_scene, scene_names
 from fdcal.recordings import formats
-from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, Setting, Step
-from fdcal.session.lesson_file import load_lesson
+from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, Setting, Step, load_lesson
 from fdcal.solvers import names as solver_names
 
 RECORDING = text_of(DOCS / "how-to" / "bring-your-recording.md")

@@ -20,11 +20,10 @@ from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.recordings import formats
-from fdcal.recordings.formats import xml_geometry
-from fdcal.recordings.formats.table import read_positions
+from fdcal.recordings.formats.positions import read_table, read_xml
 from fdcal.recordings.recording import read_samples
 from fdcal.session import session_file
-from fdcal.session.lesson_file import lesson_folder, load_lesson
+from fdcal.session.lesson import lesson_folder, load_lesson
 from fdcal.session.sources import check_scene
 
 
@@ -59,7 +58,7 @@ def measurement(count: int = 8, modes: int = 6) -> Measurement:
 
 def _make_session(path: Path) -> None:
     from fdcal import solvers
-    from fdcal.model.measured_scene import placeholder_scene
+    from fdcal.model.scene_file import placeholder_scene
     from fdcal.session.request import OpenRequest
 
     settings = SolverSettings(modes=6, name="descent", start="random", first_modes=2)
@@ -114,7 +113,7 @@ def _read_scene(path: Path) -> None:
 
 
 def _read_table(path: Path) -> None:
-    names, positions = read_positions(path)
+    names, positions = read_table(path)
     assert len(names) == len(positions)
     _finite(positions)
 
@@ -195,7 +194,7 @@ def _make_geometry(path: Path) -> None:
 
 
 def _read_geometry(path: Path) -> None:
-    names, positions = xml_geometry.read_positions(path)
+    names, positions = read_xml(path)
     assert len(names) == len(set(names)) == len(positions)
     _finite(positions)
 

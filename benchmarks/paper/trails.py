@@ -15,7 +15,7 @@ import numpy as np
 from fdcal.model.problem import Problem
 from fdcal.model.settings import SolverSettings
 from fdcal.model.storage import cached_arrays
-from fdcal.session.study.provenance import code_version
+from fdcal.session.study.definition import code_version
 from fdcal.solvers import load
 
 DIGITS = 6  # of the inputs of a solver, relative to the greatest

@@ -30,7 +30,7 @@ import numpy as np
 
 from ..model.problem import mode_power
 from ..model.room import Room, Source
-from ..model.sensing import Sensing
+from ..model.settings import Sensing
 from ..model.validation import LIMITS, InputError
 from .spectrum import SPECTRUM, ModalPressures, pick_peaks, wavenumber_continuous
 

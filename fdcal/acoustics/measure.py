@@ -15,16 +15,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.arrays import positions_of
-from ..model.arrays_3d import positions_3d
-from ..model.faults import DEAD_SHARE, Faults
-from ..model.measured_room import response_digest, response_path
-from ..model.measured_scene import MeasuredScene
+from ..model.arrays import positions_3d, positions_of
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement, save_measurement
 from ..model.problem import mode_power
+from ..model.room import response_digest, response_path
 from ..model.scene import Scene
+from ..model.scene_file import MeasuredScene
 from ..model.sdm_response import SdmResponse, load_sdm_response
+from ..model.settings import DEAD_SHARE, Faults
 from ..model.storage import cache_key, load_cached, load_or_make
 from ..model.validation import InputError
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..model.problem import mode_power
 from ..model.sdm_response import SdmResponse
-from ..model.sensing import Sensing
+from ..model.settings import Sensing
 from ..model.validation import InputError
 from .spectrum import ModalPressures, fast_length, pick_peaks, rfft, wavenumber_continuous
 

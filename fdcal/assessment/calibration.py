@@ -14,12 +14,12 @@ import numpy as np
 
 from ..cost.channel_correction import ChannelCorrection
 from ..model.gauge import align, in_frame, position_errors
-from ..model.lengths import length_text
 from ..model.measurement import Measurement
+from ..model.texts import length_text
 from ..model.validation import InputError, frozen_array
 
 if TYPE_CHECKING:
-    from ..model.microphones import MicrophonePositions
+    from ..model.given_positions import MicrophonePositions
 
 DECIBELS_PER_NEPER = 20 / np.log(10)
 CHANNEL_NUMBERS = ("gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db")  # attributes of `Channels`
@@ -405,6 +405,6 @@ def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositio
         raise InputError(
             "frame = known, but no microphone was known", "use <frame> minimal or axes", key="frame", value="known"
         )
-    from ..model.microphones import MicrophonePositions
+    from ..model.given_positions import MicrophonePositions
 
     return MicrophonePositions(result.names, in_frame(result.positions, frame), result.uncertainty, frame)

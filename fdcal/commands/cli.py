@@ -15,12 +15,13 @@ import time
 import traceback
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import click
 
 from ..model.validation import InputError
 from ..session.blas_threads import one_blas_thread_for_command
-from . import file_commands, gallery_command, plan_command, plot_commands, study_command
+from . import file_commands, plan_command, plot_commands, study_command
 from . import parameter_types as types
 from .options import (
     OPTIONS,
@@ -30,6 +31,7 @@ from .options import (
     modes_option,
     open_request_of,
     output_option,
+    output_path,
     progress_bar,
     radius_option,
     scene_of,
@@ -37,7 +39,9 @@ from .options import (
     seed_option,
     solver_option,
 )
-from .outputs import output_path
+
+if TYPE_CHECKING:
+    from ..solvers.warmup import Piece
 
 INTERRUPTED = "interrupted; nothing is left half-written"
 NO_MEMORY = "there is not enough memory for this; use fewer microphones, frequencies or candidate positions"
@@ -158,7 +162,7 @@ def view(scene: str, own: tuple[str, ...], host: str, port: int, no_browser: boo
 
     FILE is a measurement or a recording that `fdcal import` reads, SESSION a session saved by the page.
     """
-    from ..session.lesson_file import lesson_names, load_lesson
+    from ..session.lesson import lesson_names, load_lesson
     from .serving import check_address, open_page, warning
 
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
@@ -283,7 +287,7 @@ def calibrate(
     not fit.
     """
     path = output_path(output, ".json", force, *sources) if output else None
-    from ..session.calibrate import solve
+    from ..session.calibration_run import solve
     from ..session.sources import with_settings
     from . import report
 
@@ -330,8 +334,6 @@ def warm():
 
     Calibrating a measurement needs nothing compiled; simulating a scene, solver descent and the maps of the page do.
     """
-    from ..session.warmup import all_pieces
-
     pieces = all_pieces()
     for number, (name, compile_piece) in enumerate(pieces, 1):
         start = time.perf_counter()
@@ -340,6 +342,25 @@ def warm():
         print(f" {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
 
 
-PARTS = (file_commands, gallery_command, plan_command, plot_commands, study_command)
+def all_pieces() -> list[Piece]:
+    """Return what is compiled, in words, and the calls that compile it."""
+    from ..solvers.warmup import MINIMA, SEARCH
+
+    return [("simulation of a room", _simulate), SEARCH, MINIMA]
+
+
+def _simulate() -> None:
+    """Simulate a room with few rows, and one with enough for several threads."""
+    import numpy as np
+
+    from ..acoustics import fdtd
+    from ..model.room import Room, Source
+
+    source = Source(position=(0.1, 0.1), low=1000.0, high=3000.0, sample_rate=13000.0, duration=0.02)
+    for height in (0.4, 4.0):
+        fdtd.simulate(Room(size=(0.4, height), walls="rigid", cell=0.04), source, np.array([[0.3, 0.3]]))
+
+
+PARTS = (file_commands, plan_command, plot_commands, study_command)
 for command in (command for part in PARTS for command in part.COMMANDS):
     commands.add_command(command)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import click
 
 from ..model.validation import InputError
-from .options import OPTIONS, files_options, force_option, output_option
-from .outputs import output_path
+from .options import OPTIONS, files_options, force_option, output_option, output_path
 from .parameter_types import RecordingKind
 
 

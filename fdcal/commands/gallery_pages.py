@@ -10,8 +10,8 @@ import numpy as np
 from ..cost.reference_cost import reference_cost_of
 from ..graphics.gallery import Entry, index_html, picture_of, race_html
 from ..graphics.replay import replay_html
-from ..model import mode_ranges
-from ..session.calibrate import problem_of, states_of
+from ..model.texts import parse_modes
+from ..session.calibration_run import problem_of, states_of
 from ..session.comparison import timed_states
 from ..session.history import recorded
 from ..session.sources import CalibrationInput, with_settings
@@ -98,7 +98,7 @@ def _run(show: Show) -> tuple[str, Entry]:
     sought = counted_microphones(inputs, states[-1])
     text = _replay(inputs, states, show.title, show.microphone, sought)
     chosen = dict(part.split("=") for part in show.address.split("&")).get("modes")
-    modes = None if chosen is None else mode_ranges.parse(chosen, len(problem.frequencies))
+    modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
     picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes)
     figures = f"{show.solver}, {_errors(inputs, states[-1], sought)}, {len(text) / 1e6:.2f} MB"
     return text, Entry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)

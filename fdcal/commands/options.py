@@ -1,4 +1,4 @@
-"""What several commands share: options, a progress bar, and the loading of what their arguments name."""
+"""Where a command may write its result."""
 
 from __future__ import annotations
 
@@ -6,19 +6,55 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..model.settings import ALL_MODES
-from ..model.validation import InputError
+from ..model.validation import InputError, StorageError
 from ..solvers import names
 from .parameter_types import duration, numbers, search_domain, source_number
 
-if TYPE_CHECKING:  # SciPy and the solvers, which a page loads while the browser opens
+if TYPE_CHECKING:
     from ..assessment.calibration import Calibration
     from ..session.request import OpenRequest
     from ..session.sources import CalibrationInput, Progress
+
+
+def output_path(text: str, suffix: str | list[str], force: bool, *inputs: str | None) -> Path:
+    """Return the path of a result; it is checked before the work begins, which may take long.
+
+    `text`: of the option -o; `suffix`, str or list of str, allowed suffixes, in lower case; `force`: whether an
+    existing file may be overwritten; `*inputs`: files that must not be overwritten. Raises InputError, StorageError:
+    the suffix is wrong, the file exists or is one of the inputs; its folder does not exist.
+    """
+    path = Path(text)
+    allowed = [suffix] if isinstance(suffix, str) else suffix
+    if path.suffix.lower() not in allowed:
+        problem, remedy = (
+            f'-o "{text}" must end in {" or ".join(allowed)}',
+            f"write {path.stem or 'result'}{allowed[0]}",
+        )
+        raise InputError(problem, remedy, key="output", value=text)
+    if path.is_dir():
+        raise InputError(f"-o {text} is a folder", "name a file", key="output", value=text)
+    if not path.parent.is_dir():
+        raise StorageError(f"-o {text} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
+    for source in inputs:
+        if source is not None and (Path(source).resolve() == path.resolve() or _same_file(Path(source), path)):
+            problem = f"-o {text} is the input itself, which is never overwritten"
+            raise InputError(problem, "choose another name", key="output", value=text)
+    if path.exists() and not force:
+        remedy = "add <force> to overwrite it, or choose another name"
+        raise InputError(f"-o {text} exists", remedy, key="output", value=text)
+    return path
+
+
+def _same_file(one: Path, other: Path) -> bool:
+    """Return whether two paths lead to one file, as hard links do."""
+    return one.exists() and other.exists() and one.samefile(other)
+
 
 SESSIONS = (".zip", ".json")
 
@@ -225,7 +261,7 @@ def open_request_of(text: str) -> OpenRequest:
     from ..session.sources import check_scene, is_recording, load_input
 
     if text.lower().endswith(".npz") or is_recording(text):
-        from ..model.measured_scene import placeholder_scene
+        from ..model.scene_file import placeholder_scene
 
         inputs = load_input(text)
         settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings

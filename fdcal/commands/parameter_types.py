@@ -187,8 +187,7 @@ class RoomOrScene(click.ParamType):
     def convert(self, value, param, ctx) -> tuple[float, ...]:
         if value[:1].isdigit():
             return room_size(value)
-        from ..model.measured_scene import MeasuredScene
-        from ..model.scene_file import load_scene
+        from ..model.scene_file import MeasuredScene, load_scene
 
         scene = load_scene(value)
         size = scene.room.size

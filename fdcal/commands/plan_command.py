@@ -6,8 +6,7 @@ import click
 
 from ..model.validation import LIMITS, InputError
 from . import parameter_types as types
-from .options import force_option, output_option, progress_bar
-from .outputs import output_path
+from .options import force_option, output_option, output_path, progress_bar
 
 SUFFIXES = [".html", ".json", ".png"]
 MOST_TRIALS, MOST_TAKES = 10_000, 100
@@ -86,10 +85,8 @@ def plan(
     """
     path = output_path(output, SUFFIXES, force, layout) if output else None
     from ..session.planning.bounds import request_information
-    from ..session.planning.layout import read_layout
-    from ..session.planning.plan import make_plan
-    from ..session.planning.report import plan_lines
-    from ..session.planning.request import PlanRequest
+    from ..session.planning.plan import make_plan, plan_lines
+    from ..session.planning.request import PlanRequest, read_layout
     from ..session.planning.trials import run_trials, workers_for
 
     array = read_layout(layout, seed)
@@ -151,11 +148,10 @@ def _write(path, found, force: bool) -> None:
     """Write a plan in the format of the suffix."""
     import json
 
-    from ..graphics.landscape_figure import figure_bytes
-    from ..graphics.plan_figure import draw_plan
-    from ..graphics.plan_html import plan_html
+    from ..graphics.landscape import figure_bytes
+    from ..graphics.plan_figure import draw_plan, plan_html
     from ..model.storage import write_atomically
-    from ..session.planning.report import plan_dict
+    from ..session.planning.plan import plan_dict
 
     suffix = path.suffix.lower()
     if suffix == ".png":

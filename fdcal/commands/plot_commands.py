@@ -1,4 +1,4 @@
-"""Commands that draw: `landscape`, `field`, `snapshot` and `replay`."""
+"""Commands that draw: `landscape`, `field`, `snapshot`, `replay` and `gallery`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from .options import (
     input_of,
     modes_option,
     output_option,
+    output_path,
     progress_bar,
     radius_option,
     result_of,
@@ -21,7 +22,6 @@ from .options import (
     seed_option,
     solver_option,
 )
-from .outputs import output_path
 from .parameter_types import microphone_number, mode_numbers
 
 
@@ -51,7 +51,7 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     summed over all modes. With --basins, colours say at which local minimum descent from each place ends.
     """
     path = output_path(output, [".png", ".svg", ".vti"], force)
-    from ..graphics.landscape_figure import landscape_panels
+    from ..graphics.landscape import landscape_panels
     from ..model.given_positions import with_search_domain
     from ..model.storage import write_atomically
     from .plotting import shown_positions, write_volume
@@ -78,7 +78,7 @@ def _landscape_bytes(suffix: str, panels, measurement, basins: bool) -> bytes:
         from ..graphics.paraview import landscape
 
         return landscape(panels, basins=basins).encode()
-    from ..graphics.landscape_figure import draw_landscape, figure_bytes
+    from ..graphics.landscape import draw_landscape, figure_bytes
 
     truth = None if measurement.positions is None else measurement.positions[panels.microphone]
     return figure_bytes(draw_landscape(panels, truth, basins=basins), suffix[1:])
@@ -188,7 +188,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     from ..graphics.replay import replay_html
     from ..model.given_positions import with_search_domain
     from ..model.storage import write_atomically
-    from ..session.calibrate import states_of
+    from ..session.calibration_run import states_of
     from ..session.history import recorded
     from ..session.request import as_given
     from ..session.sources import with_settings
@@ -218,4 +218,26 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     print(f"{path}: {len(states)} states of {inputs.settings.name}, {len(text) / 1e6:.2g} MB")
 
 
-COMMANDS = (landscape, field, snapshot, replay)
+@click.command()
+@output_option("FOLDER")
+@force_option
+def gallery(output: str, force: bool):
+    """Write a static site of replays with an index page, which any web server can host and any browser opens.
+
+    It shows the paper's arrays 1 and 2, its Fig. 1, an array in three dimensions, a race of two solvers and a bad
+    channel. It needs no network.
+    """
+    from ..model.storage import folder_in_progress
+
+    with folder_in_progress(output, force) as folder:
+        from .gallery_pages import gallery_pages
+
+        sizes = []
+        with progress_bar("calibrating") as progress:
+            for name, text in gallery_pages(progress):
+                (folder / name).write_text(text, encoding="utf-8")
+                sizes.append((folder / name).stat().st_size)
+    print(f"{output}: {len(sizes)} pages, {sum(sizes) / 1e6:.2g} MB; open {output}/index.html")
+
+
+COMMANDS = (landscape, field, snapshot, replay, gallery)

@@ -12,15 +12,14 @@ from ..cost.expansion import require_modes, require_plane_field
 from ..graphics.units import errors_in_words
 from ..model.measurement import Measurement
 from ..model.validation import InputError
-from ..session.calibrate import assess, problem_of, sound
+from ..session.calibration_run import assess_state, healthy_microphones, problem_of
 from ..session.sources import CalibrationInput
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from ..graphics.primitives import Floor
-    from ..graphics.sampled_volume import SampledVolume
-    from ..graphics.volume import Volume
+    from ..graphics.volume import SampledVolume, Volume
     from ..model.settings import Search
 
 
@@ -53,8 +52,10 @@ def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
     Those that are sought; without the channels that are faulty, where the solver judges them.
     """
     free = np.setdiff1d(np.arange(inputs.measurement.count), inputs.given)
-    found = None if state.channels is None else assess(inputs, problem_of(inputs), state)
-    return sound(free if len(free) else np.arange(inputs.measurement.count), inputs.measurement.names, found)
+    found = None if state.channels is None else assess_state(inputs, problem_of(inputs), state)
+    return healthy_microphones(
+        free if len(free) else np.arange(inputs.measurement.count), inputs.measurement.names, found
+    )
 
 
 def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> np.ndarray:
@@ -82,7 +83,7 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
     from ..cost.expansion import expansion_of
     from ..cost.maps import cost_volume
     from ..cost.reference_cost import ORDER_OFFSET
-    from ..graphics.sampled_volume import sampled_volume
+    from ..graphics.volume import sampled_volume
 
     problem = inputs.measurement.problem(inputs.settings.weights)
     carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1
@@ -147,7 +148,7 @@ def sliced_volume(
     """
     from ..cost.basins import basins_of
     from ..graphics.basin_map import basin_slice
-    from ..graphics.sampled_volume import drawn_volume, sliced
+    from ..graphics.volume import drawn_volume, sliced
 
     through = float(place["xyz".find(axis)]) if position is None else position
     if basin is not None:

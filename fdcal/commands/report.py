@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..assessment.calibration import Calibration, Evidence, GivenPosition
-from ..model.lengths import length_text
 from ..model.measurement import Measurement
+from ..model.texts import length_text
 from ..model.validation import InputError
 from ..session.sources import CalibrationInput
 from .options import OPTIONS

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.lengths import format_mm
 from ..model.measurement import Measurement
+from ..model.texts import format_mm
 
 ALL = slice(None)
 

@@ -17,10 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from .array_layout import Array, Gauge
-from .faults import Faults
 from .room import Room, Source, is_no_pair
-from .sensing import Sensing
-from .settings import KNOWN_ROOM_SOLVERS, Search, SolverSettings
+from .settings import KNOWN_ROOM_SOLVERS, Faults, Search, Sensing, SolverSettings
 from .validation import LIMITS, InputError, require_point
 
 

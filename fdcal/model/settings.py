@@ -1,4 +1,7 @@
-"""The settings of a run: where to search, how to measure, how to solve. Lengths are metres, frequencies hertz."""
+"""The settings of a run: how to measure, faults of channels, where to search, how to solve.
+
+Lengths are metres, frequencies hertz.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,101 @@ from dataclasses import dataclass
 import numpy as np
 
 from .validation import LIMITS, InputError, Point, require_choice, require_field_types, require_finite, require_positive
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """How pressures are derived from recordings."""
+
+    # signal-to-noise ratio of each mode, dB; inf for no noise. The noise is added to the complex pressures
+    snr_db: float = math.inf
+    # lowest, highest: band in which modes are picked, Hz
+    lowest: float = 20.0
+    highest: float = 400.0
+    # height of a spectral peak above its surroundings, dB; 0 takes every frequency of the band, `resolution` apart
+    prominence_db: float = 1.0
+    resolution: float = 1.0  # smallest distance of two modes, Hz
+    wavenumber: str = "discrete"  # "discrete", of a wave on the grid of the simulation, or "continuous"
+    sound_speed_error: float = 0.0  # relative error of the sound speed given to the solvers, positive if it is too high
+
+    OPTIONAL: typing.ClassVar = ("sound_speed_error",)
+
+    def __post_init__(self):
+        if not (abs(self.snr_db) <= LIMITS.decibels or self.snr_db == math.inf):
+            raise InputError(
+                f"measurement.snr_db = {self.snr_db:g} is out of range",
+                f"give a number of decibels from -{LIMITS.decibels:g} to {LIMITS.decibels:g}, or inf for no noise",
+                key="measurement.snr_db",
+                value=self.snr_db,
+            )
+        for key in ("lowest", "highest", "resolution"):
+            require_positive(f"measurement.{key}", getattr(self, key), "Hz")
+        if self.prominence_db != 0:
+            require_positive("measurement.prominence_db", self.prominence_db, "dB")
+        if not self.lowest < self.highest:
+            raise InputError(
+                f"measurement.lowest = {self.lowest:g} Hz must lie below measurement.highest = {self.highest:g} Hz",
+                "lower the one or raise the other",
+                key="measurement.lowest",
+                value=self.lowest,
+            )
+        most = LIMITS.sound_speed_error
+        if not abs(self.sound_speed_error) <= most:
+            raise InputError(
+                f"measurement.sound_speed_error = {self.sound_speed_error:g} is a fraction out of range",
+                f"use -{most:g} to {most:g}, for example 0.01 for 1 %",
+                key="measurement.sound_speed_error",
+                value=self.sound_speed_error,
+            )
+        require_choice("measurement.wavenumber", self.wavenumber, ("discrete", "continuous"))
+
+
+DEAD_SHARE = 1e-6  # power of a dead channel, which is noise of its own, over that of the others
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Channels that are faulty, and how far the others scatter."""
+
+    inverted: tuple[int, ...] = ()  # microphones of inverted polarity
+    dead: tuple[int, ...] = ()  # microphones without signal, which give noise of their own, 60 dB below the others
+    # gain_db, phase_deg: standard deviation of the gains, decibels, and phases, degrees, of all channels, drawn by the
+    # scene's seed
+    gain_db: float = 0.0
+    phase_deg: float = 0.0
+
+    OPTIONAL: typing.ClassVar = ("inverted", "dead", "gain_db", "phase_deg")
+
+    def __post_init__(self):
+        for key, most in (("gain_db", 40.0), ("phase_deg", 180.0)):
+            value = getattr(self, key)
+            if not 0 <= value <= most:
+                problem = f"faults.{key} = {value:g} is out of range"
+                raise InputError(problem, f"use 0 to {most:g}", key=f"faults.{key}", value=value)
+        both = sorted(set(self.inverted) & set(self.dead))
+        if both:
+            problem = f"faults.inverted and faults.dead both name microphone {both[0]}"
+            raise InputError(problem, "name it once", key="faults.dead", value=both[0])
+
+    def require_channels(self, count: int) -> None:
+        """Raise InputError for a microphone that an array of `count` lacks."""
+        for key in ("inverted", "dead"):
+            for n in getattr(self, key):
+                if not 0 <= n < count:
+                    problem = f"faults.{key} names microphone {n}"
+                    raise InputError(problem, f"the array has 0 to {count - 1}", key=f"faults.{key}", value=n)
+
+    def gains(self, count: int, seed: int) -> np.ndarray:
+        """Return the gain of every channel, 0 of a dead one : (N,) complex128.
+
+        Raises InputError for a microphone that the array lacks.
+        """
+        self.require_channels(count)
+        draws = np.random.default_rng([seed, 2]).normal(size=(2, count))
+        gains = 10 ** (self.gain_db * draws[0] / 20) * np.exp(1j * np.radians(self.phase_deg * draws[1]))
+        gains[list(self.inverted)] *= -1
+        gains[list(self.dead)] = 0
+        return gains
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
-"""Files: writing without leaving an incomplete one, and the disk cache.
+"""Files: writing without leaving an incomplete one, a folder likewise, and the disk cache.
 
     write_atomically        every output of fdcal: to a temporary name, then moved into place
+    folder_in_progress      a folder of files that is written completely or not at all
     load_or_make            a value of the cache, made and stored where it is missing
     load_cached             a value of the cache, None where it is missing
     cached_arrays           arrays of the cache, by name
@@ -19,8 +20,9 @@ import json
 import logging
 import os
 import secrets
+import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +157,47 @@ def _delete_least_recently_used(folder: Path) -> None:
     old = [f for f in folder.glob(f"{TEMPORARY}*") if f.stat().st_mtime < time.time() - ABANDONED]
     for file in [f for f, total in zip(files[1:], totals[1:], strict=True) if total > CACHE_BYTES] + old:
         file.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
+    """Give a new folder beside `path`, whose files are moved to `path` at the end, or deleted if anything fails.
+
+    It is made at once, so that a place that cannot be written is known before the work begins.
+
+    `force`: whether `path` may hold files. Those of the same names are replaced, the others stay. Raises InputError:
+    `path` is a file, or a folder that is not empty and `force` is not set; StorageError: the folder around it is
+    missing, or the system refuses.
+    """
+    path = Path(path)
+    _require_free(path, force)
+    temporary = path.resolve().parent / f"{TEMPORARY}{secrets.token_hex(8)}"
+    try:
+        _probe(path)
+        temporary.mkdir()
+        yield temporary
+        path.mkdir(exist_ok=True)
+        for file in sorted(temporary.iterdir()):
+            os.replace(file, path / file.name)
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _require_free(path: Path, force: bool) -> None:
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file", "name a folder", key="output", value=str(path))
+    if not path.parent.is_dir():
+        raise StorageError(f"{path} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
+    if path.is_dir() and not force and any(path.iterdir()):
+        remedy = "add <force> to replace what it has of the same names, or choose another folder"
+        raise InputError(f"{path} is not empty", remedy, key="output", value=str(path))
+
+
+def _probe(path: Path) -> None:
+    """Raise OSError where a file cannot be written into an existing folder."""
+    if path.is_dir():
+        file = path / f"{TEMPORARY}{secrets.token_hex(8)}"
+        file.touch()
+        file.unlink()

@@ -1,31 +1,28 @@
-"""The functions of the Python API: `fdcal.load`, `fdcal.simulate` and `fdcal.calibrate`."""
+"""The functions of the Python API: `fdcal.load`, `fdcal.simulate`, `fdcal.calibrate`, and checks of their arguments."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from ..model.given_positions import with_known, with_positions
+from ..model.given_positions import MicrophonePositions, with_known, with_positions
 from ..model.measurement import Measurement
-from ..model.microphones import MicrophonePositions
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, require_array, require_field_types, unexpected_argument
-from .arguments import (
-    known_distance,
-    known_microphones,
-    lengths,
-    microphone_names,
-    require_callable,
-    require_measurement,
-    require_settings,
-    require_truth_value,
+from ..model.validation import (
+    InputError,
+    require_array,
+    require_field_types,
+    require_integer,
+    require_number,
+    shown_literal,
+    unexpected_argument,
 )
 from .blas_threads import one_blas_thread
-from .calibrate import solve
+from .calibration_run import solve
 from .sources import Progress, is_recording, load_input, measurement_input, scene_input, with_settings
 
 if TYPE_CHECKING:
@@ -109,7 +106,7 @@ def _import_options(texts: Sequence[str], options: dict):
 
 
 def _compared(measurement: Measurement, positions: Any, excluded: int) -> Measurement:
-    from ..recordings.positions_file import read_positions
+    from ..recordings.formats.positions import read_positions
 
     if isinstance(positions, (str, PathLike)):
         return with_positions(measurement, read_positions(positions), excluded)
@@ -145,8 +142,7 @@ def simulate(scene: Scene | str | PathLike[str], *, progress: Progress | None = 
     >>> fdcal.simulate(replace(scene, gauge=replace(scene.gauge, known=(1, 5, 7)))).known.tolist()
     [1, 5, 7]
     """
-    from ..model.measured_scene import MeasuredScene
-    from ..model.scene_file import load_scene
+    from ..model.scene_file import MeasuredScene, load_scene
 
     chosen = scene if isinstance(scene, Scene) else load_scene(str(scene))
     if isinstance(chosen, MeasuredScene):
@@ -250,3 +246,78 @@ def _require_settings_named(others: dict) -> None:
     known = {field.name for field in fields(SolverSettings)}
     for name in sorted(set(others) - known):
         raise unexpected_argument("calibrate", name, known | set(inspect.signature(calibrate).parameters))
+
+
+def microphone_names(key: str, values: Any) -> tuple[str, ...]:
+    """Return names or numbers of microphones as texts; one alone is no list of them."""
+    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
+        remedy = f"put names or numbers into a list: <{key}> = [{shown_literal(values)}]"
+        raise InputError(f"{key} = {shown_literal(values)} is no list of microphones", remedy, key=key, value=values)
+    return tuple(str(one) for one in values)
+
+
+def known_microphones(known: Any) -> Any:
+    """Return known microphones that are not named by a word: a mapping, or a tuple of texts."""
+    return known if isinstance(known, Mapping) else microphone_names("known", known)
+
+
+def lengths(key: str, values: Any) -> tuple[float, ...]:
+    """Return lengths, metres, whose number and sign others check."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        problem = f"{key} = {shown_literal(values)} is no list of lengths"
+        raise InputError(problem, f"write <{key}> = (7.0, 6.0), metres", key=key, value=values)
+    listed = list(values)
+    for value in listed:
+        require_number(key, value)
+    return tuple(map(float, listed))
+
+
+def mode_numbers(modes: Any, count: int) -> list[int]:
+    """Return numbers of modes, counted from 1, of `count`."""
+    if isinstance(modes, str) or not isinstance(modes, Iterable):
+        problem = f"modes = {shown_literal(modes)} is no list of modes"
+        raise InputError(problem, "write <modes> = [1, 5, 9]", key="modes", value=modes)
+    listed = list(modes)
+    for mode in listed:
+        require_integer("modes", mode, 1)
+        if mode > count:
+            raise InputError(f"mode {mode} does not exist", f"give <modes> from 1 to {count}", key="modes", value=mode)
+    return [int(mode) for mode in listed]
+
+
+def known_distance(values: Any) -> tuple[str, str, float] | None:
+    """Return two microphones and how far they are apart, metres."""
+    if values is None:
+        return None
+    parts = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
+    if len(parts) != 3:
+        problem = f"distance = {shown_literal(values)} is not two microphones and a length"
+        raise InputError(problem, "write <distance> = (0, 1, 0.25), metres", key="distance", value=values)
+    require_number("distance", parts[2])
+    return str(parts[0]), str(parts[1]), float(parts[2])
+
+
+def require_measurement(measurement: Any, function: str) -> None:
+    """Raise InputError unless `measurement` is one; a function of that name takes it."""
+    if not isinstance(measurement, Measurement):
+        problem = f"{function} takes a measurement, not {type(measurement).__name__}"
+        raise InputError(problem, f"load it first: fdcal.{function}(fdcal.load(...))", key="measurement")
+
+
+def require_settings(settings: Any) -> None:
+    """Raise InputError unless `settings` are those of a solver, or None."""
+    if settings is not None and not isinstance(settings, SolverSettings):
+        problem = f"settings = {shown_literal(settings)} are not those of a solver"
+        raise InputError(problem, "give those of a scene: fdcal.load_scene(...).solver", key="settings", value=settings)
+
+
+def require_truth_value(key: str, value: Any) -> None:
+    """Raise InputError unless `value` is True or False."""
+    if not isinstance(value, bool):
+        raise InputError(f"{key} = {shown_literal(value)} is not True or False", "use one of them", key=key)
+
+
+def require_callable(key: str, value: Callable | None) -> None:
+    """Raise InputError unless `value` can be called, or is None."""
+    if value is not None and not callable(value):
+        raise InputError(f"{key} = {shown_literal(value)} cannot be called", "give a function", key=key, value=value)

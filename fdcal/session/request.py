@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..model.from_table import build
-from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement
 from ..model.scene import Scene
+from ..model.scene_file import MeasuredScene
 from ..model.settings import ALL_MODES
 from ..model.validation import InputError
 

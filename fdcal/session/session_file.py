@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from ..model.from_table import build
-from ..model.measured_scene import MeasuredScene
 from ..model.measurement_file import load_measurement, save_measurement
 from ..model.reading import parse_json, read_archive, require_regular
 from ..model.scene import Scene
+from ..model.scene_file import MeasuredScene
 from ..model.validation import InputError, StorageError, shown
 from .history import MOST_STATES
 from .request import OpenRequest, plain, table_of

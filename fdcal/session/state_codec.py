@@ -1,21 +1,15 @@
-"""Solver states as a table of plain values and a few arrays, and back, to the last bit.
+"""Values of a saved state: each is checked against the type that the state's class declares for the field.
 
-    {"order": [0, 0, 1], "kinds": [{"solver": "joint", "fields": {field: [a value of every state]}}],
-     "settings": [table]}
-
-`order` says of which kind each state is. A value is a JSON value or one of
-
-    {"array": [s, i]}        array i of the stack `states_s`; arrays of one shape are stacked, shared ones written once
-    {"settings": i}          entry i of `settings`
-    {"record": {field: value}}, {"tuple": [value]}, {"number": "inf"}
-
-Reading runs nothing: every value is checked against the type that the state's class declares for the field.
+Reading runs nothing. `fdcal.session.state_codec` describes the file.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import sys
+import types
+import typing
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,10 +19,115 @@ from .. import solvers
 from ..model.from_table import build
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, shown, shown_literal
+from ..model.validation import LIMITS, InputError, frozen_array, shown, shown_literal
 from ..solvers.interface import RunState
 from .request import plain
-from .state_values import NUMERIC_KINDS, StateReader
+
+LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
+NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold
+INFINITE = ("inf", "-inf")
+
+
+class StateReader:
+    """Values out of JSON, checked against the types and the problem.
+
+    `arrays`: the stacks of arrays, by name; `settings`: the settings that the states refer to; `problem`: which
+    determines the shapes and ranges.
+    """
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], settings: list[SolverSettings], problem: Problem):
+        self._arrays, self._settings = arrays, settings
+        self._read: dict[tuple, np.ndarray] = {}  # an array is the same object wherever it is referred to
+        self._hints: dict[type, dict[str, Any]] = {}
+        modes, count = problem.pressures.shape
+        D = problem.array_dimension
+        self._shapes = {
+            "positions": (count, D), "poses": (count, D), "origin": (count, D), "shape": (count, D),
+            "centre": (D,), "place": (D,), "walls": (D + 2,), "gains": (count, 2), "offsets": (count, 2),
+            "noise": (modes,), "noise_power": (modes,), "power": (modes,), "channel_noise": (count,),
+            "filters": (count, 2), "places": problem.known_positions.shape, "contradicted": problem.known.shape,
+        }  # fmt: skip
+        self._ranges = {"moved": (-1, count - 1), "turn": (0, max(len(problem.free) - 1, 0))}
+        self._ranges |= {"first": (1, modes), "last": (1, modes), "restart": (-1, LARGEST_COUNT)}
+
+    def require_fields(self, key: str, table: Any, Record: type) -> None:
+        """Raise InputError unless `table` has the fields of a dataclass."""
+        names = {field.name for field in dataclasses.fields(Record)}
+        if not isinstance(table, dict) or set(table) != names:
+            odd = ", ".join(sorted(set(table) ^ names)) if isinstance(table, dict) else "all fields"
+            problem = f"{key}: fields that differ from those of this version of fdcal: {shown(odd, 300)}"
+            raise InputError(problem, "open the file with the version that wrote it", key=key)
+
+    def record(self, key: str, table: Any, Record: type) -> Any:
+        """A frozen dataclass out of a dict of its fields."""
+        self.require_fields(key, table, Record)
+        hints = self._hints.setdefault(Record, typing.get_type_hints(Record))
+        return Record(**{name: self._value(name, table[name], hints[name]) for name in table})
+
+    def _value(self, key: str, value: Any, hint: Any) -> Any:
+        """A value of the type `hint`."""
+        options = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
+        if value is None and type(None) in options:
+            return None
+        if isinstance(value, dict) and len(value) == 1:
+            (kind, inner), *_ = value.items()
+            for option in options:
+                found = self._composed(key, kind, inner, option)
+                if found is not None:
+                    return found
+        elif isinstance(value, bool):
+            if bool in options:
+                return value
+        elif isinstance(value, int) and int in options:
+            low, high = self._ranges.get(key, (0, LARGEST_COUNT))
+            if low <= value <= high:
+                return value
+            raise InputError(
+                f"states.{key} = {shown(value)} must be from {low} to {high}", key=f"states.{key}", value=value
+            )
+        elif isinstance(value, (int, float)) and float in options and abs(value) <= sys.float_info.max:
+            return float(value)
+        elif isinstance(value, str) and any(value in typing.get_args(option) for option in options):
+            return value
+        raise InputError(f"states.{key} holds {shown(value)!r}, which is impossible", key=f"states.{key}")
+
+    def _composed(self, key: str, kind: str, inner: Any, option: Any) -> Any:
+        """A value that is more than one JSON value, of the type `option`; None if it is not of that type."""
+        if kind == "array" and option is np.ndarray:
+            return self._array(key, inner)
+        if kind == "settings" and option is SolverSettings:
+            there = isinstance(inner, int) and 0 <= inner < len(self._settings)
+            return self._settings[inner] if there else None
+        if kind == "record" and dataclasses.is_dataclass(option) and option is not SolverSettings:
+            return self.record(f"states.{key}", inner, typing.cast(type, option))
+        if kind == "tuple" and typing.get_origin(option) is tuple and isinstance(inner, list):
+            return tuple(self._value(key, one, typing.get_args(option)[0]) for one in inner)
+        if kind == "number" and option is float and inner in INFINITE:
+            return float(inner)
+        return None
+
+    def _array(self, key: str, place: Any) -> np.ndarray:
+        """One of the stacked arrays, frozen."""
+        stack = None
+        if isinstance(place, list) and len(place) == 2 and all(isinstance(i, int) and i >= 0 for i in place):
+            stack = self._arrays.get(f"states_{place[0]}")
+        if stack is None or stack.ndim < 1 or place[1] >= len(stack):
+            raise InputError(f"states.{key} refers to an array that is not there", key=f"states.{key}")
+        if tuple(place) not in self._read:
+            array = stack[place[1]]
+            if array.dtype.kind not in NUMERIC_KINDS or not np.isfinite(array).all():
+                raise InputError(f"states.{key} must be finite numbers", key=f"states.{key}")
+            self._read[tuple(place)] = frozen_array(array, array.dtype)
+        array, wanted = self._read[tuple(place)], self._shapes.get(key)
+        if wanted is not None and array.shape != wanted:
+            remedy = f"with this measurement it is {wanted}"
+            raise InputError(f"states.{key} has shape {array.shape}", remedy, key=f"states.{key}", value=array.shape)
+        if (
+            key in ("positions", "poses", "shape", "origin", "centre", "place")
+            and np.abs(array).max(initial=0.0) > LIMITS.coordinate
+        ):
+            raise InputError(f"states.{key} is too far away", f"use coordinates up to {LIMITS.coordinate:g} m")
+        return array
 
 
 def _not_finite() -> InputError:

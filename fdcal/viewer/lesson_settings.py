@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import viser
 
-from ..model import mode_ranges
-from ..session.lesson import IN_USE, Setting, run_goal
-from ..session.lesson_frame import Frame, parse_frame
+from ..model.texts import parse_modes
+from ..session.lesson import IN_USE, Frame, Setting, parse_frame, run_goal
 from ..session.request import OpenRequest
 from ..session.session import Session
 from .background.comparison import ComparisonWorker
@@ -53,7 +52,7 @@ def apply_setting(setting: Setting, tabs: Tabs, place_all: Callable[[str], None]
         tabs.map.show_as(KINDS[setting.map])
     if setting.map_modes is not None:
         text = setting.map_modes
-        tabs.map.choose_modes(None if text == IN_USE else mode_ranges.parse(text, tabs.binding.modes))
+        tabs.map.choose_modes(None if text == IN_USE else parse_modes(text, tabs.binding.modes))
     if setting.quantity is not None:
         tabs.map.show_quantity(QUANTITIES[setting.quantity])
     if setting.order_offset is not None:
@@ -74,7 +73,7 @@ def _drive(setting: Setting, tabs: Tabs, restarted: bool) -> None:
     state = session.view.history[0] if restarted else session.view.state
     modes = range(state.first, state.last + 1)
     if setting.modes is not None:
-        modes = mode_ranges.parse(setting.modes, tabs.binding.modes)
+        modes = parse_modes(setting.modes, tabs.binding.modes)
     automatic = state.automatic if setting.automatic is None else setting.automatic
     if setting.modes is not None or setting.automatic is not None:
         session.use_modes(modes[0], modes[-1], automatic)

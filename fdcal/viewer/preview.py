@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from ..acoustics.measure import load_cached_measurement
 from ..graphics.picture import static_picture
-from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement
+from ..model.scene_file import MeasuredScene
 from ..session.request import OpenRequest, as_given
 from .scene3d.nodes import SceneNodes
 

@@ -15,9 +15,9 @@ import numpy as np
 import viser
 
 from ..assessment.findings import root_mean_square
-from ..graphics.framing import with_display_domain
 from ..graphics.overlays import (
     ellipse_scale,
+    with_bound,
     with_comparison,
     with_cut,
     with_ellipses,
@@ -26,11 +26,11 @@ from ..graphics.overlays import (
     with_volume,
 )
 from ..graphics.picture import static_picture, with_estimate, with_floor
-from ..graphics.plan_overlay import with_bound
 from ..graphics.primitives import Floor, Picture
+from ..graphics.surroundings import with_display_domain
 from ..graphics.volume import Volume, faded
-from ..model.lengths import length_text
-from ..session.calibrate import Assessment
+from ..model.texts import length_text
+from ..session.calibration_run import Assessment
 from ..session.history import SessionView
 from ..session.request import OpenRequest
 from .background.comparison import RunSummary

@@ -11,7 +11,7 @@ from fdcal.acoustics import box_field
 from fdcal.acoustics.box_field import modal_pressures, point_source_pressures
 from fdcal.acoustics.spectrum import SPECTRUM
 from fdcal.model.room import Room, Source
-from fdcal.model.sensing import Sensing
+from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
 
 SIZE = (2.3, 1.9, 1.6)

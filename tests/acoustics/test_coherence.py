@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fdcal.acoustics.coherence import array_radius
-from fdcal.model.geometries import ball
+from fdcal.model.geometry import ball
 
 
 def diffuse(positions, wavenumbers, seed=0, waves=300):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.faults import Faults
 from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import Faults
 from fdcal.model.validation import InputError
 
 

@@ -11,7 +11,7 @@ from replays import Reader, contents, wait_for
 
 from fdcal.commands import gallery_pages
 from fdcal.commands.cli import main
-from fdcal.model.output_folder import folder_in_progress
+from fdcal.model.storage import folder_in_progress
 from fdcal.model.validation import InputError, StorageError
 
 PAGES = {

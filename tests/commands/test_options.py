@@ -17,7 +17,7 @@ PACKAGE = Path(__file__).parents[2] / "fdcal"
 BELOW = [path for path in sorted(PACKAGE.rglob("*.py")) if "commands" not in path.relative_to(PACKAGE).parts]
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
 ALLOWED = {  # the page says how to list the commands; a variable of the style sheet; options of git
-    "session/study/provenance.py": {"--format", "--porcelain"},
+    "session/study/definition.py": {"--format", "--porcelain"},
     "viewer/tabs/help.py": {"--help"},
     "viewer/gui/legend_html.py": {"--mantine-color-body"},
 }

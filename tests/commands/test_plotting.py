@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fdcal
 from fdcal.commands.plotting import error_title
-from fdcal.model.lengths import format_mm
+from fdcal.model.texts import format_mm
 
 
 def test_the_title_of_a_snapshot_has_the_errors_that_calibrate_prints():

@@ -10,8 +10,8 @@ import pytest
 import fdcal
 from fdcal.assessment.findings import precision
 from fdcal.commands.report import summary
-from fdcal.model.lengths import length_text
-from fdcal.session.calibrate import solve
+from fdcal.model.texts import length_text
+from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
 
 

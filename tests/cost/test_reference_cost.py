@@ -13,8 +13,8 @@ from fdcal.cost.channel_correction import ChannelCorrection
 from fdcal.cost.eq7 import cost
 from fdcal.cost.maps import cost_maps, eq7_maps, map_positions, mode_shape, power_shares
 from fdcal.cost.reference_cost import ReferenceCost, decibels, reference_cost_of
-from fdcal.model.faults import Faults
 from fdcal.model.scene_file import load_scene, scene_names
+from fdcal.model.settings import Faults
 from fdcal.model.validation import InputError
 
 SHIFT = 0.05  # m

@@ -11,8 +11,16 @@ from hypothesis import strategies as st
 
 from fdcal.model.array_layout import Array, Gauge
 from fdcal.model.arrays import positions_of
-from fdcal.model.geometries import circle, rectangle, rectangle_plus_random, snap
-from fdcal.model.polygons import convex_hull, crosses_polygon, encloses, in_polygon
+from fdcal.model.geometry import (
+    circle,
+    convex_hull,
+    crosses_polygon,
+    encloses,
+    in_polygon,
+    rectangle,
+    rectangle_plus_random,
+    snap,
+)
 from fdcal.model.room import Room
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError

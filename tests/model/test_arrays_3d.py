@@ -8,16 +8,15 @@ import pytest
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import measure
 from fdcal.cost.expansion import usable_modes
-from fdcal.graphics.landscape_figure import landscape_panels
+from fdcal.graphics.landscape import landscape_panels
 from fdcal.model.array_layout import Array
-from fdcal.model.arrays import positions_of
-from fdcal.model.arrays_3d import encloses_3d, positions_3d
+from fdcal.model.arrays import encloses_3d, positions_3d, positions_of
 from fdcal.model.gauge import position_errors
-from fdcal.model.geometries import ball, box, plane
+from fdcal.model.geometry import ball, box, plane
 from fdcal.model.scene_file import load_scene
-from fdcal.model.sensing import Sensing
+from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
-from fdcal.session.calibrate import solve
+from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import load, with_mode_count
 

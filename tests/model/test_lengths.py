@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fdcal.model.lengths import length_text
+from fdcal.model.texts import length_text
 
 
 @pytest.mark.parametrize(

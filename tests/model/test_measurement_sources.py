@@ -9,8 +9,7 @@ import pyfar
 import pytest
 
 import fdcal
-from fdcal.model.given_positions import with_positions
-from fdcal.model.microphones import MicrophonePositions
+from fdcal.model.given_positions import MicrophonePositions, with_positions
 
 RNG = np.random.default_rng(1)
 FREQUENCIES = np.array([100.0, 150.0, 210.0])

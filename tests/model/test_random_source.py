@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fdcal.model.random_source import WALL_DISTANCE_M, random_source
+from fdcal.model.geometry import WALL_DISTANCE_M, random_source
 
 MICROPHONES = np.array([[2.0, 2.0], [2.4, 2.0], [2.0, 2.4]])
 

@@ -10,10 +10,9 @@ import pytest
 
 from fdcal.acoustics.measure import cached_measurement, load_cached_measurement, measure
 from fdcal.model.arrays import positions_of
-from fdcal.model.measured_room import response_path
-from fdcal.model.measured_scene import MeasuredScene
+from fdcal.model.room import response_path
 from fdcal.model.scene import no_rectangle
-from fdcal.model.scene_file import load_scene, scene_folder, scene_names
+from fdcal.model.scene_file import MeasuredScene, load_scene, scene_folder, scene_names
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, StorageError
 

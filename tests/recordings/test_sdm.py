@@ -11,10 +11,9 @@ from scipy.io import loadmat, savemat
 
 from fdcal.acoustics.plane_waves import plane_wave_pressures
 from fdcal.commands.cli import main
-from fdcal.model.matlab_file import read_arrays
-from fdcal.model.measured_room import MEASURED_AND_MODELLED, response_path
 from fdcal.model.measurement_file import load_measurement
-from fdcal.model.sdm_response import load_sdm_response
+from fdcal.model.room import MEASURED_AND_MODELLED, response_path
+from fdcal.model.sdm_response import load_sdm_response, read_arrays
 from fdcal.model.validation import InputError
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.import_report import import_summary

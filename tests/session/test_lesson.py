@@ -9,9 +9,7 @@ import pytest
 from fdcal.commands.cli import main
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import lesson as lessons
-from fdcal.session.lesson import Setting
-from fdcal.session.lesson_file import lesson_folder, lesson_names, load_lesson
-from fdcal.session.lesson_frame import Frame, parse_frame
+from fdcal.session.lesson import Frame, Setting, lesson_folder, lesson_names, load_lesson, parse_frame
 
 GOOD = """
 title = "Mine"

@@ -9,8 +9,8 @@ from fdcal.cost.basins import local_minima
 from fdcal.cost.maps import cost_maps, interpolate, map_positions, refined
 from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.gauge import position_errors
-from fdcal.session.calibrate import solve
-from fdcal.session.lesson_file import load_lesson
+from fdcal.session.calibration_run import solve
+from fdcal.session.lesson import load_lesson
 from fdcal.session.sources import CalibrationInput
 
 

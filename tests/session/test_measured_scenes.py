@@ -18,8 +18,8 @@ from fdcal.model.measurement_file import load_measurement, save_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
-from fdcal.session.calibrate import solve
-from fdcal.session.planning.layout import read_layout
+from fdcal.session.calibration_run import solve
+from fdcal.session.planning.request import read_layout
 from fdcal.session.request import OpenRequest, edited
 from fdcal.session.sources import load_input
 

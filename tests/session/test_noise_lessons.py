@@ -8,8 +8,8 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.uncertainty import confidence_factor, ellipse_axes
 from fdcal.model.scene_file import load_scene
 from fdcal.session.blas_threads import one_blas_thread
-from fdcal.session.calibrate import assess
-from fdcal.session.lesson_file import load_lesson
+from fdcal.session.calibration_run import assess_state
+from fdcal.session.lesson import load_lesson
 from fdcal.session.request import edited
 from fdcal.session.sources import CalibrationInput
 
@@ -27,7 +27,7 @@ class End:
             while not state.finished:
                 state = solver.step(problem, state)
             inputs = CalibrationInput(scene.name, scene, self.measurement, state.settings, seed)
-            self.found = assess(inputs, problem, state)
+            self.found = assess_state(inputs, problem, state)
         self.free, self.positions, self.converged = problem.free, state.positions, state.converged
         self.errors = 1e3 * self.measurement.errors(state.positions)
         self.sought, self.bars = self.errors[self.free], 1e3 * self.found.uncertainty[self.free]

@@ -10,8 +10,7 @@ from fdcal.acoustics.measure import cached_recordings, measure
 from fdcal.model.arrays import positions_of
 from fdcal.model.from_table import build
 from fdcal.model.gauge import fixes_gauge
-from fdcal.model.measured_scene import MeasuredScene
-from fdcal.model.scene_file import load_scene, scene_names
+from fdcal.model.scene_file import MeasuredScene, load_scene, scene_names
 from fdcal.model.validation import InputError
 from fdcal.session.request import OpenRequest, edited, table_of
 from fdcal.session.scene_edits import parameters_of, spread_out, with_parameters

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import pytest
 
 from fdcal.model.validation import InputError, StorageError
+from fdcal.session.history import COST_TIME, StateCosts
 from fdcal.session.session import Session
-from fdcal.session.state_costs import SHARE, StateCosts
 from fdcal.session.worker import LatestWorker, WakeEvent
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
@@ -383,7 +383,7 @@ def test_reset_takes_other_settings(make, monkeypatch):
 
 
 def test_a_long_run_keeps_a_bounded_history(make, monkeypatch):
-    from fdcal.session import solver_run as module
+    from fdcal.session import session as module
 
     monkeypatch.setattr(module, "MOST_STATES", 8)
     session = make(Counter())
@@ -450,7 +450,7 @@ def test_costs_take_a_bounded_share_of_a_run():
     for step in range(300):
         costs.compute_in_passing(Count(step=step), 0.001)
         spent += 0.001
-    assert 0 < reference_cost.used * reference_cost.seconds <= 1.2 * SHARE * spent + 2 * reference_cost.seconds
+    assert 0 < reference_cost.used * reference_cost.seconds <= 1.2 * COST_TIME * spent + 2 * reference_cost.seconds
 
 
 def test_a_session_without_a_reference_cost_has_no_costs(make):

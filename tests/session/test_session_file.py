@@ -16,9 +16,8 @@ import pytest
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.commands.cli import main
-from fdcal.model.measured_scene import placeholder_scene
 from fdcal.model.measurement_file import load_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import session_file
 from fdcal.session.request import OpenRequest, edited

@@ -19,8 +19,8 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.session import calibrate
-from fdcal.session.calibrate import assess
+from fdcal.session import calibration_run as calibrate
+from fdcal.session.calibration_run import assess_state
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import joint as joint
 from fdcal.solvers.robust import solver as robust
@@ -193,7 +193,7 @@ def test_in_the_minimal_gauge_it_does_not_matter_where_the_solver_has_left_the_a
     *_, state = solvers.run(problem, settings, 0)
     turned = state.positions @ np.array([[0.6, 0.8], [0.8, -0.6]]) + [3.0, -1.0]  # mirrored, too
     inputs = CalibrationInput("test", None, measurement, settings, 0)
-    one, other = (assess(inputs, problem, replace(state, positions=x)) for x in (state.positions, turned))
+    one, other = (assess_state(inputs, problem, replace(state, positions=x)) for x in (state.positions, turned))
     np.testing.assert_allclose(other.positions, one.positions, atol=1e-9)
     np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-3, atol=1e-4 * np.abs(one.covariance).max())
 

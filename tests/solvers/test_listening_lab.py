@@ -9,7 +9,7 @@ import pytest
 
 from fdcal.commands.report import summary
 from fdcal.model.scene_file import load_scene
-from fdcal.session.calibrate import solve
+from fdcal.session.calibration_run import solve
 from fdcal.session.sources import scene_input
 
 

@@ -8,9 +8,9 @@ import threading
 import pytest
 
 from fdcal.acoustics.measure import cached_measurement
+from fdcal.commands.cli import all_pieces
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.session.warmup import all_pieces
 from fdcal.solvers.warmup import warmup_calls
 from fdcal.viewer.background import prepare as warmup
 from fdcal.viewer.background.prepare import Warmup
@@ -36,7 +36,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import basins, lattice_kernels
 from fdcal.model.scene_file import load_scene
 from fdcal.solvers import load
-from fdcal.session.warmup import all_pieces
+from fdcal.commands.cli import all_pieces
 
 def signatures():
     values = [value for module in (lattice_kernels, basins, fdtd_kernels) for value in vars(module).values()]

@@ -13,7 +13,7 @@ from fdcal.graphics.overlays import with_odd_channels
 from fdcal.graphics.picture import static_picture
 from fdcal.model.settings import SolverSettings
 from fdcal.session.blas_threads import one_blas_thread
-from fdcal.session.calibrate import assess
+from fdcal.session.calibration_run import assess_state
 from fdcal.session.sources import CalibrationInput
 from fdcal.viewer.background.verdict import uncertainty_of
 from fdcal.viewer.gui.html import CONTROLS
@@ -39,7 +39,7 @@ def shown_of(measurement, problem, state):
     """What the page shows of the state at the end of a run."""
     inputs = CalibrationInput("tiny", fdcal.load_scene("tiny"), measurement, state.settings, state.seed)
     with one_blas_thread():
-        return uncertainty_of(assess(inputs, problem, state, CONTROLS))
+        return uncertainty_of(assess_state(inputs, problem, state, CONTROLS))
 
 
 def test_ellipses_verdict_and_gains_are_those_of_the_calibration(shown):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from doubles import State, set_by_client, view_of
 
-from fdcal.model.lengths import length_text
 from fdcal.model.scene_file import load_scene
+from fdcal.model.texts import length_text
 from fdcal.session.request import OpenRequest, edited
 from fdcal.viewer.background.comparison import ComparisonSetup, RunSummary, status_word
 from fdcal.viewer.background.cost_map import modes_label

@@ -4,7 +4,7 @@ import pytest
 from browsing import choose, opened_page, press, serving_here, slider, tab
 
 from fdcal.model.scene_file import load_scene
-from fdcal.session.lesson_file import load_lesson
+from fdcal.session.lesson import load_lesson
 from fdcal.session.request import edited
 
 LESSON = "3_too_many_too_soon"

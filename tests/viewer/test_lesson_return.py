@@ -7,8 +7,7 @@ import pytest
 from doubles import set_by_client
 
 from fdcal.model.scene_file import load_scene
-from fdcal.session.lesson import Lesson, Setting, Step
-from fdcal.session.lesson_file import lesson_names, load_lesson
+from fdcal.session.lesson import Lesson, Setting, Step, lesson_names, load_lesson
 from fdcal.session.request import OpenRequest, edited
 from fdcal.viewer.background.comparison import ComparisonSetup
 from fdcal.viewer.gui.choices import Choices

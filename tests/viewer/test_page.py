@@ -20,7 +20,7 @@ from websockets.exceptions import ConnectionClosed
 
 from benchmarks.protocol import CAMERA, connect, send
 from fdcal.model.scene_file import load_scene
-from fdcal.session.lesson_file import load_lesson
+from fdcal.session.lesson import load_lesson
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.server import process as error_log
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from doubles import finish
 
-from fdcal.model import mode_ranges
 from fdcal.model.settings import Search
+from fdcal.model.texts import modes_text, parse_modes
 from fdcal.model.validation import InputError
 from fdcal.viewer.gui.choices import PlanChoices
 from fdcal.viewer.scene3d.picking import MicrophonePicker
@@ -101,14 +101,14 @@ def test_an_update_without_a_start_or_after_the_page_closed_moves_nothing(picker
     ("text", "modes"), [("1", (1,)), ("1-3, 5", (1, 2, 3, 5)), (" 5 ,1 - 2,", (1, 2, 5)), ("3,3,2-3", (2, 3))]
 )
 def test_modes_are_read_as_written(text, modes):
-    assert mode_ranges.parse(text, 9) == modes
-    assert mode_ranges.parse(mode_ranges.to_text(modes), 9) == modes
+    assert parse_modes(text, 9) == modes
+    assert parse_modes(modes_text(modes), 9) == modes
 
 
 @pytest.mark.parametrize("text", ["", ",", "0", "10", "3-2", "1-99", "x", "1;2", "-1", "1--2", "1" * 300, "<b>"])
 def test_modes_that_are_not_there_are_refused(text):
     with pytest.raises(InputError, match="1 to 9"):
-        mode_ranges.parse(text, 9)
+        parse_modes(text, 9)
 
 
 def test_a_known_microphone_stays_unless_it_is_released(picker):

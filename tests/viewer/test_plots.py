@@ -9,7 +9,7 @@ from viser import uplot
 
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.session.state_costs import StateCosts
+from fdcal.session.history import StateCosts
 from fdcal.viewer.gui import html, plots
 from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.plots import Plot

@@ -5,8 +5,7 @@ import dataclasses
 import pytest
 from doubles import set_by_client
 
-from fdcal.model.measured_scene import placeholder_scene
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.session.scene_edits import parameters_of
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import scene as scenetab

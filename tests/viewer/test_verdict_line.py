@@ -12,7 +12,7 @@ from doubles import State, view_of
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
-from fdcal.session.calibrate import Assessment, solve, sound
+from fdcal.session.calibration_run import Assessment, healthy_microphones, solve
 from fdcal.session.history import History
 from fdcal.session.request import OpenRequest
 from fdcal.session.sources import scene_input
@@ -66,9 +66,9 @@ def test_the_line_is_coloured_by_the_code():
 def test_odd_channels_do_not_count_in_the_mean_error_once_they_are_named():
     faults = (ChannelFault("b", "dead"), ChannelFault("c", "misplaced", 0.1, "m"))
     judged = found("good", "", channels=Channels(*np.zeros((5, 4)), faults))
-    assert sound(np.array([1, 2, 3]), "abcd", judged).tolist() == [2, 3]
-    assert sound(np.array([1]), "abcd", judged).tolist() == [1], "where no other is left"
-    assert sound(np.array([1, 2]), "abcd", None).tolist() == [1, 2]
+    assert healthy_microphones(np.array([1, 2, 3]), "abcd", judged).tolist() == [2, 3]
+    assert healthy_microphones(np.array([1]), "abcd", judged).tolist() == [1], "where no other is left"
+    assert healthy_microphones(np.array([1, 2]), "abcd", None).tolist() == [1, 2]
 
 
 def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_again_after_a_reset(work, threads):

@@ -8,7 +8,7 @@ import pytest
 
 import fdcal
 from fdcal.model.scene_file import scene_folder
-from fdcal.session.lesson_file import lesson_folder
+from fdcal.session.lesson import lesson_folder
 
 # As the page once had them, in pieces where a number or a name stood between.
 ODD_WORDINGS = (

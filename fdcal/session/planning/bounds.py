@@ -1,13 +1,110 @@
-"""Information of a request's frequencies in a diffuse field: of all of them, or of a few that stand for them."""
+"""Sound fields of a plan, and the information that their frequencies hold: all of them, or a few that stand for all.
+
+The fields are of sources in a rectangular room, or drawn from a diffuse field.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
+from ...acoustics.box_field import point_source_pressures
+from ...acoustics.room_modes import PointSourceModel, decay_rate, point_source_model, room_pressures
 from ...assessment.bound import Information, diffuse_information, position_bound
+from ...cost.kernels import diffuse_kernel
+from ...model.geometry import WALL_DISTANCE_M, encloses, random_source
+from ...model.problem import mode_power
+from ...model.room import Room
+from ...model.validation import InputError
 from .request import LIMITS, PlanRequest
+
+
+def wavenumbers_of(request: PlanRequest, frequencies) -> np.ndarray:
+    """Return k of `frequencies` (M,), Hz, with the decay of the room : (M,) complex128, rad/m."""
+    s = decay_rate(request.reverberation_time) if request.room is not None else 0.0
+    return (2 * np.pi * np.asarray(frequencies) - 1j * s) / request.sound_speed
+
+
+def places_in_room(request: PlanRequest) -> np.ndarray:
+    """Return the microphones in the room : (N, 2 or 3) float64, metres.
+
+    Their own coordinates where these lie inside; otherwise the array is moved off the room's middle.
+
+    Raises InputError: the array is larger than the room.
+    """
+    size, x = np.array(request.room), request.layout.positions
+    if x.shape[1] < len(size):
+        x = np.column_stack([x, np.full(len(x), LIMITS.place[2] * size[2])])
+    if _inside(x, size):
+        return x
+    extent = np.ptp(x, axis=0)
+    if np.any(extent > size - 2 * WALL_DISTANCE_M):
+        raise InputError("the array does not fit into the room", "give a larger <room>", key="room", value=request.room)
+    edge = extent / 2 + WALL_DISTANCE_M
+    centre = np.clip(np.array(LIMITS.place[: len(size)]) * size, edge, size - edge)
+    return x - (x.min(axis=0) + x.max(axis=0)) / 2 + centre
+
+
+def is_moved(request: PlanRequest) -> bool:
+    """Return whether the array's own coordinates do not lie inside the room, so that it is moved there."""
+    x = request.layout.positions
+    return request.room is not None and not _inside(x, np.array(request.room)[: x.shape[1]])
+
+
+def _inside(places: np.ndarray, size: np.ndarray) -> bool:
+    return bool(np.all((places > WALL_DISTANCE_M) & (places < size - WALL_DISTANCE_M)))
+
+
+def source_place(request: PlanRequest, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return a random source in the room, away from the microphones : (2 or 3,) float64, metres.
+
+    Raises InputError: there is no such place.
+    """
+    source = random_source(
+        request.room, places, LIMITS.clearance, rng, lambda place: not encloses(places[:, :2], place[:2])
+    )
+    if source is not None:
+        return source
+    raise InputError(
+        f"no place of the room is {LIMITS.clearance:g} m from the array", "give a larger <room>", key="room"
+    )
+
+
+def room_field(request: PlanRequest, frequencies, rng: np.random.Generator) -> np.ndarray:
+    """Return the pressures of a random source in the room, of unit power in every mode : (M, N) complex128."""
+    places, k = places_in_room(request), wavenumbers_of(request, frequencies)
+    source = source_place(request, places, rng)
+    if request.dimension == 3:
+        p = point_source_pressures(Room(size=request.room), source, places, k)
+    else:
+        model = _rectangle(request.room, tuple(k.tolist()))
+        p = room_pressures(model.excitation(source), model.shapes(places))
+    return p / np.sqrt(mode_power(p))[:, None]
+
+
+@lru_cache(maxsize=2)
+def _rectangle(size: tuple[float, ...], wavenumbers: tuple[complex, ...]) -> PointSourceModel:
+    """Return the model of a rigid rectangle, which all sources of a plan share."""
+    return point_source_model(size, np.array(wavenumbers), 0.0)
+
+
+def diffuse_field(request: PlanRequest, frequencies, rng: np.random.Generator) -> np.ndarray:
+    """Return pressures drawn from a diffuse field, of unit power in every mode : (M, N) complex128."""
+    x, k = request.layout.positions, np.real(wavenumbers_of(request, frequencies))
+    N = len(x)
+    distance = np.linalg.norm(x[:, None] - x[None], axis=-1)
+    kappa = diffuse_kernel(distance.ravel(), k, request.dimension, False)[0].reshape(-1, N, N)
+    values, vectors = np.linalg.eigh(kappa)
+    z = rng.normal(scale=np.sqrt(0.5), size=(2, len(k), N))
+    p = np.einsum("mij,mj->mi", vectors, np.sqrt(np.maximum(values, 0.0)) * (z[0] + 1j * z[1]))
+    return p / np.sqrt(mode_power(p))[:, None]
+
+
+def field_of(request: PlanRequest, frequencies, rng: np.random.Generator) -> np.ndarray:
+    """Return the pressures of one random source: in the room, or in a diffuse field without one."""
+    return (diffuse_field if request.room is None else room_field)(request, frequencies, rng)
 
 
 def request_information(request: PlanRequest) -> Information:

@@ -1,7 +1,11 @@
-"""The bounds of a plan, computed in about a second: `make_plan`."""
+"""The bounds of a plan, computed in about a second, in words and as JSON.
+
+Lengths are metres in JSON, millimetres in words.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +14,8 @@ from ...assessment.bound import Bound, Information, field_information, position_
 from ...model.gauge import fixes_gauge
 from ...model.validation import InputError
 from ..blas_threads import one_blas_thread
-from .advice import Advice, advise
-from .bounds import TakesCase, request_information, takes_cases
-from .fields import field_of, places_in_room, wavenumbers_of
+from .advice import AccuracyAdvice, Advice, advise
+from .bounds import TakesCase, field_of, is_moved, places_in_room, request_information, takes_cases, wavenumbers_of
 from .request import ASSUMED, LIMITS, PlanRequest
 from .trials import Trials
 
@@ -130,3 +133,240 @@ def _mirror_words(request: PlanRequest) -> str:
     plane = "; the side of the array's plane on which the source was is not determined" if D < request.dimension else ""
     what = "the array's plane can be mirrored" if D == 2 else "the array can be mirrored"
     return f"{what}: pressures determine it up to a rotation, a translation and a mirror image, {need}{plane}"
+
+
+FORMAT = 1  # of the JSON
+LIKELY = 0.9  # share of simulated calibrations from which an answer is yes
+LARGER = 1.05  # factor on that size from which an array counts as larger
+SIZES = (0.5, 0.71, 1.41, 2.0)  # factors on the size of the array that are put in words
+
+
+def plan_lines(plan: Plan) -> list[str]:
+    """Return what a plan says, a line each."""
+    request, bound = plan.request, plan.bound
+    low, high = request.limits
+    field = "a diffuse field" if request.room is None else f"a room of {'x'.join(f'{v:g}' for v in request.room)} m"
+    lines = [
+        f"{len(request.layout.names)} microphones ({request.layout.name}) in {field},"
+        f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB{_takes(request)}",
+        f"frequencies: {plan.modes} independent ones from {low:.0f} to {high:.0f} Hz;"
+        f" the array interpolates up to {plan.f_max:.0f} Hz{_left_out(request)}",
+        f"least error (Cramer-Rao bound): {_mm(bound.rms)} rms, {_mm(bound.sigma[bound.free].max())} at the worst"
+        " microphone, in a diffuse field",
+    ]
+    if plan.room_bound is not None:
+        lines.append(f"in this room, mean of some source positions: {_mm(plan.room_bound.rms)} rms{_moved(request)}")
+    lines += [f"{case.name}: {_mm(case.rms)} rms, {_mm(case.worst)} at the worst" for case in plan.cases]
+    lines += list(plan.degeneracies)
+    lines += takes_lines(plan.takes, request.takes)
+    if plan.trials is not None:
+        lines[1:1] = [_judgement(plan.trials), *trial_lines(plan.trials)]
+    else:
+        lines.append("no calibration errs less than the bound; simulated trials show how near they come to it")
+        if request.is_plane_in_room:
+            lines.append(
+                "a plane array in a room: calibrations err 2 to 4 times the bound, which assumes equal waves from"
+                " all directions; trials show how much"
+            )
+    if plan.advice is not None:
+        lines += advice_lines(plan, plan.advice)
+    return lines
+
+
+def _takes(request: PlanRequest) -> str:
+    """Return in words how many places the source has; "" for one."""
+    return f", the source at {request.takes} places, recorded equally long from each" if request.takes > 1 else ""
+
+
+def takes_lines(cases: Sequence[TakesCase], own: int = 1) -> list[str]:
+    """Return what more places of the source bring to the least error, a line for each way to record them."""
+    several = [case for case in cases if case.takes > 1]
+    if not several:
+        return []
+    one = next(case.rms for case in cases if case.takes == 1)
+
+    def row(words: str, name: str) -> str:
+        return f"{words}: " + ", ".join(f"{case.takes} places {_mm(getattr(case, name))}" for case in several)
+
+    mine = next(case for case in cases if case.takes == max(own, 2))
+    times = "twice" if mine.takes == 2 else f"{mine.takes} times"
+    return [
+        row(f"more places of the source, each recorded as long as one ({_mm(one)} rms)", "rms"),
+        row("the same recording time in all, divided among the places", "shared"),
+        f"one place, recorded {times} as long: {_mm(mine.longer)}",
+    ]
+
+
+def _moved(request: PlanRequest) -> str:
+    """Return in words where the array is put whose own coordinates do not lie inside the room; "" if they do."""
+    if not is_moved(request):
+        return ""
+    centre = ", ".join(f"{value:.3g}" for value in places_in_room(request).mean(axis=0))
+    return f"; the layout does not lie inside it: the array is moved as a whole, its centre to ({centre}) m"
+
+
+def _left_out(request: PlanRequest) -> str:
+    """Return in words which frequencies of the given band are not used; "" if all are."""
+    low, high = request.limits
+    if request.band is None or request.band[1] <= high:
+        return ""
+    return f", so that of {low:g} to {request.band[1]:g} Hz the higher ones are left out"
+
+
+def _judgement(trials: Trials) -> str:
+    """Return in one line whether the array will be found, from simulated calibrations."""
+    if trials.found >= LIKELY and trials.accurate >= LIKELY:
+        return f"yes: such an array is found, and every microphone within {_mm(trials.accuracy)}"
+    if trials.found >= LIKELY:
+        return f"in part: such an array is found, but not every microphone within {_mm(trials.accuracy)}"
+    return (
+        "no: such an array is not found often enough; add microphones or frequencies, make it smaller, record with less"
+        " noise, or measure some positions by tape"
+    )
+
+
+def bound_lines(request: PlanRequest, bound: Bound) -> list[str]:
+    """Return the least error and the frequencies of a request, a line each."""
+    f, sigma = request.frequencies, bound.sigma[bound.free]
+    each = f" in each of {request.takes} takes" if request.takes > 1 else ""
+    return [
+        f"least error (one sigma): median {_mm(float(np.median(sigma)))}, worst {_mm(float(sigma.max()))},"
+        f" rms {_mm(bound.rms)}",
+        f"{len(f)} independent frequencies{each} from {f[0]:.0f} to {f[-1]:.0f} Hz; highest usable frequency"
+        f" {request.f_max:.0f} Hz",
+    ]
+
+
+def trial_lines(trials: Trials) -> list[str]:
+    """Return the results of simulated calibrations, a line each."""
+    count = len(trials.verdicts)
+    good = sum(verdict == "good" for verdict in trials.verdicts)
+    return [
+        f"{count} simulated calibrations: every microphone within {_mm(trials.accuracy)} in {trials.accurate:.0%},"
+        f" the array found in {trials.found:.0%}, verdict good in {good / count:.0%}",
+        f"their error: median {_mm(trials.percentile(50))}, 95th percentile {_mm(trials.percentile(95))};"
+        f" the bound is {_mm(trials.bound)}",
+    ]
+
+
+def advice_lines(plan: Plan, advice: Advice) -> list[str]:
+    """Return the advice, a line each."""
+    extra, tape, names = advice.extra, advice.tape, plan.request.layout.names
+    place = ", ".join(f"{value:.3g}" for value in extra.best)
+    chosen = ", ".join(names[n] for n in tape.microphones)
+    lines = [
+        f"one more microphone helps the others most at ({place}) m: {_mm(extra.before)} -> {_mm(extra.best_rms)}",
+        f"measure microphones {chosen} by tape, each coordinate to {_mm(tape.sigma)}: the others come out to"
+        f" {_mm(tape.rms)} in the frame of the tape, {_mm(tape.usual_rms)} with a random choice; the shape of the"
+        f" array, after alignment, {_mm(tape.shape_before)} -> {_mm(tape.shape_rms)}",
+    ]
+    if not np.isfinite(advice.accuracy.margin):
+        return [*lines, "no advice on noise and size: most simulated calibrations were refused"]
+    return [*lines, _snr_line(plan, advice.accuracy), _size_line(plan, advice.accuracy)]
+
+
+def _snr_line(plan: Plan, advice: AccuracyAdvice) -> str:
+    wanted = f"{_mm(plan.request.accuracy)} rms"
+    if advice.snr_db is None or advice.recording_factor is None:
+        if advice.margin * plan.bound.rms <= plan.request.accuracy:
+            return f"{wanted} is within reach at {plan.request.snr_db:g} dB, and noise is not what limits the error"
+        given = plan.request.known_sigma > 0 and len(plan.request.known) > 0
+        remedy = "measure the given positions better" if given else "add microphones or frequencies"
+        return f"no signal-to-noise ratio reaches {wanted}: {remedy}"
+    if advice.recording_factor <= 1:
+        return f"{wanted} needs {advice.snr_db:.0f} dB, which {plan.request.snr_db:g} dB exceeds"
+    longer = f"{advice.recording_factor:.2g} times as long a recording in the same noise"
+    return f"{wanted} needs {advice.snr_db:.0f} dB: {longer}, or a louder source"
+
+
+def _size_line(plan: Plan, advice: AccuracyAdvice) -> str:
+    bounds = dict(advice.sizes.tolist())
+    others = "; ".join(f"{factor:g} times as large {_mm(bounds[factor])}" for factor in SIZES if factor in bounds)
+    wanted, reckoned = f"{_mm(plan.request.accuracy)} rms", f"calibrations err {advice.margin:.2g} times the bound"
+    if advice.size is None:
+        judged = f"no size from {advice.sizes[0, 0]:g} to {advice.sizes[-1, 0]:g} times reaches {wanted}"
+    elif advice.size < 1:
+        judged = f"{wanted} needs an array of {advice.size:.2g} times the size"
+    elif advice.size < LARGER:
+        judged = f"the array must not be larger for {wanted}"
+    else:
+        judged = f"the array may be {advice.size:.2g} times as large for {wanted}"
+    return f"size: {judged}, where {reckoned} ({others}; as it is {_mm(plan.bound.rms)})"
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.3g} mm" if np.isfinite(metres) else "none (trials were refused)"
+
+
+def plan_dict(plan: Plan) -> dict:
+    """Return a plan as JSON holds it: lengths in metres, frequencies in hertz."""
+    request = plan.request
+    return {
+        "format": FORMAT,
+        "layout": request.layout.name,
+        "names": list(request.layout.names),
+        "positions_m": request.layout.positions.tolist(),
+        "room_m": None if request.room is None else list(request.room),
+        "reverberation_time_s": request.reverberation_time,
+        "snr_db": request.snr_db,
+        "band_hz": list(request.limits),
+        "f_max_hz": plan.f_max,
+        "modes": plan.modes,
+        "takes": request.takes,
+        "takes_rms_m": [
+            {"takes": case.takes, "same_each": case.rms, "same_in_all": case.shared, "one_place_longer": case.longer}
+            for case in plan.takes
+        ],
+        "known": [request.layout.names[n] for n in request.known],
+        "known_sigma_m": request.known_sigma,
+        "gain_sigma_db": request.gain_sigma_db,
+        "bound_rms_m": plan.bound.rms,
+        "bound_m": plan.bound.sigma.tolist(),
+        "covariance_m2": plan.bound.covariance.tolist(),
+        "room_bound_rms_m": None if plan.room_bound is None else plan.room_bound.rms,
+        "scale_sigma": plan.bound.scale_sigma,
+        "cases": [{"name": case.name, "rms_m": case.rms, "worst_m": case.worst} for case in plan.cases],
+        "degeneracies": list(plan.degeneracies),
+        "advice": None if plan.advice is None else _advice_dict(plan, plan.advice),
+        "trials": None if plan.trials is None else _trials_dict(plan.trials),
+        "text": plan_lines(plan),
+    }
+
+
+def _advice_dict(plan: Plan, advice: Advice) -> dict:
+    extra, tape = advice.extra, advice.tape
+    return {
+        "extra_microphone_m": extra.best.tolist(),
+        "extra_rms_m": extra.best_rms,
+        "rms_before_m": extra.before,
+        "tape": [plan.request.layout.names[n] for n in tape.microphones],
+        "tape_sigma_m": tape.sigma,
+        "tape_rms_m": tape.rms,
+        "tape_shape_rms_m": tape.shape_rms,
+        "shape_rms_before_m": tape.shape_before,
+        "accuracy_m": plan.request.accuracy,
+        "margin": _finite(advice.accuracy.margin),
+        "snr_needed_db": advice.accuracy.snr_db,
+        "recording_factor": advice.accuracy.recording_factor,
+        "sizes": advice.accuracy.sizes.tolist(),
+        "size_factor": advice.accuracy.size,
+    }
+
+
+def _trials_dict(trials: Trials) -> dict:
+    return {
+        "count": len(trials.verdicts),
+        "accurate": trials.accurate,
+        "found": trials.found,
+        "trusted_wrongly": trials.trusted_wrongly,
+        "median_m": _finite(trials.percentile(50)),
+        "percentile_95_m": _finite(trials.percentile(95)),
+        "bound_m": trials.bound,
+        "rms_m": [_finite(value) for value in trials.rms],
+        "verdicts": list(trials.verdicts),
+        "seconds": trials.seconds,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -20,9 +20,9 @@ from ...assessment.calibration import Calibration
 from ...model.measurement import Measurement
 from ...model.settings import SolverSettings
 from ...model.validation import InputError
-from ..calibrate import solve
+from ..calibration_run import solve
 from ..sources import CalibrationInput
-from .fields import field_of, wavenumbers_of
+from .bounds import field_of, wavenumbers_of
 from .request import PlanRequest
 
 MOST_FREQUENCIES = 120  # of a simulated calibration: more take longer and hardly change the answer

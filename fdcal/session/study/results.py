@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from ...model.storage import write_atomically
 from ...model.validation import InputError, StorageError, install_remedy
-from .definition import Study
-from .provenance import code_version, version_text
+from .definition import Study, code_version, version_text
 
 if TYPE_CHECKING:
     import pandas
@@ -27,7 +26,7 @@ COLUMNS = {  # those of every row, beside the axes; missing values are null
     "draw": "int64",
     "seed": "int64",
     "version": "string",
-    "source": "string",  # these two as of `provenance.CodeVersion`; null in rows of fdcal before it wrote them
+    "source": "string",  # these two as of `definition.CodeVersion`; null in rows of fdcal before it wrote them
     "commit": "string",
     "verdict": "string",
     "reason": "string",

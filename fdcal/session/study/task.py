@@ -14,14 +14,13 @@ from ...acoustics.measure import cached_recordings, measured, sound_field
 from ...acoustics.spectrum import ModalPressures
 from ...assessment.bound import Prior, diffuse_information, position_bound
 from ...model.arrays import positions_of
-from ...model.random_source import random_source
+from ...model.geometry import random_source
 from ...model.scene import Scene
 from ...model.storage import cache_key
 from ...model.validation import InputError
-from ..calibrate import solve
+from ..calibration_run import solve
 from ..sources import CalibrationInput
-from .definition import Study, scene_at
-from .provenance import code_version
+from .definition import Study, code_version, scene_at
 
 KEPT_FIELDS = 6  # sound fields that a process keeps: a few megabytes
 _fields: dict[str, tuple[ModalPressures, ...]] = {}

@@ -20,9 +20,8 @@ from ...cost.maps import VOLUME_NEGLIGIBLE, CostVolume, cost_maps, cost_volume, 
 from ...cost.reference_cost import ORDER_OFFSET
 from ...graphics.basin_map import basin_slice, descent_text
 from ...graphics.heatmap import field_floor
-from ...graphics.sampled_volume import PIXELS, POINTS, SampledVolume, drawn_volume, sampled_volume, sliced
 from ...graphics.surroundings import z_range_of
-from ...graphics.volume import AXES, Volume
+from ...graphics.volume import AXES, PIXELS, POINTS, SampledVolume, Volume, drawn_volume, sampled_volume, sliced
 from ...model.problem import Problem
 from ...model.settings import Search
 from ..gui.html import error_message

@@ -15,13 +15,13 @@ from ... import solvers
 from ...acoustics.measure import cached_measurement
 from ...cost.reference_cost import ReferenceCost, reference_cost_of
 from ...model.given_positions import with_search_domain
-from ...model.measured_scene import MeasuredScene
 from ...model.measurement import Measurement
 from ...model.problem import Problem
 from ...model.scene import Scene
+from ...model.scene_file import MeasuredScene
 from ...model.settings import ALL_MODES
 from ...model.validation import InputError
-from ...session.estimated_domain import with_estimated_domain
+from ...session.calibration_run import with_estimated_domain
 from ...session.request import OpenRequest, as_given
 from ...session.session import Session
 from ...session.worker import LatestWorker

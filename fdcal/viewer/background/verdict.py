@@ -12,7 +12,7 @@ import numpy as np
 from ...assessment.calibration import Channels
 from ...assessment.uncertainty import confidence_factor, ellipse_axes
 from ...session.blas_threads import one_blas_thread
-from ...session.calibrate import Assessment, assess, sound
+from ...session.calibration_run import Assessment, assess_state, healthy_microphones
 from ...session.history import SessionView
 from ...session.sources import CalibrationInput
 from ...solvers.interface import RunState
@@ -85,11 +85,11 @@ class VerdictWorker:
         """
         if found is not None or view.history.lineage is not self._lineage:
             self._lineage = view.history.lineage
-            self._sought = sound(self._run.sought, self._run.measurement.names, found)
+            self._sought = healthy_microphones(self._run.sought, self._run.measurement.names, found)
         return self._sought
 
     def _compute(self, state: RunState) -> Assessment:
         run = self._run
         inputs = CalibrationInput(run.scene.name, run.known_scene, run.measurement, state.settings, state.seed)
         with one_blas_thread():
-            return assess(inputs, run.problem, state, CONTROLS)
+            return assess_state(inputs, run.problem, state, CONTROLS)

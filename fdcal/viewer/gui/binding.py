@@ -17,7 +17,7 @@ import viser
 
 from ...graphics.primitives import Picture
 from ...graphics.units import row_word
-from ...session.calibrate import Assessment
+from ...session.calibration_run import Assessment
 from ...session.history import SessionView
 from ...session.request import OpenRequest
 from ..background.comparison import RunSummary

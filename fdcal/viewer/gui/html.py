@@ -8,10 +8,10 @@ from html import escape
 import numpy as np
 
 from ...graphics.units import ALL, row_word
-from ...model.lengths import length_text
 from ...model.measurement import Measurement
+from ...model.texts import length_text
 from ...model.validation import InputError
-from ...session.calibrate import Assessment
+from ...session.calibration_run import Assessment
 from ...session.history import SessionView
 from ..server.process import log_location
 

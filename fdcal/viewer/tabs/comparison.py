@@ -13,8 +13,8 @@ from ... import solvers
 from ...graphics.legend import COMPARED, compared_entry
 from ...graphics.markers import solver_mark
 from ...graphics.units import cost_title
-from ...model.lengths import length_text
 from ...model.measurement import Measurement
+from ...model.texts import length_text
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary
 from ..gui import html
 from ..gui.binding import Binding, Tab, Tick

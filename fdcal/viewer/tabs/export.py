@@ -15,14 +15,13 @@ import viser
 
 from ...assessment.result_file import position_table
 from ...graphics import paraview
-from ...graphics.landscape_figure import LandscapePanels, draw_landscape, figure_bytes, panels_of
+from ...graphics.landscape import LandscapePanels, draw_landscape, figure_bytes, panels_of
 from ...graphics.primitives import Picture
 from ...graphics.replay import replay_html
-from ...graphics.sampled_volume import sampled_volume
-from ...graphics.snapshot_process import render_png
+from ...graphics.snapshot import render_png
 from ...graphics.surroundings import z_range_of
 from ...graphics.units import error_summary
-from ...graphics.volume import Volume
+from ...graphics.volume import Volume, sampled_volume
 from ...model.validation import InputError
 from ...session import session_file
 from ...session.history import SessionView

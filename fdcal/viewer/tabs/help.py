@@ -7,7 +7,7 @@ from html import escape
 import viser
 
 from ...graphics.legend import MARKS as DRAWN
-from ...model.measured_room import MEASURED_AND_MODELLED
+from ...model.room import MEASURED_AND_MODELLED
 from ..gui.html import CARD
 from ..gui.legend_html import legend
 from ..hotkeys import KEYS

@@ -6,11 +6,11 @@ import numpy as np
 
 from ...acoustics.dictionary import max_order
 from ...cost.reference_cost import decibels
-from ...graphics.colour_bar import format_number
+from ...graphics.primitives import format_number
 from ...graphics.units import row_word
 from ...graphics.volume import AXES
-from ...model import mode_ranges
 from ...model.measurement import Measurement
+from ...model.texts import modes_text, parse_modes
 from ...model.validation import InputError
 from ..background.cost_map import CostMap, count_label, modes_label, of_take
 from ..background.prepare import PreparedRun
@@ -209,7 +209,7 @@ class MapTab(Tab):
             ),
             lambda value: self.choose_modes(range(1, value + 1)),
         )  # fmt: skip
-        text = mode_ranges.to_text(modes)
+        text = modes_text(modes)
         self.text = on(gui.add_text(f"{row.title()} numbers", text, hint="For example 1-3, 5"), self._read)
 
     def _add_quantity(self) -> None:
@@ -295,7 +295,7 @@ class MapTab(Tab):
         self.which.value = SAME_AS_SOLVER if modes is None else CUSTOM
         self.refresh()
         if modes is not None:
-            self.text.value, self.upto.value = mode_ranges.to_text(modes), modes[-1]
+            self.text.value, self.upto.value = modes_text(modes), modes[-1]
 
     def toggle_mode(self, mode: int) -> None:
         """Add a mode to the map or remove it; the last one stays."""
@@ -310,7 +310,7 @@ class MapTab(Tab):
     def _read(self, text) -> None:
         """Show the map of the modes that a text names; a text that cannot be read changes nothing but the error."""
         try:
-            modes = mode_ranges.parse(text, self._binding.modes)
+            modes = parse_modes(text, self._binding.modes)
         except InputError as error:
             self._binding.choose(modes_error=html.error_message(error))
             return

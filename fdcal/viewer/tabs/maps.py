@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...graphics.panels import Marks, mosaic
-from ...graphics.theme import DARK, LIGHT
+from ...graphics.primitives import DARK, LIGHT
 from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ..background.cost_map import CostMap, count_label

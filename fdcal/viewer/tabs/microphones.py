@@ -15,8 +15,8 @@ from viser import uplot
 
 from ...graphics.units import ALL
 from ...model.gauge import position_errors
-from ...model.lengths import mm_text
 from ...model.measurement import Measurement
+from ...model.texts import mm_text
 from ...session.history import SessionView
 from ..background.verdict import PositionUncertainty
 from ..gui.binding import Binding, Tab, Tick

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import viser
 
-from ...model.measured_room import MEASURED_AND_MODELLED
-from ...model.measured_scene import MeasuredScene
-from ...model.room import WALLS
+from ...model.room import MEASURED_AND_MODELLED, WALLS
 from ...model.scene import Scene
-from ...model.scene_file import load_scene, scene_names
+from ...model.scene_file import MeasuredScene, load_scene, scene_names
 from ...model.validation import InputError, StorageError
 from ...session.request import OpenRequest
 from ...session.scene_edits import SceneParameters, least_known, parameters_of, with_parameters

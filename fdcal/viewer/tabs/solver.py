@@ -7,8 +7,8 @@ from dataclasses import replace
 import viser
 
 from ... import solvers
-from ...model.measured_scene import MeasuredScene
 from ...model.scene import no_rectangle
+from ...model.scene_file import MeasuredScene
 from ...session.request import OpenRequest
 from ..gui.binding import Binding, Tab, Tick
 

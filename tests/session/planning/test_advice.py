@@ -7,12 +7,9 @@ import pytest
 
 from fdcal.assessment.bound import field_information, position_bound
 from fdcal.model.gauge import fixes_gauge
-from fdcal.session.planning.accuracy_advice import accuracy_advice, resized
-from fdcal.session.planning.advice import best_addition, best_tape
-from fdcal.session.planning.bounds import request_information, rms_at
-from fdcal.session.planning.fields import field_of, wavenumbers_of
-from fdcal.session.planning.layout import read_layout
-from fdcal.session.planning.request import ASSUMED, PlanRequest
+from fdcal.session.planning.advice import accuracy_advice, best_addition, best_tape, resized
+from fdcal.session.planning.bounds import field_of, request_information, rms_at, wavenumbers_of
+from fdcal.session.planning.request import ASSUMED, PlanRequest, read_layout
 from fdcal.session.planning.trials import run_trials
 
 FIELDS = 6  # drawn for a bound

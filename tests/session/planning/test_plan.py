@@ -8,15 +8,11 @@ import numpy as np
 import pytest
 
 from fdcal.acoustics.dictionary import dictionary
-from fdcal.graphics.plan_figure import draw_plan
-from fdcal.graphics.plan_html import plan_html
+from fdcal.graphics.plan_figure import draw_plan, plan_html
 from fdcal.model.validation import InputError, StorageError
-from fdcal.session.planning.bounds import request_information
-from fdcal.session.planning.fields import field_of, places_in_room, wavenumbers_of
-from fdcal.session.planning.layout import read_layout
-from fdcal.session.planning.plan import make_plan
-from fdcal.session.planning.report import plan_dict, plan_lines
-from fdcal.session.planning.request import PlanRequest
+from fdcal.session.planning.bounds import field_of, places_in_room, request_information, wavenumbers_of
+from fdcal.session.planning.plan import make_plan, plan_dict, plan_lines
+from fdcal.session.planning.request import PlanRequest, read_layout
 from fdcal.session.planning.trials import Trials, draw_measurement, run_trials
 
 

@@ -19,8 +19,7 @@ from fdcal.model.validation import InputError, StorageError
 from fdcal.session.study import results as table_of_study
 from fdcal.session.study import task
 from fdcal.session.study.cluster import connected, run_study
-from fdcal.session.study.definition import Study, load_study, scene_at
-from fdcal.session.study.provenance import CodeVersion, code_version, source_hash
+from fdcal.session.study.definition import CodeVersion, Study, code_version, load_study, scene_at, source_hash
 from fdcal.session.study.results import PARTS, Results, read_results
 from fdcal.session.study.task import run_task, sound_field
 

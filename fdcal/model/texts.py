@@ -1,4 +1,4 @@
-"""Sets of modes as text: "1-9, 12"."""
+"""Lengths and sets of modes as texts: "4.13 mm", "1-9, 12"."""
 
 from __future__ import annotations
 
@@ -6,10 +6,32 @@ import re
 
 from .validation import InputError
 
+
+def format_mm(length: float) -> str:
+    """Return a length in metres as a text in millimetres: "4.13 mm", "535 mm"."""
+    return f"{mm_text(length)} mm"
+
+
+def length_text(length: float, digits: int = 3) -> str:
+    """Return a length in metres as a text, in metres from 1 m on: "4.13 mm", "1.16 m".
+
+    `length`: metres; `digits`: of a length below a decimetre; from there on millimetres are whole, and metres have
+    three digits.
+    """
+    return f"{mm_text(length, digits)} mm" if length < 0.9995 else f"{length:.{max(3, len(str(int(length))))}g} m"
+
+
+def mm_text(length: float, digits: int = 3) -> str:
+    """Return the number of millimetres of a length in metres, with `digits` digits below a decimetre."""
+    if length < 1e-6:
+        return "0"
+    return f"{1e3 * length:.{digits}g}" if length < 0.0995 else f"{1e3 * length:.0f}"
+
+
 LONGEST = 200  # characters that are read of a text
 
 
-def parse(text: str, count: int) -> tuple[int, ...]:
+def parse_modes(text: str, count: int) -> tuple[int, ...]:
     """Return the modes that a text lists, counted from 1, ascending.
 
     `text`: numbers and ranges with commas between; `count`: number of modes that exist. Raises InputError for a text
@@ -17,7 +39,7 @@ def parse(text: str, count: int) -> tuple[int, ...]:
 
     Examples
     --------
-    >>> parse("1-3, 5", 20)
+    >>> parse_modes("1-3, 5", 20)
     (1, 2, 3, 5)
     """
     remedy = f"write numbers from 1 to {count}, as in 1-3, 5"
@@ -33,7 +55,7 @@ def parse(text: str, count: int) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
-def to_text(modes) -> str:
+def modes_text(modes) -> str:
     """Return the shortest text that `parse` reads as `modes`, an iterable of int."""
     modes, parts = sorted(set(modes)), []
     while modes:

@@ -1,6 +1,6 @@
 """Run a solver to its end and return a `Calibration`: for the command line and for Python.
 
-First what is to be calibrated is checked, then the solver runs, then its last state is judged.
+First what is to be calibrated is checked, then the solver runs, then its last state is assessed.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..assessment.assess import ARGUMENTS, Assessment
-from ..assessment.assess import assess as assessed
+from .. import solvers
+from ..assessment.assess import ARGUMENTS, Assessment, assess
 from ..assessment.calibration import Calibration
 from ..assessment.findings import MIN_MODES, modes_below_limit
 from ..cost.reference_cost import reference_cost_of
 from ..model.channels import check_channels, microphone_index
 from ..model.gauge import move_to_frame, turn_to_frame
+from ..model.given_positions import with_search_domain
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.settings import SolverSettings, search_round
@@ -93,14 +94,16 @@ def require_room_for_array(measurement: Measurement, settings: SolverSettings) -
         )
 
 
-def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS) -> Assessment:
-    """Judge the last state of a run, with the sound speed estimated where `inputs` ask for it.
+def assess_state(
+    inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS
+) -> Assessment:
+    """Assess the last state of a run, with the sound speed estimated where `inputs` ask for it.
 
     `wording`: how the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
     """
     estimate = load(inputs.settings.name).result(problem, state)
-    stretch = None if inputs.distance is None else stretch_of(state.positions, inputs)
-    found = replace(assessed(estimate, inputs.measurement.names, stretch), wording=wording)
+    scale = None if inputs.distance is None else scale_of(state.positions, inputs)
+    found = replace(assess(estimate, inputs.measurement.names, scale), wording=wording)
     if problem.frame is None:
         return found
     turn = turn_to_frame(found.positions, problem.frame)  # a run that was stopped ended in a frame of its own
@@ -122,7 +125,7 @@ def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
     return first, second
 
 
-def stretch_of(positions, inputs: CalibrationInput) -> float:
+def scale_of(positions, inputs: CalibrationInput) -> float:
     """Return the given distance over that of the positions found (N, D): the factor of size and sound speed."""
     pair = distance_pair(inputs)
     apart = float(np.linalg.norm(np.subtract(*np.asarray(positions)[list(pair)])))
@@ -135,7 +138,7 @@ def stretch_of(positions, inputs: CalibrationInput) -> float:
     return inputs.distance[2] / apart
 
 
-def sound(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
+def healthy_microphones(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
     """Return the microphones whose errors are averaged: those sought, without the faulty channels of an assessment.
 
     `sought` (K,) int64; `names`: of all microphones.
@@ -206,7 +209,7 @@ def solve(
         while True:
             limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
             state, stopped, end = last_state(inputs, progress, problem, clock)
-            found = assess(inputs, problem, state, wording)
+            found = assess_state(inputs, problem, state, wording)
             if stopped:
                 found = replace(found, verdict="not_converged", message=stopped)
             left = end - clock() if inputs.all_modes and found.verdict == "undersampled" else -np.inf
@@ -289,3 +292,34 @@ def cost_in_decibels(found: Assessment) -> float | None:
         return None
     cost = reference_cost(found.positions, None if found.channels is None else found.channels.correction)
     return cost if np.isfinite(cost) else None
+
+
+DOMAIN_SOLVER = "robust"  # estimates the positions where the solver of the run needs a search domain itself
+DOMAIN_SECONDS = 20.0  # of processor time for the estimate
+
+
+def with_estimated_domain(
+    measurement: Measurement, settings: SolverSettings, seed: int, progress: Progress | None = None
+) -> Measurement:
+    """Return a measurement with a search domain: its own, or one round an estimate of the positions.
+
+    `settings`: of the run. Its solver estimates the positions, so that they are in its axes; solver robust does so for
+    one that needs a search domain. A known room is the domain itself; `progress`: as of
+    `fdcal.session.calibration_run.states_of`. Returns as it is where the positions cannot be estimated.
+    """
+    if measurement.search is not None:
+        return measurement
+    if settings.room is not None and len(settings.room) == measurement.array_dimension:
+        corners = [(0.0,) * len(settings.room), settings.room]
+        return replace(measurement, search=search_round(corners))
+    needs_search = solvers.load(settings.name).TRAITS.needs_search
+    chosen = replace(settings, name=DOMAIN_SOLVER if needs_search else settings.name, start=None)
+    inputs = CalibrationInput(measurement=measurement, name="", scene=None, settings=chosen, seed=seed)
+    try:
+        problem = problem_of(inputs)
+        inputs = replace(inputs, settings=solvers.with_mode_count(problem, chosen), time_limit=DOMAIN_SECONDS)
+        with one_blas_thread():
+            state = last_state(inputs, progress, problem, time.process_time)[0]
+    except InputError:
+        return measurement
+    return with_search_domain(measurement, state.best_positions)
