@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.validation import InputError, frozen_array, require_array, require_positive
+from ..model.declared import require_positive
+from ..model.validation import InputError, frozen_array, require_array
 
 KINDS = ("impulse", "stationary")
 OLD_KINDS = {"response": "impulse", "work": "stationary"}  # spellings that older files and scripts contain
