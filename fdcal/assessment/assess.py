@@ -30,7 +30,7 @@ from .channels import (
 )
 from .field import cross_validate, summarise
 from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
-from .uncertainty import covariance_of, curvature_of, one_sigma, search_spread_of, stretch_sigma_of
+from .uncertainty import covariance_of, curvature_of, one_sigma, scale_sigma_of, search_spread_of
 
 ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
 
@@ -64,18 +64,18 @@ class Assessment:
         return word_arguments(self.message, self.wording)
 
 
-def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None, stretch: float | None = None):
+def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None, scale: float | None = None):
     """Return the assessment of what a solver has found.
 
-    names : of the microphones, their numbers unless given; stretch : sound speed that follows from a given distance
+    names : of the microphones, their numbers unless given; scale : sound speed that follows from a given distance
     over that of the problem, by which the array becomes larger
     """
     names = [str(n) for n in range(len(estimate.positions))] if names is None else list(names)
     if isinstance(estimate, RoomEstimate):
         return _in_room(estimate, names)
-    seen = judged(estimate, names, stretch)
+    seen = judged(estimate, names, scale)
     code, message = first_finding(FINDINGS, seen)
-    problem, size = estimate.problem, stretch or 1.0
+    problem, size = estimate.problem, scale or 1.0
     speed = problem.sound_speed * size * float(np.exp(estimate.log_speed))
     positions = exchanged_back(estimate, seen.faulty)
     centre = positions.mean(axis=0)
@@ -85,7 +85,7 @@ def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None
     channels = np.hstack([estimate.channels.gains, estimate.channels.filters])
     pressures = problem.pressures * np.exp(-log_response(channels, np.real(problem.wavenumbers))[0])
     cross = cross_validate(replace(corrected, pressures=pressures), positions, estimate.modes, healthy=seen.healthy)
-    to_given = estimate.field.share / seen.given_noise if seen.given_noise else None
+    to_given = estimate.field.noise_fraction / seen.given_noise if seen.given_noise else None
     evidence = Evidence(seen.residual_to_noise, cross.overall, cross.microphones, cross.modes, to_given)
     covariance = frozen_array(size**2 * seen.covariance, float)
     return Assessment(
@@ -101,15 +101,15 @@ def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None
     )
 
 
-def judged(estimate: Estimate, names: Sequence[str], stretch: float | None = None) -> Judged:
+def judged(estimate: Estimate, names: Sequence[str], scale: float | None = None) -> Judged:
     """Return what the verdict rests on."""
     covariance = covariance_of(estimate)
     single = is_single_wave(estimate.problem.pressures[estimate.modes])
     faulty = () if single else faulty_channels(estimate, covariance)
     healthy = healthy_channels(len(names), faulty)
-    search, stretching = search_spread_of(estimate, healthy), stretch_sigma_of(estimate, healthy)
+    search, scale_sigma = search_spread_of(estimate, healthy), scale_sigma_of(estimate, healthy)
     given_check = _given_check(estimate, faulty)
-    return Judged(estimate, names, covariance, faulty, *given_check, search, stretching, stretch, single)
+    return Judged(estimate, names, covariance, faulty, *given_check, search, scale_sigma, scale, single)
 
 
 def _given_check(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> tuple[float, float]:

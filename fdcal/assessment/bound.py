@@ -37,7 +37,7 @@ from ..model.problem import mode_power
 from .uncertainty import one_sigma
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly
-LEAST_EIGENVALUE = 1e-13  # of the scaled information: directions with less are as good as undetermined
+MIN_EIGENVALUE = 1e-13  # of the scaled information: directions with less are as good as undetermined
 
 
 @dataclass(frozen=True)
@@ -87,10 +87,10 @@ class Bound:
         return float(np.sqrt(np.mean(self.sigma[self.free] ** 2)))
 
 
-def diffuse_information(positions, wavenumbers, noise_share: float, dimension: int) -> Information:
+def diffuse_information(positions, wavenumbers, noise_fraction: float, dimension: int) -> Information:
     """Return the Fisher information of a diffuse field on positions (N, D), metres.
 
-    `wavenumbers` (M,) are real, rad/m; `noise_share` is v / (s + v), the power of the noise in that of the pressures,
+    `wavenumbers` (M,) are real, rad/m; `noise_fraction` is v / (s + v), noise in the power of the pressures,
     above 0 and below 1; `dimension` is that of the sound field: 3 for a plane array in space, too.
     """
     x = np.asarray(positions, float)
@@ -100,11 +100,11 @@ def diffuse_information(positions, wavenumbers, noise_share: float, dimension: i
     for k in np.asarray(wavenumbers, float):
         kappa, over = diffuse_kernel(distance, np.array([k]), dimension)
         slopes = np.asarray(over).reshape(apart.shape[:2])[..., None] * apart
-        total = total + _of_mode(kappa.reshape(apart.shape[:2]), np.moveaxis(slopes, -1, 0), noise_share)
+        total = total + _of_mode(kappa.reshape(apart.shape[:2]), np.moveaxis(slopes, -1, 0), noise_fraction)
     return _with_sound_speed(x, np.asarray(total))
 
 
-def field_information(positions, pressures, wavenumbers, noise_share: float, dimension: int) -> Information:
+def field_information(positions, pressures, wavenumbers, noise_fraction: float, dimension: int) -> Information:
     """Return the information of one sound field, that of a room and a source, from its pressures (M, N) without noise.
 
     The Gauss-Newton matrix of the likelihood at the true positions (N, D), metres, the phases of the channels
@@ -112,9 +112,13 @@ def field_information(positions, pressures, wavenumbers, noise_share: float, dim
     """
     x = np.asarray(positions, float)
     (N, D), M = x.shape, len(pressures)
-    scaled = np.asarray(pressures) * np.sqrt((1 - noise_share) / mode_power(pressures))[:, None]
+    scaled = np.asarray(pressures) * np.sqrt((1 - noise_fraction) / mode_power(pressures))[:, None]
     diffuse = FieldModel(
-        np.asarray(wavenumbers, complex), np.full(M, 1 - noise_share), np.full(M, noise_share), np.ones(N), dimension
+        np.asarray(wavenumbers, complex),
+        np.full(M, 1 - noise_fraction),
+        np.full(M, noise_fraction),
+        np.ones(N),
+        dimension,
     )
     H = likelihood_terms(x, scaled, diffuse, np.zeros((N, 2))).newton()[1].reshape(N * (D + 2), -1)
     order = np.arange(N * (D + 2)).reshape(N, D + 2)
@@ -149,14 +153,14 @@ def aligned_rms(information: Information, prior: Prior) -> float:
     return float(np.sqrt(np.trace(Q @ P @ Q) / len(information.positions)))
 
 
-def _of_mode(kappa: np.ndarray, slopes: np.ndarray, share: float) -> np.ndarray:
+def _of_mode(kappa: np.ndarray, slopes: np.ndarray, noise_fraction: float) -> np.ndarray:
     """Return the information of one mode on positions and gains, of unknown power : (N D + N, N D + N).
 
     kappa (N, N), and slopes d kappa_ij / dx_ia (D, N, N), 1/m.
     """
     D, N = slopes.shape[:2]
-    K, S = (1 - share) * kappa, (1 - share) * slopes
-    C = K + share * np.eye(N)
+    K, S = (1 - noise_fraction) * kappa, (1 - noise_fraction) * slopes
+    C = K + noise_fraction * np.eye(N)
     Ci = np.linalg.inv(C)
     CS = Ci @ S.swapaxes(1, 2)
     places = (Ci * (S[:, None] @ CS) + CS * CS.swapaxes(1, 2)[:, None]).transpose(2, 0, 3, 1)
@@ -193,5 +197,5 @@ def _covariance(information: Information, prior: Prior) -> np.ndarray:
     F = B.T @ F @ B
     scale = 1 / np.sqrt(np.diag(F))
     values, vectors = np.linalg.eigh(scale[:, None] * F * scale)
-    vectors = B @ (scale[:, None] * vectors / np.sqrt(np.maximum(values, LEAST_EIGENVALUE * values[-1])))
+    vectors = B @ (scale[:, None] * vectors / np.sqrt(np.maximum(values, MIN_EIGENVALUE * values[-1])))
     return vectors[: N * D] @ vectors[: N * D].T

@@ -21,40 +21,6 @@ from .calibration import DECIBELS_PER_NEPER, ChannelFault
 
 
 @dataclass(frozen=True)
-class ChannelLimits:
-    """Limits beyond which a channel or a given position is at fault."""
-
-    inverted: float = 2.5  # radians, phase
-    gain_sigmas: float = 4.0  # spreads of the gains, or phases, of all channels
-    median_of_normal: float = 0.6745  # median absolute deviation of a normal distribution over its sigma
-    min_gain: float = 0.12  # nepers of the gain, or radians of the phase, that are never a fault
-    noise: float = 12.0  # noise of a channel over that of the median channel
-    # share of the power below which noise is no fault: the misfit of the field model may be a channel's
-    min_noise: float = 1e-4
-    unpredicted: float = 0.5  # share of a channel's variance, or of its power, that the others do not predict
-    unpredicted_to_median: float = 3.0  # the same over that of the median channel
-    coherent: float = 0.5  # share of the power that a delay must explain
-    delay_gain: float = 1.02  # coherence at the best delay over that without delay
-    # max_delay, delay_step: seconds, delays tried
-    max_delay: float = 2e-3
-    delay_step: float = 1e-5
-    filter_sigmas: float = 4.0  # sigmas of a delay, or of a corner frequency
-    # min_delay, min_corner: seconds and hertz that are never a fault
-    min_delay: float = 2e-5
-    min_corner: float = 3.0
-    # misplaced_sigmas, misplaced: sigmas and metres, distance from a given position; the larger one counts
-    misplaced_sigmas: float = 3.0
-    misplaced: float = 0.006
-    # exchanged_sigmas, exchanged: sigmas and metres within which a channel is in another's place, likewise
-    exchanged_sigmas: float = 3.0
-    exchanged: float = 0.005
-    exchanged_share: float = 0.3  # the same over the distance from its own given position
-
-
-LIMITS = ChannelLimits()
-
-
-@dataclass(frozen=True)
 class FaultyChannel:
     """A channel or a given position that stands out."""
 
@@ -68,6 +34,14 @@ class FaultyChannel:
     partner: int = -1  # the other microphone of an exchange, or -1
 
 
+INVERTED_PHASE = 2.5  # radians, phase
+MAX_NOISE = 12.0  # noise of a channel over that of the median channel
+# share of the power below which noise is no fault: the misfit of the field model may be a channel's
+MIN_NOISE = 1e-4
+UNPREDICTED = 0.5  # share of a channel's variance, or of its power, that the others do not predict
+UNPREDICTED_TO_MEDIAN = 3.0  # the same over that of the median channel
+
+
 def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyChannel, ...]:
     """Return all channels and given positions that stand out, in the order of the microphones.
 
@@ -78,18 +52,18 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyC
     contradicted = estimate.given.contradicted
     if contradicted is not None and estimate.given.sigma == 0:  # there the error of a position has become noise
         tau[estimate.problem.known] = contradicted.noise
-    tau = np.where(tau * estimate.field.share < LIMITS.min_noise, 1.0, tau)
+    tau = np.where(tau * estimate.field.noise_fraction < MIN_NOISE, 1.0, tau)
     variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
     alone = np.mean(1 / (terms.precision * variance), axis=0)
-    lost = (alone > LIMITS.unpredicted) & (alone > LIMITS.unpredicted_to_median * np.median(alone))
+    lost = (alone > UNPREDICTED) & (alone > UNPREDICTED_TO_MEDIAN * np.median(alone))
     lost[estimate.problem.known] = False  # their positions hold them, however far the others are
     filtered, spreads = _filtered(estimate), gain_spreads(estimate)
     for n in range(len(tau)):
-        if n in filtered and tau[n] < LIMITS.noise and not lost[n]:
+        if n in filtered and tau[n] < MAX_NOISE and not lost[n]:
             faulty[n] = filtered[n]
-        elif abs(gains[n, 1]) > LIMITS.inverted and tau[n] < LIMITS.noise:
+        elif abs(gains[n, 1]) > INVERTED_PHASE and tau[n] < MAX_NOISE:
             faulty[n] = FaultyChannel(n, "inverted", np.nan, "")
-        elif tau[n] > LIMITS.noise or lost[n]:
+        elif tau[n] > MAX_NOISE or lost[n]:
             faulty[n] = _unexplained(estimate, n, bool(lost[n]))
         elif _far(gains[n, 0], spreads[0]):
             faulty[n] = FaultyChannel(n, "gain", float(DECIBELS_PER_NEPER * gains[n, 0]), "dB")
@@ -99,15 +73,23 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyC
     return tuple(faulty[n] for n in sorted(faulty))
 
 
+GAIN_SIGMAS = 4.0  # spreads of the gains, or phases, of all channels
+MEDIAN_OF_NORMAL = 0.6745  # median absolute deviation of a normal distribution over its sigma
+FILTER_SIGMAS = 4.0  # sigmas of a delay, or of a corner frequency
+# seconds and hertz that are never a fault
+MIN_DELAY = 2e-5
+MIN_CORNER = 3.0
+
+
 def _filtered(estimate: Estimate) -> dict[int, FaultyChannel]:
     """Return the channels that the solver found a delay or a high-pass for, where it is beyond its uncertainty."""
     c = estimate.problem.sound_speed * np.exp(estimate.log_speed)
     units = np.array([1 / c, c / (2 * np.pi)])
     value, sigma = estimate.channels.filters * units, estimate.channels.filter_sigma * units
     value = value - np.median(value, axis=0)
-    scatter = np.median(np.abs(value), axis=0) / LIMITS.median_of_normal
-    limits = np.maximum(LIMITS.gain_sigmas * scatter, [LIMITS.min_delay, LIMITS.min_corner])
-    beyond = np.abs(value) > np.maximum(LIMITS.filter_sigmas * sigma, limits)
+    scatter = np.median(np.abs(value), axis=0) / MEDIAN_OF_NORMAL
+    limits = np.maximum(GAIN_SIGMAS * scatter, [MIN_DELAY, MIN_CORNER])
+    beyond = np.abs(value) > np.maximum(FILTER_SIGMAS * sigma, limits)
     found = {int(n): FaultyChannel(int(n), "high_pass", float(value[n, 1]), "Hz") for n in np.flatnonzero(beyond[:, 1])}
     delayed = {int(n): FaultyChannel(int(n), "delayed", float(value[n, 0]), "s") for n in np.flatnonzero(beyond[:, 0])}
     return found | delayed
@@ -120,31 +102,50 @@ def gain_spreads(estimate: Estimate) -> np.ndarray:
     by several decibels these are too few, and the median deviation of all channels is larger.
     """
     gains = estimate.channels.gains
-    scatter = np.median(np.abs(gains - np.median(gains, axis=0)), axis=0) / LIMITS.median_of_normal
+    scatter = np.median(np.abs(gains - np.median(gains, axis=0)), axis=0) / MEDIAN_OF_NORMAL
     return np.maximum(estimate.channels.spread, scatter)
 
 
+MIN_GAIN = 0.12  # nepers of the gain, or radians of the phase, that are never a fault
+
+
 def _far(value: float, sigma: float) -> bool:
-    return abs(value) > max(LIMITS.gain_sigmas * sigma, LIMITS.min_gain)
+    return abs(value) > max(GAIN_SIGMAS * sigma, MIN_GAIN)
+
+
+COHERENT = 0.5  # share of the power that a delay must explain
+DELAY_GAIN = 1.02  # coherence at the best delay over that without delay
+# seconds, delays tried
+MAX_DELAY = 2e-3
+DELAY_STEP = 1e-5
 
 
 def _unexplained(estimate: Estimate, n: int, lost: bool) -> FaultyChannel:
     """Return what is wrong with a channel that its place and gain do not explain: delayed, dead or noisy."""
     terms = estimate.field.terms
     q, e = terms.corrected[:, n], terms.corrected[:, n] - terms.weighted[:, n] / terms.precision[:, n]
-    steps = round(LIMITS.max_delay / LIMITS.delay_step)
-    delays = LIMITS.delay_step * np.arange(-steps, steps + 1)
+    steps = round(MAX_DELAY / DELAY_STEP)
+    delays = DELAY_STEP * np.arange(-steps, steps + 1)
     f = estimate.problem.frequencies[estimate.modes]
     turned = np.abs((np.conj(e) * q) @ np.exp(2j * np.pi * np.outer(f, delays)))
     norm = np.sqrt(np.sum(np.abs(e) ** 2) * np.sum(np.abs(q) ** 2))
     best, undelayed = int(np.argmax(turned)), turned[steps]
-    if not lost and turned[best] > np.sqrt(LIMITS.coherent) * norm and turned[best] > LIMITS.delay_gain * undelayed:
+    if not lost and turned[best] > np.sqrt(COHERENT) * norm and turned[best] > DELAY_GAIN * undelayed:
         return FaultyChannel(n, "delayed", float(delays[best]), "s")
     tau = estimate.channels.noise
     noise = float(10 * np.log10(tau[n] / np.median(tau)))
-    if lost or undelayed < np.sqrt(1 - LIMITS.unpredicted) * norm:
+    if lost or undelayed < np.sqrt(1 - UNPREDICTED) * norm:
         return FaultyChannel(n, "dead", noise, "dB")
     return FaultyChannel(n, "noisy", noise, "dB")
+
+
+# sigmas and metres, distance from a given position; the larger one counts
+MISPLACED_SIGMAS = 3.0
+MIN_MISPLACED = 0.006
+# sigmas and metres within which a channel is in another's place, likewise
+EXCHANGED_SIGMAS = 3.0
+MIN_EXCHANGED = 0.005
+EXCHANGED_FRACTION = 0.3  # the same over the distance from its own given position
 
 
 def _misplaced(estimate: Estimate, covariance) -> dict[int, FaultyChannel]:
@@ -154,7 +155,7 @@ def _misplaced(estimate: Estimate, covariance) -> dict[int, FaultyChannel]:
     for i, (n, given) in enumerate(zip(problem.known.tolist(), problem.known_positions, strict=True)):
         away = float(np.linalg.norm(x[n] - given))
         if x is estimate.positions or found is None:
-            right = away < max(LIMITS.misplaced_sigmas * sigma[n], LIMITS.misplaced)
+            right = away < max(MISPLACED_SIGMAS * sigma[n], MIN_MISPLACED)
         else:
             right = not found.wrong[i]
         if right:
@@ -162,8 +163,8 @@ def _misplaced(estimate: Estimate, covariance) -> dict[int, FaultyChannel]:
         apart = np.linalg.norm(x - given, axis=1)
         apart[n] = np.inf
         other = int(np.argmin(apart))
-        within = max(LIMITS.exchanged_sigmas * sigma[other], LIMITS.exchanged)
-        if apart[other] >= min(within, LIMITS.exchanged_share * away):
+        within = max(EXCHANGED_SIGMAS * sigma[other], MIN_EXCHANGED)
+        if apart[other] >= min(within, EXCHANGED_FRACTION * away):
             faulty[n] = FaultyChannel(n, "misplaced", away, "m")
             continue
         faulty[n] = FaultyChannel(n, "exchanged", away, "m", other)

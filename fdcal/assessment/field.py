@@ -35,7 +35,7 @@ NOISE_DEFLATION = 3.0  # times less noise is assumed: a room's field is less iso
 TINY = np.finfo(float).tiny
 BLOCK = 4096  # points evaluated at a time
 CELLS = 60  # of the lattice along the longest side, unless a step is given
-MOST_POINTS = 500_000  # of the lattice
+MAX_POINTS = 500_000  # of the lattice
 FREQUENCY_TOLERANCE = 0.05  # relative: the nearest measured frequency must be this close to the one asked for
 EDGE = 1e-9  # of the array's extent: microphones on its hull are inside
 
@@ -150,13 +150,13 @@ def summarise(pressures: np.ndarray, errors: np.ndarray, healthy: np.ndarray | N
 
     The figures of the array and of each frequency are those of the `healthy` microphones (N,) bool alone.
     """
-    sound = slice(None) if healthy is None else healthy
-    power = mode_power(pressures[:, sound])[:, None]
+    counted = slice(None) if healthy is None else healthy
+    power = mode_power(pressures[:, counted])[:, None]
     signal, error = np.abs(pressures) ** 2 / power, np.abs(errors) ** 2 / power
     return CrossValidation(
-        overall=float(_decibels(error[:, sound].sum() / signal[:, sound].sum())),
+        overall=float(_decibels(error[:, counted].sum() / signal[:, counted].sum())),
         microphones=frozen_array(_decibels(error.sum(axis=0) / np.maximum(signal.sum(axis=0), TINY)), float),
-        modes=frozen_array(_decibels(error[:, sound].mean(axis=1)), float),
+        modes=frozen_array(_decibels(error[:, counted].mean(axis=1)), float),
     )
 
 
@@ -241,8 +241,8 @@ def _lattice(positions: np.ndarray, step: float | None) -> tuple[tuple[np.ndarra
     step = float(extent.max() / CELLS if step is None else step)
     require_positive("step", step, "m")
     counts = np.maximum(np.ceil(extent / step * (1 - EDGE)) + 1, 2)
-    if np.prod(counts) > MOST_POINTS:
-        problem = f"step = {step:g} m makes {np.prod(counts):.3g} points, more than {MOST_POINTS}"
+    if np.prod(counts) > MAX_POINTS:
+        problem = f"step = {step:g} m makes {np.prod(counts):.3g} points, more than {MAX_POINTS}"
         raise InputError(problem, "use a larger one for <step>", key="step", value=step)
     margin = ((counts - 1) * step - extent) / 2
     axes = tuple(a - m + step * np.arange(int(n)) for a, m, n in zip(low, margin, counts, strict=True))

@@ -70,8 +70,8 @@ class Judged:
     # infinite where those that are right are too few to place the array
     loosest: float
     search: np.ndarray  # (N,) float64, metres, spread of the search
-    stretch_sigma: float  # one sigma of the least certain stretching of the array, relative
-    stretch: float | None  # sound speed that follows from a given distance over that of the problem; None without one
+    scale_sigma: float  # one sigma of the least certain stretching of the array, relative
+    scale: float | None  # sound speed that follows from a given distance over that of the problem; None without one
     single_wave: bool  # whether there are hardly any reflections, so that nothing is known of single channels
 
     @property
@@ -88,6 +88,11 @@ class Judged:
     def radius(self) -> float:
         """Root mean square distance of the healthy microphones from their centre, metres."""
         return rms_radius(self.estimate.positions[self.healthy])
+
+    @property
+    def noise_fraction(self) -> float:
+        """Noise found over the mean power of the pressures."""
+        return self.estimate.field.noise_fraction
 
     @property
     def given_noise(self) -> float | None:
@@ -116,13 +121,13 @@ class Judged:
         """Which of the healthy channels have far more residual than the median one : bool.
 
         Noise is alike in channels of one kind, before or behind their gains; what a sound field without sources cannot
-        explain is not. A recording leaves as much as UNEVEN_SHARE of the power by leakage.
+        explain is not. A recording leaves as much as UNEVEN_FRACTION of the power by leakage.
         """
         channels, healthy = self.estimate.channels, self.healthy
         behind = channels.noise[healthy]
         before = behind * np.exp(2 * channels.gains[healthy, 0])
         high = np.all([tau > UNEVEN * np.median(tau) for tau in (behind, before)], axis=0)
-        return high & (behind * self.estimate.field.share > UNEVEN_SHARE)
+        return high & (behind * self.noise_fraction > UNEVEN_FRACTION)
 
     @property
     def wrong_given(self) -> list[FaultyChannel]:
@@ -133,9 +138,9 @@ class Judged:
     @property
     def speed(self) -> tuple[float, float]:
         """Sound speed that given lengths imply over that of the measurement, and one sigma of it."""
-        if self.stretch is None:
+        if self.scale is None:
             return float(np.exp(self.estimate.log_speed)), self.estimate.log_speed_sigma
-        return self.stretch, self.stretch_sigma
+        return self.scale, self.scale_sigma
 
     def _apart(self) -> list[tuple[float, TriedOptimum]]:
         """How far, root mean square in metres, each optimum but the likeliest is from it, if that counts as far."""
@@ -160,7 +165,7 @@ class Judged:
 # Noise of a healthy channel over that of the median channel. In living rooms one or two of 16 or 32 have more, with a
 # source inside the array a tenth of all or more.
 UNEVEN = 3.0
-UNEVEN_SHARE = 1e-4  # of the power
+UNEVEN_FRACTION = 1e-4  # of the power
 # Of the power: what is left beside the noise where nothing is wrong. At the true positions of measured arrays the
 # microphones predict each other to -27 to -32 dB. Simulated living rooms leave 1e-5 to 1e-3.
 ROOM_RESIDUAL = 1e-3
@@ -247,12 +252,12 @@ def _contradicted_speed_words(seen: Judged) -> str:
 
 def _impossible_speed(seen: Judged, limit: float) -> bool:
     ratio, sigma = seen.speed
-    implied = seen.stretch is not None or seen.estimate.log_speed != 0
+    implied = seen.scale is not None or seen.estimate.log_speed != 0
     return implied and abs(ratio - 1) > min(limit + 4 * sigma, 0.15)  # an error of 15 % is no uncertainty of sigma
 
 
 def _speed_words(seen: Judged) -> str:
-    given = "position of a microphone" if seen.stretch is None else "distance"
+    given = "position of a microphone" if seen.scale is None else "distance"
     c = seen.estimate.problem.sound_speed
     return (
         f"with the {given} given the sound speed would be {c * seen.speed[0]:.0f} m/s, not {c:.0f} m/s; the {given} or"
@@ -261,7 +266,7 @@ def _speed_words(seen: Judged) -> str:
 
 
 def _loose_scale(seen: Judged, limit: float) -> bool:
-    return not len(seen.estimate.problem.known) and seen.stretch is None and seen.stretch_sigma > limit
+    return not len(seen.estimate.problem.known) and seen.scale is None and seen.scale_sigma > limit
 
 
 def _uncertain(seen: Judged) -> float:
@@ -276,9 +281,9 @@ def _good(seen: Judged) -> str:
     sigma = one_sigma(seen.covariance)[sought if np.any(sought) else seen.healthy]
     used = float(np.median(seen.estimate.field.noise))  # not the noise given where the pressures contradict it
     words = precision(sigma, seen.residual_to_noise * used / given if given else None)
-    held = seen.estimate.given
-    if len(known) and held.sigma > INACCURATE * held.expected_sigma:
-        words += f"; the given positions are inaccurate, one sigma {1e3 * held.sigma:.2g} mm"
+    given_estimate = seen.estimate.given
+    if len(known) and given_estimate.sigma > INACCURATE * given_estimate.expected_sigma:
+        words += f"; the given positions are inaccurate, one sigma {1e3 * given_estimate.sigma:.2g} mm"
     if not seen.faulty:
         return f"nothing speaks against these positions; {words}"
     faults = "; ".join(fault.text for fault in channel_faults(seen.faulty, seen.names))
@@ -307,14 +312,14 @@ def _uncertain_given(seen: Judged, limit: float) -> bool:
 def _beyond_given_noise(seen: Judged, limit: float) -> bool:
     """Whether more is left than the noise given and what a healthy room may leave."""
     given = seen.given_noise or 0.0
-    return given > 0 and seen.estimate.field.share > limit * given + ROOM_RESIDUAL
+    return given > 0 and seen.noise_fraction > limit * given + ROOM_RESIDUAL
 
 
 # fmt: off
 FINDINGS: tuple[Finding[Judged], ...] = (
     # code, condition, words, remedy, limit, its reason
-    Finding("too_noisy", lambda seen, limit: seen.estimate.field.share > limit,
-            lambda seen: f"about {100 * seen.estimate.field.share:.0f} % of the power is noise or unexplained",
+    Finding("too_noisy", lambda seen, limit: seen.noise_fraction > limit,
+            lambda seen: f"about {100 * seen.noise_fraction:.0f} % of the power is noise or unexplained",
             "measure longer, louder, or use fewer <modes>",
             0.3, "noise over the power; with more the search itself is a guess"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY),
@@ -338,11 +343,11 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda _: "the solver stopped while microphones still moved", "use other <modes>",
             3.0, "Newton step left over one sigma"),
     Finding("model_mismatch", _beyond_given_noise,
-            lambda seen: f"the residual is {seen.estimate.field.share / (seen.given_noise or 1.0):.2g} times what the"
-                         f" noise explains: {CAUSES}",
+            lambda seen: f"the residual is {seen.noise_fraction / (seen.given_noise or 1.0):.2g} times what the noise"
+                         f" explains: {CAUSES}",
             "", 2.0, "noise found, less 0.001 of the power that a healthy room may leave, over the noise given"),
-    Finding("model_mismatch", lambda seen, limit: seen.given_noise == 0 and seen.estimate.field.share > limit,
-            lambda seen: f"{100 * seen.estimate.field.share:.1g} % of the power is left unexplained, though the"
+    Finding("model_mismatch", lambda seen, limit: seen.given_noise == 0 and seen.noise_fraction > limit,
+            lambda seen: f"{100 * seen.noise_fraction:.1g} % of the power is left unexplained, though the"
                          f" measurement is said to be free of noise: {CAUSES}",
             "", UNEXPLAINED, "share left unexplained of a measurement said to be free of noise"),
     Finding("sound_speed", _impossible_speed, _speed_words,
@@ -443,15 +448,16 @@ LARGE_RESIDUAL = 2.0  # reduced chi-square beyond which the given noise does not
 ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
     Finding("odd_channel", _faulty_in_room, _worst_in_room,
             "", 6.0, "squared residual of a channel over that of the median channel, of five at least"),
-    Finding("too_noisy", lambda seen, limit: seen.estimate.noise_share > limit,
-            lambda seen: f"{100 * seen.estimate.noise_share:.0f} % of the power is unexplained", "",
+    Finding("too_noisy", lambda seen, limit: seen.estimate.noise_fraction > limit,
+            lambda seen: f"{100 * seen.estimate.noise_fraction:.0f} % of the power is unexplained", "",
             0.3, "noise over the power"),
     Finding("room_size", _other_size, _size_words, "", 2e-3, "relative error of a length, and five sigmas of it"),
     Finding("model_mismatch", lambda seen, limit: seen.estimate.noise_given and seen.estimate.residual > limit,
             lambda seen: f"the residual is {seen.estimate.residual:.2g} times what the noise explains: {ROOM_CAUSES}",
             "", LARGE_RESIDUAL, "reduced chi-square"),
-    Finding("model_mismatch", lambda seen, limit: not seen.estimate.noise_given and seen.estimate.noise_share > limit,
-            lambda seen: f"{100 * seen.estimate.noise_share:.2g} % of the power is left unexplained; if that is not"
+    Finding("model_mismatch",
+            lambda seen, limit: not seen.estimate.noise_given and seen.estimate.noise_fraction > limit,
+            lambda seen: f"{100 * seen.estimate.noise_fraction:.2g} % of the power is left unexplained; if that is not"
                          f" noise: {ROOM_CAUSES}",
             "", 3e-3, "share left unexplained where no noise is stated: -25 dB, more than a usual recording has"),
     Finding("not_converged", lambda seen, _: not seen.estimate.converged,

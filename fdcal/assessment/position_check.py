@@ -21,22 +21,6 @@ from ..model.texts import length_text
 from ..model.validation import InputError, frozen_array, require_finite, word_arguments
 
 
-@dataclass(frozen=True)
-class MatchingLimits:
-    """How many motions are tried, and how far apart points count as the same."""
-
-    tolerance: float = 0.5  # of the median distance between nearest neighbours, dimensionless
-    bases: int = 8  # number of bases at most
-    work: int = 64_000  # number of points that the motions of each base move, at most
-    refined: int = 40  # number of motions, of each base, that are refined, at most
-    usual: int = 64  # number of points from which fewer motions are refined
-    rounds: int = 20  # number of turns of a refinement at most
-    enough: float = 0.9  # share of the points that must lie close to another for no further base to be tried
-
-
-MATCHING = MatchingLimits()
-
-
 @dataclass(frozen=True, eq=False)
 class Match:
     """One way to lay points onto others."""
@@ -56,9 +40,17 @@ def nearest_neighbours(points: np.ndarray) -> np.ndarray:
     return (distances(points, points) + np.diag(np.full(len(points), np.inf))).min(axis=1)
 
 
+TOLERANCE = 0.5  # of the median distance between nearest neighbours, dimensionless
+
+
 def tolerance_of(points: np.ndarray) -> float:
     """Return how far from one of `points` (N, D) another one counts as the same."""
-    return MATCHING.tolerance * float(np.median(nearest_neighbours(points)))
+    return TOLERANCE * float(np.median(nearest_neighbours(points)))
+
+
+MAX_REFINED = 40  # number of motions, of each base, that are refined, at most
+USUAL_COUNT = 64  # number of points from which fewer motions are refined
+ENOUGH = 0.9  # share of the points that must lie close to another for no further base to be tried
 
 
 def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
@@ -69,17 +61,17 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
     from scipy.spatial import KDTree
 
     tolerance, tree = tolerance_of(others), KDTree(others)
-    most = max(1, int(MATCHING.refined * min(1.0, (MATCHING.usual / len(points)) ** 2)))
+    max_count = max(1, int(MAX_REFINED * min(1.0, (USUAL_COUNT / len(points)) ** 2)))
     half = _same_order(points, others)
     found = [_refined(align(points, others, by), others, tolerance) for by in (half, slice(None))]
     for base in _bases(points):
         motions = _motions(points, others, base, tolerance)
         if len(motions):
             rough = np.minimum(tree.query(motions)[0], tolerance)
-            best = np.argsort((rough**2).sum(axis=1), kind="stable")[:most]
+            best = np.argsort((rough**2).sum(axis=1), kind="stable")[:max_count]
             found += [_refined(motions[n], others, tolerance) for n in best]
         closest = min(found, key=lambda match: match.cost)
-        if np.mean(np.linalg.norm(closest.placed - others[closest.order], axis=1) < tolerance) >= MATCHING.enough:
+        if np.mean(np.linalg.norm(closest.placed - others[closest.order], axis=1) < tolerance) >= ENOUGH:
             break
     different = {tuple(match.order): match for match in sorted(found, key=lambda match: -match.cost)}
     return sorted(different.values(), key=lambda match: match.cost)
@@ -100,9 +92,12 @@ def _same_order(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.argsort(off, kind="stable")[: max(points.shape[1] + 2, (len(points) + 1) // 2)]
 
 
+MAX_ROUNDS = 20  # number of turns of a refinement at most
+
+
 def _refined(placed: np.ndarray, others: np.ndarray, tolerance: float) -> Match:
     order = assigned(placed, others, tolerance)
-    for _ in range(MATCHING.rounds):
+    for _ in range(MAX_ROUNDS):
         distance = np.linalg.norm(placed - others[order], axis=1)
         close = np.flatnonzero(distance <= max(tolerance, float(np.median(distance))))
         placed = align(placed, others[order], close)
@@ -113,10 +108,13 @@ def _refined(placed: np.ndarray, others: np.ndarray, tolerance: float) -> Match:
     return Match(placed, order, float(np.mean(np.minimum(distance, tolerance) ** 2)))
 
 
+MAX_BASES = 8  # number of bases at most
+
+
 def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
     """Yield disjoint groups of D points that are far from each other."""
     free = list(range(len(points)))
-    for _ in range(MATCHING.bases):
+    for _ in range(MAX_BASES):
         if len(free) < points.shape[1]:
             return
         middle = points[free].mean(axis=0)
@@ -131,11 +129,14 @@ def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
 def _motions(points: np.ndarray, others: np.ndarray, base: np.ndarray, tolerance: float) -> np.ndarray:
     """Return the points laid onto every group of `others` with the distances of the base : (K, N, D) float64."""
     groups = _groups(points[base], others, tolerance)
-    centred, goals = points - points[base].mean(axis=0), others[groups]
-    middles = goals.mean(axis=1, keepdims=True)
-    U, _, Vt = np.linalg.svd(centred[base].T @ (goals - middles))
+    centred, targets = points - points[base].mean(axis=0), others[groups]
+    middles = targets.mean(axis=1, keepdims=True)
+    U, _, Vt = np.linalg.svd(centred[base].T @ (targets - middles))
     mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points leave open on which side of them the others lie
     return np.concatenate([centred @ U @ Vt + middles, centred @ (U * mirror) @ Vt + middles])
+
+
+MAX_WORK = 64_000  # number of points that the motions of each base move, at most
 
 
 def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarray:
@@ -148,35 +149,15 @@ def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarra
         group, last = np.nonzero(off.max(axis=1) < tolerance)
         misfit = misfit[group] + (off[group, :, last] ** 2).sum(axis=1)
         groups = np.column_stack([groups[group], last])
-        most = MATCHING.work // len(others) * (1 if n == len(base) - 1 else 20)
-        best = np.argsort(misfit, kind="stable")[:most]
+        max_count = MAX_WORK // len(others) * (1 if n == len(base) - 1 else 20)
+        best = np.argsort(misfit, kind="stable")[:max_count]
         groups, misfit = groups[best], misfit[best]
     apart = [len(set(group)) == len(group) for group in groups.tolist()]
     return groups[apart]
 
 
-@dataclass(frozen=True)
-class CheckLimits:
-    """When a list counts as fitting, and channels as swapped."""
-
-    swapped: float = 0.5  # a swap must reduce the distance of a microphone to less than this share of what it was
-    improved: float = 0.75  # share of the microphones of a cycle for which it must
-    # share of the microphones that must be at their own places for the order to count as that of the list
-    kept: float = 0.5
-    close: float = 0.5  # median distance of a list in its own order, of the spacing of the microphones, at most
-    found: float = 0.25  # the same of a list in which most are exchanged; unrelated arrays of 16 reach 0.28, of 32 0.34
-    freedom: int = 12  # number of microphones beyond D + 1 from which `found` holds; of fewer it is less in proportion
-    # alike, resolved: other orders fit as well up to this factor of the mean square, and this share of the spacing
-    alike: float = 1.5
-    resolved: float = 0.03
-    size: float = 1.1  # factor by which list and array may differ in size
-
-
-LIMITS = CheckLimits()
-
-
 TRUSTED = "good"  # the verdict with which finding no swap means that there is none
-MOST_LISTED = 0.5  # share of the microphones in others' places beyond which only the rows say who stands where
+MAX_LISTED = 0.5  # share of the microphones in others' places beyond which only the rows say who stands where
 UNITS = (("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 3.281), ("inches", 39.37))
 UNIT_TOLERANCE = 0.1  # relative, of a factor that suggests a unit
 
@@ -308,6 +289,9 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     return replace(free, moved=True)
 
 
+MAX_SCALE = 1.1  # factor by which list and array may differ in size
+
+
 def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     """Return the comparison after the best motion as a whole, and in the size of the array found if that fits."""
     # No exchange changes the median distance between microphones.
@@ -315,7 +299,7 @@ def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     own, listed = map(float, np.median(apart, axis=1))
     scale = listed / own if min(own, listed) > 0 else 1.0
     check = _best(found, given)
-    if 1 / LIMITS.size < scale < LIMITS.size:
+    if 1 / MAX_SCALE < scale < MAX_SCALE:
         return check
     scaled = _best(found, given / scale)
     if not scaled.fits:
@@ -326,17 +310,24 @@ def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     return replace(_best(found, given / scale), scale=scale)
 
 
+# share of the microphones that must be at their own places for the order to count as that of the list
+KEPT = 0.5
+# other orders fit as well up to this factor of the mean square, and this share of the spacing
+ALIKE = 1.5
+RESOLVED = 0.03
+
+
 def _best(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     """Return the comparison in the order of the list if it fits as well as any other one, or in the best."""
     ways, spacing, own = matches(found, given), 2 * tolerance_of(given), np.arange(len(given))
-    limit = LIMITS.alike * ways[0].cost + (LIMITS.resolved * spacing) ** 2
+    limit = ALIKE * ways[0].cost + (RESOLVED * spacing) ** 2
     alike = [match for match in ways if match.cost <= limit]
     match = min(alike, key=lambda match: np.count_nonzero(match.order != own))
     check = _aligned(match, given)
     if not check.fits:
         return _aligned(max(ways, key=lambda match: np.count_nonzero(match.order == own)), given)
     # The orders of a turned array differ in most channels.
-    return replace(check, symmetric=any(np.mean(other.order != match.order) > LIMITS.kept for other in alike))
+    return replace(check, symmetric=any(np.mean(other.order != match.order) > KEPT for other in alike))
 
 
 def _aligned(match: Match, given: np.ndarray) -> PositionCheck:
@@ -347,25 +338,34 @@ def _aligned(match: Match, given: np.ndarray) -> PositionCheck:
     return _checked(placed if whole else match.placed, given, order)
 
 
+CLOSE = 0.5  # median distance of a list in its own order, of the spacing of the microphones, at most
+CLOSE_EXCHANGED = 0.25  # the same of a list in which most are exchanged; unrelated arrays of 16 reach 0.28, of 32 0.34
+FREEDOM = 12  # number of microphones beyond D + 1 from which `found` holds; of fewer it is less in proportion
+
+
 def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> PositionCheck:
     """Return the comparison of positions already placed, in an order; in that of the list where it does not fit."""
     own, spacing = np.arange(len(order)), nearest_neighbours(given)
     errors, away = (np.linalg.norm(placed - given[rows], axis=1) for rows in (own, order))
     # The more is exchanged, the more easily a list fits, and the closer it must be.
-    many = min(1.0, max(0.0, (len(order) - given.shape[1] - 1) / LIMITS.freedom))
-    exchanged = min(1.0, float(np.mean(order != own)) / (1 - LIMITS.kept))
-    limit = (1 - exchanged) * LIMITS.close + exchanged * LIMITS.found * many
+    many = min(1.0, max(0.0, (len(order) - given.shape[1] - 1) / FREEDOM))
+    exchanged = min(1.0, float(np.mean(order != own)) / (1 - KEPT))
+    limit = (1 - exchanged) * CLOSE + exchanged * CLOSE_EXCHANGED * many
     fits = bool(np.median(away) <= limit * np.median(spacing))
     return PositionCheck(errors, order if fits else own, away if fits else errors, fits, spacing)
+
+
+SWAPPED = 0.5  # a swap must reduce the distance of a microphone to less than this share of what it was
+IMPROVED = 0.75  # share of the microphones of a cycle for which it must
 
 
 def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
     """Return at whose position each microphone stands : (N,) int64, its own unless most of a cycle is far nearer."""
     order, kept = assigned(placed, given, tolerance_of(given)), np.arange(len(given))
     before = np.linalg.norm(placed - given, axis=1)
-    nearer = np.linalg.norm(placed - given[order], axis=1) < LIMITS.swapped * before
+    nearer = np.linalg.norm(placed - given[order], axis=1) < SWAPPED * before
     for cycle in map(list, _cycles(order)):
-        if np.mean(nearer[cycle]) >= LIMITS.improved:
+        if np.mean(nearer[cycle]) >= IMPROVED:
             kept[cycle] = order[cycle]
     return kept
 
@@ -429,7 +429,7 @@ def describe(
 def _exchanges(check: PositionCheck, names: Sequence[object]) -> list[str]:
     """Return the swaps and longer cycles in words; none where every microphone is at its place."""
     moved = np.count_nonzero(check.order != np.arange(len(names)))
-    if moved > MOST_LISTED * len(names):
+    if moved > MAX_LISTED * len(names):
         return [f"{moved} of {len(names)} channels stand in others' places{_pattern(check.order)}"]
     lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
     for cycle in check.permuted:

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..model.gauge import align
-from ..solvers.estimate import Estimate, stretch_sigma
+from ..solvers.estimate import Estimate, scale_sigma
 
 
 def covariance_of(estimate: Estimate) -> np.ndarray:
@@ -43,10 +43,10 @@ def curvature_of(estimate: Estimate) -> np.ndarray:
     return np.einsum("nanb->nab", estimate.spread.newton.reshape(N, D, N, D))
 
 
-def stretch_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
+def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
     """Return one sigma of the least certain stretching or shearing of the array as a whole, relative."""
     covariances = [estimate.spread.newton, *(v.T @ v for v in estimate.spread.influences)]
-    return stretch_sigma(estimate.positions, covariances, healthy)
+    return scale_sigma(estimate.positions, covariances, healthy)
 
 
 def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:

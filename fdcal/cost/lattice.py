@@ -34,9 +34,9 @@ from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
 from .expansion import expansion_of, require_modes, require_plane_field, search_domain, usable_modes
 
 SPACING = 1 / 8  # of coarse candidates, of the shortest wavelength in use
-LEAST_COARSE = 5  # coarse candidates along the shortest axis, at least
+MIN_COARSE = 5  # coarse candidates along the shortest axis, at least
 QUARTERS = 4  # parts of the modes, after each of which half of the coarse candidates is dropped
-LEAST_KEPT = 32  # candidates that are never dropped before all modes are summed
+MIN_KEPT = 32  # candidates that are never dropped before all modes are summed
 SEEDS = 4  # coarse candidates that are refined
 MAX_WALK = 40  # moves at the finest step
 
@@ -137,16 +137,16 @@ class SpaceLattice:
 
     def _stride(self, k: float) -> int:
         """Return the distance of coarse candidates in steps of the lattice, a power of two."""
-        most = min(2 * np.pi / k * SPACING / self._search.step, (self._shape.min() - 1) / (LEAST_COARSE - 1))
-        return 2 ** max(int(np.log2(max(most, 1.0))), 0)
+        max_stride = min(2 * np.pi / k * SPACING / self._search.step, (self._shape.min() - 1) / (MIN_COARSE - 1))
+        return 2 ** max(int(np.log2(max(max_stride, 1.0))), 0)
 
     def _coarse(self, cost: Callable, stride: int, modes: np.ndarray) -> np.ndarray:
         """Return the indices of the best coarse candidates : (S, 3) int64."""
         index = _grid([np.unique(np.append(np.arange(0, count, stride), count - 1)) for count in self._shape])
         total = np.zeros(len(index))
         for part in np.array_split(modes, min(QUARTERS, len(modes))):
-            if len(index) > LEAST_KEPT and part[0] > 0:
-                kept = np.argsort(total, kind="stable")[: max(len(index) // 2, LEAST_KEPT)]
+            if len(index) > MIN_KEPT and part[0] > 0:
+                kept = np.argsort(total, kind="stable")[: max(len(index) // 2, MIN_KEPT)]
                 index, total = index[kept], total[kept]
             total = total + cost(index, part)
         return index[np.argsort(total, kind="stable")[:SEEDS]]

@@ -40,9 +40,9 @@ from .likelihood import isotropic_field
 
 NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a map that is left out
 VOLUME_NEGLIGIBLE = 1e-8  # likewise of a volume, of the field that a microphone records
-MOST_VALUES = 10_000_000  # of the rows of W in memory at the same time, 160 MB
+MAX_VALUES = 10_000_000  # of the rows of W in memory at the same time, 160 MB
 EXTRA_ORDERS = 12  # of the likelihood beyond ceil(k R): the rest of the kernel is below 1e-13
-MOST_FUNCTIONS = 4  # times the number of microphones: with more functions the kernel is cheaper
+MAX_FUNCTIONS = 4  # times the number of microphones: with more functions the kernel is cheaper
 FINE = 500  # points along the longer edge of a fine map
 
 
@@ -162,7 +162,7 @@ class MovedMicrophone:
         places = np.concatenate([self.positions, points])
         for group in self.expansion.groups(np.searchsorted(carried, np.asarray(modes) - 1)):
             values = len(places) * functions(self.problem, int(self.expansion.carried.orders[group[0]]))
-            for batch in np.array_split(group, min(-(-len(group) * values // MOST_VALUES), len(group))):
+            for batch in np.array_split(group, min(-(-len(group) * values // MAX_VALUES), len(group))):
                 rows = self.expansion.rows(places, self.centre, batch)
                 W = self.scale[:, None] * rows[:, :count]
                 fits = leave_one_out_fits(list(W), self.pressures[carried[batch]], self.n)
@@ -327,7 +327,7 @@ def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, se
     low, high = area(domain)
     reach = max(np.linalg.norm(others[:, :2] - middle, axis=1).max(), np.linalg.norm(high - low) / 2 + domain.step)
     orders = max_order(field.wavenumbers, float(reach), EXTRA_ORDERS)
-    few = problem.dimension == 2 and 2 * orders.max(initial=0) + 1 <= MOST_FUNCTIONS * len(x)
+    few = problem.dimension == 2 and 2 * orders.max(initial=0) + 1 <= MAX_FUNCTIONS * len(x)
     between = _distances(others, others)
     to_nodes = functools.cache(lambda counts: _distances(others, node_points(domain, counts, x[n, 2:])))
     maps = []
@@ -480,8 +480,8 @@ def mode_shape(
             key="search",
         )
     positions, k = np.asarray(positions, float), complex(problem.wavenumbers[mode - 1])
-    most = (len(positions) - 2) // 2  # 2L + 1 functions (Eq. 8) for fewer than N microphones
-    L = min(int(max_order(k, search.radius, order_offset)), most)
+    # 2L + 1 functions (Eq. 8) for fewer than N microphones
+    L = min(int(max_order(k, search.radius, order_offset)), (len(positions) - 2) // 2)
     centre = positions.mean(axis=0)
     p, scale = equalised(problem.pressures[mode - 1], channels)
     alpha = coefficients(scale[:, None] * fourier_bessel(positions, k, L, centre), p)

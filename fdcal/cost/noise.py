@@ -23,27 +23,9 @@ import numpy as np
 
 from .likelihood import FieldModel, Terms, spectra
 
-
-@dataclass(frozen=True)
-class NoiseRules:
-    """Priors and bounds of the noise model; shares are of the mean power of the pressures."""
-
-    power_count: float = 2.0  # observations that the mean power of the pressures is worth
-    channel_count: float = 6.0  # observations that a channel is like the others
-    # min_channel_noise, max_channel_noise: of a channel over that of the array
-    min_channel_noise: float = 0.3
-    max_channel_noise: float = 1e6
-    # min_power, max_power: of the field over that of the pressures: without noise a singular covariance would let it
-    # grow without bound
-    min_power: float = 1e-3
-    max_power: float = 1e3
-    max_share: float = 0.7  # of the noise
-    # max_profiled, profiled: greatest factor on the power of the field where two kernels are compared, and how many
-    max_profiled: float = 1e4
-    profiled: int = 33
+MAX_NOISE_FRACTION = 0.7  # of the noise
 
 
-NOISE_RULES = NoiseRules()
 DIFFUSE_FLOOR = (
     1e-6  # least share of noise with the diffuse kernel, which leaves that much of a damped field unexplained
 )
@@ -53,10 +35,10 @@ DIFFUSE_FLOOR = (
 class NoiseEstimate:
     """What the pressures leave unexplained at given positions."""
 
-    share: float  # noise over the mean power
+    noise_fraction: float  # noise over the mean power
     spread: float  # metres, error of the positions beside it
     alone: float  # noise over the mean power where the positions have no error
-    cost: float  # -log likelihood with `share` and `spread`, up to a constant
+    cost: float  # -log likelihood with `noise_fraction` and `spread`, up to a constant
 
 
 def estimate_noise(positions, corrected, field: FieldModel, min_share: float) -> NoiseEstimate:
@@ -65,7 +47,7 @@ def estimate_noise(positions, corrected, field: FieldModel, min_share: float) ->
 
     values, along = spectra(positions, corrected, field)
     values = values * field.power[:, None]
-    slope, max_share = np.real(field.wavenumbers)[:, None] ** 2 / field.dimension, NOISE_RULES.max_share
+    slope, max_share = np.real(field.wavenumbers)[:, None] ** 2 / field.dimension, MAX_NOISE_FRACTION
 
     def cost(logs) -> float:
         noise, variance = np.exp(logs)
@@ -83,12 +65,20 @@ def estimate_noise(positions, corrected, field: FieldModel, min_share: float) ->
     return NoiseEstimate(float(noise), float(np.sqrt(variance)), float(np.exp(alone.x)), float(best.fun))
 
 
+# of the field over that of the pressures: without noise a singular covariance would let it grow without bound
+MIN_POWER = 1e-3
+MAX_POWER = 1e3
+
+
 def expected_power(field: FieldModel, corrected) -> np.ndarray:
     """Mean power of the corrected pressures less the noise (M,); noisy channels count less."""
     q2 = np.abs(corrected) ** 2
     weight = 1 / (1 + field.channel_noise * field.noise[:, None])
     mean = np.sum(weight * q2, axis=1) / np.sum(weight, axis=1)
-    return np.maximum(mean - field.noise, NOISE_RULES.min_power * mean)
+    return np.maximum(mean - field.noise, MIN_POWER * mean)
+
+
+POWER_COUNT = 2.0  # observations that the mean power of the pressures is worth
 
 
 def updated_power(field: FieldModel, terms: Terms) -> np.ndarray:
@@ -96,30 +86,41 @@ def updated_power(field: FieldModel, terms: Terms) -> np.ndarray:
     v = field.noise[:, None] * field.channel_noise
     gamma = np.maximum(np.sum(1 - v * terms.precision, axis=1), 0.0)
     energy = np.sum(np.real(np.conj(terms.weighted) * terms.corrected) - v * np.abs(terms.weighted) ** 2, axis=1)
-    expected, count = expected_power(field, terms.corrected), NOISE_RULES.power_count
+    expected, count = expected_power(field, terms.corrected), POWER_COUNT
     fresh = (field.power * np.maximum(energy, 0.0) + count * expected) / (gamma + count)
-    return np.clip(fresh, 1e-2 * expected, NOISE_RULES.max_power * expected)
+    return np.clip(fresh, 1e-2 * expected, MAX_POWER * expected)
+
+
+CHANNEL_COUNT = 6.0  # observations that a channel is like the others
+# of a channel over that of the array
+MIN_CHANNEL_NOISE = 0.3
+MAX_CHANNEL_NOISE = 1e6
 
 
 def updated_channel_noise(field: FieldModel, terms: Terms) -> np.ndarray:
     """Noise of every channel over that of the array (N,), tau, of median 1, after one round of the fixed point."""
-    v, tau, count = field.noise[:, None], field.channel_noise, NOISE_RULES.channel_count
+    v, tau, count = field.noise[:, None], field.channel_noise, CHANNEL_COUNT
     left = tau * np.sum(v * terms.precision, axis=0)
     seen = tau**2 * np.sum(v * np.abs(terms.weighted) ** 2, axis=0)
     fresh = (seen + count) / (left + count)
-    return np.clip(fresh / np.median(fresh), NOISE_RULES.min_channel_noise, NOISE_RULES.max_channel_noise)
+    return np.clip(fresh / np.median(fresh), MIN_CHANNEL_NOISE, MAX_CHANNEL_NOISE)
 
 
 def hyper_cost(field: FieldModel, corrected) -> float:
     """-log density of power and channel noise by their priors, up to a constant."""
     ratio, tau = expected_power(field, corrected) / field.power, field.channel_noise
-    of_power = NOISE_RULES.power_count * np.sum(ratio - 1 - np.log(ratio))
-    return float(of_power + NOISE_RULES.channel_count * np.sum(1 / tau - 1 + np.log(tau)))
+    of_power = POWER_COUNT * np.sum(ratio - 1 - np.log(ratio))
+    return float(of_power + CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau)))
+
+
+# greatest factor on the power of the field where two kernels are compared, and how many
+MAX_PROFILED = 1e4
+PROFILED = 33
 
 
 def profile_cost(positions, corrected, field: FieldModel, noise: float) -> float:
-    """Return -log likelihood of corrected pressures (M, N) with each mode's likeliest power; noise : share."""
+    """Return -log likelihood of corrected pressures (M, N) with each mode's likeliest power; noise : noise fraction."""
     values, along = spectra(positions, corrected, field)
-    powers = np.geomspace(1 / NOISE_RULES.max_profiled, NOISE_RULES.max_profiled, NOISE_RULES.profiled)
+    powers = np.geomspace(1 / MAX_PROFILED, MAX_PROFILED, PROFILED)
     mixed = np.multiply.outer(powers, values * field.power[:, None]) + noise
     return float((np.log(mixed) + along / mixed).sum(axis=2).min(axis=0).sum())

@@ -20,7 +20,7 @@ from .channel_correction import ChannelCorrection, equalised
 from .expansion import expansion_of
 
 ORDER_OFFSET = 2  # added to ceil(k R): with the paper's 0 the truncation hides a centimetre
-LEAST_MODES = 3  # with fewer carried modes the order is lowered
+MIN_MODES = 3  # with fewer carried modes the order is lowered
 LOWEST = 1e-16  # relative cost at which the decibels end
 
 
@@ -41,7 +41,7 @@ class ReferenceCost:
     """Eq. 7 over all modes that the microphones can carry, relative to the power of their pressures.
 
     `order_offset` is added to ceil(k R) in the order of every mode; it is lowered for an array that carries fewer than
-    LEAST_MODES modes with it. `count` is the number of modes. Raises InputError without a search domain, or with too
+    MIN_MODES modes with it. `count` is the number of modes. Raises InputError without a search domain, or with too
     few microphones for any mode.
 
     Examples
@@ -55,7 +55,7 @@ class ReferenceCost:
     def __init__(self, problem: Problem, order_offset: int = ORDER_OFFSET):
         for offset in range(order_offset, -1, -1):
             self._expansion = expansion_of(problem, offset)
-            if len(self._expansion.carried.modes) >= min(LEAST_MODES, len(problem.pressures)):
+            if len(self._expansion.carried.modes) >= min(MIN_MODES, len(problem.pressures)):
                 break
         carried = self._expansion.carried
         self.order_offset, self.count = carried.order_offset, len(carried.modes)

@@ -35,7 +35,7 @@ class ChannelEstimate:
 class FieldEstimate:
     """Field and noise where the solver ended, of the modes in use."""
 
-    share: float  # noise over the mean power of the pressures
+    noise_fraction: float  # noise over the mean power of the pressures
     # power, noise: (M,) float64, of the field and of a healthy channel; modes have unit power
     power: np.ndarray
     noise: np.ndarray
@@ -146,8 +146,8 @@ class RoomEstimate:
     residual: float  # reduced chi-square
     # (N,) float64, squared residual of each channel over the variance of the noise, summed over modes
     channel_residual: np.ndarray
-    # noise_share, noise_given: noise over the mean power, and whether it is that of the measurement
-    noise_share: float
+    # noise_fraction, noise_given: noise over the mean power, and whether it is that of the measurement
+    noise_fraction: float
     noise_given: bool
     size: tuple[float, ...]  # metres
     better_size: SizeFit
@@ -156,7 +156,7 @@ class RoomEstimate:
     images: tuple[RoomSymmetry, ...]  # symmetries of the room, the identity first
 
 
-def stretch_sigma(positions: np.ndarray, covariances, healthy: np.ndarray) -> float:
+def scale_sigma(positions: np.ndarray, covariances, healthy: np.ndarray) -> float:
     """Return one sigma of the least certain stretching or shearing of an array as a whole, relative.
 
     positions : (N, D) float64, metres; covariances : (N D, N D) float64, metres^2, of which the one that makes it

@@ -14,22 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from .interface import check_deadline
 
-
-@dataclass(frozen=True)
-class Damping:
-    """Damping, relative to the diagonal of the Gauss-Newton matrix, and when to give up."""
-
-    first: float = 1e-3  # damping of the first step, and of the next after one that has failed
-    # least, greatest: bounds; at the greatest no step is possible
-    least: float = 1e-9
-    greatest: float = 1e6
-    increase: float = 6.0  # factor after a trial that does not lower the cost
-    decrease: float = 10.0  # divisor after a step
-    # relative fall of the cost that is lost in rounding: a trial that promises less is the last
-    least_fall: float = 1e-12
-
-
-DAMPING = Damping()
+FIRST_DAMPING = 1e-3  # damping of the first step, and of the next after one that has failed
 
 
 @dataclass(frozen=True)
@@ -52,6 +37,15 @@ class Step:
     moved: float  # metres, greatest change of a coordinate; 0 without a step
 
 
+# bounds; at the greatest no step is possible
+MIN_DAMPING = 1e-9
+MAX_DAMPING = 1e6
+INCREASE = 6.0  # factor after a trial that does not lower the cost
+DECREASE = 10.0  # divisor after a step
+# relative fall of the cost that is lost in rounding: a trial that promises less is the last
+MIN_FALL = 1e-12
+
+
 def damped_step(
     unknowns: np.ndarray,
     terms: NewtonTerms,
@@ -59,19 +53,19 @@ def damped_step(
     advance: Callable[[np.ndarray], np.ndarray],
     length: Callable[[np.ndarray], float],
     damping: float,
-    furthest: float = np.inf,
+    max_step: float = np.inf,
     shortest: float = 0.0,
 ) -> Step:
     """Return the Gauss-Newton step with the least damping that lowers the cost; no step if none does.
 
     `unknowns`: float64 array; `terms`: at `unknowns`; `cost`: cost of given unknowns; `advance`: unknowns after a step
     (P,) of the parameters; `length`: how far given unknowns have moved, metres; `damping`: that is tried first;
-    `furthest`: metres; a longer step is damped more, since it could leave the basin for a distant one; `shortest`:
+    `max_step`: metres; a longer step is damped more, since it could leave the basin for a distant one; `shortest`:
     metres; a shorter step that does not lower the cost is the last one tried.
     """
     g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())
-    while damping < DAMPING.greatest:
+    while damping < MAX_DAMPING:
         check_deadline()
         damped = H + damping * np.diag(scale)
         try:
@@ -81,12 +75,12 @@ def damped_step(
         tried = advance(y)
         moved = length(tried)
         try:
-            lower = cost(tried) if moved <= furthest else np.inf
+            lower = cost(tried) if moved <= max_step else np.inf
         except np.linalg.LinAlgError:  # a covariance is singular, as of two microphones at one place without noise
             lower = np.inf
         if lower < terms.cost:
-            return Step(tried, lower, terms.cost - lower, max(damping / DAMPING.decrease, DAMPING.least), moved)
-        if moved < shortest or -(g @ y) < DAMPING.least_fall * abs(terms.cost):
+            return Step(tried, lower, terms.cost - lower, max(damping / DECREASE, MIN_DAMPING), moved)
+        if moved < shortest or -(g @ y) < MIN_FALL * abs(terms.cost):
             break
-        damping = max(damping, DAMPING.first) * DAMPING.increase
-    return Step(unknowns, terms.cost, 0.0, DAMPING.first, 0.0)
+        damping = max(damping, FIRST_DAMPING) * INCREASE
+    return Step(unknowns, terms.cost, 0.0, FIRST_DAMPING, 0.0)

@@ -8,7 +8,6 @@ require_modes   what the solvers that minimise a likelihood need besides
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -22,24 +21,6 @@ from ..model.validation import LIMITS, InputError
 from .starts import singular_vectors
 
 
-@dataclass(frozen=True)
-class Requirements:
-    """What a measurement must hold."""
-
-    # min_modes_2d, min_modes_3d: modes without which no array is sought, by the dimension of the sound field
-    min_modes_2d: int = 6
-    min_modes_3d: int = 12
-    radius_factor: float = 1.5  # by which the radius that the coherence shows may be too large
-    line_degree: int = 4  # degree of the polynomials: the second singular vector of a line is a polynomial of its first
-    # part of the last singular vector that is a polynomial of the others, if they are on a line
-    line_explained: float = 0.97
-    # singular value of the last vector over that of the first, at most, if they are on a line
-    line_flatness: float = 0.25
-
-
-REQUIREMENTS = Requirements()
-
-
 def mode_count(problem: Problem, usable: int) -> int:
     """Return how many of the lowest modes a calibration uses unless their number is given.
 
@@ -50,6 +31,9 @@ def mode_count(problem: Problem, usable: int) -> int:
     return max(1, min(measured, usable or measured, interpolated or measured, int(LIMITS.pairs // microphones**2)))
 
 
+RADIUS_FACTOR = 1.5  # by which the radius that the coherence shows may be too large
+
+
 def highest_frequency(problem: Problem) -> float:
     """Return f_max (Eq. 9), Hz, of the smallest array that the measurement speaks for; infinite where it shows none.
 
@@ -58,7 +42,7 @@ def highest_frequency(problem: Problem) -> float:
     radius = array_radius(problem.pressures, problem.wavenumbers, problem.dimension)
     if radius is None:
         return float("inf")
-    radius /= REQUIREMENTS.radius_factor
+    radius /= RADIUS_FACTOR
     if len(problem.known) > 1:
         known = problem.known_positions
         radius = max(radius, float(np.linalg.norm(known[:, None] - known, axis=-1).max()) / 2)
@@ -115,6 +99,10 @@ def require_search(problem: Problem, search: Search | None = None) -> Search:
     return found
 
 
+# modes without which no array is sought, by the dimension of the sound field
+MIN_MODES = {2: 6, 3: 12}
+
+
 def require_modes(problem: Problem, count: int) -> None:
     """Raise InputError unless `count` modes were measured and are enough for the unknown coordinates."""
     require_measured(problem, count)
@@ -125,8 +113,7 @@ def require_modes(problem: Problem, count: int) -> None:
     unknowns = D * len(problem.free)
     # Real equations of a row: those that its field does not take up, or the phases of the direct sound.
     equations = max(1, 2 * (microphones - problem.dimension - 1))
-    min_modes = REQUIREMENTS.min_modes_2d if problem.dimension == 2 else REQUIREMENTS.min_modes_3d
-    needed = max(min_modes, -(-unknowns // equations) + 1)
+    needed = max(MIN_MODES[problem.dimension], -(-unknowns // equations) + 1)
     if count < needed:
         message = f"{count} modes are too few for {unknowns} unknown coordinates"
         raise InputError(message, f"use at least {needed} modes (<modes>)", key="modes", value=count)
@@ -166,6 +153,13 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
         _check_line(problem, modes)
 
 
+LINE_DEGREE = 4  # degree of the polynomials: the second singular vector of a line is a polynomial of its first
+# part of the last singular vector that is a polynomial of the others, if they are on a line
+LINE_EXPLAINED = 0.97
+# singular value of the last vector over that of the first, at most, if they are on a line
+LINE_FLATNESS = 0.25
+
+
 def _check_line(problem: Problem, modes: int) -> None:
     """On a line (a plane, in space) the last singular vector is a polynomial of the others."""
     N, D = problem.pressures.shape[1], problem.array_dimension
@@ -173,14 +167,14 @@ def _check_line(problem: Problem, modes: int) -> None:
         raise InputError(SINGLE_WAVE, SINGLE_WAVE_REMEDY, key="pressures")
     shape, values, _ = singular_vectors(problem, modes)
     first, last = shape[:, :-1] / np.abs(shape[:, :-1]).max(axis=0), shape[:, -1]
-    powers = np.indices((REQUIREMENTS.line_degree + 1,) * (D - 1)).reshape(D - 1, -1)
-    powers = powers[:, powers.sum(axis=0) <= (REQUIREMENTS.line_degree if D == 2 else 2)]
+    powers = np.indices((LINE_DEGREE + 1,) * (D - 1)).reshape(D - 1, -1)
+    powers = powers[:, powers.sum(axis=0) <= (LINE_DEGREE if D == 2 else 2)]
     if 2 * powers.shape[1] > N:
         return
     terms = np.prod(first[:, :, None] ** powers, axis=1)
     left = last - terms @ np.linalg.lstsq(terms, last, rcond=None)[0]
-    polynomial = np.sum(left**2) < (1 - REQUIREMENTS.line_explained) * np.sum(last**2)
-    if polynomial and values[-1] < REQUIREMENTS.line_flatness * values[0]:
+    polynomial = np.sum(left**2) < (1 - LINE_EXPLAINED) * np.sum(last**2)
+    if polynomial and values[-1] < LINE_FLATNESS * values[0]:
         where = "on a line" if D == 2 else "on a plane"
         raise InputError(
             f"the microphones seem to stand {where}: the pressures vary in {D - 1} independent direction"

@@ -15,7 +15,7 @@ coherence  In a diffuse field two microphones at a distance r share E[p_i conj(p
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -27,56 +27,7 @@ from ..cost.noise import DIFFUSE_FLOOR, NoiseEstimate, estimate_noise
 from ..model.gauge import align, fixes_gauge
 from ..model.problem import Problem, mode_power
 from ..model.validation import InputError
-from .levenberg_marquardt import DAMPING, NewtonTerms, damped_step
-
-
-@dataclass(frozen=True)
-class StartRules:
-    """How starts are made."""
-
-    # lowest_2d, lowest_3d: numbers of lowest modes that give the shape: the first choice, then alternatives
-    lowest_2d: tuple[int, ...] = (8, 16, 28, 5)
-    lowest_3d: tuple[int, ...] = (20, 28, 12, 8)
-    subsets: int = 40  # of the given positions, on which an array is laid, at most
-    metric_modes: int = 28  # modes that the metric is first fitted to; then all
-    # metric_pressures, min_modes: pressures, about, to which a metric is fitted, of so many modes at least
-    metric_pressures: int = 4000
-    min_modes: int = 24
-    noise_modes: int = 24  # modes from which its noise is estimated
-    # factors of the first guess that are tried: a field that is not quite affine makes the guess too large
-    scales: tuple[float, ...] = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
-    first_noise: float = 0.1  # noise's share of the power of `metric_modes` modes at an affine image of the positions
-    # metric_steps, metric_tolerance: steps at most of the fit of the metric, and metres at which it ends
-    metric_steps: int = 12
-    metric_tolerance: float = 3e-3
-
-    def lowest(self, dimension: int) -> tuple[int, ...]:
-        """Return the numbers of lowest modes for a field of 2 or 3 dimensions."""
-        return self.lowest_2d if dimension == 2 else self.lowest_3d
-
-
-@dataclass(frozen=True)
-class CoherenceRules:
-    """Numbers of the coherence start."""
-
-    values: float = 3e5  # pressure products M N (N - 1) / 2 at most; of more modes a part is taken
-    distances: int = 60  # candidates of a distance, geometrically spaced
-    # shortest, longest: the least candidate over 1 / (greatest k), the greatest over 1 / (least k)
-    shortest: float = 0.04
-    longest: float = 3.0
-    # shares of noise in the power to choose from where none is reported; the first is the least in any case
-    noises: tuple[float, ...] = (1e-2, 3e-2, 0.1, 0.3)
-    neighbours: int = 10  # nearest microphones of each along which the array is unfolded
-    # times 1 / (greatest k): farther pairs count less, one entry for every round of majorisation
-    reach: tuple[float, ...] = (4.0, 4.0, 9.0, 9.0, 9.0)
-    far: float = 0.1  # weight of these
-    scatter: float = 0.2  # relative error of a distance; pairs that disagree by more with the array count less
-    iterations: int = 30  # of majorisation in a round
-    farthest: float = 2.5  # distance from the middle over the median of all; a channel beyond starts in the middle
-
-
-RULES = StartRules()
-COHERENCE = CoherenceRules()
+from .levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 
 
 def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
@@ -92,13 +43,17 @@ def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     return positions
 
 
+# numbers of lowest modes that give the shape, by dimension of the field: the first choice, then alternatives
+LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}
+
+
 def plan(problem: Problem, modes: int, affine_first: bool = False) -> list[tuple[str, int]]:
     """Return the starts in the order in which they are tried: kind and number of modes, of an affine image the lowest.
 
     The second is of another kind than the first: optima that agree then say more. Without noise the low modes are as
     good as the others, and with channels that are alike they are not misled: their affine image then comes first.
     """
-    counts = list(dict.fromkeys(min(n, modes) for n in RULES.lowest(problem.dimension)))
+    counts = list(dict.fromkeys(min(n, modes) for n in LOWEST[problem.dimension]))
     kinds = ("map", "metric") if len(problem.known) else ("metric",)
     affine_starts = [(kind, n) for n in counts for kind in kinds]
     first = [affine_starts[0], ("coherence", modes)] if affine_first else [("coherence", modes), affine_starts[0]]
@@ -106,7 +61,7 @@ def plan(problem: Problem, modes: int, affine_first: bool = False) -> list[tuple
 
 
 def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: int) -> np.ndarray:
-    """Return the positions (N, D), metres, of one start; kind, lowest : of `plan`; noise : share that is reported.
+    """Return the positions (N, D), metres, of one start; kind, lowest : of `plan`; noise : fraction that is reported.
 
     Raises InputError where the modes show too few directions.
     """
@@ -156,7 +111,7 @@ def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) ->
 
     Parameters as of `affine`.
     """
-    lowest = min(RULES.lowest(problem.dimension)[0] if lowest is None else lowest, modes)
+    lowest = min(LOWEST[problem.dimension][0] if lowest is None else lowest, modes)
     data = np.concatenate([np.real(problem.pressures[:lowest]), np.imag(problem.pressures[:lowest])])
     data = data - data.mean(axis=1, keepdims=True)
     _, values, vectors = np.linalg.svd(data, full_matrices=False)
@@ -171,6 +126,12 @@ def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) ->
     return vectors[:D].T, values[:D], lowest
 
 
+METRIC_MODES = 28  # modes that the metric is first fitted to; then all
+# factors of the first guess that are tried: a field that is not quite affine makes the guess too large
+SCALES = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
+FIRST_NOISE = 0.1  # noise fraction of `metric_modes` modes at an affine image of the positions
+
+
 def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np.ndarray:
     """The shape of `singular_vectors` with the metric of greatest likelihood."""
     N, D = shape.shape
@@ -179,13 +140,13 @@ def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np
     maps = [_symmetric(a, b, D) for a in range(D) for b in range(a, D)]
     basis = np.array([shape @ S for S in maps]).reshape(-1, N * D).T
     residual = None
-    for count in (RULES.metric_modes, RULES.metric_modes, modes, modes):
+    for count in (METRIC_MODES, METRIC_MODES, modes, modes):
         used = _enough_modes(problem, min(count, modes))
         p = problem.pressures[used]
-        share = np.full(len(used), RULES.first_noise) if residual is None else _shares(residual, problem, k[used])
-        field = isotropic_field(p, k[used], share * mode_power(p), problem.dimension)
+        fraction = np.full(len(used), FIRST_NOISE) if residual is None else _noise_fractions(residual, problem, k[used])
+        field = isotropic_field(p, k[used], fraction * mode_power(p), problem.dimension)
         if residual is None:
-            sizes = [scale * guess for scale in RULES.scales]
+            sizes = [scale * guess for scale in SCALES]
             guess = min(sizes, key=lambda x, p=p, field=field: likelihood_terms(x, p, field, derivatives=False).cost)
         guess = _fitted(guess, p, field, basis)
         residual = _noise_at(problem, guess, min(count, modes))
@@ -198,31 +159,44 @@ def _symmetric(a: int, b: int, D: int) -> np.ndarray:
     return S
 
 
+# pressures, about, to which a metric is fitted, of so many modes at least
+METRIC_PRESSURES = 4000
+MIN_MODES = 24
+
+
 def _enough_modes(problem: Problem, modes: int) -> np.ndarray:
     """Indices of as many modes, evenly spaced, as a fit of few parameters needs : int64."""
-    count = modes * problem.pressures.shape[1] // RULES.metric_pressures
-    return np.arange(modes)[:: max(1, min(count, modes // RULES.min_modes))]
+    count = modes * problem.pressures.shape[1] // METRIC_PRESSURES
+    return np.arange(modes)[:: max(1, min(count, modes // MIN_MODES))]
+
+
+NOISE_MODES = 24  # modes from which its noise is estimated
 
 
 def _noise_at(problem: Problem, positions, modes: int) -> NoiseEstimate:
     """Noise and position error of an isotropic field, from a part of the lowest `modes`."""
-    used = np.arange(modes)[:: max(1, -(-modes // RULES.noise_modes))]
+    used = np.arange(modes)[:: max(1, -(-modes // NOISE_MODES))]
     p = problem.pressures[used] / np.sqrt(mode_power(problem.pressures[used]))[:, None]
     field = isotropic_field(p, problem.wavenumbers[used], np.zeros(len(p)), problem.dimension)
     return estimate_noise(positions, p, field, DIFFUSE_FLOOR)
 
 
-def _shares(found: NoiseEstimate, problem: Problem, k) -> np.ndarray:
+def _noise_fractions(found: NoiseEstimate, problem: Problem, k) -> np.ndarray:
     """Unexplained share of the power of modes with wavenumbers k (M,)."""
-    return np.minimum(found.share + (k * found.spread) ** 2 / problem.dimension, 0.5)
+    return np.minimum(found.noise_fraction + (k * found.spread) ** 2 / problem.dimension, 0.5)
+
+
+# steps at most of the fit of the metric, and metres at which it ends
+METRIC_STEPS = 12
+METRIC_TOLERANCE = 3e-3
 
 
 def _fitted(positions, pressures, field: FieldModel, basis) -> np.ndarray:
     """Positions (N, D), metres, after damped steps along `basis` (N D, F), until the cost falls by less than 1."""
-    x, damping = positions, DAMPING.first
+    x, damping = positions, FIRST_DAMPING
     max_step = float(np.ptp(x, axis=0).max()) / 2  # a huge array would need expansions of a huge order
 
-    for _ in range(RULES.metric_steps):
+    for _ in range(METRIC_STEPS):
         terms = likelihood_terms(x, pressures, field)
         gradient, curvature = terms.newton()
         g, H = basis.T @ gradient.ravel(), basis.T @ curvature.reshape(x.size, -1) @ basis
@@ -236,16 +210,19 @@ def _fitted(positions, pressures, field: FieldModel, basis) -> np.ndarray:
             max_step,
         )
         x, damping = step.unknowns, step.damping
-        if step.moved < RULES.metric_tolerance or step.fall < 1.0:
+        if step.moved < METRIC_TOLERANCE or step.fall < 1.0:
             break
     return x
+
+
+SUBSETS = 40  # of the given positions, on which an array is laid, at most
 
 
 def aligned(problem: Problem, x) -> np.ndarray:
     """Return a blind array on the given positions: on the subset of D + 1 that leaves the least median error."""
     known, places, D = problem.known, problem.known_positions, x.shape[1]
     best, score = x, np.inf
-    for chosen in list(combinations(range(len(known)), min(D + 1, len(known))))[: RULES.subsets]:
+    for chosen in list(combinations(range(len(known)), min(D + 1, len(known))))[:SUBSETS]:
         moved = onto(x, known[list(chosen)], places[list(chosen)])
         error = np.median(np.linalg.norm(moved[known] - places, axis=1))
         if error < score:
@@ -260,46 +237,66 @@ def onto(x, known, places) -> np.ndarray:
     return align(x, target, known)
 
 
+MAX_PRODUCTS = 3e5  # pressure products M N (N - 1) / 2 at most; of more modes a part is taken
+# noise fractions to choose from where none is reported; the first is the least in any case
+NOISE_FRACTIONS = (1e-2, 3e-2, 0.1, 0.3)
+NEIGHBOURS = 10  # nearest microphones of each along which the array is unfolded
+# times 1 / (greatest k): farther pairs count less, one entry for every round of majorisation
+REACH = (4.0, 4.0, 9.0, 9.0, 9.0)
+FAR_WEIGHT = 0.1  # weight of these
+SCATTER = 0.2  # relative error of a distance; pairs that disagree by more with the array count less
+ITERATIONS = 30  # of majorisation in a round
+MAX_RADIUS = 2.5  # distance from the middle over the median of all; a channel beyond starts in the middle
+
+
 def coherence_start(pressures, wavenumbers, noise: float | None, dimension: int, axes: int) -> np.ndarray:
     """Return positions (N, axes), metres, about the origin, that agree with the coherence of the pressures.
 
     pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) rad/m, the real parts count;
-    noise : share of noise in the power, None for the likeliest of `CoherenceRules.noises`; dimension : of the field
+    noise : noise fraction, None for the likeliest of NOISE_FRACTIONS; dimension : of the field
     """
     N, k = pressures.shape[1], np.real(wavenumbers)
-    count = max(1, min(len(k), int(2 * COHERENCE.values / N**2)))
+    count = max(1, min(len(k), int(2 * MAX_PRODUCTS / N**2)))
     some = np.unique(np.linspace(0, len(k) - 1, count).astype(int))
-    shares = COHERENCE.noises if noise is None else (noise,)
-    distance, _ = min((pair_distances(pressures[some], k[some], one, dimension) for one in shares), key=lambda d: d[1])
-    x = _unfolded(distance, min(COHERENCE.neighbours, N - 1), axes)
+    fractions = NOISE_FRACTIONS if noise is None else (noise,)
+    distance, _ = min(
+        (pair_distances(pressures[some], k[some], one, dimension) for one in fractions), key=lambda d: d[1]
+    )
+    x = _unfolded(distance, min(NEIGHBOURS, N - 1), axes)
     between = distance + np.eye(N)
-    for reach in COHERENCE.reach:
+    for reach in REACH:
         misfit = np.log(between / (_distances(x) + np.eye(N)))
-        weight = np.where(distance < reach / k.max(), 1.0, COHERENCE.far)
-        weight = weight / (COHERENCE.scatter**2 + misfit**2) / between**2
+        weight = np.where(distance < reach / k.max(), 1.0, FAR_WEIGHT)
+        weight = weight / (SCATTER**2 + misfit**2) / between**2
         weight = weight - np.diag(np.diag(weight))
         system = np.diag(weight.sum(axis=1)) - weight + weight.mean() / N  # the added constant holds the mean
         inverse = np.linalg.inv(system)
-        for _ in range(COHERENCE.iterations):  # each lowers the weighted sum of (distance - |x_i - x_j|)^2
+        for _ in range(ITERATIONS):  # each lowers the weighted sum of (distance - |x_i - x_j|)^2
             ratio = weight * between / _distances(x)
             x = inverse @ (ratio.sum(axis=1)[:, None] * x - ratio @ x)
         x = x - x.mean(axis=0)
     radius = np.linalg.norm(x - np.median(x, axis=0), axis=1)
-    outliers = radius > COHERENCE.farthest * np.median(radius)  # these share nothing with the others: dead or noisy
+    outliers = radius > MAX_RADIUS * np.median(radius)  # these share nothing with the others: dead or noisy
     return np.where(outliers[:, None], np.median(x, axis=0), x)
+
+
+DISTANCES = 60  # candidates of a distance, geometrically spaced
+# the least candidate over 1 / (greatest k), the greatest over 1 / (least k)
+SHORTEST = 0.04
+LONGEST = 3.0
 
 
 def pair_distances(pressures, wavenumbers, noise: float, dimension: int) -> tuple[np.ndarray, float]:
     """Return the likeliest distance of every two microphones, metres, (N, N), and the sum of -log likelihood.
 
-    pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64; noise : share
+    pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64; noise : fraction
     """
     N, k = pressures.shape[1], wavenumbers
     i, j = np.triu_indices(N, 1)
     power = np.abs(pressures) ** 2
     both, cross = power[:, i] + power[:, j], 2 * np.real(np.conj(pressures[:, i]) * pressures[:, j])
-    candidates = np.geomspace(COHERENCE.shortest / k.max(), COHERENCE.longest / k.min(), COHERENCE.distances)
-    kappa = diffuse_kernel(candidates, k, dimension, slope=False)[0] * (1 - max(noise, COHERENCE.noises[0]))
+    candidates = np.geomspace(SHORTEST / k.max(), LONGEST / k.min(), DISTANCES)
+    kappa = diffuse_kernel(candidates, k, dimension, slope=False)[0] * (1 - max(noise, NOISE_FRACTIONS[0]))
     det = 1 - kappa**2  # the determinant and the quadratic form of two channels of unit power
     cost = (1 / det).T @ both - (kappa / det).T @ cross + np.log(det).sum(axis=0)[:, None]
     distance = np.zeros((N, N))

@@ -74,7 +74,7 @@ def blind(healthy) -> Estimate:
 
 
 def with_share(e: Estimate, share: float) -> Estimate:
-    return replace(e, field=replace(e.field, share=share))
+    return replace(e, field=replace(e.field, noise_fraction=share))
 
 
 def with_channel_noise(e: Estimate, count: int, factor: float) -> Estimate:
@@ -176,8 +176,8 @@ EXCLUDED = {
 }  # fmt: skip
 
 
-def first_row(found: Estimate, stretch: float | None = None) -> int:
-    seen = judged(found, [str(n) for n in range(len(found.positions))], stretch)
+def first_row(found: Estimate, scale: float | None = None) -> int:
+    seen = judged(found, [str(n) for n in range(len(found.positions))], scale)
     return next(i for i, row in enumerate(FINDINGS) if row.applies(seen, row.limit))
 
 
@@ -338,13 +338,12 @@ def test_a_sound_speed_is_impossible_beyond_its_limit_and_sigma_but_never_by_an_
         found = replace(estimate, log_speed=float(np.log(ratio)), log_speed_sigma=sigma)
         assert (assess(found).verdict == "good") == possible, ratio
     assert (
-        assess(estimate, stretch=1.2).verdict == "sound_speed"
-        and "distance given" in assess(estimate, stretch=1.2).message
+        assess(estimate, scale=1.2).verdict == "sound_speed" and "distance given" in assess(estimate, scale=1.2).message
     )
 
 
 def test_a_given_distance_stretches_positions_sigma_and_sound_speed_alike(estimate):
-    one, larger = assess(estimate), assess(estimate, stretch=1.01)
+    one, larger = assess(estimate), assess(estimate, scale=1.01)
     centre = one.positions.mean(axis=0)
     np.testing.assert_allclose(larger.positions - centre, 1.01 * (one.positions - centre))
     np.testing.assert_allclose(larger.covariance, 1.01**2 * one.covariance)
@@ -473,7 +472,7 @@ def test_blind_a_given_distance_gives_the_sound_speed():
     wrong = replace(right, sound_speed=343 * 1.05, wavenumbers=right.wavenumbers / 1.05)
     estimate = estimated(wrong, "joint")
     apart = np.linalg.norm(estimate.positions[0] - estimate.positions[24])
-    found = assess(estimate, stretch=float(np.linalg.norm(TRUTH[0] - TRUTH[24]) / apart))
+    found = assess(estimate, scale=float(np.linalg.norm(TRUTH[0] - TRUTH[24]) / apart))
     assert found.problem.sound_speed == pytest.approx(343, rel=0.01)
     assert np.linalg.norm(align(found.positions, TRUTH) - TRUTH, axis=1).max() < 0.02
 
@@ -606,10 +605,10 @@ def with_displaced(e: RoomEstimate, metres: float) -> RoomEstimate:
 
 ROOM_ROWS: list[tuple[str, str, Callable[[RoomEstimate], RoomEstimate]]] = [
     ("odd_channel", "microphone 2", with_worst),
-    ("too_noisy", "40 % of the power", lambda e: replace(e, noise_share=0.4)),
+    ("too_noisy", "40 % of the power", lambda e: replace(e, noise_fraction=0.4)),
     ("room_size", "6.060 x 5.050 m", lambda e: with_size(e, 0.01)),
     ("model_mismatch", "5 times what the noise explains", lambda e: replace(e, residual=5.0)),
-    ("model_mismatch", "if that is not noise", lambda e: replace(e, noise_given=False, noise_share=0.01)),
+    ("model_mismatch", "if that is not noise", lambda e: replace(e, noise_given=False, noise_fraction=0.01)),
     ("not_converged", "still moved", lambda e: replace(e, converged=False)),
     ("known_position", "3 (5 cm)", lambda e: with_displaced(e, 0.05)),
     ("ambiguous", "uncertain by", lambda e: replace(e, covariance=e.covariance + 0.02 * np.eye(2))),

@@ -162,7 +162,7 @@ def test_noise_of_a_channel_below_what_the_model_can_show_is_no_fault(estimate):
     noise = np.array(estimate.channels.noise)
     noise[FAULTY] = 100.0
     noisy = replace(estimate, channels=replace(estimate.channels, noise=noise))
-    low = replace(noisy, field=replace(estimate.field, share=1e-8))
+    low = replace(noisy, field=replace(estimate.field, noise_fraction=1e-8))
     assert [one.number for one in faulty_channels(noisy, covariance_of(noisy))] == [FAULTY]
     assert faulty_channels(low, covariance_of(low)) == ()
 

@@ -15,8 +15,8 @@ from fdcal.assessment.uncertainty import (
     curvature_of,
     ellipse_axes,
     one_sigma,
+    scale_sigma_of,
     search_spread_of,
-    stretch_sigma_of,
 )
 from fdcal.model.gauge import align, rigid_motions
 from fdcal.model.measurement import Measurement
@@ -118,7 +118,7 @@ def test_an_array_twice_as_large_at_half_the_frequencies_has_twice_the_sigma(giv
     )  # fmt: skip
     two = at(larger, 2 * TRUTH)
     np.testing.assert_allclose(covariance_of(two), 4 * covariance_of(one), rtol=1e-6, atol=1e-15)
-    assert stretch_sigma_of(two, EVERY) == pytest.approx(stretch_sigma_of(one, EVERY), rel=1e-6)
+    assert scale_sigma_of(two, EVERY) == pytest.approx(scale_sigma_of(one, EVERY), rel=1e-6)
     louder = at(replace(measurement, pressures=1e3 * measurement.pressures, noise_power=1e6 * measurement.noise_power))
     np.testing.assert_allclose(covariance_of(louder), covariance_of(one), rtol=1e-6, atol=1e-15)
 
@@ -230,17 +230,17 @@ def test_the_place_of_a_dead_channel_does_not_count_for_the_size(blind):
     newton = np.array(blind.spread.newton)
     newton[6:8, 6:8] += 100.0 * np.eye(2)
     loose = replace(blind, positions=away, spread=replace(blind.spread, newton=newton))
-    assert stretch_sigma_of(loose, healthy) == pytest.approx(stretch_sigma_of(blind, healthy), rel=1e-12)
-    assert stretch_sigma_of(loose, EVERY) > 2 * stretch_sigma_of(blind, EVERY)
+    assert scale_sigma_of(loose, healthy) == pytest.approx(scale_sigma_of(blind, healthy), rel=1e-12)
+    assert scale_sigma_of(loose, EVERY) > 2 * scale_sigma_of(blind, EVERY)
 
 
 def test_the_sigma_of_the_size_is_that_of_the_move_that_stretches(blind):
     stretch = ((blind.positions - blind.positions.mean(axis=0)) * [1.0, 0.0]).ravel()
     wide = replace(blind.spread, newton=0.2**2 * np.outer(stretch, stretch), influences=(np.zeros((1, stretch.size)),))
-    assert stretch_sigma_of(replace(blind, spread=wide), EVERY) == pytest.approx(0.2)
+    assert scale_sigma_of(replace(blind, spread=wide), EVERY) == pytest.approx(0.2)
     influences = 0.3 * stretch[None], 0.1 * stretch[None]
     by_modes = replace(blind.spread, newton=np.zeros((stretch.size,) * 2), influences=influences)
-    assert stretch_sigma_of(replace(blind, spread=by_modes), EVERY) == pytest.approx(0.3)
+    assert scale_sigma_of(replace(blind, spread=by_modes), EVERY) == pytest.approx(0.3)
 
 
 def test_an_uncertain_sound_speed_makes_the_size_of_a_blind_array_as_uncertain():

@@ -9,8 +9,15 @@ from scipy.optimize import minimize_scalar
 from fdcal.cost.kernels import diffuse_matrices
 from fdcal.cost.likelihood import FieldModel, isotropic_field, likelihood_terms
 from fdcal.cost.noise import (
+    CHANNEL_COUNT,
     DIFFUSE_FLOOR,
-    NOISE_RULES,
+    MAX_CHANNEL_NOISE,
+    MAX_NOISE_FRACTION,
+    MAX_POWER,
+    MAX_PROFILED,
+    MIN_CHANNEL_NOISE,
+    POWER_COUNT,
+    PROFILED,
     estimate_noise,
     expected_power,
     hyper_cost,
@@ -48,7 +55,7 @@ def test_the_noise_is_recovered_at_the_true_positions(ratio):
         model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
         estimate = estimate_noise(TRUTH, p, model, DIFFUSE_FLOOR)
         found.append(estimate.alone)
-        assert DIFFUSE_FLOOR <= estimate.share <= NOISE_RULES.max_share
+        assert DIFFUSE_FLOOR <= estimate.noise_fraction <= MAX_NOISE_FRACTION
     assert np.mean(found) == pytest.approx(ratio, rel=0.15)
 
 
@@ -59,8 +66,8 @@ def test_position_errors_are_distinguished_from_noise(spread):
     for p in draws(1e-4, 6):
         model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
         estimate = estimate_noise(TRUTH + rng.normal(0, spread, TRUTH.shape), unit(p), model, DIFFUSE_FLOOR)
-        found.append((estimate.spread, estimate.share))
-        assert estimate.alone > estimate.share
+        found.append((estimate.spread, estimate.noise_fraction))
+        assert estimate.alone > estimate.noise_fraction
     spreads, shares = np.mean(found, axis=0)
     assert spreads == pytest.approx(spread * np.sqrt(2), rel=0.3)  # of both coordinates together
     assert shares < 5e-3
@@ -88,8 +95,8 @@ def test_the_cost_of_an_estimate_is_that_of_its_noise_in_every_mode(spread):
     x = TRUTH + np.random.default_rng(1).normal(0, spread, TRUTH.shape)
     field = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
     found = estimate_noise(x, unit(p), field, DIFFUSE_FLOOR)
-    noise = np.minimum(found.share + (K * found.spread) ** 2 / 2, NOISE_RULES.max_share)
-    assert (noise.max() == NOISE_RULES.max_share) == (spread == 0.4)
+    noise = np.minimum(found.noise_fraction + (K * found.spread) ** 2 / 2, MAX_NOISE_FRACTION)
+    assert (noise.max() == MAX_NOISE_FRACTION) == (spread == 0.4)
     cost = likelihood_terms(x, unit(p), replace(field, noise=noise), derivatives=False).cost
     assert found.cost == pytest.approx(cost, rel=1e-9)
 
@@ -130,8 +137,8 @@ def test_the_power_ends_where_likelihood_and_prior_are_stationary(explained):
     def costs(way):
         scaled = replace(field, power=np.exp(way * h) * field.power)
         ratio = expected_power(field, p) / scaled.power  # an inverse gamma prior
-        prior = NOISE_RULES.power_count * (ratio - 1 - np.log(ratio))
-        of_channels = NOISE_RULES.channel_count * np.sum(1 / tau - 1 + np.log(tau))
+        prior = POWER_COUNT * (ratio - 1 - np.log(ratio))
+        of_channels = CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau))
         assert hyper_cost(scaled, p) == pytest.approx(prior.sum() + of_channels)
         return likelihood_terms(TRUTH, p, scaled, derivatives=False).costs + prior
 
@@ -153,18 +160,18 @@ def test_the_channel_noise_ends_where_likelihood_and_prior_are_stationary():
         field = replace(field, channel_noise=updated_channel_noise(field, likelihood_terms(TRUTH, p, field)))
     h, tau = 1e-4, field.channel_noise
     assert np.median(tau) == pytest.approx(1.0)
-    inner = np.flatnonzero(tau > 1.01 * NOISE_RULES.min_channel_noise)
+    inner = np.flatnonzero(tau > 1.01 * MIN_CHANNEL_NOISE)
     assert len(inner) > N // 2
 
     def cost(n, way):
         changed = replace(field, channel_noise=np.where(np.arange(N) == n, np.exp(way * h), 1.0) * tau)
         # the expected power depends on the channels, too, but hardly
-        prior = NOISE_RULES.channel_count * np.sum(1 / changed.channel_noise - 1 + np.log(changed.channel_noise))
+        prior = CHANNEL_COUNT * np.sum(1 / changed.channel_noise - 1 + np.log(changed.channel_noise))
         return likelihood_terms(TRUTH, p, changed, derivatives=False).cost + prior
 
     slopes = np.array([(cost(n, 1) - cost(n, -1)) / (2 * h) for n in inner])
     left = np.sum(field.noise[:, None] * likelihood_terms(TRUTH, p, field).precision, axis=0)[inner] * tau[inner]
-    factor = 1 - slopes / (left + NOISE_RULES.channel_count)
+    factor = 1 - slopes / (left + CHANNEL_COUNT)
     np.testing.assert_allclose(factor, factor.mean(), rtol=1e-5)
 
 
@@ -187,9 +194,9 @@ def test_a_singular_field_and_a_dead_channel_stay_within_their_bounds():
         terms = likelihood_terms(TRUTH, p, field)
         field = replace(field, power=updated_power(field, terms), channel_noise=updated_channel_noise(field, terms))
     expected = expected_power(field, p)
-    assert np.all(np.isfinite(field.power)) and np.all(field.power <= NOISE_RULES.max_power * expected * (1 + 1e-9))
-    assert field.channel_noise.min() >= NOISE_RULES.min_channel_noise
-    assert field.channel_noise[1] > 100 and field.channel_noise.max() <= NOISE_RULES.max_channel_noise
+    assert np.all(np.isfinite(field.power)) and np.all(field.power <= MAX_POWER * expected * (1 + 1e-9))
+    assert field.channel_noise.min() >= MIN_CHANNEL_NOISE
+    assert field.channel_noise[1] > 100 and field.channel_noise.max() <= MAX_CHANNEL_NOISE
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05])
@@ -197,7 +204,7 @@ def test_the_profile_is_the_likelihood_at_the_likeliest_power_of_each_mode(dampi
     (p,), tau = draws(0.05, 1), np.linspace(0.5, 2, N)
     base = np.linspace(0.5, 2, M)
     field = FieldModel(K - 1j * damping if damping else K, base, 0.03 * ONES, tau, 2)
-    factors = np.geomspace(1 / NOISE_RULES.max_profiled, NOISE_RULES.max_profiled, NOISE_RULES.profiled)
+    factors = np.geomspace(1 / MAX_PROFILED, MAX_PROFILED, PROFILED)
     costs = [likelihood_terms(TRUTH, p, replace(field, power=one * base), derivatives=False).costs for one in factors]
     expected = np.min(costs, axis=0).sum() - M * np.log(tau).sum()
     assert profile_cost(TRUTH, p, field, 0.03) == pytest.approx(expected, rel=1e-6)

@@ -20,7 +20,6 @@ from fdcal.solvers import interface as bounds
 from fdcal.solvers.interface import OutOfTime, check_deadline, deadline
 from fdcal.solvers.robust import outliers
 from fdcal.solvers.robust.objective import in_unit_power
-from fdcal.solvers.robust.state import OUTLIERS
 from fdcal.solvers.room import search
 
 SPEED = 343.0
@@ -315,4 +314,4 @@ def test_the_candidates_of_a_relocation_are_bounded_whatever_the_wavenumber(monk
 
     monkeypatch.setattr(outliers, "_predicted", count)
     outliers.relocated(problem, replace(state, model=replace(state.model, channel_noise=noisy)))
-    assert sizes and 100 < max(sizes) < 1.2 * OUTLIERS.candidates
+    assert sizes and 100 < max(sizes) < 1.2 * outliers.CANDIDATES

@@ -13,7 +13,6 @@ from fdcal.model.settings import SolverSettings
 from fdcal.solvers.robust import noise, outliers, result
 from fdcal.solvers.robust.objective import (
     channel_step,
-    free_directions,
     in_unit_power,
     objective_of,
     unknowns_of,
@@ -61,7 +60,7 @@ def test_the_covariance_does_not_rest_on_a_field_as_isotropic_as_assumed(ended, 
     problem, state = ended
     assert not state.model.conditional
     weaker = result.result(problem, state).spread.newton
-    monkeypatch.setattr(result, "GIVEN", replace(result.GIVEN, weaker_field=1.0))
+    monkeypatch.setattr(result, "WEAKER_FIELD", 1.0)
     assert np.trace(weaker) > 1.02 * np.trace(result.result(problem, state).spread.newton)
 
 
@@ -70,7 +69,7 @@ def test_of_two_optima_of_one_cost_the_less_determined_one_has_more_evidence(end
     problem, state = ended
     state = replace(state, progress=replace(state.progress, stage=FINAL))
     goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
-    trial = channel_step(here, goal, free_directions(here, goal.priors.held), 1e-3, False)
+    trial = channel_step(here, goal, goal.free(here), 1e-3)
     sharper = replace(trial, matrix=4 * trial.matrix)
     rise = noise.score(problem, state, goal, sharper) - noise.score(problem, state, goal, trial)
     assert rise == pytest.approx(len(trial.matrix) / 2 * np.log(4), rel=1e-9)

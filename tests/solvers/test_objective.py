@@ -73,7 +73,7 @@ def test_a_faster_sound_is_a_smaller_array_with_shorter_delays_and_higher_corner
 
 @pytest.mark.parametrize("sigma", [1e-3, 0.02])
 def test_the_prior_of_a_given_position_is_that_of_student(sigma):
-    """A microphone is held by the density of its deviation: neither more firmly nor less."""
+    """A microphone is constrained by the density of its deviation: neither more firmly nor less."""
     here = unknowns()
     goal = objective(known_sigma=sigma)
     placed = replace(goal, priors=replace(goal.priors, places=here.positions[KNOWN]))
@@ -125,9 +125,9 @@ def test_exact_positions_are_no_prior_but_no_unknowns():
     alone = replace(goal, priors=goal.priors.without_given())
     one, other = goal.evaluate(here), alone.evaluate(here)
     assert one.cost == other.cost and np.array_equal(one.matrix, other.matrix)
-    assert goal.priors.held.tolist() == KNOWN.tolist() and not len(objective().priors.held)
+    assert goal.priors.constrained.tolist() == KNOWN.tolist() and not len(objective().priors.constrained)
     index = np.arange(here.vector.size - 1).reshape(COUNT, -1)
-    free = free_directions(here, goal.priors.held)
+    free = free_directions(here, goal.priors.constrained)
     assert not np.isin(index[KNOWN, :2], free).any() and np.isin(index[[1, 3, 4, 6], :2], free).all()
     assert np.isin(index[:, 2:4], free).all(), "their gains are sought"
     assert set(free) & set(index[:, 4:].ravel()) == set(index[:, 4:][here.channels[:, 2:] != 0])

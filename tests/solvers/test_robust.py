@@ -16,7 +16,7 @@ from fdcal.model.validation import InputError
 from fdcal.solvers import load
 from fdcal.solvers.robust import noise
 from fdcal.solvers.robust.objective import in_unit_power
-from fdcal.solvers.robust.state import ASSUMED, DIRECTIONAL
+from fdcal.solvers.robust.state import DIRECTIONAL
 
 SIZE, SOURCE, SNR = (5.2, 4.1), (4.8, 3.7), 40.0  # metres, metres, dB
 MODES = 40
@@ -180,7 +180,7 @@ def test_the_directions_of_the_field_hold_the_shape_of_a_blind_circle(monkeypatc
         return np.mean(errors)
 
     learned = mean_error()
-    monkeypatch.setattr(noise, "ASSUMED", replace(ASSUMED, direction_count={2: 1e6}))  # one spectrum for all rows
+    monkeypatch.setattr(noise, "DIRECTION_COUNT", {2: 1e6})  # one spectrum for all rows
     assert learned < 0.9 * mean_error() and learned < 0.005
 
 

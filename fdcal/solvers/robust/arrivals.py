@@ -31,33 +31,6 @@ NU = 3.0  # degrees of freedom of a residual
 
 
 @dataclass(frozen=True)
-class ArrivalRules:
-    """Numbers of the fit of a source to the arrivals of a take."""
-
-    # steps, decrease: Levenberg-Marquardt steps at most, and nats that another promises when it ends
-    steps: int = 40
-    decrease: float = 1e-9
-    # damping, min_damping: of the first step, and at least
-    damping: float = 1e-3
-    min_damping: float = 1e-9
-    nearest: float = 0.1  # metres, from the middle of the array to the source
-    min_curvature: float = 0.1  # of a residual's cost, over its weight: that of an outlier is negative
-    subsets: int = 40  # of microphones, to which a plane wave is fitted to begin with
-    # times one over the radius of the array: inverse distances from which the fit begins
-    starts: tuple[float, ...] = (0.0, 0.6)
-    prior_count: float = 4.0  # observations that the stated sigma is worth
-    outlier: float = 4.0  # times a robust scatter, residuals that are left out of sigma
-    min_sigma: float = 0.2  # least sigma over the stated one
-    min_spread: float = 5e-3  # metres, least error of the positions before the arrivals count
-    held: float = 1e16  # 1/m^2, stiffness of a microphone whose position is exact
-    rounds: int = 15  # of positions and sigma before the arrivals count
-    change: float = 4.0  # factor by which sigma changes at once, at most
-
-
-RULES = ArrivalRules()
-
-
-@dataclass(frozen=True)
 class Source:
     """Direction u (T, dimension), inverse distance q (T,), 1/m, and path b (T,), m, of the source of each take."""
 
@@ -82,6 +55,18 @@ class ArrivalTerms:
     slopes: np.ndarray
     count: np.ndarray  # (T,) float64, arrivals beyond those that fix the source
     source: Source  # the likeliest
+
+
+# Levenberg-Marquardt steps at most, and nats that another promises when it ends
+MAX_STEPS = 40
+MIN_DECREASE = 1e-9
+# of the first step, and at least
+DAMPING = 1e-3
+MIN_DAMPING = 1e-9
+NEAREST = 0.1  # metres, from the middle of the array to the source
+MIN_CURVATURE = 0.1  # of a residual's cost, over its weight: that of an outlier is negative
+# times one over the radius of the array: inverse distances from which the fit begins
+STARTS = (0.0, 0.6)
 
 
 @dataclass(frozen=True)
@@ -175,16 +160,16 @@ class Arrivals:
     def _at_bound(self, slope, r, inverse) -> np.ndarray:
         """Which sources are as far, or as near, as they may be, and would be farther, or nearer : (T,) bool."""
         gradient = (slope * r).sum(axis=1)
-        return ((inverse <= 0) & (gradient > 0)) | ((inverse >= 1 / RULES.nearest) & (gradient < 0))
+        return ((inverse <= 0) & (gradient > 0)) | ((inverse >= 1 / NEAREST) & (gradient < 0))
 
     def _sources(self, paths, z) -> Source:
         """The likeliest source of each take, from several distances."""
         radius = float(np.sqrt(np.mean(np.sum(z**2, axis=1)))) or 1.0
         direction, emission = self._plane_waves(paths, z)
-        (T, _), starts = paths.shape, np.array(RULES.starts)
+        (T, _), starts = paths.shape, np.array(STARTS)
         take = np.tile(np.arange(T), len(starts))
         every = replace(self, used=self.used[take], sigma=self.sigma[take], stated=self.stated[take])
-        inverse = np.minimum(np.repeat(starts, T) / radius, 1 / RULES.nearest)
+        inverse = np.minimum(np.repeat(starts, T) / radius, 1 / NEAREST)
         found, cost = every._fitted(paths[take], z, Source(direction[take], inverse, emission[take]))
         best = np.argmin(cost.reshape(-1, T) + 1e-9 * np.arange(len(starts))[:, None], axis=0) * T + np.arange(T)
         return Source(found.direction[best], found.inverse[best], found.emission[best])
@@ -226,26 +211,26 @@ class Arrivals:
 
     def _fitted(self, paths, z, source: Source) -> tuple[Source, np.ndarray]:
         """The source of each take at the nearest minimum, and its cost (T,), by damped Gauss-Newton steps."""
-        damping, diagonal = np.full(len(paths), RULES.damping), np.arange(z.shape[1] + 1)
+        damping, diagonal = np.full(len(paths), DAMPING), np.arange(z.shape[1] + 1)
         r, g, s = self._residuals(paths, z, source)
         cost = self._costs(r)
-        for _ in range(RULES.steps):
+        for _ in range(MAX_STEPS):
             w, J = self._weights(r), self._jacobian(z, source, g, s)
             wr = w * r
             J[..., -2] *= ~self._at_bound(J[..., -2], wr, source.inverse)[:, None]
             slope = (wr[:, None] @ J)[:, 0]
-            curved = np.maximum(w - 2 / (NU + 1) * wr**2, RULES.min_curvature * w)
+            curved = np.maximum(w - 2 / (NU + 1) * wr**2, MIN_CURVATURE * w)
             H = (J * curved[..., None]).swapaxes(1, 2) @ J
             size = H[:, diagonal, diagonal]
             size = np.maximum(size, 1e-12 * size.max(axis=1, keepdims=True))
             H[:, diagonal, diagonal] = size * (1 + damping[:, None])
             step = -np.linalg.solve(H, slope[..., None])[..., 0]
-            if np.all(-(step * slope).sum(axis=1) < RULES.decrease):
+            if np.all(-(step * slope).sum(axis=1) < MIN_DECREASE):
                 break
             u = source.direction + (_tangents(source.direction) @ step[:, :-2, None])[..., 0]
             tried = Source(
                 u / np.sqrt((u**2).sum(axis=1, keepdims=True)),
-                np.clip(source.inverse + step[:, -2], 0.0, 1 / RULES.nearest),
+                np.clip(source.inverse + step[:, -2], 0.0, 1 / NEAREST),
                 source.emission + step[:, -1],
             )
             tried_r, tried_g, tried_s = self._residuals(paths, z, tried)
@@ -263,17 +248,18 @@ class Arrivals:
                     np.where(better[:, None], new, old) for new, old in ((tried_r, r), (tried_g, g), (tried_s, s))
                 )
                 cost = np.where(better, there, cost)
-            damping = np.where(better, np.maximum(damping / 10, RULES.min_damping), np.minimum(6 * damping, 1e6))
+            damping = np.where(better, np.maximum(damping / 10, MIN_DAMPING), np.minimum(6 * damping, 1e6))
         return source, cost
+
+
+SUBSETS = 40  # of microphones, to which a plane wave is fitted to begin with
 
 
 @lru_cache(maxsize=4)
 def _subsets(used: bytes, takes: int, microphones: int) -> np.ndarray:
-    """Orders of the microphones (`RULES.subsets`, T, N) int64, drawn, those that have an arrival first."""
+    """Orders of the microphones (`SUBSETS`, T, N) int64, drawn, those that have an arrival first."""
     missing = ~np.frombuffer(used, bool).reshape(takes, microphones)
-    return frozen_array(
-        np.argsort(np.random.default_rng(0).random((RULES.subsets, *missing.shape)) + missing), np.int64
-    )
+    return frozen_array(np.argsort(np.random.default_rng(0).random((SUBSETS, *missing.shape)) + missing), np.int64)
 
 
 def _tangents(u) -> np.ndarray:
@@ -315,24 +301,35 @@ def counted(problem: Problem) -> np.ndarray:
     return np.sum(np.isfinite(problem.arrivals), axis=1) > problem.dimension + 1
 
 
+PRIOR_COUNT = 4.0  # observations that the stated sigma is worth
+
+
 def hyper_cost(arrivals: Arrivals) -> float:
-    """Return -log density of the sigmas, up to a constant: the stated one is worth `RULES.prior_count` arrivals."""
+    """Return -log density of the sigmas, up to a constant: the stated one is worth `PRIOR_COUNT` arrivals."""
     ratio = arrivals.sigma / arrivals.stated
-    return float(RULES.prior_count * np.sum(np.log(ratio) + (1 / ratio**2 - 1) / 2))
+    return float(PRIOR_COUNT * np.sum(np.log(ratio) + (1 / ratio**2 - 1) / 2))
 
 
-def near_positions(arrivals: Arrivals, positions: np.ndarray, spread: float, held) -> tuple[np.ndarray, np.ndarray]:
+MIN_SPREAD = 5e-3  # metres, least error of the positions before the arrivals count
+CONSTRAINED_STIFFNESS = 1e16  # 1/m^2, stiffness of a microphone whose position is exact
+ROUNDS = 15  # of positions and sigma before the arrivals count
+
+
+def near_positions(
+    arrivals: Arrivals, positions: np.ndarray, spread: float, constrained
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the positions (N, D) that fit the arrivals best, and the sigma (T,) of these, metres.
 
-    positions, spread : where the array is, (N, D), and one sigma of a coordinate, metres; held : (A,) int64, those that
-    do not move. Times of several takes that agree with one array are right, wherever the array was thought to be.
+    positions, spread : where the array is, (N, D), and one sigma of a coordinate, metres; constrained : (A,) int64,
+    those that do not move. Times of several takes that agree with one array are right, wherever the array was
+    thought to be.
     """
-    x, stiffness = np.array(positions), np.full(positions.shape, 1 / max(spread, RULES.min_spread) ** 2)
-    stiffness[held] = RULES.held
+    x, stiffness = np.array(positions), np.full(positions.shape, 1 / max(spread, MIN_SPREAD) ** 2)
+    stiffness[constrained] = CONSTRAINED_STIFFNESS
     stiffness = stiffness.ravel()
     arrivals = replace(arrivals, sigma=arrivals.scatter(x))
     covariance = np.zeros((x.size + 1,) * 2)
-    for _ in range(RULES.rounds):
+    for _ in range(ROUNDS):
         terms = arrivals.terms(x)
         covariance[:-1, :-1] = np.linalg.inv(terms.matrix[:-1, :-1] + np.diag(stiffness))
         pull = terms.gradient[:, :-1].sum(axis=0) + stiffness * (x - positions).ravel()
@@ -342,21 +339,26 @@ def near_positions(arrivals: Arrivals, positions: np.ndarray, spread: float, hel
     return x, arrivals.sigma
 
 
+OUTLIER = 4.0  # times a robust scatter, residuals that are left out of sigma
+MIN_SIGMA = 0.2  # least sigma over the stated one
+MAX_CHANGE = 4.0  # factor by which sigma changes at once, at most
+
+
 def updated_sigma(arrivals: Arrivals, terms: ArrivalTerms, covariance: np.ndarray) -> np.ndarray:
     """Return the sigma (T,), metres, of the arrivals by empirical Bayes (MacKay).
 
     The squares of the residuals over how many of them the positions are not free to fit; the stated sigma counts as
-    `RULES.prior_count` of them. Outliers are left out: the scale of a Student t distribution breaks down where a share
+    `PRIOR_COUNT` of them. Outliers are left out: the scale of a Student t distribution breaks down where a share
     1 / (1 + NU) of all are outliers.
 
     covariance : (F, F) float64, of what the arrivals depend on, after a step
     """
     r, used = np.abs(terms.residual), arrivals.used
-    inside = used & (r <= RULES.outlier * np.maximum(1.4826 * arrivals._median(r), arrivals.stated)[:, None])
+    inside = used & (r <= OUTLIER * np.maximum(1.4826 * arrivals._median(r), arrivals.stated)[:, None])
     part = np.sum(inside, axis=1) / np.sum(used, axis=1)
     fitted = np.einsum("tnf,fg,tng,tn->t", terms.slopes, covariance, terms.slopes, inside)
     determined = np.clip(part * terms.count - fitted, 0.0, terms.count)
     squares = np.sum(inside * terms.weight * r**2, axis=1) * arrivals.sigma**2
-    fresh = (squares + RULES.prior_count * arrivals.stated**2) / (determined + RULES.prior_count)
-    fresh = np.clip(np.sqrt(fresh), arrivals.sigma / RULES.change, RULES.change * arrivals.sigma)
-    return np.maximum(fresh, RULES.min_sigma * arrivals.stated)
+    fresh = (squares + PRIOR_COUNT * arrivals.stated**2) / (determined + PRIOR_COUNT)
+    fresh = np.clip(np.sqrt(fresh), arrivals.sigma / MAX_CHANGE, MAX_CHANGE * arrivals.sigma)
+    return np.maximum(fresh, MIN_SIGMA * arrivals.stated)

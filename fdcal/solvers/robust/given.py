@@ -35,20 +35,31 @@ from . import noise
 from .objective import (
     Unknowns,
     channel_step,
-    free_directions,
+    constrained_positions,
+    descend,
     given_carry_scale,
-    held_positions,
     objective_of,
-    reduced,
-    scaled_inverse,
+    quadratic,
     unknowns_of,
     used_modes,
     with_unknowns,
 )
 from .outliers import relocated
-from .state import ASSUMED, GIVEN, OUTLIERS, STEPS, LocalOptimum, State
+from .state import (
+    FREE_STEPS,
+    GIVEN_SIGMA,
+    NEGLIGIBLE_FALL,
+    STAGE_DAMPING,
+    SUSPICIOUS,
+    WEAKER_FIELD,
+    LocalOptimum,
+    State,
+)
 
 EXACT_SIGMA = 1e-3  # metres, one sigma of a coordinate of positions that are given as exact, where these are examined
+# that sigma over the expected one from which all given positions are inaccurate; without it the error of, 1 of 32
+# arrays with wrong given positions grows from 9 to 19 mm
+INACCURATE = 2.0
 
 
 def resolved(problem: Problem, state: State) -> State:
@@ -62,13 +73,18 @@ def resolved(problem: Problem, state: State) -> State:
     try:
         if _agree(problem, state, free_array(problem, state, 0)):
             return state
-        found = free_array(problem, state, GIVEN.steps)
+        found = free_array(problem, state, FREE_STEPS)
     except np.linalg.LinAlgError:
         return state
     best = likely(problem, state, found)[0]
     assumed = _assumed(problem, state, found, best)
-    as_before = same_given(state, assumed) and best.sigma < GIVEN.inaccurate * GIVEN.sigma
+    as_before = same_given(state, assumed) and best.sigma < INACCURATE * GIVEN_SIGMA
     return state if best.scale or as_before else assumed
+
+
+# by which another hypothesis must be likelier than exact positions as they are given; without it 2 of 12 arrays with
+# wrong exact positions are good
+MIN_ADVANTAGE = 3.0
 
 
 def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> GivenHypothesis | None:
@@ -82,7 +98,7 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
         return None
     exact = state.model.known_sigma == 0
     try:
-        noisy = exact and bool(np.any(state.model.channel_noise[problem.known] > OUTLIERS.suspicious))
+        noisy = exact and bool(np.any(state.model.channel_noise[problem.known] > SUSPICIOUS))
         if not noisy and _agree(problem, state, free_array(problem, state, 0, terms)):
             return None
         free = _let_go(problem, state) if exact else state
@@ -90,16 +106,16 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
             found = free_array(problem, free, 0)
             tried = hypotheses(found, problem.known, problem.known_positions, EXACT_SIGMA, _sized(state))
         else:
-            found = free_array(problem, state, GIVEN.steps)
+            found = free_array(problem, state, FREE_STEPS)
             tried = likely(problem, state, found)
     except np.linalg.LinAlgError:
         return None
     (best, other, *_), known = tried, problem.known
     noise_there = free.model.channel_noise[known]
     wrong = ~best.right | (best.order != np.arange(len(known)))
-    wrong &= noise_there < OUTLIERS.suspicious  # a channel that fits nowhere says nothing of its position
+    wrong &= noise_there < SUSPICIOUS  # a channel that fits nowhere says nothing of its position
     as_given = next(one for one in tried if np.all(one.right) and np.all(np.diff(one.order) > 0) and not one.scale)
-    if best.log_evidence - as_given.log_evidence < GIVEN.nats or not (np.any(wrong) or best.scale):
+    if best.log_evidence - as_given.log_evidence < MIN_ADVANTAGE or not (np.any(wrong) or best.scale):
         return None
     variance = np.diag(found.covariance).reshape(state.positions.shape).sum(axis=1)
     return GivenHypothesis(
@@ -119,15 +135,15 @@ def _let_go(problem: Problem, state: State) -> State:
     model = replace(state.model, contradicted=np.ones(len(problem.known), bool), kernel=kernel, conditional="")
     state = replace(state, model=replace(model, directions=None), shape=state.positions)
     used = used_modes(problem, state)
-    state, damping = relocated(problem, state)[0], STEPS.damping
-    for _ in range(GIVEN.steps):
-        goal, here = objective_of(problem, state, used), unknowns_of(state)
-        trial = channel_step(here, goal, free_directions(here, goal.priors.held), damping, True)
+    state, damping = relocated(problem, state)[0], STAGE_DAMPING
+    for _ in range(FREE_STEPS):
+        objective, here = objective_of(problem, state, used), unknowns_of(state)
+        trial = channel_step(here, objective, objective.free(here), damping)
         if trial.terms is None:
             break
-        state = noise.with_power(with_unknowns(state, trial.unknowns), used, goal.field, trial.terms)
+        state = noise.with_power(with_unknowns(state, trial.unknowns), used, objective.field, trial.terms)
         damping = trial.damping
-        if trial.fall < GIVEN.negligible:
+        if trial.fall < NEGLIGIBLE_FALL:
             break
     return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
 
@@ -142,18 +158,23 @@ def likely(problem: Problem, state: State, found: FreeArray) -> list[Hypothesis]
     return hypotheses(found, problem.known, problem.known_positions, state.settings.known_sigma, _sized(state))
 
 
+# probability of the disagreement found from which the given positions are taken as they are; without it arrays with
+# given positions take 1.2 times the time
+AGREE = 0.2
+
+
 def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
     """Whether the positions that hold the array and the pressures agree within their sigmas."""
-    known, places = held_positions(problem, state)
+    known, places = constrained_positions(problem, state)
     x, D = found.unknowns.positions, problem.array_dimension
     index = (known[:, None] * D + np.arange(D)).ravel()
-    sigma = max(state.model.known_sigma, GIVEN.sigma) if state.model.known_sigma > 0 else EXACT_SIGMA
+    sigma = max(state.model.known_sigma, GIVEN_SIGMA) if state.model.known_sigma > 0 else EXACT_SIGMA
     S = found.covariance[np.ix_(index, index)] + sigma**2 * np.eye(len(index))
     r, G = (places - x[known]).ravel(), rigid_motions(x)[index]
     weighed = np.linalg.solve(S, np.column_stack([r, G]))
     left = r - G @ np.linalg.solve(G.T @ weighed[:, 1:], G.T @ weighed[:, 0])
     freedom = len(index) - G.shape[1]
-    return freedom <= 0 or bool(chdtrc(freedom, left @ np.linalg.solve(S, left)) > GIVEN.agree)
+    return freedom <= 0 or bool(chdtrc(freedom, left @ np.linalg.solve(S, left)) > AGREE)
 
 
 def _assumed(problem: Problem, state: State, found: FreeArray, best: Hypothesis) -> State:
@@ -177,7 +198,12 @@ def same_given(one: State | LocalOptimum, other: State | LocalOptimum) -> bool:
 def inaccurate(state: State) -> bool:
     """Return whether the given positions are all less accurate than expected."""
     stated = state.settings.known_sigma
-    return state.model.known_sigma > GIVEN.inaccurate * (GIVEN.sigma if stated is None else stated)
+    return state.model.known_sigma > INACCURATE * (GIVEN_SIGMA if stated is None else stated)
+
+
+# distance of a given position over the median of all of them, or their sigma, that leaves it out when the array is
+# moved onto the given positions; without it 1 of 32 arrays with wrong given positions is lost
+GIVEN_OUTLIER = 3.0
 
 
 def anchored(problem: Problem, state: State) -> np.ndarray:
@@ -186,11 +212,11 @@ def anchored(problem: Problem, state: State) -> np.ndarray:
     The pressures do not fix the array as a whole, and the last steps hardly see the weak pull of the given positions
     where there is hardly any noise.
     """
-    x, (known, given) = state.positions, held_positions(problem, state)
+    x, (known, given) = state.positions, constrained_positions(problem, state)
     if state.model.known_sigma == 0:
         return x
     away = np.linalg.norm(x[known] - given, axis=1)
-    near = away <= ASSUMED.known_outlier * max(float(np.median(away)) if len(away) else 0.0, state.model.known_sigma)
+    near = away <= GIVEN_OUTLIER * max(float(np.median(away)) if len(away) else 0.0, state.model.known_sigma)
     if not len(known) or np.sum(near) <= x.shape[1] or not fixes_gauge(given[near]):
         return x
     moved = starts.onto(x, known[near], given[near])
@@ -212,28 +238,21 @@ def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, T
     With 0 it is that of the quadratic at `state`, of which the `terms` may be known already, and those with a weaker
     field. Raises numpy.linalg.LinAlgError where a covariance is singular.
     """
-    goal = objective_of(problem, state, used_modes(problem, state))
-    goal, here = replace(goal, priors=goal.priors.without_given()), unknowns_of(state)
-    free, damping = free_directions(here, goal.priors.held, None, goal.priors.speed_sigma > 0), STEPS.damping
-    for _ in range(steps):
-        trial = channel_step(here, goal, free, damping, True)
-        here, damping = trial.unknowns, trial.damping
-        if trial.fall < GIVEN.negligible:
-            break
+    objective = objective_of(problem, state, used_modes(problem, state))
+    objective = replace(objective, priors=objective.priors.without_given())
+    here = descend(unknowns_of(state), objective, steps)[0]
     if terms is None:
-        factor = 1.0 if goal.field.conditional is not None else GIVEN.weaker_field
-        weaker = replace(goal, field=replace(goal.field, power=factor * goal.field.power)).evaluate(here)
-        own = weaker if steps else goal.evaluate(here)
+        factor = 1.0 if objective.field.conditional is not None else WEAKER_FIELD
+        weaker = replace(objective, field=replace(objective.field, power=factor * objective.field.power)).evaluate(here)
+        own = weaker if steps else objective.evaluate(here)
     else:
-        own, weaker = (goal.with_priors(here, one) for one in terms)
-    inverse, count = scaled_inverse(reduced(here, weaker, free, True)[1]), here.positions.size
+        own, weaker = (objective.with_priors(here, one) for one in terms)
+    covariance = quadratic(here, objective, weaker).covariance
     if not steps:
-        g, H = reduced(here, own, free, True)
-        step = -(scaled_inverse(H) @ g)[:count].reshape(here.positions.shape)
-        here = replace(here, positions=here.positions + step)
+        here = replace(here, positions=here.positions + quadratic(here, objective, own).step)
     motions = np.linalg.qr(rigid_motions(here.positions))[0]
-    held = np.eye(count) - motions @ motions.T
-    return FreeArray(here, held @ inverse[:count, :count] @ held.T)
+    fixed = np.eye(here.positions.size) - motions @ motions.T
+    return FreeArray(here, fixed @ covariance @ fixed.T)
 
 
 @dataclass(frozen=True)
@@ -267,10 +286,15 @@ def hypotheses(found: FreeArray, known, places, stated: float | None, sized: boo
     return sorted(weighed, key=lambda one: -one.log_evidence)
 
 
+# given positions of which every subset and pair is examined; of more, those that fit worst. If only those that fit
+# worst are, the error of 1 of 52 arrays grows from 32 to 540 mm.
+EXAMINED = 7
+
+
 def _subsets(found: FreeArray, known, places) -> list[np.ndarray]:
     """Which given positions may be right: any of few; of many, those that fit best and ever fewer of them."""
     A, D = places.shape
-    if A <= GIVEN.examined:
+    if A <= EXAMINED:
         wrong = [one for count in range(A - D + 1) for one in combinations(range(A), count)]
         return [~np.isin(np.arange(A), one) for one in wrong]
     worst = np.argsort(-_away(found, known, places))
@@ -282,7 +306,7 @@ def _exchanges(found: FreeArray, known, places) -> list[np.ndarray]:
     A, orders = len(known), []
     if A <= places.shape[1]:
         return orders
-    suspects = np.sort(np.argsort(-_away(found, known, places))[: GIVEN.examined]) if A > GIVEN.examined else range(A)
+    suspects = np.sort(np.argsort(-_away(found, known, places))[:EXAMINED]) if A > EXAMINED else range(A)
     for i, j in combinations(suspects, 2):
         order = np.arange(A)
         order[[i, j]] = j, i
@@ -290,11 +314,15 @@ def _exchanges(found: FreeArray, known, places) -> list[np.ndarray]:
     return orders
 
 
+# at most, on which an array is laid; with 3 of them 2 of 24 arrays with 9 to 20 given positions are lost
+SUBSETS = 40
+
+
 def _away(found: FreeArray, known, places) -> np.ndarray:
     """Distance (A,) of the given positions from an array that lies on the subset of least median error."""
     x, D = found.unknowns.positions[known], places.shape[1]
     best = np.full(len(known), np.inf)
-    for chosen in list(combinations(range(len(known)), D + 1))[: GIVEN.subsets]:
+    for chosen in list(combinations(range(len(known)), D + 1))[:SUBSETS]:
         away = np.linalg.norm(align(x, places, np.array(chosen)) - places, axis=1)
         best = away if np.median(away) < np.median(best) else best
     return best
@@ -303,8 +331,8 @@ def _away(found: FreeArray, known, places) -> np.ndarray:
 def _weighed(found: FreeArray, known, places, right, order, scale: bool, stated: float | None) -> Hypothesis:
     """One hypothesis, with the likelier one of the two mirror images."""
     x, D = found.unknowns.positions, places.shape[1]
-    ordered, held = places[order], known[right]
-    index = (held[:, None] * D + np.arange(D)).ravel()
+    ordered, constrained = places[order], known[right]
+    index = (constrained[:, None] * D + np.arange(D)).ravel()
     values, vectors = np.linalg.eigh(found.covariance[np.ix_(index, index)])
     columns, spectrum = rigid_motions(x), (np.maximum(values, 0.0), vectors)
     if scale:
@@ -316,20 +344,27 @@ def _weighed(found: FreeArray, known, places, right, order, scale: bool, stated:
     return Hypothesis(evidence, right, order, scale, size, size_sigma, sigma, positions)
 
 
+# probability that a given position is wrong, that two are exchanged, or that the sound speed is wrong; with, 0.2 the
+# errors of 2 of 32 arrays grow from 5 to 11 mm
+WRONG = 0.05
+# range of relative errors of the sound speed; with 1 the error of one array grows from 34 to 55 mm
+SIZES = 0.1
+
+
 def _log_prior(right, order, scale: bool) -> float:
     """Logarithm of the probability that these given positions are wrong or exchanged, or the sound speed."""
     A, wrong = len(right), np.sum(~right)
-    prior = wrong * np.log(GIVEN.wrong) + (A - wrong) * np.log1p(-GIVEN.wrong)
+    prior = wrong * np.log(WRONG) + (A - wrong) * np.log1p(-WRONG)
     if np.any(order != np.arange(A)):
-        prior += np.log(GIVEN.wrong / (A * (A - 1) / 2))
-    return float(prior + (np.log(GIVEN.wrong / GIVEN.sizes) if scale else 0.0))
+        prior += np.log(WRONG / (A * (A - 1) / 2))
+    return float(prior + (np.log(WRONG / SIZES) if scale else 0.0))
 
 
 def _placed(found: FreeArray, known, places, right, columns, index, spectrum, stated: float | None, mirror: bool):
     """Log evidence, sigma and positions of one image of the array, and its last motion with one sigma."""
     x = found.unknowns.positions
-    turn, centre, goal = _turn(x[known[right]], places[right], mirror)
-    b = (places - goal) @ turn.T + centre  # the given positions in the frame of the free array
+    turn, centre, target = _turn(x[known[right]], places[right], mirror)
+    b = (places - target) @ turn.T + centre  # the given positions in the frame of the free array
     values, vectors = spectrum
     r, G = vectors.T @ (b[right] - x[known[right]]).ravel(), vectors.T @ columns[index]
     sigmas, log_prior = sigma_grid(stated)
@@ -345,7 +380,11 @@ def _placed(found: FreeArray, known, places, right, columns, index, spectrum, st
     evidence = logs[best] - (r.size - columns.shape[1]) / 2 * np.log(2 * np.pi)
     evidence += _of_wrong(b[~right] - moved[known[~right]], sigmas[best])
     last = float(t[best, -1]), float(np.sqrt(np.linalg.inv(W[best])[-1, -1]))
-    return float(evidence), float(sigmas[best]), (moved - centre) @ turn + goal, last
+    return float(evidence), float(sigmas[best]), (moved - centre) @ turn + target, last
+
+
+# greatest distance of a wrong position over the least one; with 10 the error of one grows from 5 to 12 mm
+DECADES = 1e3
 
 
 def _of_wrong(away, sigma: float) -> float:
@@ -353,22 +392,30 @@ def _of_wrong(away, sigma: float) -> float:
     D = away.shape[1]
     distance = np.sqrt(np.sum(away**2, axis=1) + sigma**2)
     sphere = 2 * np.pi if D == 2 else 4 * np.pi
-    return float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(GIVEN.decades))))
+    return float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DECADES))))
 
 
 def _turn(x, places, mirror: bool):
-    """The motion y = (x - centre) turn + goal of least squares; `mirror` takes the other image."""
-    centre, goal = x.mean(axis=0), places.mean(axis=0)
-    U, _, Vt = np.linalg.svd((x - centre).T @ (places - goal))
+    """The motion y = (x - centre) turn + target of least squares; `mirror` takes the other image."""
+    centre, target = x.mean(axis=0), places.mean(axis=0)
+    U, _, Vt = np.linalg.svd((x - centre).T @ (places - target))
     if mirror:
         U = U * np.append(np.ones(U.shape[1] - 1), -1.0)
-    return U @ Vt, centre, goal
+    return U @ Vt, centre, target
+
+
+# spread, nepers, of the log-normal prior of one sigma of a given coordinate about GIVEN_SIGMA, and its greatest
+# value, metres; with a spread of 1 the error of an array in space grows from 11 to 18 mm
+SIGMA_SPREAD = 0.6
+MAX_SIGMA = 0.04
 
 
 def sigma_grid(stated: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Return sigmas of a given coordinate, metres, and the logarithm of their prior probabilities."""
-    middle = GIVEN.sigma if stated is None else stated
-    most = GIVEN.max_sigma if stated is None else stated
-    sigmas = np.append(np.geomspace(middle / 4, middle, 4), np.geomspace(middle, most, 8)[1:] if most > middle else [])
-    logs = -((np.log(sigmas / middle) / GIVEN.sigma_spread) ** 2) / 2
+    middle = GIVEN_SIGMA if stated is None else stated
+    max_sigma = MAX_SIGMA if stated is None else stated
+    sigmas = np.append(
+        np.geomspace(middle / 4, middle, 4), np.geomspace(middle, max_sigma, 8)[1:] if max_sigma > middle else []
+    )
+    logs = -((np.log(sigmas / middle) / SIGMA_SPREAD) ** 2) / 2
     return sigmas, logs

@@ -14,8 +14,6 @@ frequencies. The noise counts as larger by what a pose may be away from the righ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.optimize import minimize
@@ -23,33 +21,10 @@ from scipy.optimize import minimize
 from ...cost.kernels import diffuse_kernel
 from ...cost.likelihood import FieldModel, likelihood_terms
 from ..interface import check_deadline
-from .state import OUTLIERS
+from .state import SUSPICIOUS
 
-
-@dataclass(frozen=True)
-class GroupRules:
-    """What a group is, and how its pose is searched."""
-
-    gap: float = 0.35  # distance between two groups at least, over the shortest wavelength
-    least: int = 6  # microphones of a group at least; those of a smaller one belong to the nearest
-    lowest: int = 8  # modes of the search over the lattice
-    microphones: int = 8  # of each side in that search
-    refining: int = 14  # microphones of each side in the refinement
-    modes: int = 16  # of the refinement, evenly taken
-    cell: float = 1 / 6  # of the lattice, over the shortest wavelength of the lowest modes
-    angles: int = 12  # turns of a group, each with its mirror image
-    refined: int = 16  # poses that are refined
-    # error of a pose in each round of the refinement, over the shortest wavelength
-    blurs: tuple[float, ...] = (0.1, 0.05)
-    evaluations: int = 40  # of the likelihood in each of these rounds
-    # by which another pose may be less likely than the present one and still be tried: the groups are not yet what they
-    # are at its minimum
-    nats: float = 60.0
-    tried: int = 3  # poses that are tried after one end at most
-    groups: int = 4  # groups that are posed at most, the largest but one first
-
-
-RULES = GroupRules()
+GAP = 0.35  # distance between two groups at least, over the shortest wavelength
+MIN_GROUP = 6  # microphones of a group at least; those of a smaller one belong to the nearest
 
 
 def groups(positions, wavelength: float) -> list[np.ndarray]:
@@ -57,13 +32,22 @@ def groups(positions, wavelength: float) -> list[np.ndarray]:
 
     `positions` (N, 2) float64, metres; `wavelength`: metres, the shortest.
     """
-    label = fcluster(linkage(positions, "single"), RULES.gap * wavelength, "distance")
-    large = [one for one in np.unique(label) if np.sum(label == one) >= RULES.least]
+    label = fcluster(linkage(positions, "single"), GAP * wavelength, "distance")
+    large = [one for one in np.unique(label) if np.sum(label == one) >= MIN_GROUP]
     if len(large) < 2:
         return [np.arange(len(positions))]
     away = [np.linalg.norm(positions[:, None] - positions[label == one], axis=-1).min(axis=1) for one in large]
     nearest = np.argmin(away, axis=0)
     return [np.flatnonzero(nearest == number) for number in range(len(large))]
+
+
+# error of a pose in each round of the refinement, over the shortest wavelength
+BLURS = (0.1, 0.05)
+# by which another pose may be less likely than the present one and still be tried: the groups are not yet what they
+# are at its minimum
+MAX_RISE = 60.0
+MAX_POSES = 3  # poses that are tried after one end at most
+MAX_GROUPS = 4  # groups that are posed at most, the largest but one first
 
 
 def other_poses(positions, pressures, field: FieldModel) -> list[np.ndarray]:
@@ -75,25 +59,31 @@ def other_poses(positions, pressures, field: FieldModel) -> list[np.ndarray]:
     """
     wavelength = 2 * np.pi / float(field.wavenumbers.max())
     found = groups(positions, wavelength)
-    sound = field.channel_noise < OUTLIERS.suspicious
+    healthy = field.channel_noise < SUSPICIOUS
     results = []
-    for group in sorted(found, key=len)[:-1][-RULES.groups :]:
+    for group in sorted(found, key=len)[:-1][-MAX_GROUPS:]:
         rest = np.setdiff1d(np.arange(len(positions)), group)
-        if min(np.sum(sound[group]), np.sum(sound[rest])) >= RULES.least:
+        if min(np.sum(healthy[group]), np.sum(healthy[rest])) >= MIN_GROUP:
             results += _refined(positions, pressures, field, group, rest)
     kept = [np.asarray(positions, float)]
     for rise, moved in sorted(results, key=lambda one: one[0]):
-        if rise < RULES.nats and all(np.abs(moved - other).max() > RULES.blurs[0] * wavelength for other in kept):
+        if rise < MAX_RISE and all(np.abs(moved - other).max() > BLURS[0] * wavelength for other in kept):
             kept.append(moved)
-    return kept[1 : 1 + RULES.tried]
+    return kept[1 : 1 + MAX_POSES]
+
+
+REFINED_MICROPHONES = 14  # microphones of each side in the refinement
+REFINED_MODES = 16  # of the refinement, evenly taken
+ANGLES = 12  # turns of a group, each with its mirror image
+EVALUATIONS = 40  # of the likelihood in each of these rounds
 
 
 def _refined(x, q, field: FieldModel, group, rest) -> list[tuple[float, np.ndarray]]:
     """Cost of poses of `group` over that of the present one, and the positions (N, 2), metres, with each."""
-    sound = field.channel_noise < OUTLIERS.suspicious
-    inside, outside = group[sound[group]], rest[sound[rest]]
-    few = np.concatenate([one[_spread(x[one], RULES.refining)] for one in (outside, inside)])
-    used = np.unique(np.linspace(0, len(q) - 1, min(len(q), RULES.modes)).astype(int))
+    healthy = field.channel_noise < SUSPICIOUS
+    inside, outside = group[healthy[group]], rest[healthy[rest]]
+    few = np.concatenate([one[_spread(x[one], REFINED_MICROPHONES)] for one in (outside, inside)])
+    used = np.unique(np.linspace(0, len(q) - 1, min(len(q), REFINED_MODES)).astype(int))
     wavelength = 2 * np.pi / float(field.wavenumbers.max())
 
     def cost(y, blur: float) -> float:
@@ -102,15 +92,15 @@ def _refined(x, q, field: FieldModel, group, rest) -> list[tuple[float, np.ndarr
         blurred = FieldModel(k, power, noise, field.channel_noise[few], field.dimension)
         return likelihood_terms(y[few], q[np.ix_(used, few)], blurred, derivatives=False).cost
 
-    present, results = cost(x, RULES.blurs[-1] * wavelength), []
+    present, results = cost(x, BLURS[-1] * wavelength), []
     for turn, place in _searched(x, q, field, inside, outside):
         shape, pose, least = (x[group] - x[inside].mean(axis=0)) @ turn.T, np.append(place / wavelength, 0.0), np.inf
-        for blur in RULES.blurs:
+        for blur in BLURS:
             check_deadline()
-            start = pose + np.vstack([np.zeros(3), np.diag([blur, blur, np.pi / RULES.angles / 2])])
-            goal = _placing(cost, x, group, shape, blur, wavelength)
-            options = {"initial_simplex": start, "maxfev": RULES.evaluations, "xatol": 3e-3, "fatol": 0.1}
-            fit = minimize(goal, pose, method="Nelder-Mead", options=options)
+            start = pose + np.vstack([np.zeros(3), np.diag([blur, blur, np.pi / ANGLES / 2])])
+            objective = _placing(cost, x, group, shape, blur, wavelength)
+            options = {"initial_simplex": start, "maxfev": EVALUATIONS, "xatol": 3e-3, "fatol": 0.1}
+            fit = minimize(objective, pose, method="Nelder-Mead", options=options)
             pose, least = fit.x, float(fit.fun)
         results.append((least - present, _moved(x, group, shape, pose, wavelength)))
     return results
@@ -141,21 +131,23 @@ def _spread(x, count: int) -> np.ndarray:
     return np.array(chosen)
 
 
+LOWEST_MODES = 8  # modes of the search over the lattice
+SEARCHED_MICROPHONES = 8  # of each side in that search
+CELL = 1 / 6  # of the lattice, over the shortest wavelength of the lowest modes
+REFINED_POSES = 16  # poses that are refined
+
+
 def _searched(x, q, field: FieldModel, inside, outside) -> list[tuple[np.ndarray, np.ndarray]]:
     """Turn (2, 2) and place (2,) of the likeliest poses of microphones `inside`, no two of them alike."""
-    low = slice(0, RULES.lowest)
+    low = slice(0, LOWEST_MODES)
     k, middle = field.wavenumbers[low], x[inside].mean(axis=0)
-    cell = RULES.cell * 2 * np.pi / float(k.max())
-    near, far = inside[_spread(x[inside], RULES.microphones)], outside[_spread(x[outside], RULES.microphones)]
+    cell = CELL * 2 * np.pi / float(k.max())
+    near, far = inside[_spread(x[inside], SEARCHED_MICROPHONES)], outside[_spread(x[outside], SEARCHED_MICROPHONES)]
     blurred = field.noise[low] + field.power[low] * (k * cell / 3) ** 2 / field.dimension
     pair = FieldModel(k, field.power[low], blurred, field.channel_noise, field.dimension)
     places = _lattice(x[inside], x[outside], 2 * np.pi / k, cell)
     mirror = np.diag([-1.0, 1.0])
-    turns = [
-        _turn(angle) @ one
-        for one in (np.eye(2), mirror)
-        for angle in 2 * np.pi * np.arange(RULES.angles) / RULES.angles
-    ]
+    turns = [_turn(angle) @ one for one in (np.eye(2), mirror) for angle in 2 * np.pi * np.arange(ANGLES) / ANGLES]
     cost = np.empty((len(turns), len(places)))
     for row, turn in zip(cost, turns, strict=True):
         check_deadline()
@@ -165,7 +157,7 @@ def _searched(x, q, field: FieldModel, inside, outside) -> list[tuple[np.ndarray
         shape = places[place] + (x[inside] - middle) @ turns[turn].T
         if all(np.sqrt(np.mean(np.sum((shape - one) ** 2, axis=1))) > cell for *_, one in kept):
             kept.append((turns[turn], places[place], shape))
-        if len(kept) == RULES.refined:
+        if len(kept) == REFINED_POSES:
             break
     return [one[:2] for one in kept]
 

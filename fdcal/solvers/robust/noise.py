@@ -9,25 +9,31 @@ import numpy as np
 from ...cost.angular_spectrum import learned_powers
 from ...cost.kernels import directions_needed
 from ...cost.likelihood import FieldModel, Terms
-from ...cost.noise import NOISE_RULES, estimate_noise, hyper_cost, profile_cost, updated_channel_noise, updated_power
+from ...cost.noise import (
+    MAX_NOISE_FRACTION,
+    estimate_noise,
+    hyper_cost,
+    profile_cost,
+    updated_channel_noise,
+    updated_power,
+)
 from ...model.problem import Problem
 from ...model.validation import frozen_array
-from ..estimate import stretch_sigma
+from ..estimate import scale_sigma
 from . import arrivals as direct_sound
 from .objective import (
     ChannelStep,
     Objective,
     arrival_index,
+    constrained_positions,
     corrected,
     field_of,
     field_wavenumbers,
     first_known_sigma,
-    free_directions,
     gains_are_free,
     given_carry_scale,
-    held_positions,
     objective_of,
-    position_covariance,
+    quadratic,
     reduced,
     scaled_inverse,
     speed_is_free,
@@ -37,7 +43,17 @@ from .objective import (
     used_modes,
     wavenumbers,
 )
-from .state import ASSUMED, CONDITIONAL, DIRECTIONAL, FINAL, OUTLIERS, KernelName, Model, State
+from .state import (
+    CORNER_SIGMA,
+    DELAY_SIGMA,
+    DIRECTIONAL,
+    FINAL,
+    MIN_NOISE_FRACTION,
+    SUSPICIOUS,
+    KernelName,
+    Model,
+    State,
+)
 
 
 def with_power(state: State, used, chosen: FieldModel, terms: Terms) -> State:
@@ -47,29 +63,37 @@ def with_power(state: State, used, chosen: FieldModel, terms: Terms) -> State:
     return replace(state, model=replace(state.model, power=power, channel_noise=updated_channel_noise(chosen, terms)))
 
 
+# modes, evenly taken, to estimate the noise from, at most; with all, the error of 1 of 22 arrays grows from 36 to 54
+# mm, and it takes three times the time
+NOISE_MODES = 24
+# factor within which the reported noise is believed; if it always is, an array of 2.6 mm is lost; if it never is, the
+# error of one in space grows from 16 to 20 mm
+BELIEVED = 2.0
+
+
 def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bool = True) -> State:
     """Return `state` with the noise and the spread of the positions that explain best what is left.
 
     rough : whether the spread adds to the noise; where every microphone has found its place, all is noise
     """
-    used, floor = used_modes(problem, state, ASSUMED.noise_modes), ASSUMED.min_share[state.model.kernel]
+    used, floor = used_modes(problem, state, NOISE_MODES), MIN_NOISE_FRACTION[state.model.kernel]
     seen = corrected(problem, state, used)
     found = estimate_noise(state.positions, seen, field_of(problem, state, used), floor)
-    share = found.share if rough else found.alone
+    fraction = found.noise_fraction if rough else found.alone
     k = np.real(problem.wavenumbers)
-    noise, given = np.full(len(k), max(share, floor)), given_noise(problem, state)
+    noise, given = np.full(len(k), max(fraction, floor)), given_noise(problem, state)
     level = 0.0 if given is None else float(np.median(given))
-    if given is not None and level / ASSUMED.believed < share < level * ASSUMED.believed:
+    if given is not None and level / BELIEVED < fraction < level * BELIEVED:
         noise = np.maximum(given, floor)
     noise = np.maximum(noise / deflation, floor)
-    noise = np.minimum(noise + rough * (k * found.spread) ** 2 / problem.dimension, NOISE_RULES.max_share)
-    model = replace(state.model, noise=noise, share=share, spread=found.spread, deflation=deflation)
+    noise = np.minimum(noise + rough * (k * found.spread) ** 2 / problem.dimension, MAX_NOISE_FRACTION)
+    model = replace(state.model, noise=noise, share=fraction, spread=found.spread, deflation=deflation)
     return replace(state, model=model)
 
 
 def misfit(problem: Problem, state: State) -> float:
     """Return -log likelihood of the pressures with the noise found and each mode's likeliest power of the field."""
-    used = used_modes(problem, state, ASSUMED.noise_modes)
+    used = used_modes(problem, state, NOISE_MODES)
     seen = corrected(problem, state, used)
     return profile_cost(state.positions, seen, field_of(problem, state, used), state.model.share)
 
@@ -92,6 +116,18 @@ def centred(state: State) -> State:
     return replace(state, gains=state.gains - shift, model=model)
 
 
+# least spread of gains and phases, nepers and radians; with 1e-3 the errors of matched arrays with little noise grow
+# by 10 to 15 %
+MIN_SPREAD = 1e-4
+# metres, of delays, and rad/m, of corners: expected spread, worth one channel, and the greatest
+PRIOR_FILTER = (2e-4, 2e-3)
+MAX_FILTER = (0.2, 2.0)
+# metres, expected error of a given coordinate, and positions that this is worth; without them an array with a wrong
+# position and an error of 27 mm is good, and ellipses cover 92.1 instead of 93.8 %
+EXPECTED_GIVEN = 2e-3
+KNOWN_COUNT = 2
+
+
 def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
     """Return `state` with the spreads of gains and given positions by empirical Bayes (MacKay) after a step."""
     (N, D), model, H = state.positions.shape, state.model, trial.matrix
@@ -102,24 +138,27 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
     stated, sigmas = (state.settings.gain_sigma_db, state.settings.phase_sigma_deg), []
     for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
         e = state.gains[:, column] - state.offsets[:, column]
-        fresh = _updated_sigma(sigma, e, variance[:, D + column], 1, ASSUMED.min_sigma)
+        fresh = _updated_sigma(sigma, e, variance[:, D + column], 1, MIN_SPREAD)
         sigmas.append(fresh if stated[column] is None else sigma)
     filters = []
     for column, sigma in enumerate((model.delay_sigma, model.corner_sigma)):
-        expected = ASSUMED.prior_filter[column]
+        expected = PRIOR_FILTER[column]
         if sigma > 0:
             e, v = np.append(model.filters[:, column], expected), np.append(variance[:, D + 2 + column], 0.0)
-            sigma = _updated_sigma(sigma, e, v, 1, expected, ASSUMED.max_filter[column])
+            sigma = _updated_sigma(sigma, e, v, 1, expected, MAX_FILTER[column])
         filters.append(sigma)
-    (known, places), sigma = held_positions(problem, state), model.known_sigma
+    (known, places), sigma = constrained_positions(problem, state), model.known_sigma
     if len(known) and sigma > 0 and not given_carry_scale(problem):
         e = np.linalg.norm(state.positions[known] - places, axis=1)
-        e = np.append(e, ASSUMED.given_sigma * np.sqrt(D) * np.ones(ASSUMED.known_count))
-        v = np.append(variance[known, :D].mean(axis=1), np.zeros(ASSUMED.known_count))
-        at_most = max(first_known_sigma(problem, state.settings), sigma)  # greater by a hypothesis alone (`given`)
-        sigma = min(_updated_sigma(sigma, e, v, D, 1e-5), at_most)
+        e = np.append(e, EXPECTED_GIVEN * np.sqrt(D) * np.ones(KNOWN_COUNT))
+        v = np.append(variance[known, :D].mean(axis=1), np.zeros(KNOWN_COUNT))
+        max_sigma = max(first_known_sigma(problem, state.settings), sigma)  # greater by a hypothesis alone (`given`)
+        sigma = min(_updated_sigma(sigma, e, v, D, 1e-5), max_sigma)
     spreads = dict(zip(("gain_sigma", "phase_sigma", "delay_sigma", "corner_sigma"), sigmas + filters, strict=True))
     return replace(state, model=replace(model, known_sigma=sigma, **spreads))
+
+
+FILTER_NATS = 3.0  # evidence for such a spread from which those of all channels are sought
 
 
 def with_filters(problem: Problem, state: State) -> State:
@@ -133,17 +172,17 @@ def with_filters(problem: Problem, state: State) -> State:
     """
     if not gains_are_free(state) or state.model.delay_sigma > 0:
         return state
-    goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
+    objective, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
     D, channels = state.positions.shape[1], np.hstack([state.gains, state.model.filters])
     here = replace(here, channels=channels, filters=True)
-    free = free_directions(here, goal.priors.held, None, speed_is_free(problem, state))
+    free = objective.free(here)
     kind = np.where(free < here.vector.size - 1, free % (D + 4) - (D + 2), -1)
     try:
-        gradient, matrix = reduced(here, goal.evaluate(here), free, not len(problem.known))
+        gradient, matrix = reduced(here, objective.evaluate(here), free, objective.priors.blind)
         found = [_likeliest_spread(gradient, matrix, kind < 0, kind == c, c) for c in (0, 1)]
     except np.linalg.LinAlgError:
         return state
-    if max(evidence for evidence, _ in found) < ASSUMED.filter_nats:
+    if max(evidence for evidence, _ in found) < FILTER_NATS:
         return state
     return replace(state, model=replace(state.model, delay_sigma=found[0][1], corner_sigma=found[1][1]))
 
@@ -153,7 +192,7 @@ def _likeliest_spread(gradient, matrix, rest, filters, c: int) -> tuple[float, f
     across = matrix[np.ix_(filters, rest)] @ scaled_inverse(matrix[np.ix_(rest, rest)])
     values, vectors = np.linalg.eigh(matrix[np.ix_(filters, filters)] - across @ matrix[np.ix_(rest, filters)])
     z2, values = (vectors.T @ (gradient[filters] - across @ gradient[rest])) ** 2, np.maximum(values, 0.0)[:, None]
-    sigma = np.geomspace(ASSUMED.prior_filter[c], ASSUMED.max_filter[c], 33)
+    sigma = np.geomspace(PRIOR_FILTER[c], MAX_FILTER[c], 33)
     evidence = np.sum(z2[:, None] / (values + sigma**-2.0) - np.log1p(values * sigma**2), axis=0) / 2
     best = int(np.argmax(evidence))
     return float(evidence[best]), float(sigma[best])
@@ -164,8 +203,8 @@ def with_arrivals(problem: Problem, state: State) -> State:
     arrivals = direct_sound.arrivals_of(problem, None)
     if arrivals is None:
         return state
-    held = objective_of(problem, state, slice(0)).priors.held
-    x, sigma = direct_sound.near_positions(arrivals, state.positions, state.model.spread, held)
+    constrained = objective_of(problem, state, slice(0)).priors.constrained
+    x, sigma = direct_sound.near_positions(arrivals, state.positions, state.model.spread, constrained)
     return _with_sigma_of(problem, replace(state, positions=frozen_array(x, float)), sigma)
 
 
@@ -190,7 +229,7 @@ def _with_sigma_of(problem: Problem, state: State, sigma) -> State:
     return replace(state, model=replace(state.model, arrival_sigma=frozen_array(every, float)))
 
 
-def _updated_sigma(sigma: float, deviation, variance, components: int, floor: float, most: float = np.inf) -> float:
+def _updated_sigma(sigma: float, deviation, variance, components: int, floor: float, maximum: float = np.inf) -> float:
     """Spread of a prior: squared deviations over how many the data determine.
 
     deviation : (K,) root of the sum of squares of the components; variance : (K,) posterior, per component
@@ -198,33 +237,38 @@ def _updated_sigma(sigma: float, deviation, variance, components: int, floor: fl
     weight = spring(deviation**2, sigma, components) * sigma**2
     determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
     fresh = np.sqrt(np.sum(weight * deviation**2) / max(float(determined.sum()), 1e-3))
-    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, most))
+    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, maximum))
+
+
+# change of the logarithm of a spread that does not count; without it an array without noise ends at, 0.011 instead of
+# 0.004 mm
+SAME_SPREAD = 0.2
 
 
 def same_spreads(before: Model, after: Model) -> bool:
     """Return whether the spreads of gain and phase have hardly changed."""
     pairs = [(before.gain_sigma, after.gain_sigma), (before.phase_sigma, after.phase_sigma)]
-    for column, least in enumerate(ASSUMED.prior_filter):
+    for column, least in enumerate(PRIOR_FILTER):
         old, new = ((one.delay_sigma, one.corner_sigma)[column] for one in (before, after))
         pairs.append((max(old, least), max(new, least)))
-    return all(abs(np.log(new / old)) < ASSUMED.same_spread for old, new in pairs)
+    return all(abs(np.log(new / old)) < SAME_SPREAD for old, new in pairs)
 
 
 def same_arrivals(before: Model, after: Model) -> bool:
     """Return whether the sigmas of the arrivals have hardly changed."""
     if before.arrival_sigma is None or after.arrival_sigma is None:
         return before.arrival_sigma is after.arrival_sigma
-    return bool(np.all(np.abs(np.log(after.arrival_sigma / before.arrival_sigma)) < ASSUMED.same_spread))
+    return bool(np.all(np.abs(np.log(after.arrival_sigma / before.arrival_sigma)) < SAME_SPREAD))
 
 
-def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -> float:
+def score(problem: Problem, state: State, objective: Objective, trial: ChannelStep) -> float:
     """Return -log evidence at the end of a restart, by Laplace's approximation, up to a constant.
 
-    goal : what the last step minimised; the cost of the state and the normalisation of the priors are both its
+    objective : what the last step minimised; the cost of the state and the normalisation of the priors are both its
     """
     N, D = state.positions.shape
-    priors, cost = goal.priors, state.cost
-    cost += hyper_cost(goal.field, corrected(problem, state, used_modes(problem, state)))
+    priors, cost = objective.priors, state.cost
+    cost += hyper_cost(objective.field, corrected(problem, state, used_modes(problem, state)))
     cost += 0.5 * np.linalg.slogdet(np.asarray(trial.matrix))[1]
     if priors.known_sigma > 0:
         cost += len(problem.known) * D * np.log(priors.known_sigma)
@@ -233,9 +277,9 @@ def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -
         if priors.delay_sigma > 0:
             cost += N * (np.log(priors.delay_sigma) + np.log(priors.corner_sigma))
         else:
-            cost += np.sum((state.model.filters != 0) * np.log([OUTLIERS.delay_sigma, OUTLIERS.corner_sigma]))
-    if goal.arrivals is not None:
-        cost += direct_sound.hyper_cost(goal.arrivals)
+            cost += np.sum((state.model.filters != 0) * np.log([DELAY_SIGMA, CORNER_SIGMA]))
+    if objective.arrivals is not None:
+        cost += direct_sound.hyper_cost(objective.arrivals)
     if speed_is_free(problem, state):
         cost += np.log(state.settings.sound_speed_sigma or 1.0)
     return float(cost)
@@ -243,7 +287,7 @@ def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -
 
 def healthy(model: Model) -> np.ndarray:
     """Return which channels are not suspicious : (N,) bool."""
-    return model.channel_noise < OUTLIERS.suspicious
+    return model.channel_noise < SUSPICIOUS
 
 
 def with_silent_inside(problem: Problem, state: State) -> State:
@@ -260,21 +304,32 @@ def with_silent_inside(problem: Problem, state: State) -> State:
     return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float))
 
 
+DAMPED = 0.1  # (Im k R)^2 over the noise from which the imaginary part of k counts
+
+
 def isotropic_kernel(problem: Problem, state: State) -> KernelName:
     """Return the kernel of an isotropic field that the noise left calls for."""
     k = problem.wavenumbers[state.modes]
     radius = float(np.sqrt(np.mean(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1))))
-    return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > ASSUMED.damped * state.model.share else "diffuse"
+    return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > DAMPED * state.model.share else "diffuse"
+
+
+MAX_DIRECTION_PRODUCTS = 3e8  # products M N^2 Q of a field in space by Q directions at most; beyond it stays isotropic
 
 
 def last_kernel(problem: Problem, state: State) -> KernelName:
     """Return the kernel of the last stage: directional, but for plane arrays in space and where that takes too long."""
     k = wavenumbers(problem, state)[used_modes(problem, state)]
     products = len(k) * len(state.positions) ** 2 * directions_needed(state.positions, k, problem.dimension)
-    slow = problem.dimension == 3 and (state.quick or products > ASSUMED.max_products)
+    slow = problem.dimension == 3 and (state.quick or products > MAX_DIRECTION_PRODUCTS)
     if slow or given_carry_scale(problem):
         return state.model.kernel
     return "damped_directional" if isotropic_kernel(problem, state) == "series" else "directional"
+
+
+# observations that the directions of a row are those of its take; resonances of a plate differ more than the
+# frequencies of a room
+DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 
 def with_directions(problem: Problem, state: State, used, updates: int) -> State:
@@ -287,9 +342,19 @@ def with_directions(problem: Problem, state: State, used, updates: int) -> State
         Q = directions_needed(state.positions, k, problem.dimension)
         model = replace(model, directions=np.ones((len(k), Q)))
     learned, seen = np.array(model.directions), corrected(problem, state, used)
-    field, count = field_of(problem, replace(state, model=model), used), ASSUMED.direction_count[problem.dimension]
+    field, count = field_of(problem, replace(state, model=model), used), DIRECTION_COUNT[problem.dimension]
     learned[used] = learned_powers(state.positions, seen, field, problem.takes[used], updates, count)
     return replace(state, model=replace(model, directions=frozen_array(learned, float)))
+
+
+# one sigma of the least certain stretching of the array, relative, up to which it is minimised
+MAX_STRETCH = 0.05
+# the same without given positions, where nothing else shows that there is no such field
+MAX_BLIND_STRETCH = 0.02
+# noise as a part of the mean power up to which it is minimised: with more, what the noise does to the positions is
+# more than what the room does, and the sharper likelihood is better
+CONDITIONAL_NOISE = 2e-4
+MAX_CONDITIONAL_PRODUCTS = 1e8  # products M N^3 at most, a cap of time
 
 
 def with_conditional(problem: Problem, state: State) -> State:
@@ -300,18 +365,15 @@ def with_conditional(problem: Problem, state: State) -> State:
     """
     used, model = used_modes(problem, state), state.model
     without = replace(state, model=replace(model, conditional=""))  # it may be that of a run with other modes
-    slow = len(used) * len(state.positions) ** 3 > CONDITIONAL.max_products
-    if model.kernel == "near" or model.share > CONDITIONAL.noise_share or slow:
+    slow = len(used) * len(state.positions) ** 3 > MAX_CONDITIONAL_PRODUCTS
+    if model.kernel == "near" or model.share > CONDITIONAL_NOISE or slow:
         return without
     kernel = "series" if isotropic_kernel(problem, state) == "series" else "diffuse"
     chosen = replace(state, model=replace(model, conditional=kernel), progress=replace(state.progress, stage=FINAL))
-    here, goal = unknowns_of(chosen), objective_of(problem, chosen, used)
-    free = free_directions(here, goal.priors.held, None, speed_is_free(problem, chosen))
     try:
-        inverse = scaled_inverse(reduced(here, goal.evaluate(here), free, not len(problem.known))[1])
-        covariance = position_covariance(inverse, state.positions.shape, goal.priors.held)
-        sigma = stretch_sigma(state.positions, [covariance], healthy(state.model))
+        covariance = quadratic(unknowns_of(chosen), objective_of(problem, chosen, used)).covariance
+        sigma = scale_sigma(state.positions, [covariance], healthy(state.model))
     except np.linalg.LinAlgError:
         return without
-    limit = CONDITIONAL.stretch_sigma if len(problem.known) else CONDITIONAL.blind_stretch_sigma
+    limit = MAX_STRETCH if len(problem.known) else MAX_BLIND_STRETCH
     return chosen if sigma < limit else without

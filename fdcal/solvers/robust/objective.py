@@ -12,7 +12,7 @@ Gains and given positions have Student t priors of NU degrees of freedom,
 
 e the deviation, d its number of components. One wrong entry is outvoted, and a small sigma costs a matched array
 nothing. In the Gauss-Newton matrix such a prior is a spring of stiffness w = (NU + d) / (NU sigma^2 + e^2). Positions
-that are given exactly have no prior: their coordinates are not free (`step.free_directions`).
+that are given exactly have no prior: their coordinates are not free (`free_directions`).
 
 One Levenberg-Marquardt step of everything that is free, and how far it leaves the solver from its minimum.
 
@@ -34,9 +34,22 @@ from ...model.gauge import align, rigid_motions
 from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
-from ..levenberg_marquardt import DAMPING, NewtonTerms, damped_step
+from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 from .arrivals import Arrivals, ArrivalTerms, Source, arrivals_of
-from .state import ASSUMED, CONDITIONAL, DIRECTIONAL, FINAL, GIVEN, OUTLIERS, STAGES, STEPS, UNDAMPED, Model, State
+from .state import (
+    CORNER_SIGMA,
+    DELAY_SIGMA,
+    DIRECTIONAL,
+    FINAL,
+    GIVEN_SIGMA,
+    NEGLIGIBLE_FALL,
+    STAGE_DAMPING,
+    STAGES,
+    SUSPICIOUS,
+    UNDAMPED,
+    Model,
+    State,
+)
 
 NU = 3.0  # degrees of freedom of the priors
 EXACT = 1e-6  # metres: a stated sigma below it means that the given positions never move
@@ -101,9 +114,14 @@ class Priors:
     corner_sigma: float = 0.0
 
     @property
-    def held(self) -> np.ndarray:
+    def constrained(self) -> np.ndarray:
         """Microphones whose given position is exact and holds the array : (A,) int64."""
         return self.known if self.known_sigma == 0 else self.known[:0]
+
+    @property
+    def blind(self) -> bool:
+        """Whether no given position holds the array."""
+        return not len(self.known)
 
     def of_known(self, positions) -> tuple[float, np.ndarray, np.ndarray]:
         """Return the cost of the given positions, their deviations (A, D), metres, and their stiffness (A,), 1/m^2."""
@@ -173,6 +191,10 @@ class Objective:
             return self
         return replace(self, arrivals=replace(self.arrivals, start=source))
 
+    def free(self, unknowns: Unknowns, deformations: np.ndarray | None = None) -> np.ndarray:
+        """Return the directions in which the unknowns may move, as of `free_directions`."""
+        return free_directions(unknowns, self.priors.constrained, deformations, self.priors.speed_sigma > 0)
+
     def finite_cost(self, unknowns: Unknowns) -> float:
         """Return the cost; infinity where a covariance is singular, as of two microphones at one place."""
         try:
@@ -209,7 +231,7 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
                 cost += (NU + 1) / 2 * np.sum(np.log1p(e**2 / (NU * sigma**2)))
                 add(P * every + D + column, spring(e**2, sigma, 1) * e, spring(e**2, sigma, 1))
             else:
-                wide = (OUTLIERS.delay_sigma, OUTLIERS.corner_sigma)[column - 2]
+                wide = (DELAY_SIGMA, CORNER_SIGMA)[column - 2]
                 cost += np.sum((e / wide) ** 2) / 2
                 add(P * every + D + column, e / wide**2, 1 / wide**2)
     if len(known) and priors.known_sigma > 0:
@@ -251,6 +273,11 @@ def in_unit_power(problem: Problem) -> Problem:
     return replace(problem, pressures=problem.pressures / np.sqrt(power)[:, None], noise_power=noise)
 
 
+# nepers and radians, spreads of the channels to begin with; with 0.05 an array of 4.5 mm is lost
+GAIN_SIGMA = 0.02
+PHASE_SIGMA = 0.02
+
+
 def first_model(problem: Problem, settings: SolverSettings) -> Model:
     """Return the model that a restart begins with."""
     M, N = problem.pressures.shape
@@ -261,8 +288,8 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
         channel_noise=np.ones(N),
         share=0.1,
         spread=0.0,
-        gain_sigma=ASSUMED.gain_sigma if gain is None else gain * np.log(10) / 20,
-        phase_sigma=ASSUMED.phase_sigma if phase is None else float(np.radians(phase)),
+        gain_sigma=GAIN_SIGMA if gain is None else gain * np.log(10) / 20,
+        phase_sigma=PHASE_SIGMA if phase is None else float(np.radians(phase)),
         known_sigma=first_known_sigma(problem, settings),
         kernel="diffuse",
         places=frozen_array(problem.known_positions, float),
@@ -271,11 +298,18 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
     )
 
 
+# metres, error of each coordinate of given positions that carry the scale, and the degrees of freedom of their prior,
+# which is then nearly Gaussian; with 3 mm errors grow from 1.0 to 2.3 mm, with 3 degrees of freedom from 7 to 70 mm
+# in 1 of 6 plane arrays in space
+CARRYING_SIGMA = 1e-3
+CARRYING_TAIL = 1e6
+
+
 def first_known_sigma(problem: Problem, settings: SolverSettings) -> float:
     """Return one sigma of a given coordinate to begin with, and at most, metres; 0 for exact positions."""
     if settings.known_sigma is not None:
         return settings.known_sigma if settings.known_sigma > EXACT else 0.0
-    return ASSUMED.carrying_sigma if given_carry_scale(problem) else GIVEN.sigma
+    return CARRYING_SIGMA if given_carry_scale(problem) else GIVEN_SIGMA
 
 
 def given_carry_scale(problem: Problem) -> bool:
@@ -283,7 +317,7 @@ def given_carry_scale(problem: Problem) -> bool:
     return problem.array_dimension < problem.dimension
 
 
-def held_positions(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
+def constrained_positions(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
     """Return the microphones that given positions hold (H,), and these positions (H, D), metres."""
     right = ~state.model.contradicted
     return problem.known[right], state.model.places[right]
@@ -316,17 +350,17 @@ def with_unknowns(state: State, moved: Unknowns) -> State:
     return replace(state, positions=positions, gains=gains, model=model)
 
 
-def spaced(count: int, at_most: int) -> np.ndarray:
+def spaced(count: int, max_count: int) -> np.ndarray:
     """At most so many numbers below `count`, evenly taken : int64."""
-    return np.unique(np.linspace(0, count - 1, min(count, at_most)).round().astype(np.int64))
+    return np.unique(np.linspace(0, count - 1, min(count, max_count)).round().astype(np.int64))
 
 
-def used_modes(problem: Problem, state: State, at_most: int = 0) -> np.ndarray:
+def used_modes(problem: Problem, state: State, max_count: int = 0) -> np.ndarray:
     """At most so many of the modes that the stage works with : int64; 0 for all."""
     count, stage = len(problem.pressures[state.modes]), STAGES[state.progress.stage]
     if stage.lowest and len(problem.known):
         count = min(count, stage.modes)
-    return state.first - 1 + (spaced(count, at_most) if at_most else np.arange(count))
+    return state.first - 1 + (spaced(count, max_count) if max_count else np.arange(count))
 
 
 def wavenumbers(problem: Problem, state: State) -> np.ndarray:
@@ -363,13 +397,21 @@ def field_of(problem: Problem, state: State, used) -> FieldModel:
     )
 
 
+CONDITIONAL_POWER = 50.0  # factor on the power of the field in the conditional likelihood
+# of the likelihood of a random field beside it, by dimension of the field: a plane field has fewer directions, and
+# their power is learned better
+CONDITIONAL_WEIGHT = {2: 0.3, 3: 0.1}
+
+
 def _conditional(problem: Problem, state: State, used) -> Conditional | None:
     """The conditional likelihood of the last stage, where the array can do without the other."""
-    model, rules = state.model, CONDITIONAL
+    model = state.model
     if not model.conditional or model.kernel == "near" or state.progress.stage != FINAL:
         return None
     response = log_response(unknowns_of(state).channels, np.real(wavenumbers(problem, state)[used]))[0]
-    return Conditional(rules.power, rules.weight[problem.dimension], model.conditional == "series", response)
+    return Conditional(
+        CONDITIONAL_POWER, CONDITIONAL_WEIGHT[problem.dimension], model.conditional == "series", response
+    )
 
 
 def objective_of(problem: Problem, state: State, used) -> Objective:
@@ -379,11 +421,11 @@ def objective_of(problem: Problem, state: State, used) -> Objective:
     if stage.degree and known_sigma > 0:  # a rough array is bent to given positions only as far as it is right
         known_sigma = float(np.hypot(known_sigma, model.spread))
     speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
-    tail = ASSUMED.carrying_tail if given_carry_scale(problem) else NU
-    held = held_positions(problem, state)
+    tail = CARRYING_TAIL if given_carry_scale(problem) else NU
+    constrained = constrained_positions(problem, state)
     spreads = model.delay_sigma, model.corner_sigma
     priors = Priors(
-        model.gain_sigma, model.phase_sigma, *held, known_sigma, state.offsets, speed or 0.0, tail, *spreads
+        model.gain_sigma, model.phase_sigma, *constrained, known_sigma, state.offsets, speed or 0.0, tail, *spreads
     )
     arrivals = state_arrivals(problem, state)
     return Objective(problem.pressures[used], field_of(problem, state, used), priors, model.log_speed, arrivals)
@@ -414,12 +456,12 @@ class ChannelStep:
     source: Source | None = None  # Source of the arrivals there; None without any
 
 
-def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = False) -> np.ndarray:
+def free_directions(unknowns: Unknowns, constrained, deformations=None, speed: bool = False) -> np.ndarray:
     """Return the directions in which the unknowns may move.
 
-    held : microphones whose coordinates never move, (A,) int64; deformations : (N D, F) float64 or None, directions of
-    the positions, of which those that are left may move; speed : whether the sound speed is free. Delays and corners
-    are free where `Unknowns.filters` says so.
+    constrained : microphones whose coordinates never move, (A,) int64; deformations : (N D, F) float64 or None,
+    directions of the positions, of which those that are left may move; speed : whether the sound speed is free. Delays
+    and corners are free where `Unknowns.filters` says so.
 
     Returns (N P + 1, F) float64, or, where every microphone moves for itself, the indices (F,) int64 of the unknowns.
     """
@@ -433,15 +475,15 @@ def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = F
         freed.append(index[:, D + 2 :][(filters != 0) | unknowns.filters])
     rest = np.concatenate([*freed, [size - 1] if speed else []]).astype(np.int64)
     if deformations is None:
-        return np.concatenate([np.delete(index[:, :D], held, axis=0).ravel(), rest])
+        return np.concatenate([np.delete(index[:, :D], constrained, axis=0).ravel(), rest])
     basis = np.zeros((size, deformations.shape[1] + len(rest)))
     basis[index[:, :D].ravel(), : deformations.shape[1]] = deformations
     basis[rest, deformations.shape[1] + np.arange(len(rest))] = 1.0
     return basis
 
 
-def polynomial_deformations(positions: np.ndarray, held: np.ndarray, degree: int) -> np.ndarray:
-    """Return an orthonormal basis (N D, F) of smooth deformations that leave the microphones `held` in place.
+def polynomial_deformations(positions: np.ndarray, constrained: np.ndarray, degree: int) -> np.ndarray:
+    """Return an orthonormal basis (N D, F) of smooth deformations that leave the microphones `constrained` in place.
 
     The error of a rough start is smooth, as the field is. Every coordinate moves by a polynomial of positions (N, D),
     metres, less what `interpolation` makes of it at the microphones that stay. The degree is lower if the array has too
@@ -457,38 +499,38 @@ def polynomial_deformations(positions: np.ndarray, held: np.ndarray, degree: int
             break
         columns += more
     shapes = np.linalg.qr(np.column_stack(columns))[0]
-    if len(held):
-        left = shapes - interpolation(positions, held) @ shapes[held]
-        left[held] = 0.0  # exactly
+    if len(constrained):
+        left = shapes - interpolation(positions, constrained) @ shapes[constrained]
+        left[constrained] = 0.0  # exactly
         U, values, _ = np.linalg.svd(left, full_matrices=False)
         shapes = U[:, values > DISTINCT]
-        shapes[held] = 0.0
+        shapes[constrained] = 0.0
     return np.kron(shapes, np.eye(D))
 
 
-def interpolation(positions: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Return the weights (N, A) by which moves of microphones `held` (A,) become a smooth move of the whole array.
+def interpolation(positions: np.ndarray, constrained: np.ndarray) -> np.ndarray:
+    """Return the weights (N, A) by which moves of `constrained` microphones (A,) become a smooth move of the array.
 
     Kriging with the covariance (1 + r / l) exp(-r / l), l the radius of the array: far from them nothing moves.
     """
     x = positions
     radius = np.sqrt(np.mean(np.sum((x - x.mean(axis=0)) ** 2, axis=1)))
-    r = np.linalg.norm(x[:, None] - x[held], axis=-1) / radius
+    r = np.linalg.norm(x[:, None] - x[constrained], axis=-1) / radius
     K = (1 + r) * np.exp(-r)
-    return K @ np.linalg.pinv(K[held], hermitian=True)
+    return K @ np.linalg.pinv(K[constrained], hermitian=True)
 
 
 def channel_step(
-    unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, blind: bool, max_step: float = np.inf
+    unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, max_step=np.inf, blind: bool = False
 ) -> ChannelStep:
-    """Return one damped Gauss-Newton step; free, blind as of `reduced`, max_step in metres."""
+    """Return one damped Gauss-Newton step; max_step in metres, `blind` where given positions do not hold the array."""
     try:
         here = objective.evaluate(unknowns)
     except np.linalg.LinAlgError:
-        return ChannelStep(unknowns, np.inf, 0.0, DAMPING.first, 0.0, free)
+        return ChannelStep(unknowns, np.inf, 0.0, FIRST_DAMPING, 0.0, free)
     if not free.shape[-1]:
-        return ChannelStep(unknowns, here.cost, 0.0, DAMPING.first, 0.0, free, here.terms, np.zeros((0, 0)))
-    g, H = reduced(unknowns, here, free, blind)
+        return ChannelStep(unknowns, here.cost, 0.0, FIRST_DAMPING, 0.0, free, here.terms, np.zeros((0, 0)))
+    g, H = reduced(unknowns, here, free, blind or objective.priors.blind)
     before, near = unknowns.vector, objective.beside(here.source)
     step = damped_step(
         before,
@@ -527,32 +569,77 @@ def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool)
     return free.T @ g, free.T @ H @ free
 
 
+# of the scaled Gauss-Newton matrix, dimensionless; directions with less are as good as undetermined
+MIN_EIGENVALUE = 1e-13
+
+
 def scaled_inverse(H: np.ndarray) -> np.ndarray:
     """Return the inverse of a positive semidefinite matrix (F, F) whose parameters may have different units."""
     scale = 1 / np.sqrt(np.diag(H))
     values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
-    return scale[:, None] * ((vectors / np.maximum(values, STEPS.min_eigenvalue)) @ vectors.T) * scale
+    return scale[:, None] * ((vectors / np.maximum(values, MIN_EIGENVALUE)) @ vectors.T) * scale
 
 
-def free_coordinates(shape: tuple[int, int], held) -> np.ndarray:
-    """Return the numbers, of N D, of the coordinates that may move : int64; the first free unknowns are these."""
-    return np.delete(np.arange(shape[0] * shape[1]).reshape(shape), held, axis=0).ravel()
+@dataclass(frozen=True)
+class Quadratic:
+    """An objective to second order about some unknowns, every microphone moving for itself.
+
+    gradient (F,) and inverse of the Gauss-Newton matrix (F, F) in the `free` unknowns (F,), of which the coordinates
+    (C,) of the microphones come first.
+    """
+
+    unknowns: Unknowns
+    free: np.ndarray
+    gradient: np.ndarray
+    inverse: np.ndarray
+    coordinates: np.ndarray
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of all coordinates : (N D, N D) float64, metres^2; 0 of those that are constrained."""
+        index, whole = self.coordinates, np.zeros((self.unknowns.positions.size,) * 2)
+        whole[np.ix_(index, index)] = self.inverse[: len(index), : len(index)]
+        return whole
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """One sigma of each coordinate : (N, D) float64, metres."""
+        return np.sqrt(np.diag(self.covariance)).reshape(self.unknowns.positions.shape)
+
+    @property
+    def step(self) -> np.ndarray:
+        """The Newton step of the positions to the minimum : (N, D) float64, metres."""
+        whole = np.zeros(self.unknowns.positions.size)
+        whole[self.coordinates] = -(self.inverse @ self.gradient)[: len(self.coordinates)]
+        return whole.reshape(self.unknowns.positions.shape)
+
+    @property
+    def fall(self) -> float:
+        """By how much the cost falls to the minimum, nats."""
+        return float(self.gradient @ self.inverse @ self.gradient) / 2
 
 
-def position_covariance(inverse: np.ndarray, shape: tuple[int, int], held) -> np.ndarray:
-    """Return the covariance of all coordinates (N D, N D), metres^2, out of that of the free unknowns (F, F)."""
-    index = free_coordinates(shape, held)
-    whole = np.zeros((shape[0] * shape[1],) * 2)
-    whole[np.ix_(index, index)] = inverse[: len(index), : len(index)]
-    return whole
+def quadratic(unknowns: Unknowns, objective: Objective, here: Evaluation | None = None) -> Quadratic:
+    """Return the quadratic of an objective, of which the evaluation `here` may be known.
+
+    Raises numpy.linalg.LinAlgError where a covariance is singular.
+    """
+    evaluation, free = objective.evaluate(unknowns) if here is None else here, objective.free(unknowns)
+    gradient, matrix = reduced(unknowns, evaluation, free, objective.priors.blind)
+    index = np.arange(unknowns.positions.size).reshape(unknowns.positions.shape)
+    coordinates = np.delete(index, objective.priors.constrained, axis=0).ravel()
+    return Quadratic(unknowns, free, gradient, scaled_inverse(matrix), coordinates)
 
 
-def remaining_step(unknowns: Unknowns, objective: Objective, here: Evaluation, free, inverse) -> np.ndarray:
-    """Return the Newton step of the positions that is left (N, D), metres; inverse (F, F) of the matrix."""
-    shape, held = unknowns.positions.shape, objective.priors.held
-    index, whole = free_coordinates(shape, held), np.zeros(unknowns.positions.size)
-    whole[index] = -(inverse @ here.gradient[free])[: len(index)]
-    return whole.reshape(shape)
+def descend(unknowns: Unknowns, objective: Objective, steps: int) -> tuple[Unknowns, float]:
+    """Return the minimum near some unknowns, after `steps` at most, and by how much the cost has fallen."""
+    damping, fall, free = STAGE_DAMPING, 0.0, objective.free(unknowns)
+    for _ in range(steps):
+        trial = channel_step(unknowns, objective, free, damping)
+        unknowns, damping, fall = trial.unknowns, trial.damping, fall + trial.fall
+        if trial.fall < NEGLIGIBLE_FALL:
+            break
+    return unknowns, fall
 
 
 def sigmas_moved(before: Unknowns, trial: ChannelStep, healthy: np.ndarray) -> float:
@@ -566,20 +653,20 @@ def sigmas_moved(before: Unknowns, trial: ChannelStep, healthy: np.ndarray) -> f
     return float(np.sqrt(np.mean(move**2 / variance))) if np.any(healthy) else 0.0
 
 
+# largest Newton step left of a run that has converged, over one sigma of the coordinate
+CONVERGED_SIGMAS = 0.2
+
+
 def is_converged(problem: Problem, state: State) -> bool:
     """Return whether no healthy channel is farther from the minimum than a small part of its sigma."""
-    goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
-    free = free_directions(here, goal.priors.held, None, speed_is_free(problem, state))
+    objective = objective_of(problem, state, used_modes(problem, state))
     try:
-        evaluated = goal.evaluate(here)
-        inverse = scaled_inverse(reduced(here, evaluated, free, not len(problem.known))[1])
+        there = quadratic(unknowns_of(state), objective)
     except np.linalg.LinAlgError:
         return False
-    step = remaining_step(here, goal, evaluated, free, inverse)
-    sigma = np.sqrt(np.diag(position_covariance(inverse, step.shape, goal.priors.held))).reshape(step.shape)
-    healthy = state.model.channel_noise < OUTLIERS.suspicious
-    step = without_motion(problem, state.positions, step, healthy, goal.priors)
-    return bool(np.all(np.abs(step[healthy]) <= STEPS.converged_sigmas * sigma[healthy]))
+    healthy = state.model.channel_noise < SUSPICIOUS
+    step = without_motion(problem, state.positions, there.step, healthy, objective.priors)
+    return bool(np.all(np.abs(step[healthy]) <= CONVERGED_SIGMAS * there.sigma[healthy]))
 
 
 def without_motion(problem: Problem, positions, step, healthy, priors: Priors) -> np.ndarray:
@@ -587,5 +674,5 @@ def without_motion(problem: Problem, positions, step, healthy, priors: Priors) -
 
     They say more of it than the pressures do; where they are exact they leave no such motion.
     """
-    anchored = len(problem.known) and problem.frame is None and not len(priors.held)
+    anchored = len(problem.known) and problem.frame is None and not len(priors.constrained)
     return align(positions + step, positions, healthy) - positions if anchored and np.any(healthy) else step

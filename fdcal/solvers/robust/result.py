@@ -3,7 +3,7 @@
     H      Gauss-Newton matrix of cost and priors over everything that is free
     g_m    gradient of mode m; -g_m H^-1 is the influence of that mode on the unknowns
 
-H takes the field as `GIVEN.weaker_field` times as powerful, which weakens the prior of an isotropic field: what becomes
+H takes the field as `WEAKER_FIELD` times as powerful, which weakens the prior of an isotropic field: what becomes
 uncertain rests on that prior and not on the wave equation. A conditional likelihood needs none. Without given
 positions the covariance is that of the array without its rigid motions; in the frame of the least gauge, of the array
 moved into it.
@@ -19,7 +19,7 @@ S large.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtrc
@@ -33,38 +33,32 @@ from . import given, noise
 from .objective import (
     Evaluation,
     Objective,
+    Quadratic,
     Unknowns,
     arrival_index,
-    channel_step,
-    free_directions,
+    descend,
     given_carry_scale,
     in_unit_power,
     objective_of,
-    position_covariance,
-    reduced,
-    remaining_step,
-    scaled_inverse,
+    quadratic,
     speed_is_free,
     unknowns_of,
     used_modes,
 )
 from .schedule import begin, refined
-from .state import ASSUMED, FINAL, GIVEN, STAGES, STEPS, State
+from .state import (
+    DIRECTION_UPDATES,
+    FINAL,
+    FREE_STEPS,
+    GIVEN_SIGMA,
+    STAGES,
+    WEAKER_FIELD,
+    State,
+)
 
 NEIGHBOURS, MIN_GROUPS = 8, 6  # modes in a group, whose gradients are not independent; fewest groups
 LEARNED = 1 / 3  # one sigma over that step: with 1 measured and simulated rooms have errors of 0.3 to 0.6 of the claim
 FIELD_ROUNDS = 3  # of learning the field at given positions: a faulty channel is found in the second
-
-
-@dataclass(frozen=True)
-class AgreementRules:
-    """How the array without given positions is sought."""
-
-    clear: float = 0.05  # probability of the linear estimate above which no array is sought
-    margin: float = 1.5  # factor on that estimate
-
-
-AGREEMENT = AgreementRules()
 
 
 def result(problem: Problem, state: State) -> Estimate:
@@ -72,16 +66,14 @@ def result(problem: Problem, state: State) -> Estimate:
     problem = in_unit_power(problem)
     state = replace(state, progress=replace(state.progress, stage=FINAL), shape=state.positions)
     used = used_modes(problem, state)
-    goal, here = objective_of(problem, state, used), unknowns_of(state)
-    undeflated = goal.field.noise * state.model.deflation  # without what the last stage takes off the noise
-    goal = replace(goal, field=replace(goal.field, noise=undeflated))
-    free = free_directions(here, goal.priors.held, None, speed_is_free(problem, state))
-    evaluated = goal.evaluate(here)
-    weakened = _weakened(goal, here, evaluated)
-    inverse = scaled_inverse(reduced(here, weakened, free, not len(problem.known))[1])
-    (N, D), model = state.positions.shape, state.model
+    objective, here = objective_of(problem, state, used), unknowns_of(state)
+    undeflated = objective.field.noise * state.model.deflation  # without what the last stage takes off the noise
+    objective = replace(objective, field=replace(objective.field, noise=undeflated))
+    evaluated = objective.evaluate(here)
+    weakened = _weakened(objective, here, evaluated)
+    likely, (N, D), model = quadratic(here, objective, weakened), state.positions.shape, state.model
     sigma = np.zeros(here.vector.size)
-    sigma[free] = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    sigma[likely.free] = np.sqrt(np.maximum(np.diag(likely.inverse), 0.0))
     each = np.zeros((N, 4))
     each[:, : here.gains * here.channels.shape[1]] = sigma[:-1].reshape(N, -1)[:, D:]
     stated = state.settings.sound_speed_sigma or 0.0
@@ -99,8 +91,8 @@ def result(problem: Problem, state: State) -> Estimate:
             model.channel_noise,
         ),
         field=FieldEstimate(model.share, model.power[state.modes], undeflated, weakened.terms),
-        spread=_spread(problem, state, goal, here, evaluated, free, inverse),
-        given=_given(problem, state, goal, here, evaluated.terms, weakened.terms),
+        spread=_spread(problem, state, objective, evaluated, likely),
+        given=_given(problem, state, objective, here, evaluated.terms, weakened.terms),
         log_speed=model.log_speed,
         log_speed_sigma=float(sigma[-1]) if len(problem.known) else stated,
         tried=_tried(problem, state),
@@ -122,7 +114,8 @@ def estimate_at(problem: Problem, settings: SolverSettings, positions, modes: sl
     state = refined(problem, replace(state, model=replace(state.model, kernel=noise.last_kernel(problem, state))))
     state = _with_field(problem, state)
     if speed_is_free(problem, state):
-        state = _at_minimum(problem, state)
+        objective = objective_of(problem, state, used_modes(problem, state))
+        state = given.with_unknowns(state, descend(unknowns_of(state), objective, 60)[0])
     found = result(problem, replace(state, converged=converged, finished=True))
     # The other cost has its minimum elsewhere: what the likelihood would still move is no sign of an unfinished search.
     return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)))
@@ -136,67 +129,61 @@ def _with_field(problem: Problem, state: State) -> State:
     used = used_modes(problem, state)
     for _ in range(FIELD_ROUNDS):
         for _ in range(STAGES[FINAL].max_steps):
-            goal = objective_of(problem, state, used)
-            state = noise.with_power(state, used, goal.field, goal.evaluate(unknowns_of(state)).terms)
-            state = noise.with_directions(problem, state, used, ASSUMED.direction_updates)
+            objective = objective_of(problem, state, used)
+            state = noise.with_power(state, used, objective.field, objective.evaluate(unknowns_of(state)).terms)
+            state = noise.with_directions(problem, state, used, DIRECTION_UPDATES)
         state = noise.with_noise(problem, state, state.model.deflation, rough=False)
     return state
 
 
-def _at_minimum(problem: Problem, state: State) -> State:
-    goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
-    return given.with_unknowns(state, _descend(here, goal, False, 60)[0])
-
-
-def _weakened(goal: Objective, here: Unknowns, evaluated: Evaluation) -> Evaluation:
+def _weakened(objective: Objective, here: Unknowns, evaluated: Evaluation) -> Evaluation:
     """The objective with a field of more power; as it is where it is conditional, and where C is then singular."""
-    if goal.field.conditional is not None:
+    if objective.field.conditional is not None:
         return evaluated
     try:
-        return replace(goal, field=replace(goal.field, power=GIVEN.weaker_field * goal.field.power)).evaluate(here)
+        return replace(objective, field=replace(objective.field, power=WEAKER_FIELD * objective.field.power)).evaluate(
+            here
+        )
     except np.linalg.LinAlgError:
         return evaluated
 
 
 def _spread(
-    problem: Problem, state: State, goal: Objective, here: Unknowns, evaluated, free, inverse
+    problem: Problem, state: State, objective: Objective, evaluated: Evaluation, likely: Quadratic
 ) -> PositionSpread:
     """The covariance and the influences in the gauge of the problem."""
-    shape, held = state.positions.shape, goal.priors.held
-    slopes = np.asarray(evaluated.terms.slopes).reshape(len(goal.pressures), -1)
+    here, free, index = likely.unknowns, likely.free, likely.coordinates
+    slopes = np.asarray(evaluated.terms.slopes).reshape(len(objective.pressures), -1)
     slopes = np.column_stack([slopes, slopes @ here.by_speed()])[:, free]
-    timed = _arrival_slopes(here, goal)[:, free]
+    timed = _arrival_slopes(here, objective)[:, free]
     gauge = _gauge(problem, state.positions)
-    newton = gauge @ position_covariance(inverse, shape, held) @ gauge.T
+    newton = gauge @ likely.covariance @ gauge.T
     if not len(problem.known):  # sound speed and size of a blind array are one
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
-    index = np.delete(np.arange(newton.shape[0]).reshape(shape), held, axis=0).ravel()
     influences = []
     by_take = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")  # neighbours are of one take
     for parts in (slopes, _grouped(slopes[by_take])):
         parts = np.concatenate([parts, timed])
         moves = np.zeros((len(parts), newton.shape[0]))
-        moves[:, index] = -(_about_zero(parts) @ inverse)[:, : len(index)]
+        moves[:, index] = -(_about_zero(parts) @ likely.inverse)[:, : len(index)]
         influences.append(moves @ gauge.T)
-    own = scaled_inverse(reduced(here, evaluated, free, not len(problem.known))[1])
-    step = remaining_step(here, goal, evaluated, free, own)
-    sigma = np.sqrt(np.diag(position_covariance(own, shape, held))).reshape(shape)
-    shift = (gauge @ _shift(problem, state, here, goal, free).ravel()).reshape(shape)
-    return PositionSpread(newton, tuple(influences), step, sigma, shift)
+    own = quadratic(here, objective, evaluated)
+    shift = gauge @ _shift(problem, state, here, objective).ravel()
+    return PositionSpread(newton, tuple(influences), own.step, own.sigma, shift.reshape(own.step.shape))
 
 
-def _arrival_slopes(here: Unknowns, goal: Objective) -> np.ndarray:
+def _arrival_slopes(here: Unknowns, objective: Objective) -> np.ndarray:
     """Gradient (T, N P + 1) of the arrivals of each take by all unknowns."""
-    if goal.arrivals is None:
+    if objective.arrivals is None:
         return np.zeros((0, here.vector.size))
-    terms = goal.arrivals.terms(here.positions, here.log_speed, True, here.delays)
+    terms = objective.arrivals.terms(here.positions, here.log_speed, True, here.delays)
     slopes = np.zeros((len(terms.gradient), here.vector.size))
     slopes[:, arrival_index(here)] = terms.gradient
     return slopes
 
 
-def _shift(problem: Problem, state: State, here: Unknowns, goal: Objective, free) -> np.ndarray:
+def _shift(problem: Problem, state: State, here: Unknowns, objective: Objective) -> np.ndarray:
     """How far the minimum of an isotropic random field is (N, D); none where that is what the state assumes.
 
     The Newton step to it; LEARNED of it where the directions were learned, which takes off most of what an isotropic
@@ -207,13 +194,12 @@ def _shift(problem: Problem, state: State, here: Unknowns, goal: Objective, free
     if model.kernel == "near" or (model.kernel == kernel and not model.conditional):
         return np.zeros(state.positions.shape)
     isotropic = replace(state, model=replace(model, kernel=kernel, directions=None, conditional=""))
-    other = replace(objective_of(problem, isotropic, used_modes(problem, state)), priors=goal.priors)
+    other = replace(objective_of(problem, isotropic, used_modes(problem, state)), priors=objective.priors)
     try:
-        evaluated = other.evaluate(here)
+        step = quadratic(here, other).step
     except np.linalg.LinAlgError:
         return np.zeros(state.positions.shape)
-    inverse = scaled_inverse(reduced(here, evaluated, free, not len(problem.known))[1])
-    return (1.0 if model.conditional else LEARNED) * remaining_step(here, other, evaluated, free, inverse)
+    return (1.0 if model.conditional else LEARNED) * step
 
 
 def _grouped(slopes) -> np.ndarray:
@@ -254,26 +240,27 @@ def _frame_rows(frame: GaugeFrame, positions) -> np.ndarray:
 
 
 def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
-    held = bool(len(problem.known)) and not given.inaccurate(state)
+    constrained = bool(len(problem.known)) and not given.inaccurate(state)
     ended = sorted((one for one in state.optima if np.isfinite(one.score)), key=lambda one: one.score)
     return tuple(
-        TriedOptimum(one.positions, one.score, one.regrouped, held and given.same_given(state, one)) for one in ended
+        TriedOptimum(one.positions, one.score, one.regrouped, constrained and given.same_given(state, one))
+        for one in ended
     )
 
 
 def _given(
-    problem: Problem, state: State, goal: Objective, here: Unknowns, at_goal: Terms, weakened: Terms
+    problem: Problem, state: State, objective: Objective, here: Unknowns, at_objective: Terms, weakened: Terms
 ) -> GivenEstimate:
-    sigma = goal.priors.known_sigma or given.EXACT_SIGMA
-    every = replace(goal.priors, known=problem.known, places=problem.known_positions, known_sigma=sigma)
+    sigma = objective.priors.known_sigma or given.EXACT_SIGMA
+    every = replace(objective.priors, known=problem.known, places=problem.known_positions, known_sigma=sigma)
 
     def probability(kept: np.ndarray) -> float:
         priors = replace(every, known=problem.known[kept], places=problem.known_positions[kept])
-        held = replace(goal, priors=priors)
-        return _agreement(held, here, at_goal)
+        constrained = replace(objective, priors=priors)
+        return _agreement(constrained, here, at_objective)
 
     stated = state.settings.known_sigma
-    expected = GIVEN.sigma if stated is None else stated
+    expected = GIVEN_SIGMA if stated is None else stated
     stiffness = every.of_known(state.positions)[2]
     return GivenEstimate(
         state.model.known_sigma,
@@ -281,43 +268,25 @@ def _given(
         stiffness,
         given_carry_scale(problem),
         probability,
-        given.contradicted(problem, state, (at_goal, weakened)),
+        given.contradicted(problem, state, (at_objective, weakened)),
     )
 
 
-def _agreement(held: Objective, here: Unknowns, at_goal: Terms) -> float:
+CLEAR = 0.05  # probability of the linear estimate above which no array is sought
+MARGIN = 1.5  # factor on that estimate
+
+
+def _agreement(constrained: Objective, here: Unknowns, at_objective: Terms) -> float:
     """Probability of the disagreement; the array without given positions is sought only where it could be low."""
     D = here.positions.shape[1]
-    freedom = len(held.priors.known) * D - D * (D + 1) // 2
-    alone = replace(held, priors=held.priors.without_given())
-    falls = (_promised(here, goal, at_goal, goal is alone) for goal in (alone, held))
-    quadratic = held.priors.of_known(here.positions)[0] + max(0.0, next(falls) - next(falls))
-    if chdtrc(freedom, 2 * AGREEMENT.margin * quadratic) > AGREEMENT.clear:
-        return float(chdtrc(freedom, 2 * quadratic))
-    there, _ = _descend(here, held, False, GIVEN.steps)
-    prior = held.priors.of_known(there.positions)[0]
-    linear = _promised(there, alone, alone.evaluate(there).terms, True)
-    if chdtrc(freedom, 2 * (prior + AGREEMENT.margin * linear)) > AGREEMENT.clear:
+    freedom = len(constrained.priors.known) * D - D * (D + 1) // 2
+    alone = replace(constrained, priors=constrained.priors.without_given())
+    falls = (quadratic(here, one, one.with_priors(here, at_objective)).fall for one in (alone, constrained))
+    disagreement = constrained.priors.of_known(here.positions)[0] + max(0.0, next(falls) - next(falls))
+    if chdtrc(freedom, 2 * MARGIN * disagreement) > CLEAR:
+        return float(chdtrc(freedom, 2 * disagreement))
+    there, _ = descend(here, constrained, FREE_STEPS)
+    prior, linear = constrained.priors.of_known(there.positions)[0], quadratic(there, alone).fall
+    if chdtrc(freedom, 2 * (prior + MARGIN * linear)) > CLEAR:
         return float(chdtrc(freedom, 2 * (prior + linear)))
-    return float(chdtrc(freedom, 2 * (prior + _descend(there, alone, True, GIVEN.steps)[1])))
-
-
-def _promised(there: Unknowns, goal: Objective, terms: Terms, blind: bool) -> float:
-    """Fall of the cost to the minimum of its quadratic approximation; `terms` are of the likelihood at `there`."""
-    free = free_directions(there, goal.priors.held, None, goal.priors.speed_sigma > 0)
-    g, H = reduced(there, goal.with_priors(there, terms), free, blind)
-    return float(g @ scaled_inverse(H) @ g) / 2
-
-
-def _descend(unknowns: Unknowns, goal: Objective, blind: bool, steps: int) -> tuple[Unknowns, float]:
-    """Return the minimum and by how much the cost has fallen."""
-    damping, fall = STEPS.damping, 0.0
-    free = free_directions(unknowns, goal.priors.held, None, goal.priors.speed_sigma > 0)
-    for _ in range(steps):
-        trial = channel_step(unknowns, goal, free, damping, blind)
-        if trial.terms is None:
-            break
-        unknowns, damping, fall = trial.unknowns, trial.damping, fall + trial.fall
-        if trial.fall < GIVEN.negligible:
-            break
-    return unknowns, fall
+    return float(chdtrc(freedom, 2 * (prior + descend(there, alone, FREE_STEPS)[1])))

@@ -37,7 +37,18 @@ from .objective import (
     wavenumbers,
 )
 from .outliers import relocated
-from .state import ASSUMED, FINAL, NOISELESS, OUTLIERS, SCHEDULE, STAGES, STEPS, LocalOptimum, Progress, State
+from .state import (
+    DIRECTION_UPDATES,
+    FINAL,
+    MIN_NOISE_FRACTION,
+    NOISELESS,
+    STAGE_DAMPING,
+    STAGES,
+    SUSPICIOUS,
+    LocalOptimum,
+    Progress,
+    State,
+)
 
 BEFORE_PLAN = -1  # number of the restart at positions that a run is begun with: every start of the plan follows it
 
@@ -66,7 +77,7 @@ def begin(
 
 def begin_stage(problem: Problem, state: State, stage: int) -> State:
     """Return `state` at the beginning of a stage of the schedule."""
-    progress = replace(state.progress, stage=stage, steps=0, damping=STEPS.damping)
+    progress = replace(state.progress, stage=stage, steps=0, damping=STAGE_DAMPING)
     if not STAGES[stage].degree and state.model.arrival_sigma is None:
         state = noise.with_arrivals(problem, state)
     return replace(state, stage=state.stage + 1, progress=progress, shape=state.positions)
@@ -93,6 +104,9 @@ def bent_to_exact(problem: Problem, settings: SolverSettings, positions: np.ndar
     return x
 
 
+MAX_RESTARTS = 6  # starts tried at most
+
+
 def next_restart(problem: Problem, state: State, restart: int) -> State:
     """Return the first restart, from number `restart` on, that has a start, or the last stage if there is none left.
 
@@ -102,13 +116,13 @@ def next_restart(problem: Problem, state: State, restart: int) -> State:
     level = None if reported is None else float(np.median(reported[state.modes]))
     affine_first = is_noiseless(problem, state) or state.quick
     plan = starts.plan(problem, state.last, affine_first)
-    for number, one in enumerate(plan[: SCHEDULE.restarts]):
+    for number, one in enumerate(plan[:MAX_RESTARTS]):
         if number < restart:
             continue
         try:
             positions = starts.start(problem, state.last, level, *one)
         except (InputError, np.linalg.LinAlgError):  # this start needs more than the modes show
-            if state.optima or number + 1 < SCHEDULE.restarts:
+            if state.optima or number + 1 < MAX_RESTARTS:
                 continue
             raise
         return begin_restart(problem, state, positions, number)
@@ -142,6 +156,11 @@ def next_pose(problem: Problem, state: State) -> State:
     return replace(begun, progress=replace(begun.progress, regrouped=True, poses=tuple(others)))
 
 
+# distance of every microphone in one optimum from its place in another, over the shortest wavelength, within which
+# the two agree
+SAME_PLACE = 0.03
+
+
 def optima_agree(problem: Problem, state: State) -> bool:
     """Return whether another restart has ended where the likeliest did; without noise their scores differ by rounding.
 
@@ -154,15 +173,27 @@ def optima_agree(problem: Problem, state: State) -> bool:
     for other in others:
         if np.isfinite(other.score) and not other.regrouped:
             away = np.linalg.norm(align(other.positions, best.positions) - best.positions, axis=1)
-            if away[healthy].max(initial=0.0) < SCHEDULE.same_place * wavelength:
+            if away[healthy].max(initial=0.0) < SAME_PLACE * wavelength:
                 return True
     return False
+
+
+# share of the power, of the array and of one channel: a restart that leaves no more unexplained of a measurement
+# without noise is the last, since in a wrong basin none does so; without the second a run ends in a wrong basin, 1.1
+# m off
+LOW_NOISE = 1e-7
+LOW_CHANNEL_NOISE = 1e-5
 
 
 def is_noiseless(problem: Problem, state: State) -> bool:
     """Return whether the measurement is reported to have no noise to speak of, as a simulated one."""
     reported = noise.given_noise(problem, state)
-    return reported is not None and float(np.median(reported[state.modes])) <= SCHEDULE.low_noise
+    return reported is not None and float(np.median(reported[state.modes])) <= LOW_NOISE
+
+
+# the same over the reported noise, where channels are matched and positions exact; without it such arrays take 1.4
+# times the time
+REPORTED_NOISE = 1.2
 
 
 def explains_all(problem: Problem, state: State) -> bool:
@@ -173,12 +204,12 @@ def explains_all(problem: Problem, state: State) -> bool:
     """
     share, worst = state.model.share, float(state.model.channel_noise.max())
     if is_noiseless(problem, state):
-        floor = 1.01 * ASSUMED.min_share[state.model.kernel]
-        return share <= max(SCHEDULE.low_noise, floor) and share * worst <= SCHEDULE.low_noise_channel
+        floor = 1.01 * MIN_NOISE_FRACTION[state.model.kernel]
+        return share <= max(LOW_NOISE, floor) and share * worst <= LOW_CHANNEL_NOISE
     reported = noise.given_noise(problem, state)
     if reported is None or not state.quick or not len(problem.known):
         return False
-    return share <= SCHEDULE.reported_noise * float(np.median(reported[state.modes])) and worst < OUTLIERS.suspicious
+    return share <= REPORTED_NOISE * float(np.median(reported[state.modes])) and worst < SUSPICIOUS
 
 
 def begin_final(problem: Problem, state: State) -> State:
@@ -189,7 +220,7 @@ def begin_final(problem: Problem, state: State) -> State:
     state = replace(at_best, model=best.model, progress=progress)
     if is_noiseless(problem, state) and explains_all(problem, state):
         near = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(state.positions))))
-        least = frozen_array(np.full(len(state.model.noise), ASSUMED.min_share[near.model.kernel]), float)
+        least = frozen_array(np.full(len(state.model.noise), MIN_NOISE_FRACTION[near.model.kernel]), float)
         return begin_stage(problem, replace(near, model=replace(near.model, noise=least)), NOISELESS)
     state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
     state = given.resolved(problem, state)
@@ -203,6 +234,13 @@ def after_noiseless(problem: Problem, state: State) -> State:
     return refined(problem, given.resolved(problem, placed))
 
 
+# residual of the near-field kernel over the noise that is assumed with it; without it an array with an error of 3.4
+# mm and a claim of 0.9 mm is good
+NEAR_DEFLATION = 3.0
+# share of noise by dimension of the field, at or below which a source near the array counts
+NEAR_NOISE = {2: 1e-5, 3: 2e-6}
+
+
 def refined(problem: Problem, state: State) -> State:
     """Return the beginning of a round of the last stage: new noise, and perhaps another kernel.
 
@@ -211,13 +249,13 @@ def refined(problem: Problem, state: State) -> State:
     """
     near = state.model.kernel == "near"
     here = replace(state, shape=state.positions)
-    fresh = noise.with_noise(problem, here, ASSUMED.near_deflation if near else 1.0, rough=False)
-    if not near and fresh.model.share <= ASSUMED.near_share[problem.dimension]:
+    fresh = noise.with_noise(problem, here, NEAR_DEFLATION if near else 1.0, rough=False)
+    if not near and fresh.model.share <= NEAR_NOISE[problem.dimension]:
         other = replace(here, model=replace(here.model, kernel="near"))
-        other = noise.with_noise(problem, other, ASSUMED.near_deflation, rough=False)
+        other = noise.with_noise(problem, other, NEAR_DEFLATION, rough=False)
         fresh = other if noise.misfit(problem, other) < noise.misfit(problem, fresh) else fresh
     begun = begin_stage(problem, fresh, FINAL)
-    updates = ASSUMED.direction_updates if begun.model.directions is None else 0
+    updates = DIRECTION_UPDATES if begun.model.directions is None else 0
     begun = noise.with_directions(problem, begun, used_modes(problem, begun), updates)
     begun = noise.with_filters(problem, begun)
     return begun if begun.progress.rounds else noise.with_conditional(problem, begun)
@@ -228,7 +266,7 @@ def finished(problem: Problem, state: State) -> State:
     framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
     positions = given.anchored(problem, state) if problem.frame is None else frozen_array(framed, float)
     ended = replace(state, positions=positions, shape=positions, finished=True)
-    return noise.with_directions(problem, ended, used_modes(problem, ended), ASSUMED.direction_updates)
+    return noise.with_directions(problem, ended, used_modes(problem, ended), DIRECTION_UPDATES)
 
 
 @dataclass(frozen=True)
@@ -238,7 +276,7 @@ class Turn:
     problem: Problem
     place: str  # name of the stage, or "restart" where the optimum of one has been added to the state
     state: State
-    goal: Objective  # what the last step minimised
+    objective: Objective  # what the last step minimised
     trial: ChannelStep  # that step
     within_tolerance: bool  # whether it changed hardly anything
 
@@ -276,17 +314,23 @@ def _modes_chosen(turn: Turn) -> bool:
     return not turn.state.automatic
 
 
-def _noise_settled(turn: Turn) -> bool:
+NOISE_TOLERANCE = 0.15  # change of the logarithm of the noise after which a round is the last
+
+
+def _noise_within_tolerance(turn: Turn) -> bool:
     """The noise has hardly changed and explains more than the error of the positions, and no outlier was moved."""
     state, moved = turn.searched
     k = float(np.real(turn.problem.wavenumbers[state.modes]).max())
     rough = (k * state.model.spread) ** 2 / turn.problem.dimension > state.model.share
     change = abs(np.log(state.model.share / turn.state.model.share))
-    return not moved and not rough and bool(change < SCHEDULE.tolerance_noise)
+    return not moved and not rough and bool(change < NOISE_TOLERANCE)
+
+
+MAX_ROUNDS = 8  # of stage "gains" at most in one restart, and of stage "final"
 
 
 def _last_round(turn: Turn) -> bool:
-    return turn.state.progress.rounds + 1 >= SCHEDULE.rounds
+    return turn.state.progress.rounds + 1 >= MAX_ROUNDS
 
 
 def _confirmed(turn: Turn) -> bool:
@@ -295,7 +339,7 @@ def _confirmed(turn: Turn) -> bool:
 
 def _other_pose(turn: Turn) -> bool:
     tried = sum(one.regrouped for one in turn.state.optima)
-    return bool(turn.state.progress.poses) and tried < SCHEDULE.restarts
+    return bool(turn.state.progress.poses) and tried < MAX_RESTARTS
 
 
 def _nothing_else_free(turn: Turn) -> bool:
@@ -337,8 +381,8 @@ def _next_final(turn: Turn) -> State:
     again = refined(problem, given.resolved(problem, replace(state, model=model, progress=ahead)))
     a, b = state.model, again.model
     change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
-    other = a.kernel != b.kernel or bool(change > SCHEDULE.tolerance_noise) or not given.same_given(state, again)
-    return again if other and again.progress.rounds < SCHEDULE.rounds else finished(problem, state)
+    other = a.kernel != b.kernel or bool(change > NOISE_TOLERANCE) or not given.same_given(state, again)
+    return again if other and again.progress.rounds < MAX_ROUNDS else finished(problem, state)
 
 
 def _ended(turn: Turn, state: State) -> Turn:
@@ -347,7 +391,7 @@ def _ended(turn: Turn, state: State) -> Turn:
     Its score ranks it; one whose covariance is singular ranks last.
     """
     lost, model, regrouped = turn.trial.terms is None, state.model, state.progress.regrouped
-    reached = np.inf if lost else float(noise.score(turn.problem, state, turn.goal, turn.trial))
+    reached = np.inf if lost else float(noise.score(turn.problem, state, turn.objective, turn.trial))
     converged = bool(turn.within_tolerance and np.isfinite(reached))
     found = LocalOptimum(state.positions, state.gains, state.offsets, model, reached, converged, regrouped)
     state = replace(state, optima=(*state.optima, found))
@@ -359,9 +403,9 @@ def _ended(turn: Turn, state: State) -> Turn:
 def _explained(turn: Turn) -> Turn:
     """End with the evidence at the noise found: that of the last step was far more, and any other would outdo it."""
     state = turn.estimated
-    goal = objective_of(turn.problem, state, used_modes(turn.problem, state))
-    cost = goal.finite_cost(turn.trial.unknowns)
-    return _ended(replace(turn, goal=goal), replace(state, cost=cost))
+    objective = objective_of(turn.problem, state, used_modes(turn.problem, state))
+    cost = objective.finite_cost(turn.trial.unknowns)
+    return _ended(replace(turn, objective=objective), replace(state, cost=cost))
 
 
 TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | State]], ...] = (
@@ -377,7 +421,7 @@ TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | St
     ("free", lambda turn: explains_all(turn.problem, turn.estimated), _explained),
     ("free", _always, lambda turn: begin_stage(turn.problem, turn.searched[0], turn.state.progress.stage + 1)),
     ("gains", lambda turn: explains_all(turn.problem, turn.estimated), _explained),
-    ("gains", _noise_settled, lambda turn: _ended(turn, turn.searched[0])),
+    ("gains", _noise_within_tolerance, lambda turn: _ended(turn, turn.searched[0])),
     (
         "gains",
         _last_round,

@@ -20,7 +20,7 @@ import numpy as np
 from ...acoustics.room_modes import DiffuseModel, point_source_model, room_pressures
 from ...model.problem import mode_power
 from ..estimate import SizeFit
-from ..levenberg_marquardt import DAMPING, NewtonTerms, Step, damped_step
+from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, Step, damped_step
 
 Cost = Callable[[np.ndarray], float]  # of given unknowns
 
@@ -29,17 +29,6 @@ MIN_CURVATURE = 1e-12  # of the largest eigenvalue: directions with less are as 
 MAX_SIZE_STEPS = 12  # of the fit of the size
 SIZE_TOLERANCE = 1e-5  # metres: a shorter step ends that fit
 LARGE_RESIDUAL = 2.0  # reduced chi-square from which another size may be far away
-
-
-@dataclass(frozen=True)
-class FitRules:
-    """The prior of the walls, and the step of numerical derivatives."""
-
-    admittance_sigma: float = 0.05  # of the real and of the imaginary part
-    difference: float = 1e-6  # of the admittance or of a relative length, for a derivative
-
-
-RULES = FitRules()
 
 
 def degrees_of_freedom(modes: int, count: int, D: int) -> float:
@@ -99,6 +88,10 @@ class Exact:
         return NewtonTerms(self.cost, gradient, 2 * np.real(J.conj().T @ J) + 2 * np.diag(weights))
 
 
+ADMITTANCE_SIGMA = 0.05  # of the real and of the imaginary part
+DIFFERENCE = 1e-6  # of the admittance or of a relative length, for a derivative
+
+
 @np.errstate(all="ignore")
 def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Exact:
     """Return the exact model's residual, and its Jacobian if `slopes`; without it the Jacobian has no rows.
@@ -117,23 +110,23 @@ def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Ex
     A = np.sum(g.conj() * pressures, axis=1, keepdims=True) / square
     scale = 1 / np.sqrt(noise)[:, None]
     prior = np.zeros(len(theta))
-    prior[walls_at:lengths_at] = 1 / RULES.admittance_sigma
+    prior[walls_at:lengths_at] = 1 / ADMITTANCE_SIGMA
     residual, jacobian = scale * (pressures - A * g), np.zeros((0, len(theta)))
     if not slopes:
         return Exact(theta, prior, residual, A * g, jacobian)
 
     def slope(size, beta: complex) -> np.ndarray:
         changed = point_source_model(size, wavenumbers, beta)
-        return (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / RULES.difference
+        return (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / DIFFERENCE
 
     dg = np.zeros((*g.shape, len(theta)), complex)
     for a in range(D):
         dg[:, np.arange(N), D * np.arange(N) + a] = room_pressures(excited, room.shapes(x, a))
         dg[:, :, source_at + a] = room_pressures(room.excitation(source, a), shapes)
-    dg[:, :, walls_at] = slope(size, beta + RULES.difference)
+    dg[:, :, walls_at] = slope(size, beta + DIFFERENCE)
     dg[:, :, walls_at + 1] = 1j * dg[:, :, walls_at]
     for a, change in enumerate(longer):
-        grown = 1 + RULES.difference / (1 + change)
+        grown = 1 + DIFFERENCE / (1 + change)
         dg[:, :, lengths_at + a] = slope(np.where(np.arange(D) == a, grown, 1) * size, beta)
     along = np.sum(g.conj()[..., None] * dg, axis=1, keepdims=True) / square[..., None]
     jacobian = -(scale * A)[..., None] * (dg - g[..., None] * along)
@@ -170,7 +163,7 @@ def fitted_size(theta, pressures, noise, wavenumbers, size, residual: float) -> 
     enough.
     """
     N, D = pressures.shape[1], len(size)
-    grown, damping = np.concatenate([theta, np.zeros(D)]), DAMPING.first
+    grown, damping = np.concatenate([theta, np.zeros(D)]), FIRST_DAMPING
     model = pressures, noise, wavenumbers, size
     for _ in range(MAX_SIZE_STEPS if residual > LARGE_RESIDUAL else 1):
         terms, free = exact(grown, *model).terms, (-np.inf, np.inf)

@@ -22,30 +22,7 @@ from ...model.validation import frozen_array
 from ..interface import check_deadline
 from .fit import diffuse_terms, field_power
 
-
-@dataclass(frozen=True)
-class SearchRules:
-    """How arrays and sources are searched for."""
-
-    modes: int = 30  # lowest modes with which arrays are searched for
-    points_per_wave: int = 8  # lattice points in the shortest wavelength
-    max_points: int = 8000  # points of a lattice; it is coarser otherwise
-    lattice_error: float = 0.6  # lattice steps that a microphone may be from its lattice point
-    widths: tuple[float, ...] = (0.006, 0.04)  # rad/m, half widths of resonances that are tried
-    candidates: int = 6  # arrays that are kept for each width
-    arrays: int = 3  # of those, arrays whose microphones are placed again
-    block: int = 16  # places of the loudest microphone that are computed at a time
-    max_neighbours: int = 12  # microphones that predict where another one is
-    max_sweeps: int = 3  # in which the microphones of an array are placed again
-    finer: float = 1.5  # points of the source's lattice in a step of that of the arrays
-    unexplained: float = 0.05  # fraction of the power that a lattice leaves unexplained
-    admittances: tuple[float, ...] = (0.0, 0.01, 0.04)  # of the walls, tried with every place of the source
-    sources: int = 4  # places of the source that are returned
-    min_distance: float = 2.0  # lattice steps between two of them
-    better: float = 0.3  # a microphone is relocated to where it leaves less than this part of its residual power
-
-
-RULES = SearchRules()
+WIDTHS = (0.006, 0.04)  # rad/m, half widths of resonances that are tried
 
 
 @dataclass(frozen=True)
@@ -64,10 +41,14 @@ class SourceCandidate:
     admittance: float
 
 
+POINTS_PER_WAVE = 8  # lattice points in the shortest wavelength
+MAX_POINTS = 8000  # points of a lattice; it is coarser otherwise
+
+
 def lattice_step(wavenumbers, size) -> float:
     """Return the step of the lattice of an array search, metres."""
-    fine = 2 * np.pi / float(np.real(wavenumbers).max()) / RULES.points_per_wave
-    return max(fine, float(np.prod(size) / RULES.max_points) ** (1 / len(size)))
+    fine = 2 * np.pi / float(np.real(wavenumbers).max()) / POINTS_PER_WAVE
+    return max(fine, float(np.prod(size) / MAX_POINTS) ** (1 / len(size)))
 
 
 def lattice(size, step: float) -> tuple[list[np.ndarray], np.ndarray]:
@@ -82,22 +63,33 @@ def noise_with_errors(noise, wavenumbers, D: int, error: float) -> np.ndarray:
     return noise + np.minimum((np.real(wavenumbers) * error) ** 2 / D, 0.5)
 
 
+SEARCH_MODES = 30  # lowest modes with which arrays are searched for
+LATTICE_ERROR = 0.6  # lattice steps that a microphone may be from its lattice point
+PLACED_AGAIN = 3  # of those, arrays whose microphones are placed again
+
+
 def find_arrays(pressures, noise, wavenumbers, size) -> list[ArrayCandidate]:
     """Return array candidates, the likeliest first."""
-    p, k = pressures[: RULES.modes], wavenumbers[: RULES.modes]
+    p, k = pressures[:SEARCH_MODES], wavenumbers[:SEARCH_MODES]
     step = lattice_step(k, size)
-    noise = noise_with_errors(noise[: RULES.modes], k, len(size), RULES.lattice_error * step)
+    noise = noise_with_errors(noise[:SEARCH_MODES], k, len(size), LATTICE_ERROR * step)
     everywhere, part = (lattice(np.asarray(size) / parts, step)[1] for parts in (1, 2))
     found = []
-    for width in RULES.widths:
+    for width in WIDTHS:
         points = LatticePoints(everywhere, p, noise, diffuse_model(size, k, width))
         found += [(points.cost(x), width, x, points) for x in points.arrays(part)]
     found.sort(key=lambda one: one[0])
     better = {}
-    for _, width, x, points in found[: RULES.arrays]:
+    for _, width, x, points in found[:PLACED_AGAIN]:
         x = points.placed_again(x)
         better[x.tobytes()] = points.cost(x), ArrayCandidate(width, frozen_array(x, float))
     return [candidate for _, candidate in sorted(better.values(), key=lambda one: one[0])]
+
+
+CANDIDATES = 6  # arrays that are kept for each width
+BLOCK = 16  # places of the loudest microphone that are computed at a time
+MAX_NEIGHBOURS = 12  # microphones that predict where another one is
+MAX_PASSES = 3  # in which the microphones of an array are placed again
 
 
 class LatticePoints:
@@ -116,9 +108,9 @@ class LatticePoints:
     def arrays(self, part) -> list[np.ndarray]:
         """Return the likeliest arrays (N, D) with the loudest microphone at a point of `part` (B, D)."""
         first = int(np.argmax(np.sum(np.abs(self.p) ** 2 / self.weights.sum(axis=1)[:, None], axis=0)))
-        blocks = [self._others(part[start : start + RULES.block], first) for start in range(0, len(part), RULES.block)]
+        blocks = [self._others(part[start : start + BLOCK], first) for start in range(0, len(part), BLOCK)]
         costs, found = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-        likeliest = np.argsort(costs, kind="stable")[: RULES.candidates]
+        likeliest = np.argsort(costs, kind="stable")[:CANDIDATES]
         arrays = self.points[found[likeliest]]
         arrays[:, first] = part[likeliest]
         return list(arrays)
@@ -156,29 +148,38 @@ class LatticePoints:
     def placed_again(self, positions) -> np.ndarray:
         """Return `positions` with one microphone after the other put where the others predict it : (N, D)."""
         positions = np.array(positions)
-        for _ in range(RULES.max_sweeps):
+        for _ in range(MAX_PASSES):
             before = positions.copy()
             for n in range(len(positions)):
-                positions[n] = self.points[self.costs(positions, n, RULES.max_neighbours).sum(axis=0).argmin()]
+                positions[n] = self.points[self.costs(positions, n, MAX_NEIGHBOURS).sum(axis=0).argmin()]
             if np.array_equal(before, positions):
                 break
         return positions
 
 
+FINER = 1.5  # points of the source's lattice in a step of that of the arrays
+ADMITTANCES = (0.0, 0.01, 0.04)  # of the walls, tried with every place of the source
+SOURCES = 4  # places of the source that are returned
+MIN_DISTANCE = 2.0  # lattice steps between two of them
+
+
 def find_sources(positions, pressures, wavenumbers, size) -> list[SourceCandidate]:
     """Return places of the source, some lattice steps apart, the likeliest first."""
-    step = lattice_step(wavenumbers, size) / RULES.finer
+    step = lattice_step(wavenumbers, size) / FINER
     axes, points = lattice(size, step)
-    rooms = [point_source_model(size, wavenumbers, beta) for beta in RULES.admittances]
+    rooms = [point_source_model(size, wavenumbers, beta) for beta in ADMITTANCES]
     costs = np.array([_source_costs(room, positions, pressures, axes) for room in rooms])
     chosen: list[int] = []
     for c in np.argsort(costs.min(axis=0), kind="stable").tolist():
-        if all(np.linalg.norm(points[c] - points[other]) > RULES.min_distance * step for other in chosen):
+        if all(np.linalg.norm(points[c] - points[other]) > MIN_DISTANCE * step for other in chosen):
             chosen.append(c)
-        if len(chosen) == RULES.sources:
+        if len(chosen) == SOURCES:
             break
     best = costs.argmin(axis=0)
-    return [SourceCandidate(frozen_array(points[c], float), RULES.admittances[best[c]]) for c in chosen]
+    return [SourceCandidate(frozen_array(points[c], float), ADMITTANCES[best[c]]) for c in chosen]
+
+
+UNEXPLAINED = 0.05  # fraction of the power that a lattice leaves unexplained
 
 
 def _source_costs(room: PointSourceModel, positions, pressures, axes) -> np.ndarray:
@@ -192,8 +193,11 @@ def _source_costs(room: PointSourceModel, positions, pressures, axes) -> np.ndar
         g = _everywhere(T, along, m)
         power = np.sum(np.abs(p) ** 2)
         left = power - np.abs(p.conj() @ g) ** 2 / np.sum(np.abs(g) ** 2, axis=0)
-        cost += len(p) * np.log(left / power + RULES.unexplained)
+        cost += len(p) * np.log(left / power + UNEXPLAINED)
     return cost
+
+
+BETTER = 0.3  # a microphone is relocated to where it leaves less than this part of its residual power
 
 
 def relocate(positions, walls, pressures, wavenumbers, size) -> np.ndarray:
@@ -202,7 +206,7 @@ def relocate(positions, walls, pressures, wavenumbers, size) -> np.ndarray:
     `walls` (D + 2,) holds the source, metres, and the admittance, real and imaginary part.
     """
     D = len(size)
-    axes, points = lattice(size, lattice_step(wavenumbers, size) / RULES.finer)
+    axes, points = lattice(size, lattice_step(wavenumbers, size) / FINER)
     room = point_source_model(size, wavenumbers, complex(*walls[D:]))
     excited, along = room.excitation(walls[:D]), _along(room, axes)
     here = room_pressures(excited, room.shapes(positions))
@@ -210,7 +214,7 @@ def relocate(positions, walls, pressures, wavenumbers, size) -> np.ndarray:
     fitted = loud * np.array([_everywhere(T[None], along, m)[0] for m, T in enumerate(excited)])  # (M, C)
     costs = np.sum(np.abs(fitted) ** 2, axis=0)[:, None] - 2 * np.real(fitted.conj().T @ pressures)
     costs += np.sum(np.abs(pressures) ** 2, axis=0)
-    better = costs.min(axis=0) < RULES.better * np.sum(np.abs(pressures - loud * here) ** 2, axis=0)
+    better = costs.min(axis=0) < BETTER * np.sum(np.abs(pressures - loud * here) ** 2, axis=0)
     return np.where(better[:, None], points[costs.argmin(axis=0)], positions)
 
 

@@ -30,36 +30,13 @@ from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from ..estimate import RoomEstimate
 from ..interface import RunState, Traits
-from ..levenberg_marquardt import DAMPING
+from ..levenberg_marquardt import FIRST_DAMPING
 from ..requirements import require_measured, require_range, require_search
 from . import search
 from .fit import bounded_inverse, bounded_step, degrees_of_freedom, diffuse_terms, exact, fitted_size
 from .search import ArrayCandidate, SourceCandidate
 
 TRAITS = Traits(moves_all=True, needs_room=True, takes_positions=True)
-
-
-@dataclass(frozen=True)
-class NoiseRules:
-    """Decisions about the noise, fractions of the power unless said otherwise."""
-
-    guess: float = 1e-4  # where none is reported
-    min: float = 1e-6  # where it is reported that there is none
-    rough: float = 1e-3  # added until the admittance of the walls is known
-    confirmed: float = 1.5  # times the reported noise: a local optimum that leaves less needs no restart
-    rejected: float = 6.0  # times `rough` and noise: a local optimum that leaves more has no phase "exact"
-    agreement: float = 0.02  # relative difference of the costs of two restarts that have found the same optimum
-
-
-@dataclass(frozen=True)
-class FitLimits:
-    """Limits of the fits."""
-
-    lattice_errors: tuple[float, ...] = (0.3, 0.1, 0.03)  # lattice steps, of the stages of phase "diffuse"
-    margin: float = 1e-3  # metres, least distance between a microphone and a wall
-    max_admittance: float = 0.2  # of the walls
-    exact_damping: float = 1e-2  # of the first step of the exact model
-    max_response: float = 1e7  # complex numbers of the exact model's response
 
 
 @dataclass(frozen=True)
@@ -70,7 +47,6 @@ class PhaseLimits:
     max_steps: int = 12
 
 
-NOISE, LIMITS = NoiseRules(), FitLimits()
 PHASES = {
     "diffuse": PhaseLimits(tolerance=3e-3),
     "rough": PhaseLimits(tolerance=1e-3),
@@ -162,12 +138,15 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
         settings=settings,
         seed=seed,
         last=settings.modes,
-        phase=Phase("search" if positions is None else "diffuse", 0, 0, DAMPING.first),
+        phase=Phase("search" if positions is None else "diffuse", 0, 0, FIRST_DAMPING),
         attempts=Restarts(),
         noise=_noise(problem, settings),
         walls=frozen_array(np.zeros(D + 2), float),
-        width=search.RULES.widths[0],
+        width=search.WIDTHS[0],
     )
+
+
+NOISE_GUESS = 1e-4  # where none is reported
 
 
 def _noise(problem: Problem, settings: SolverSettings) -> MeasurementNoise:
@@ -178,14 +157,17 @@ def _noise(problem: Problem, settings: SolverSettings) -> MeasurementNoise:
     reported = problem.noise_power if settings.noise == "reported" else None
     if reported is not None and np.all(reported > 0):  # a simulation without noise is still no exact room
         return MeasurementNoise(frozen_array(reported, float), True)
-    return MeasurementNoise(frozen_array(NOISE.guess * power, float), False)
+    return MeasurementNoise(frozen_array(NOISE_GUESS * power, float), False)
+
+
+MIN_NOISE = 1e-6  # where it is reported that there is none
 
 
 def scaled(problem: Problem, state: State, modes: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return pressures of unit RMS (modes, N), their noise power (modes,) and wavenumbers (modes,), rad/m."""
     p = problem.pressures[modes]
     power = mode_power(p)
-    noise = np.maximum(state.noise.power[modes] / power, NOISE.min)
+    noise = np.maximum(state.noise.power[modes] / power, MIN_NOISE)
     return p / np.sqrt(power)[:, None], noise, problem.wavenumbers[modes]
 
 
@@ -209,25 +191,36 @@ def step(problem: Problem, state: State) -> State:
     return state
 
 
+ROUGH_NOISE = 1e-3  # added until the admittance of the walls is known
+LATTICE_ERRORS = (0.3, 0.1, 0.03)  # lattice steps, of the stages of phase "diffuse"
+MARGIN = 1e-3  # metres, least distance between a microphone and a wall
+MAX_ADMITTANCE = 0.2  # of the walls
+
+
 def _fitted(state: State, p, noise, k) -> tuple[State, float]:
     """Return the state after one damped step with the model of its phase, and how far a coordinate moved, metres."""
     size, name, max_step = state.size, state.phase.name, search.lattice_step(k, state.size)
     N, D = state.positions.shape
     if name == "diffuse":
-        v = search.noise_with_errors(noise, k, D, LIMITS.lattice_errors[state.phase.spread] * max_step)
+        v = search.noise_with_errors(noise, k, D, LATTICE_ERRORS[state.phase.spread] * max_step)
         model, theta = diffuse_model(size, k, state.width), state.positions.ravel()
         terms, cost = diffuse_terms(theta, p, v, model), lambda y: diffuse_terms(y, p, v, model).cost
     else:
-        v, theta = noise + NOISE.rough * (name != "exact"), state.theta
+        v, theta = noise + ROUGH_NOISE * (name != "exact"), state.theta
         terms, cost = exact(theta, p, v, k, size).terms, lambda y: exact(y, p, v, k, size, False).cost
-    low = np.concatenate([np.full(N * D + D, LIMITS.margin), [0.0, -np.inf]])[: len(theta)]
-    high = np.tile(np.asarray(size) - LIMITS.margin, N + 1)
-    high = np.concatenate([high, [LIMITS.max_admittance, np.inf]])[: len(theta)]
+    low = np.concatenate([np.full(N * D + D, MARGIN), [0.0, -np.inf]])[: len(theta)]
+    high = np.tile(np.asarray(size) - MARGIN, N + 1)
+    high = np.concatenate([high, [MAX_ADMITTANCE, np.inf]])[: len(theta)]
     trial = bounded_step(theta, terms, cost, (low, high), N * D, state.phase.damping, max_step)
     positions = frozen_array(trial.unknowns[: N * D].reshape(N, D), float)
     walls = state.walls if name == "diffuse" else frozen_array(trial.unknowns[N * D :], float)
     phase = replace(state.phase, damping=trial.damping)
     return replace(state, positions=positions, walls=walls, cost=trial.cost, phase=phase), trial.moved
+
+
+CONFIRMED = 1.5  # times the reported noise: a local optimum that leaves less needs no restart
+REJECTED = 6.0  # times `rough` and noise: a local optimum that leaves more has no phase "exact"
+EXACT_DAMPING = 1e-2  # of the first step of the exact model
 
 
 def _following(problem: Problem, state: State, converged: bool) -> State:
@@ -247,14 +240,14 @@ def _following(problem: Problem, state: State, converged: bool) -> State:
     name, spread, tried = state.phase.name, state.phase.spread, state.attempts
     freedom = degrees_of_freedom(state.last - state.first + 1, *state.positions.shape)
     if name == "diffuse":
-        more = spread + 1 < len(LIMITS.lattice_errors)
+        more = spread + 1 < len(LATTICE_ERRORS)
         return _begin(state, "diffuse", spread + 1) if more else _begin(state, "source", spread)
-    if name in ("rough", "relocated") and state.cost <= NOISE.rejected * freedom:
+    if name in ("rough", "relocated") and state.cost <= REJECTED * freedom:
         return _begin(state, "exact", spread)
     if name == "rough":
         p, _, k = scaled(problem, state, state.modes)
         positions = frozen_array(search.relocate(state.positions, state.walls, p, k, state.size), float)
-        return _begin(replace(state, positions=positions), "relocated", spread, LIMITS.exact_damping)
+        return _begin(replace(state, positions=positions), "relocated", spread, EXACT_DAMPING)
     if name == "relocated":
         best, agreed = _best(tried.rejected, state, False)
         state = replace(state, attempts=replace(tried, rejected=best, sources=() if agreed else tried.sources))
@@ -263,7 +256,7 @@ def _following(problem: Problem, state: State, converged: bool) -> State:
         best, agreed = _best(tried.best, state, converged)
         state = replace(state, attempts=replace(tried, best=best))
         left = best.cost / freedom
-        unexplained = left > NOISE.confirmed and (state.noise.given or left * NOISE.guess > NOISE.rough)
+        unexplained = left > CONFIRMED and (state.noise.given or left * NOISE_GUESS > ROUGH_NOISE)
         following = _restart(state) if unexplained and not agreed and state.automatic else None
         return following or _finished(problem, state, best, left)
     following = _restart(state)
@@ -271,7 +264,7 @@ def _following(problem: Problem, state: State, converged: bool) -> State:
     return following
 
 
-def _begin(state: State, name: PhaseName, spread: int, damping: float = DAMPING.first) -> State:
+def _begin(state: State, name: PhaseName, spread: int, damping: float = FIRST_DAMPING) -> State:
     return replace(state, phase=Phase(name, spread, 0, damping))
 
 
@@ -282,7 +275,7 @@ def _restart(state: State) -> State | None:
         source, *others = tried.sources
         walls = frozen_array([*source.place, source.admittance, 0.0], float)
         state = replace(state, walls=walls, attempts=replace(tried, sources=tuple(others)))
-        return _begin(state, "rough", state.phase.spread, LIMITS.exact_damping)
+        return _begin(state, "rough", state.phase.spread, EXACT_DAMPING)
     if tried.arrays:
         array, *others = tried.arrays
         attempts = replace(tried, arrays=tuple(others))
@@ -290,12 +283,15 @@ def _restart(state: State) -> State | None:
     return None
 
 
+SAME_COST = 0.02  # relative difference of the costs of two restarts that have found the same optimum
+
+
 def _best(before: LocalOptimum | None, state: State, converged: bool) -> tuple[LocalOptimum, bool]:
     """Return the better of two local optima, one of them that of the state, and whether their costs are the same."""
     here = LocalOptimum(state.positions, state.walls, state.cost, converged)
     if before is None:
         return here, False
-    same = abs(here.cost - before.cost) < NOISE.agreement * before.cost
+    same = abs(here.cost - before.cost) < SAME_COST * before.cost
     return here if here.cost < before.cost else before, same
 
 
@@ -344,7 +340,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, domain: Sear
     points = require_search(problem, domain).layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
     model = diffuse_model(state.size, k, state.width)
-    lattice = search.LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + NOISE.rough, model)
+    lattice = search.LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + ROUGH_NOISE, model)
     costs = lattice.costs(state.positions, n)
     costs -= np.minimum(costs.min(axis=1, keepdims=True), 0.0)
     return costs.reshape(len(p), *points.shape[:2])
@@ -369,14 +365,17 @@ def result(problem: Problem, state: State) -> RoomEstimate:
     covariance = bounded_inverse(fit.terms.curvature) * max(1.0, residual)
     part = np.abs(fit.fitted) ** 2
     left_out = (p - fit.fitted) / np.maximum(1 - part / part.sum(axis=1, keepdims=True), 1e-9)
-    share = float(np.exp(np.mean(np.log(noise)))) * (residual if state.noise.given else 1.0)
+    noise_fraction = float(np.exp(np.mean(np.log(noise)))) * (residual if state.noise.given else 1.0)
     return RoomEstimate(
         problem, state.modes, state.positions, state.converged, p, left_out,
         np.array([covariance[D * n : D * n + D, D * n : D * n + D] for n in range(N)]),
-        residual, np.sum(np.abs(fit.residual) ** 2, axis=0), share, state.noise.given, tuple(map(float, size)),
+        residual, np.sum(np.abs(fit.residual) ** 2, axis=0), noise_fraction, state.noise.given, tuple(map(float, size)),
         fitted_size(state.theta, p, noise, k, size, residual), state.walls[:D], complex(*state.walls[D:]),
         tuple(room_symmetries(size)),
     )  # fmt: skip
+
+
+MAX_RESPONSE = 1e7  # complex numbers of the exact model's response
 
 
 def _require_room(problem: Problem, settings: SolverSettings) -> tuple[float, ...]:
@@ -407,7 +406,7 @@ def _require_room(problem: Problem, settings: SolverSettings) -> tuple[float, ..
         message = f": so small a room has its first resonance at {lowest}, above all frequencies in use"
         raise error(message, "give <room> in metres")
     top = np.sqrt(TRUNCATION.decay / TRUNCATION.tau(D) + highest**2) / np.pi  # where the exact model's sum ends
-    if modes * np.prod([1 + top * length for length in size]) > LIMITS.max_response:
+    if modes * np.prod([1 + top * length for length in size]) > MAX_RESPONSE:
         raise error(": a room so large has too many modes", "give <room> in metres")
     outside = np.flatnonzero(np.any((problem.known_positions < 0) | (problem.known_positions > size), axis=1))
     if len(outside):
