@@ -106,7 +106,7 @@ def _import_options(texts: Sequence[str], options: dict):
 
 
 def _compared(measurement: Measurement, positions: Any, excluded: int) -> Measurement:
-    from ..recordings.positions_file import read_positions
+    from ..recordings.formats.positions import read_positions
 
     if isinstance(positions, (str, PathLike)):
         return with_positions(measurement, read_positions(positions), excluded)

@@ -147,7 +147,7 @@ def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
     Raises InputError, StorageError: the file cannot be read, or does not fit the microphones.
     """
     from ..model.given_positions import row_order_remark, with_positions
-    from ..recordings.positions_file import read_positions
+    from ..recordings.formats.positions import read_positions
 
     placed, name = read_positions(path), Path(path).name
     measurement = with_positions(inputs.measurement, placed, len(set(inputs.excluded)))
@@ -171,11 +171,11 @@ def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationIn
 def is_recording(text: str) -> bool:
     """Return whether `text` names a file or folder of a kind that `fdcal import` reads, whether or not it exists."""
     from ..recordings import formats
-    from ..recordings.formats import archive
+    from ..recordings.formats.numpy_files import keys_of
 
     path = Path(text)
-    if path.suffix.lower() in archive.SUFFIXES:
-        return "recordings" in archive.keys_of(path)
+    if path.suffix.lower() == ".npz":
+        return "recordings" in keys_of(path)
     return formats.reader_of(path) is not None
 
 

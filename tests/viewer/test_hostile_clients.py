@@ -46,7 +46,7 @@ def dark(page_of, scene):
     turn_until(lambda: page.viewer is not None)
 
     def set_dark(client):
-        control = page.viewer.main_panel.view.dark
+        control = page.viewer.tabs.view.dark
         value = not control.value
         send(client, type="GuiUpdateMessage", uuid=control._impl.uuid, updates={"value": value})
         turn_until(lambda: control.value == value)
@@ -131,7 +131,7 @@ def test_no_number_that_a_page_sends_keeps_others_from_connecting(dark, server):
                     send(client, type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
         set_dark(client)
         assert is_served(server)
-    dark = page.viewer.main_panel.view.dark._impl.uuid
+    dark = page.viewer.tabs.view.dark._impl.uuid
     changed = {type(control).__name__ for uuid, control in controls if uuid != dark and control.value != before[uuid]}
     assert not changed
 

@@ -11,7 +11,7 @@ from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.session.history import StateCosts
 from fdcal.viewer.gui import html, plots
-from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.plots import Plot
 from fdcal.viewer.tabs import map, modes
 from fdcal.viewer.tabs import modes as spectrum_plot
@@ -23,7 +23,7 @@ def test_plots_hold_finite_numbers_only(server, measurement):
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     worse = measurement.positions + 0.1
     states = [State(worse), State(measurement.positions, 1), State(worse, 2, last=4)]
-    curves.show(view_of(states, costs=costs_of(states, [np.nan, -160.0, 2.0])), now=0.0)
+    curves.show(Tick(view_of(states, costs=costs_of(states, [np.nan, -160.0, 2.0])), 0.0))
     for plot in (curves.error, curves.cost):
         assert all(np.isfinite(column).all() for column in plot.data)
         assert len({len(column) for column in plot.data}) == 1 and (np.diff(plot.data[0]) >= 0).all()
@@ -46,14 +46,14 @@ def test_stages_are_marked_and_the_cost_is_that_of_the_reference_cost(server, me
     curves, place = CurvesTab(server.gui, measurement, np.arange(10)), measurement.positions
     states = [State(place.copy(), i, i, stage=i // 2, last=6, cost=1e5) for i in range(4)]
     costs = costs_of(states, [-1.0, -3.0, np.nan, -9.0])
-    curves.show(view_of(states[:2], costs=costs), now=0.0)
+    curves.show(Tick(view_of(states[:2], costs=costs), 0.0))
     np.testing.assert_allclose(curves.cost.data[1], [-1, -3])
     assert "dB" in curves.cost.title and "Eq. 7" in curves.cost.title
-    curves.show(view_of(states, costs=costs), now=1.0)
+    curves.show(Tick(view_of(states, costs=costs), 1.0))
     x, cost, marks, stage = curves.cost.data
     assert cost[np.unique(x, return_index=True)[1]].tolist() == [-1, -3, -6, -9], "straight where one was left out"
     costs.compute(states[2])
-    curves.show(view_of(states, costs=costs), now=2.0)
+    curves.show(Tick(view_of(states, costs=costs), 2.0))
     assert -4.0 in curves.cost.data[1], "computed when the solver rested"
     assert x[marks < 1.0].tolist() == [2.0], "the one stage that began"
     assert stage[x < 2].tolist() == [1, 1] and stage[x > 2].tolist() == [2]
@@ -63,9 +63,9 @@ def test_errors_are_those_of_the_microphones_that_count(server, measurement):
     curves, shift = CurvesTab(server.gui, measurement, np.arange(10)), np.zeros((10, 2))
     shift[4] = [0.3, 0.4]  # m
     views = [view_of([State(measurement.positions + shift), State(measurement.positions + shift / 2, 1)])] * 2
-    curves.show(views[0], now=0.0)
+    curves.show(Tick(views[0], 0.0))
     np.testing.assert_allclose(curves.error.data[1:3], [[50, 25], [500, 250]])  # mm, mean and largest
-    curves.show(views[1], now=1.0, sought=np.delete(np.arange(10), 4))
+    curves.show(Tick(views[1], 1.0, sought=np.delete(np.arange(10), 4)))
     assert np.all(np.array(curves.error.data[1:3]) < 0.01), "the states before are drawn again, too"
 
 
@@ -73,7 +73,7 @@ def test_errors_are_those_of_the_microphones_that_count(server, measurement):
 def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(server, measurement, count):
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     states = [State(measurement.positions, i, i, stage=i, last=6) for i in range(count)]
-    curves.show(view_of(states, costs=costs_of(states, np.full(count, -20.0))), now=0.0)
+    curves.show(Tick(view_of(states, costs=costs_of(states, np.full(count, -20.0))), 0.0))
     x, _, marks, stage = curves.cost.data
     seen = marks < 1
     assert x[seen].tolist() == list(range(1, count)) and set(marks[seen]) == {0.92}, "a tick at the top for each"
@@ -83,7 +83,7 @@ def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(server, measure
 def test_the_ticks_of_the_abscissa_are_whole_sweeps(server, measurement):
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     states = [State(measurement.positions, i) for i in range(3)]
-    curves.show(view_of(states, costs=costs_of(states, np.full(3, -20.0))), now=0.0)
+    curves.show(Tick(view_of(states, costs=costs_of(states, np.full(3, -20.0))), 0.0))
     for plot in (curves.error, curves.cost):
         steps = plot.handle.axes[0]["incrs"]
         assert steps[0] == 1 and all(step == round(step) for step in steps) and steps[-1] > 1e5
@@ -93,7 +93,7 @@ def test_errors_are_drawn_over_whole_decades(server, measurement, monkeypatch):
     monkeypatch.setattr(plots, "APART", 0.0)
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     for now, shift, wanted in ((0.0, 0.2, (100, 1000)), (1.0, 0.0002, (0.1, 1000))):
-        curves.show(view_of([State(measurement.positions + 0.2), State(measurement.positions + shift, 1)]), now=now)
+        curves.show(Tick(view_of([State(measurement.positions + 0.2), State(measurement.positions + shift, 1)]), now))
         curves.error.settle()
         handle = curves.error.handle
         assert handle.scales["y"]["range"] == pytest.approx(wanted)
@@ -140,9 +140,9 @@ def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monk
 def test_plots_follow_a_rewound_history(server, measurement):
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     states = [State(measurement.positions + 0.1 / (i + 1), i) for i in range(6)]
-    curves.show(view_of(states), now=0.0)
+    curves.show(Tick(view_of(states), 0.0))
     another = [*states[:3], State(measurement.positions + 0.5, 3)]
-    curves.show(view_of(another), now=1.0)
+    curves.show(Tick(view_of(another), 1.0))
     assert len(curves.error.data[0]) == 4
     assert curves.error.data[1][-1] == pytest.approx(1e3 * 0.5 * np.sqrt(2))
 
@@ -176,7 +176,7 @@ def test_sliders_choose_the_modes_of_the_map(server, scene, measurement, has_spe
     assert binding.choices.modes == (3, 4)
     set_by_client(tab.high, 2)
     assert binding.choices.modes == (2,)
-    tab.show(work.session.view, 0.0)
+    tab.show(Tick(work.session.view))
     data = tab.spectrum.handle.data
     assert len({len(column) for column in data}) == 1 and all(np.isfinite(column).all() for column in data)
     x, curve, outside, inside, limit = data
@@ -201,7 +201,7 @@ def test_errors_are_averaged_over_the_microphones_sought(server, measurement):
     away = np.zeros((10, 2))
     away[4], away[5], away[9] = [0.001, 0.0], [0.003, 0.0], [0.5, 0.0]
     state = State(measurement.positions + away)
-    curves.show(view_of([state]), now=0.0)
+    curves.show(Tick(view_of([state]), 0.0))
     assert [column[0] for column in curves.error.data[1:3]] == pytest.approx([2.0, 3.0])
     text = html.status(view_of([state]), measurement, sought=np.array([4, 5]))
     assert "mean <b>2 mm</b>, largest 3 mm" in text
@@ -213,8 +213,8 @@ def test_a_plot_stays_in_its_place_when_its_axis_changes(server, measurement, mo
     monkeypatch.setattr(plots, "APART", 0.0)
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     far, near = State(measurement.positions + 0.2), State(measurement.positions + 2e-4, 1)
-    curves.show(view_of([far]), now=0.0)
+    curves.show(Tick(view_of([far]), 0.0))
     before, decades = curves.error.handle, curves.error.decades
-    curves.show(view_of([far, near]), now=1.0)
+    curves.show(Tick(view_of([far, near]), 1.0))
     curves.error.settle()
     assert curves.error.decades != decades and curves.error.handle is before

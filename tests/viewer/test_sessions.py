@@ -69,7 +69,7 @@ def test_a_start_with_all_microphones_at_one_position_is_shown(page_of, scene):
         page.tick(time.perf_counter())
     assert np.ptp(page.binding.session.view.state.positions, axis=0).max() == 0
     assert page.viewer.fault == ""
-    assert "all estimates coincide" in page.viewer.side_panel.modes.text.content
+    assert "all estimates coincide" in page.viewer.tabs.modes.text.content
 
 
 def test_a_cached_measurement_is_shown_at_once(server, scene):
@@ -98,10 +98,10 @@ def test_another_scene_replaces_the_first(page_of, scene):
     choices, session = page.binding.choices, page.binding.session
     assert choices.style.dark and not choices.style.log and choices.trails
     assert choices.microphone == 9 and choices.modes == (2,) and session.view.state.seed == 5
-    assert page.panels.tabs == tabs and page.viewer.main_panel.map.microphone.value == 9
+    assert page.panels.tabs == tabs and page.viewer.tabs.map.microphone.value == 9
     assert not first.session.alive and session.alive
     session.step()
-    turn_until(lambda: "step 1," in page.viewer.main_panel.run_bar.status.content)
+    turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_a_refused_request_is_explained_and_the_old_session_stays(page_of, scene
     page.tick(0.0)
     assert page.binding is before and words in page.status_bar.line.content and page.status_bar.button.label == "Close"
     before.session.step()
-    turn_until(lambda: "step 1," in page.viewer.main_panel.run_bar.status.content)
+    turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
     page.switcher.cancel()
     page.tick(0.0)
     assert not page.status_bar.line.visible and not page.status_bar.button.visible
@@ -188,7 +188,7 @@ def test_a_saved_session_is_restored(page_of, scene, tmp_path):
     again, view = page.binding, page.binding.session.view
     assert again.choices.to_save() == first.choices.to_save()
     assert (view.index, view.count, again.choices.seed) == (5, 14, 3)
-    panel = page.viewer.main_panel
+    panel = page.viewer.tabs
     assert panel.view.dark.value and panel.map.microphone.value == 9 and panel.view.trails.value
     again.session.step()
     assert again.session.wait_for(lambda view: view.index == 6, WAIT)

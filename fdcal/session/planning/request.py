@@ -29,7 +29,7 @@ from ...model.validation import (
     require_number,
     require_positive,
 )
-from ...recordings.positions_file import READERS, read_positions
+from ...recordings.formats.positions import READERS, read_positions
 
 FLAT_M = 1e-6  # heights that differ by less are one plane
 FORMS = ("circle", "rectangle", "ball", "box")
