@@ -116,7 +116,7 @@ class Room:
         return cls(response=text)
 
     @staticmethod
-    def optional(table: dict) -> tuple[str, ...]:
+    def optional(table: dict[str, Any]) -> tuple[str, ...]:
         """Return the keys that a scene file may leave out."""
         if "response" in table:
             return "size", "outline", "admittance", "cell", "walls", "sound_speed"
@@ -227,7 +227,7 @@ class Source:
     DEFAULTS: typing.ClassVar = Band(low=20.0, high=3000.0, sample_rate=28590.0)
 
     @classmethod
-    def optional(cls, table: dict) -> tuple[str, ...]:
+    def optional(cls, table: dict[str, Any]) -> tuple[str, ...]:
         """Return the keys that a scene file may leave out."""
         places = table.get("positions")
         first = places[0] if isinstance(places, list) and places else table.get("position")
@@ -296,7 +296,7 @@ class Source:
         """Return one source for each place, as if it were the only one."""
         return tuple(replace(self, position=place, positions=()) for place in self.places)
 
-    def table(self) -> dict:
+    def table(self) -> dict[str, Any]:
         """Return the values as a dictionary, without `positions` where there are none: the key of a cache."""
         return {key: value for key, value in asdict(self).items() if key != "positions" or value}
 
@@ -323,11 +323,11 @@ class Source:
         return Band(self.low, self.high, self.sample_rate)
 
 
-def is_triple(values) -> bool:
+def is_triple(values: Any) -> bool:
     """Return whether `values`, of any type, is a list of three entries."""
     return isinstance(values, (list, tuple)) and len(values) == 3
 
 
-def is_no_pair(values) -> bool:
+def is_no_pair(values: Any) -> bool:
     """Return whether a value of a scene file is a list, but not of two entries: it cannot be a point of a plane."""
     return isinstance(values, list) and len(values) != 2

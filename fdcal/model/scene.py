@@ -15,6 +15,7 @@ Lengths are metres, frequencies hertz, speeds metres per second. `fdcal.model.sc
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from .array_layout import Array, Gauge
 from .declared import Seed, check
@@ -57,7 +58,7 @@ class Scene:
     faults: Faults = field(default_factory=Faults)
 
     @staticmethod
-    def optional(table: dict) -> tuple[str, ...]:
+    def optional(table: dict[str, Any]) -> tuple[str, ...]:
         """Return the keys that a scene file may leave out; `load_scene` takes name and title from the file's name.
 
         Parameters

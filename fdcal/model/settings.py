@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import typing
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -296,7 +296,7 @@ CELLS = {2: 120, 3: 60}  # steps along the longest side, at most, by the number 
 STEPS = (1.0, 2.0, 5.0)  # digits of a step, m
 
 
-def search_round(positions) -> Search:
+def search_round(positions: Any) -> Search:
     """Return a search domain round positions.
 
     `positions` (N, D) float64, metres. Returns its step is 1, 2 or 5 times a power of ten. R is the distance from its

@@ -10,8 +10,10 @@ import re
 import reprlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
 
 @dataclass(frozen=True)
@@ -162,7 +164,7 @@ def shown_literal(value: object) -> str:
     return shown(repr(value) if isinstance(value, str) else value)
 
 
-def frozen_array(values, dtype) -> np.ndarray:
+def frozen_array(values: ArrayLike, dtype: DTypeLike) -> np.ndarray:
     """Return a copy of `values` as a C-contiguous array of `dtype` that cannot be written to."""
     array = np.array(values, dtype=dtype, order="C", copy=True)
     array.setflags(write=False)
@@ -179,7 +181,7 @@ KINDS = {
 }
 
 
-def require_array(key: str, values, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
+def require_array(key: str, values: Any, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
     """Return `values` as a read-only array of the given kind and shape.
 
     `key`: name of the argument or key, for the message; `values`, array-like, nothing is rounded or truncated to make
@@ -222,7 +224,7 @@ def require_choice(key: str, value: object, choices: Iterable[object]) -> None:
         raise InputError(f'{key} = "{shown(value)}" is unknown', remedy, key=key, value=value)
 
 
-def require_finite(key: str, values) -> None:
+def require_finite(key: str, values: Any) -> None:
     """Raise InputError if any entry of `values` is NaN or infinite."""
     bad = np.argwhere(~np.isfinite(np.asarray(values)))
     if len(bad):
@@ -230,7 +232,7 @@ def require_finite(key: str, values) -> None:
         raise InputError(f"{key}{list(index)} is not a finite number", "correct or remove that entry", key=key)
 
 
-def require_point(key: str, values, lengths: tuple[int, ...]) -> None:
+def require_point(key: str, values: Any, lengths: tuple[int, ...]) -> None:
     """Raise InputError unless `values` are finite coordinates, as many as one of `lengths`, which are 2 or 3."""
     if len(values) not in lengths:
         words = " or ".join({2: "two, along x and y", 3: "three, along x, y and z"}[n] for n in lengths)
@@ -241,6 +243,6 @@ def require_point(key: str, values, lengths: tuple[int, ...]) -> None:
         raise InputError(f"{key} = {list(values)} is too far away", remedy, key=key, value=values)
 
 
-def point_text(point) -> str:
+def point_text(point: Any) -> str:
     """Return the coordinates of a point for a message: "(1.25, 0.5) m"."""
     return f"({', '.join(f'{coordinate:.4g}' for coordinate in point)}) m"
