@@ -46,7 +46,7 @@ PUBLIC = {
 # Methods of public classes that packages above their own carry out: they are bound here, and loaded when first used.
 METHODS = {
     "assessment.calibration:Calibration": {
-        "_repr_html_": "graphics.calibration_html:calibration_html",
+        "_repr_html_": "graphics.calibration_figure:calibration_html",
         "export": "recordings.export:export",
         "from_json": "assessment.result_file:read_result",
         "load": "assessment.result_file:load_result",
@@ -54,9 +54,9 @@ METHODS = {
         "save": "assessment.result_file:save_result",
         "to_dataframe": "assessment.result_file:data_frame",
         "to_json": "assessment.result_file:result_text",
-        "to_pyfar": "recordings.pyfar_objects:pyfar_coordinates",
+        "to_pyfar": "recordings.export:pyfar_coordinates",
     },
-    "model.measurement:Measurement": {"from_pyfar": "recordings.pyfar_objects:measurement_of_pyfar"},
+    "model.measurement:Measurement": {"from_pyfar": "recordings.export:measurement_of_pyfar"},
 }
 STATIC = {"from_json", "from_pyfar", "load"}  # of these: without an instance
 

@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 
-from fdcal.graphics.packing import unpacked
+from fdcal.graphics.replay import unpacked
 
 
 class Reader(HTMLParser):

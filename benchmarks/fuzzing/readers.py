@@ -20,8 +20,7 @@ from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.recordings import formats
-from fdcal.recordings.formats import xml_geometry
-from fdcal.recordings.formats.table import read_positions
+from fdcal.recordings.formats.positions import read_table, read_xml
 from fdcal.recordings.recording import read_samples
 from fdcal.session import session_file
 from fdcal.session.lesson import lesson_folder, load_lesson
@@ -114,7 +113,7 @@ def _read_scene(path: Path) -> None:
 
 
 def _read_table(path: Path) -> None:
-    names, positions = read_positions(path)
+    names, positions = read_table(path)
     assert len(names) == len(positions)
     _finite(positions)
 
@@ -195,7 +194,7 @@ def _make_geometry(path: Path) -> None:
 
 
 def _read_geometry(path: Path) -> None:
-    names, positions = xml_geometry.read_positions(path)
+    names, positions = read_xml(path)
     assert len(names) == len(set(names)) == len(positions)
     _finite(positions)
 

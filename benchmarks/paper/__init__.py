@@ -13,7 +13,7 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
-from fdcal.graphics.landscape_figure import draw_landscape, landscape_panels
+from fdcal.graphics.landscape import draw_landscape, landscape_panels
 from fdcal.model.storage import write_atomically
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.sources import CalibrationInput

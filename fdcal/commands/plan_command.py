@@ -148,9 +148,8 @@ def _write(path, found, force: bool) -> None:
     """Write a plan in the format of the suffix."""
     import json
 
-    from ..graphics.landscape_figure import figure_bytes
-    from ..graphics.plan_figure import draw_plan
-    from ..graphics.plan_html import plan_html
+    from ..graphics.landscape import figure_bytes
+    from ..graphics.plan_figure import draw_plan, plan_html
     from ..model.storage import write_atomically
     from ..session.planning.plan import plan_dict
 

@@ -51,7 +51,7 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     summed over all modes. With --basins, colours say at which local minimum descent from each place ends.
     """
     path = output_path(output, [".png", ".svg", ".vti"], force)
-    from ..graphics.landscape_figure import landscape_panels
+    from ..graphics.landscape import landscape_panels
     from ..model.given_positions import with_search_domain
     from ..model.storage import write_atomically
     from .plotting import shown_positions, write_volume
@@ -78,7 +78,7 @@ def _landscape_bytes(suffix: str, panels, measurement, basins: bool) -> bytes:
         from ..graphics.paraview import landscape
 
         return landscape(panels, basins=basins).encode()
-    from ..graphics.landscape_figure import draw_landscape, figure_bytes
+    from ..graphics.landscape import draw_landscape, figure_bytes
 
     truth = None if measurement.positions is None else measurement.positions[panels.microphone]
     return figure_bytes(draw_landscape(panels, truth, basins=basins), suffix[1:])

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..graphics.primitives import Floor
-    from ..graphics.sampled_volume import SampledVolume
-    from ..graphics.volume import Volume
+    from ..graphics.volume import SampledVolume, Volume
     from ..model.settings import Search
 
 
@@ -84,7 +83,7 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
     from ..cost.expansion import expansion_of
     from ..cost.maps import cost_volume
     from ..cost.reference_cost import ORDER_OFFSET
-    from ..graphics.sampled_volume import sampled_volume
+    from ..graphics.volume import sampled_volume
 
     problem = inputs.measurement.problem(inputs.settings.weights)
     carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1
@@ -149,7 +148,7 @@ def sliced_volume(
     """
     from ..cost.basins import basins_of
     from ..graphics.basin_map import basin_slice
-    from ..graphics.sampled_volume import drawn_volume, sliced
+    from ..graphics.volume import drawn_volume, sliced
 
     through = float(place["xyz".find(axis)]) if position is None else position
     if basin is not None:

@@ -9,11 +9,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, project
-from .colour_bar import ColourBar
-from .legend import Entry, legend_of
-from .legend_image import ROW, draw_legend, legend_rows
-from .primitives import Label, Picture
-from .theme import Colour, Theme
+from .legend import ROW, Entry, draw_legend, legend_of, legend_rows
+from .primitives import Colour, ColourBar, Label, Picture, Theme
 
 ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label, to Pillow's
 WHITE = (255, 255, 255)

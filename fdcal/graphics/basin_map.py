@@ -21,9 +21,7 @@ from ..cost.maps import map_positions
 from ..model.settings import Search
 from ..model.texts import length_text
 from ..model.validation import frozen_array
-from .primitives import Area, Floor
-from .solids import Surface
-from .theme import Colour
+from .primitives import Area, Colour, Floor, Surface
 from .volume import AXES, Volume, plate_of
 
 PLACE: Colour = (68, 170, 153)  # of the basin of one place

@@ -1,7 +1,9 @@
-"""A calibration as a figure of matplotlib: positions, error ellipses, known and true microphones."""
+"""A calibration for a notebook: a figure of positions and error ellipses, and HTML with verdict, figure and table."""
 
 from __future__ import annotations
 
+import base64
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,12 +11,14 @@ import numpy as np
 from ..assessment.calibration import Calibration
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..model.validation import InputError
+from .landscape import figure_bytes
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
 from .overlays import enlargement
-from .theme import fractions
+from .primitives import fractions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 SIDES = 60  # of the polygon that is drawn for an ellipse
 
@@ -101,3 +105,37 @@ def enlarged_ellipses(panel: Any, places: np.ndarray, covariance: np.ndarray, po
     for place, pair in zip(places[shown], axes[shown], strict=True):
         panel.plot(*(place + factor * circle @ pair).T, "-", color=fractions(ELLIPSE), linewidth=1.2, label=label)
         label = "_"  # one entry of the legend for all
+
+
+ROWS = 12  # microphones that are listed; the first ones
+
+
+def calibration_html(result: Calibration) -> str:
+    """Return the verdict with its text, the figure of `draw_calibration`, and a table of the microphones."""
+    picture = base64.b64encode(figure_bytes(draw_calibration(result), "png")).decode()
+    f = result.frequencies
+    used = f"solver {escape(result.solver)}, {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, {result.elapsed:.1f} s"
+    return (
+        f"<p><b>{escape(result.verdict)}</b>: {escape(result.verdict_text)}<br>{used}</p>"
+        f'<img alt="positions of the microphones" style="max-width:100%" src="data:image/png;base64,{picture}">'
+        f"{_table(result)}"
+    )
+
+
+def _table(result: Calibration) -> str:
+    axes = "xyz"[: result.positions.shape[1]]
+    heads = ["microphone", *(f"{axis} (m)" for axis in axes), "one sigma (mm)", "error (mm)"]
+    rows = [_row(result, n) for n in range(min(ROWS, len(result.names)))]
+    head = "".join(f"<th>{text}</th>" for text in heads)
+    rest = len(result.names) - len(rows)
+    more = f'<tr><td colspan="{len(heads)}">and {rest} more</td></tr>' if rest else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}{more}</tbody></table>"
+
+
+def _row(result: Calibration, n: int) -> str:
+    name = result.names[n]
+    sigma = "" if result.uncertainty is None else f"{1e3 * result.uncertainty[n]:.2f}"
+    cells = [escape(name), *(f"{value:.4f}" for value in result.positions[n])]
+    cells += ["known" if name in (result.known or ()) else sigma]
+    cells += ["" if result.errors is None else f"{1e3 * result.errors[n]:.2f}"]
+    return f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"

@@ -16,8 +16,8 @@ import numpy as np
 
 from ..assessment.field import FieldMap
 from ..model.validation import InputError
-from . import vtk_xml
-from .colour_bar import COLOUR_MAP, DIVERGING_COLOUR_MAP
+from . import paraview
+from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP
 
 MAX_ROWS = 12  # frequencies in a picture
 
@@ -63,7 +63,7 @@ def _write_vti(path: Path, field: FieldMap) -> None:
         fields |= {f"{name}_{f:.2f}Hz": values.ravel(order="F") for name, values in parts.items()}
     origin = [*(float(axis[0]) for axis in field.axes), 0.0][:3]
     steps = [*(float(axis[1] - axis[0]) for axis in field.axes), 1.0][:3]
-    path.write_text(vtk_xml.image((*field.inside.shape, 1)[:3], origin, steps, fields), encoding="ascii")
+    path.write_text(paraview.image((*field.inside.shape, 1)[:3], origin, steps, fields), encoding="ascii")
 
 
 def _write_png(path: Path, field: FieldMap) -> None:

@@ -1,28 +1,30 @@
 """The legend of a picture: exactly the marks that are drawn in it, in one order, for every renderer.
 
-legend_of   the entries of a picture
-MARKS       every mark that has an entry, by the name of its part
+legend_of     the entries of a picture
+MARKS         every mark that has an entry, by the name of its part
+draw_legend   the entries in rows below the image of a scene
 
 A symbol is drawn in a square from -1 to 1, y upwards. The page, the PNG and the test of both read the same entries.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from .glyphs import polygons, stars
 from .markers import CUT, ELLIPSE, ESTIMATE, KNOWN, LOWEST, ODD, TRAIL, TRUE, solver_mark
 from .overlays import ELLIPSE_TEXT
-from .primitives import Area, Lines, Mesh, Picture
-from .theme import Colour
+from .primitives import Area, Colour, Lines, Mesh, Picture, Theme
 
 CIRCLE_SIDES = 24
 OUTLINE: Colour = (128, 128, 128)  # of an area, which may be as light as the page
 LOW_COST: Colour = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
 COMPARED = "comparison/"  # begins the names of the parts of compared solvers
-HALO = "_halo"  # ends the names of the parts below a mark
+HALO_SUFFIX = "_halo"  # ends the names of the parts below a mark
 
 Path = tuple[tuple[float, float], ...]
 
@@ -92,7 +94,9 @@ def legend_of(picture: Picture) -> tuple[Entry, ...]:
     seen |= {"slice"} if picture.plates else set()
     captions = dict(picture.captions)
     entries = [entry for name, entry in MARKS.items() if name in seen]
-    names = [part.name for part in picture.meshes if part.name.startswith(COMPARED) and not part.name.endswith(HALO)]
+    names = [
+        part.name for part in picture.meshes if part.name.startswith(COMPARED) and not part.name.endswith(HALO_SUFFIX)
+    ]
     entries += [compared_entry(name, captions.get(name, name.removeprefix(COMPARED))) for name in names]
     if picture.areas:  # the slice has the colours of the areas
         entries = [replace(entry, filled=False) if entry.name == "slice" else entry for entry in entries]
@@ -124,3 +128,72 @@ def _is_visible(part: Mesh | Lines, picture: Picture) -> bool:
         return bool(len(part.faces))
     corners = part.vertices.reshape(-1, 4, 3)  # a bar each, from its first corner to its second
     return bool((np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1) > picture.marker_radius).any())
+
+
+SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
+FINER = 4  # times finer than the image, for smooth edges
+HALO_WIDTH = 0.3  # by how much a halo is wider than its line, in halves of a symbol's edge
+
+
+def legend_rows(
+    entries: Sequence[Entry], width: float, letters: ImageFont.FreeTypeFont
+) -> tuple[tuple[Entry, ...], ...]:
+    """Return the entries in rows that fit into `width` pixels."""
+    rows: list[list[Entry]] = []
+    used = 0.0
+    for entry in entries:
+        length = entry_width(entry, letters)
+        if not rows or used + length > width:
+            rows.append([])
+            used = 0.0
+        rows[-1].append(entry)
+        used += length
+    return tuple(tuple(row) for row in rows)
+
+
+def entry_width(entry: Entry, letters: ImageFont.FreeTypeFont) -> float:
+    """Return the pixels that an entry takes, with the space to the next one."""
+    return (SYMBOL * 1.35 + GAP) * letters.size / 16 + letters.getlength(entry.text)
+
+
+def draw_legend(
+    image: Image.Image,
+    rows: Sequence[Sequence[Entry]],
+    corner: tuple[float, float],
+    letters: ImageFont.FreeTypeFont,
+    theme: Theme,
+) -> None:
+    """Write rows of entries over an image.
+
+    `image`: PIL.Image.Image; `rows`: of `legend_rows`; `corner`: left and top of the first row, pixels; `letters`:
+    font.
+    """
+    draw, scale = ImageDraw.Draw(image), letters.size / 16
+    left, top = corner
+    for i, row in enumerate(rows):
+        x, middle = left, top + (i + 0.5) * ROW * scale
+        for entry in row:
+            edge = round(SYMBOL * scale)
+            stamp = symbol(entry, edge)
+            image.paste(stamp, (round(x), round(middle - edge / 2)), stamp)
+            draw.text((x + 1.35 * edge, middle), entry.text, fill=theme.foreground, font=letters, anchor="lm")
+            x += entry_width(entry, letters)
+
+
+def symbol(entry: Entry, edge: int) -> Image.Image:
+    """Return the symbol of an entry on a transparent square of `edge` pixels."""
+    size = FINER * edge
+    image = Image.new("RGBA", (size, size))
+    draw = ImageDraw.Draw(image)
+    if entry.halo:
+        _draw_paths(draw, entry, entry.halo_colour, entry.width + HALO_WIDTH, size)
+    _draw_paths(draw, entry, entry.colour, entry.width, size)
+    return image.resize((edge, edge), Image.Resampling.LANCZOS)
+
+
+def _draw_paths(draw: ImageDraw.ImageDraw, entry: Entry, colour: Colour, width: float, size: int) -> None:
+    for i, path in enumerate(entry.paths):
+        pixels = [(float(x), float(y)) for x, y in size / 2 * (1 + np.array(path) * [1.0, -1.0])]
+        if entry.filled and i == 0:
+            draw.polygon(pixels, fill=colour)
+        draw.line(pixels, fill=colour, width=max(round(width * size / 2), 1), joint="curve")

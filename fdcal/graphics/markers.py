@@ -17,8 +17,7 @@ import numpy as np
 from .. import solvers
 from ..model.validation import frozen_array
 from . import glyphs
-from .primitives import Floor, Lines, Mesh
-from .theme import Colour, Theme
+from .primitives import Colour, Floor, Lines, Mesh, Theme
 
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
 LOWEST = (255, 176, 0)

@@ -15,7 +15,7 @@ from .annotations import font
 from .heatmap import colour_limits, normalise, to_rgb
 from .markers import ESTIMATE, HALO, LOWEST, TRUE
 from .picture import PLANE_MARKER
-from .theme import DARK, Colour, Theme
+from .primitives import DARK, Colour, Theme
 
 CELL, GAP, CAPTION = 252, 18, 34  # pixels: longer edge of a map, between maps, above each
 FONT_SIZE = 21  # pixels, of the captions over two columns

@@ -1,5 +1,6 @@
-"""Maps and microphones as files for ParaView.
+"""Maps and microphones as files for ParaView, written by VTK, which is loaded with the first of them.
 
+image        values at the points of a lattice: .vti
 landscape    the cost of moving one microphone, mode by mode and summed: .vti, values at the lattice points
 volume       the same in space, summed over the modes: .vti
 point_cloud  microphones as points: .vtp
@@ -7,13 +8,14 @@ point_cloud  microphones as points: .vtp
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from ..cost.basins import basins_of
 from ..model.measurement import Measurement
 from ..model.settings import Search
-from . import vtk_xml
-from .landscape_figure import LandscapePanels
+from .landscape import LandscapePanels
 
 ESTIMATED, TRUE, KNOWN = 0, 1, 2  # `kind` of a point
 
@@ -31,7 +33,7 @@ def landscape(panels: LandscapePanels, height: float = 0.0, basins: bool = False
         fields["basin of the sum"] = basins_of(panels.maps[-1]).labels
     (x, y), step = panels.search.origin[:2], panels.search.step
     ny, nx = panels.maps.shape[1:]
-    return vtk_xml.image((nx, ny, 1), (x, y, height), (step, step, step), fields)
+    return image((nx, ny, 1), (x, y, height), (step, step, step), fields)
 
 
 def volume(cost: np.ndarray, search: Search, basins: bool = False) -> str:
@@ -47,7 +49,7 @@ def volume(cost: np.ndarray, search: Search, basins: bool = False) -> str:
     fields = {name: field.astype(np.float32) for name, field in fields.items()}
     if basins:
         fields["basin"] = basins_of(cost).labels.ravel()
-    return vtk_xml.image(cost.shape[::-1], search.origin, [search.step] * 3, fields)
+    return image(cost.shape[::-1], search.origin, [search.step] * 3, fields)
 
 
 def point_cloud(measurement: Measurement, positions, sigma=None, height: float = 0.0) -> str:
@@ -81,10 +83,69 @@ def point_cloud(measurement: Measurement, positions, sigma=None, height: float =
     }
     points = np.concatenate([_in_space(members, height) for _, _, members in groups])
     lines = np.zeros((0, 2)) if truth is None else np.column_stack([everyone + N, everyone])
-    return vtk_xml.points(points, lines, fields)
+    return _points(points, lines, fields)
 
 
 def _in_space(values, height: float) -> np.ndarray:
     """(P, 2) with a third column of `height`; (P, 3) unchanged."""
     values = np.asarray(values, float)
     return values if values.shape[1] == 3 else np.column_stack([values, np.full(len(values), height)])
+
+
+def image(
+    shape: Sequence[int], origin: Sequence[float], spacing: Sequence[float], fields: Mapping[str, np.ndarray]
+) -> str:
+    """Return the text of an image file (.vti).
+
+    `shape`: points along x, y and z; `origin`, `spacing` (3,), metres, of the first point and between points; `fields`:
+    by name, a value for each point, x fastest, then y.
+    """
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+    data = vtkImageData()
+    data.SetDimensions(*map(int, shape))
+    data.SetOrigin(*map(float, origin))
+    data.SetSpacing(*map(float, spacing))
+    return _xml(vtkXMLImageDataWriter(), data, {name: np.ravel(values) for name, values in fields.items()})
+
+
+def _points(positions: np.ndarray, lines: np.ndarray, fields: Mapping[str, np.ndarray]) -> str:
+    """Return the text of a file of points (P, 3), metres, with `lines` (S, 2) between some of them (.vtp).
+
+    `fields`: by name, (P,) or (P, 3) numbers or (P,) texts.
+    """
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    data, places = vtkPolyData(), vtkPoints()
+    places.SetData(numpy_support.numpy_to_vtk(np.ascontiguousarray(positions, float), deep=True))
+    data.SetPoints(places)
+    for members, add in ((np.arange(len(positions))[:, None], data.SetVerts), (np.asarray(lines, int), data.SetLines)):
+        cells, connectivity = vtkCellArray(), numpy_support.numpy_to_vtkIdTypeArray(members.ravel(), deep=True)
+        cells.SetData(members.shape[1], connectivity)
+        add(cells)
+    return _xml(vtkXMLPolyDataWriter(), data, fields)
+
+
+def _xml(writer, data, fields: Mapping[str, np.ndarray]) -> str:
+    """Return the text that a writer of VTK makes of a data set with the `fields` of its points."""
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkCommonCore import vtkStringArray
+
+    for name, values in fields.items():
+        if values.dtype.kind == "U":
+            array = vtkStringArray()
+            for text in values.tolist():
+                array.InsertNextValue(text)
+        else:
+            array = numpy_support.numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+        array.SetName(name)
+        data.GetPointData().AddArray(array)
+    writer.SetInputData(data)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    return writer.GetOutputString()

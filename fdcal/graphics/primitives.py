@@ -1,18 +1,160 @@
-"""The primitives of a picture: lines, triangles, texts, a map on the floor.
+"""What a picture is made of: colours and their scale, lines, triangles, texts, a map on the floor, images in space.
 
-Lengths are metres, colours RGB from 0 to 255. Everything is frozen, the arrays included, and independent of a renderer.
+Lengths are metres, colours RGB from 0 to 255. Everything is frozen, the arrays included, and independent of a renderer,
+which adds no light of its own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from matplotlib.ticker import LogLocator
 
-from .colour_bar import ColourBar
-from .solids import Plate, Surface
-from .theme import Colour, Theme
+from .glyphs import round_ticks
+
+Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours that depend on the background."""
+
+    background: Colour
+    foreground: Colour  # of texts, rulers and walls
+    grid: Colour  # of the grid on the floor
+    text: float = 1.0  # size of the texts, 1 for the usual one
+    marks: float = 1.0  # size of the marks, likewise
+
+    @property
+    def quiet(self) -> Colour:
+        """Of texts that give way to others of the same kind: between foreground and background, still legible."""
+        red, green, blue = (round(0.62 * a + 0.38 * b) for a, b in zip(self.foreground, self.background, strict=True))
+        return red, green, blue
+
+
+LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
+DARK = Theme(background=(26, 27, 30), foreground=(222, 225, 230), grid=(58, 61, 68))
+# For a projector: large, and with as much contrast as there is.
+LECTURE_LIGHT = Theme(background=(255, 255, 255), foreground=(0, 0, 0), grid=(168, 172, 180), text=1.5, marks=1.4)
+LECTURE_DARK = Theme(background=(26, 27, 30), foreground=(255, 255, 255), grid=(112, 116, 124), text=1.5, marks=1.4)
+
+
+def theme_of(dark: bool, lecture: bool = False) -> Theme:
+    """Return the theme of a dark or light background, for a projector or not."""
+    if lecture:
+        return LECTURE_DARK if dark else LECTURE_LIGHT
+    return DARK if dark else LIGHT
+
+
+def fractions(colour: Colour) -> tuple[float, float, float]:
+    """Return a colour as matplotlib and VTK take it: red, green and blue from 0 to 1."""
+    red, green, blue = colour
+    return red / 255, green / 255, blue / 255
+
+
+COLOUR_MAP = "viridis"  # of matplotlib.colormaps, for costs
+DIVERGING_COLOUR_MAP = "RdBu_r"  # likewise, for fields of both signs
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+BAR_LENGTH = 44  # characters that fit along a colour bar
+
+
+@dataclass(frozen=True)
+class ColourBar:
+    """The scale of a map."""
+
+    # low, high: values of the first and of the last colour
+    low: float
+    high: float
+    log: bool  # whether the scale is logarithmic
+    label: str  # name and unit
+    clipped: bool = False  # whether lower values than `low` exist, which share its colour
+    colour_map: str = COLOUR_MAP  # of matplotlib.colormaps
+
+    @property
+    def ticks(self) -> tuple[tuple[float, str], ...]:
+        """Fraction of the bar's length, 0 to 1, and text of about five round values."""
+        if not self.log:
+            values = round_ticks(self.low, self.high, 5)
+            span = self.high - self.low
+            return _without_overlaps((float((v - self.low) / span), format_number(v, 4)) for v in values)
+        decades = np.log10(self.high / self.low)
+        values = self._round_values((1.0, 2.0, 5.0) if decades <= 3 else (1.0,))
+        if len(values) > 6 and 2 < decades <= 3:
+            values = self._round_values((1.0, 3.0))
+        if decades <= 2 and not 3 <= len(values) <= 6:  # within a decade the locator may return as many as ten
+            even = round_ticks(self.low, self.high, 4)
+            values = even[even >= self.low]
+        digits = 3 if decades > 0.05 else 5
+        return _without_overlaps((float(np.log10(v / self.low) / decades), format_number(v, digits)) for v in values)
+
+    def _round_values(self, mantissas: tuple[float, ...]) -> np.ndarray:
+        """Return the values of the scale that are one of the mantissas times a power of ten."""
+        values = np.asarray(LogLocator(subs=mantissas).tick_values(self.low, self.high))
+        return values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
+
+
+def format_number(value: float, digits: int) -> str:
+    """Return a number with so many significant digits.
+
+    Whole numbers up to a million are written in full, very large and very small numbers as in "2·10⁷".
+    """
+    if 10.0**digits <= abs(value) < 1e6:
+        return f"{value:.0f}"
+    mantissa, _, power = f"{value:.{digits}g}".partition("e")
+    if not power:
+        return mantissa
+    return ("" if mantissa == "1" else f"{mantissa}·") + f"10{str(int(power)).translate(SUPERSCRIPTS)}"
+
+
+def _without_overlaps(ticks: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
+    """The ticks without those whose text would touch the text before."""
+    kept: list[tuple[float, str]] = []
+    for fraction, text in ticks:
+        if not kept or (fraction - kept[-1][0]) * BAR_LENGTH >= (len(text) + len(kept[-1][1])) / 2 + 2:
+            kept.append((fraction, text))
+    return tuple(kept)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles coloured by a texture."""
+
+    name: str  # unique in a picture
+    vertices: np.ndarray  # (V, 3) float32, metres
+    faces: np.ndarray  # (F, 3) int32, indices of vertices, in the order in which they are to be drawn
+    places: np.ndarray  # (V, 2) float32, column and row in the texture, 0 to 1
+    texture: np.ndarray  # (h, w, 4) uint8, RGB and opacity
+
+
+@dataclass(frozen=True)
+class Plate:
+    """An image in space, parallel to two axes."""
+
+    name: str  # unique in a picture
+    rgb: np.ndarray  # (h, w, 3) uint8
+    axis: int  # 0, 1 or 2, of x, y and z: across the image
+    position: float  # along that axis, metres
+    # origin, size: lowest corner and extent along the other axes, in their order, metres; row 0 is at the low end
+    origin: tuple[float, float]
+    size: tuple[float, float]
+    opacity: float = 1.0  # 0 to 1
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The corners at (low, low), (high, low), (high, high), (low, high) : (4, 3) float64, metres."""
+        (a, b), (width, height) = self.origin, self.size
+        corners = np.full((4, 3), self.position)
+        corners[:, self.across] = [(a, b), (a + width, b), (a + width, b + height), (a, b + height)]
+        return corners
+
+    @property
+    def across(self) -> list[int]:
+        """The axes of columns and rows."""
+        return [axis for axis in range(3) if axis != self.axis]
+
 
 Anchor = Literal[
     "top-left",

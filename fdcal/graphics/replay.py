@@ -1,15 +1,25 @@
 """A whole run as one HTML file that plays offline: the page's scene, curves, table and maps, without a server.
 
-The file holds the states as compressed numbers (`fdcal.graphics.packing`); positions are accurate to a
-hundred-millionth of the size of the run. The maps are computed in the browser (`fdcal.graphics.replay_maps`). It loads
-nothing, and its content security policy forbids it to. Its parts are in `replay_page/`. The address after # holds step,
-microphone, modes and view (`replay_page/address.js`), so that a link leads to a moment.
+The file holds the states as compressed numbers; positions are accurate to a hundred-millionth of the size of the run.
+It loads nothing, and its content security policy forbids it to. Its parts are in `replay_page/`. The address after #
+holds step, microphone, modes and view (`replay_page/address.js`), so that a link leads to a moment.
+
+packed     arrays as one text that the page unpacks (`replay_page/unpack.js`). Integers of four bytes are stored as
+           differences along the first axis, and of every array the lowest bytes of all values come first, then the
+           second ones: what hardly changes compresses to nearly nothing. The compression is that of zlib, which
+           browsers know by the name "deflate"
+map_data   what the browser needs to compute the cost of moving any microphone, at any state, from any modes
+           (`replay_page/eq7.js`): the pressures, as 16-bit numbers of each mode and channel, and what a solver
+           estimates of the channels. Only modes that the microphones can carry at the order of
+           `fdcal.cost.reference_cost` are held; of more than MOST_PRESSURES numbers the highest modes are left out
 """
 
 from __future__ import annotations
 
+import base64
 import json
 import re
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
@@ -17,15 +27,124 @@ from pathlib import Path
 
 import numpy as np
 
-from ..cost.reference_cost import ReferenceCost
+from ..cost.expansion import CarriedModes, carried_modes
+from ..cost.reference_cost import ReferenceCost, reference_cost_of
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.settings import search_round
-from .packing import packed
-from .replay_maps import channel_arrays, map_data
+from .heatmap import DECADES, to_rgb
 from .surroundings import focus_of, wall_height, z_range_of
+
+
+def packed(arrays: Mapping[str, np.ndarray]) -> dict:
+    """Return arrays as values that JSON has.
+
+    `arrays`: of int16, int32, float32 or float64. A wrap round of differences is undone by the next one. Returns
+    "arrays", name to [type, shape], in order; "bytes", the base64 text of all of them.
+
+    Examples
+    --------
+    >>> arrays = {"step": np.arange(5, dtype="<i4"), "cost": np.array([0.5, -2.0])}
+    >>> unpacked(packed(arrays))["cost"]
+    array([ 0.5, -2. ])
+    """
+    listed = {name: np.asarray(values) for name, values in arrays.items()}
+    content = b"".join(_planes(values) for values in listed.values())
+    return {
+        "arrays": {name: [_code(values), list(values.shape)] for name, values in listed.items()},
+        "bytes": base64.b64encode(zlib.compress(content, 9)).decode("ascii"),
+    }
+
+
+def unpacked(data: Mapping) -> dict[str, np.ndarray]:
+    """Return the arrays of `packed`."""
+    content, at, arrays = zlib.decompress(base64.b64decode(data["bytes"])), 0, {}
+    for name, (code, shape) in data["arrays"].items():
+        kind = np.dtype("<" + code)
+        size = int(np.prod(shape))
+        planes = np.frombuffer(content, np.uint8, size * kind.itemsize, at).reshape(kind.itemsize, size)
+        values = np.ascontiguousarray(planes.T).view(kind).reshape(shape)
+        arrays[name] = np.cumsum(values, axis=0, dtype=kind) if code == "i4" else values
+        at += size * kind.itemsize
+    return arrays
+
+
+def _code(values: np.ndarray) -> str:
+    return f"{values.dtype.kind}{values.dtype.itemsize}"
+
+
+def _planes(values: np.ndarray) -> bytes:
+    """Return the bytes of an array, the lowest of all values first."""
+    if _code(values) == "i4" and len(values):
+        values = np.concatenate([values[:1], np.diff(values, axis=0)]).astype(values.dtype)
+    flat = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).reshape(-1, 1)
+    return flat.view(np.uint8).reshape(len(flat), -1).T.tobytes()
+
+
+MOST_PRESSURES = 200_000  # complex numbers, 0.8 MB before compression
+LEVELS = 32767  # of a real or imaginary part, of the largest of its mode: 96 dB below it
+
+
+def map_data(problem: Problem) -> tuple[dict, dict[str, np.ndarray]] | None:
+    """Return what the maps of a problem need, or None where there is no search domain or no mode is carried.
+
+    Returns `data` search domain, modes (counted from 1), orders and the colours of the scale; `arrays` "wavenumbers"
+    (M, 2) rad/m, "pressures" (M, N, 2) int16, and what they are multiplied by: "mode_scale" (M,) and "channel_scale"
+    (N,).
+    """
+    reference_cost = reference_cost_of(problem)
+    if reference_cost is None or problem.search is None:
+        return None
+    carried = carried_modes(problem, reference_cost.order_offset)
+    kept = slice(0, max(1, MOST_PRESSURES // problem.pressures.shape[1]))
+    modes, search = carried.modes[kept], problem.search
+    data = {
+        "origin": list(search.origin[:2]),
+        "step": search.step,
+        "shape": list(search.shape[:2]),
+        "modes": (modes + 1).tolist(),
+        "orders": carried.orders[kept].tolist(),
+        "order_offset": carried.order_offset,
+        "left_out": len(carried.modes) - len(modes),
+        "dimension": problem.dimension,
+        "decades": DECADES,
+        "colours": to_rgb(np.arange(256) / 255).ravel().tolist(),
+    }
+    return data, _arrays(problem, CarriedModes(modes, carried.orders[kept], carried.order_offset))
+
+
+def _arrays(problem: Problem, carried: CarriedModes) -> dict[str, np.ndarray]:
+    pressures, k = problem.pressures[carried.modes], np.asarray(problem.wavenumbers[carried.modes], complex)
+    channel = np.sqrt(np.mean(np.abs(pressures) ** 2, axis=0))
+    channel[channel == 0] = 1.0
+    parts = _parts(pressures) / channel[:, None]
+    mode = np.abs(parts).max(axis=(1, 2), initial=0.0)
+    mode[mode == 0] = 1.0
+    return {
+        "wavenumbers": _parts(k),
+        "pressures": np.rint(parts / mode[:, None, None] * LEVELS).astype("<i2"),
+        "mode_scale": (mode / LEVELS).astype("<f8"),
+        "channel_scale": channel.astype("<f8"),
+    }
+
+
+def _parts(values: np.ndarray) -> np.ndarray:
+    """Return real and imaginary parts along a new last axis."""
+    return np.stack([np.real(values), np.imag(values)], axis=-1)
+
+
+def channel_arrays(states: Sequence) -> dict[str, np.ndarray]:
+    """Return gain (T, N, 2) and noise (T, N) of the channels in every state, where a solver estimates them."""
+    found = [state.channels for state in states]
+    if all(channels is None for channels in found):
+        return {}
+    count = len(states[0].positions)
+    gains = np.array([np.ones(count) if one is None else one.gains for one in found], complex)
+    noise = np.array([np.ones(count) if one is None else one.noise for one in found], float)
+    return {"gains": _parts(gains).astype("<f4"), "noise": noise.astype("<f4")}
+
 
 MAX_BYTES = 4_500_000  # of a file; of a longer run fewer states are kept, evenly spaced
 STATE_NUMBERS = ("step", "sweep", "stage", "moved", "first", "last")  # of a state, in the file as they are called here

@@ -1,28 +1,72 @@
 """The cost of one microphone in space: nested isosurfaces and a slice, independent of a renderer.
 
-    Volume      isosurfaces and slice, with the scale of their colours and the minima
-    levels_of   round levels of cost for the isosurfaces
-    volume_of   a Volume of costs on a lattice, still without a slice
-    slice_of    a slice in the colours of a Volume
-    faded       a Volume with translucent isosurfaces made more so
+    isosurface      where values on a lattice equal a level, by VTK's flying edges
+    Volume          isosurfaces and slice, with the scale of their colours and the minima
+    levels_of       round levels of cost for the isosurfaces
+    volume_of       a Volume of costs on a lattice, still without a slice
+    slice_of        a slice in the colours of a Volume
+    faded           a Volume with translucent isosurfaces made more so
+    sampled_volume  values and minima on a lattice of the whole domain
+    drawn_volume    its isosurfaces
+    sliced          these with a slice across an axis
 
 The colours hold the shading of the surfaces, so that they look alike in any renderer, which adds no light.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from ..cost.basins import local_minima
+from ..cost.maps import CostVolume, area, map_positions
 from ..model.settings import Search
 from ..model.validation import frozen_array
-from .colour_bar import ColourBar
 from .glyphs import round_ticks
 from .heatmap import colour_limits, normalise, to_rgb
-from .isosurfaces import isosurface
-from .primitives import Area
-from .solids import Plate, Surface
+from .primitives import Area, ColourBar, Plate, Surface
+
+
+def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where values on a lattice equal a level.
+
+    `values` (nz, ny, nx) float64; `search`: the lattice, metres; `level`: in the unit of the values. Returns vertices
+    (V, 3) float64, metres; faces (F, 3) int64, indices of vertices; normals (V, 3) float64, of unit length,; towards
+    higher values.
+    """
+    vtk_core, vtk_data, arrays = _vtk()
+    image = vtk_data.vtkImageData()
+    image.SetDimensions(*values.shape[::-1])
+    image.SetOrigin(*search.origin)
+    image.SetSpacing(search.step, search.step, search.step)
+    flat = np.ascontiguousarray(values, dtype=float).ravel()
+    image.GetPointData().SetScalars(arrays.numpy_to_vtk(flat))
+    contour = vtk_core.vtkFlyingEdges3D()
+    contour.SetInputData(image)
+    contour.SetValue(0, float(level))
+    contour.ComputeNormalsOn()
+    contour.ComputeScalarsOff()
+    contour.Update()
+    found = contour.GetOutput()
+    if not found.GetNumberOfPolys():
+        return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3))
+    vertices = arrays.vtk_to_numpy(found.GetPoints().GetData()).astype(float)
+    faces = arrays.vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(int)
+    normals = arrays.vtk_to_numpy(found.GetPointData().GetNormals()).astype(float)
+    return vertices, faces, -normals  # VTK's point towards lower values
+
+
+def _vtk() -> tuple[Any, Any, Any]:
+    """The parts of VTK that filter: they take a third of a second to load, so only a page with isosurfaces does."""
+    import vtkmodules.util.numpy_support as arrays
+    import vtkmodules.vtkCommonDataModel as data
+    import vtkmodules.vtkFiltersCore as core
+
+    return core, data, arrays
+
 
 AXES = "xyz"
 MAX_LEVELS = 4  # isosurfaces; more of them hide each other
@@ -151,3 +195,78 @@ def _surface(parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]], colours: np
         frozen_array(np.concatenate(places), np.float32),
         frozen_array(texture, np.uint8),
     )
+
+
+POINTS = 61  # along the longest edge of a volume that is finished
+PIXELS = 240  # along the longer edge of its slice
+
+
+@dataclass(frozen=True)
+class SampledVolume:
+    """A volume and its values on a lattice."""
+
+    terms: CostVolume
+    search: Search  # the lattice
+    cost: np.ndarray  # (nz, ny, nx) float64
+    minima: np.ndarray  # (K, 3) float64, metres, local minima
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """Where the cost is lowest : (3,) float64, metres."""
+        index = np.array([np.unravel_index(self.cost.argmin(), self.cost.shape)])
+        return map_positions(index, self.search)[0]
+
+
+def sampled_volume(
+    terms: CostVolume, count: int = POINTS, cancelled: Callable[[], bool] = lambda: False
+) -> SampledVolume | None:
+    """Return a volume on a lattice of the whole domain with its minima; None once cancelled.
+
+    `count`: points along the longest edge; `cancelled`: tells whether the values are no longer wanted.
+    """
+    domain = terms.domain
+    step = max(domain.size) / (count - 1)
+    shape = [max(int(length / step + 1e-6), 1) + 1 for length in domain.size]
+    search = replace(domain, size=tuple((n - 1) * step for n in shape), step=step)
+    axes = [origin + step * np.arange(n) for origin, n in zip(search.origin, shape, strict=True)]
+    x, y, z = axes
+    cost = terms.on(x, y, z, cancelled)
+    if cost is None:
+        return None
+    minima = map_positions(local_minima(cost), search)
+    return SampledVolume(terms, search, cost, minima)
+
+
+def drawn_volume(sampled: SampledVolume, log: bool = True, minima: bool = True) -> Volume:
+    """Return the isosurfaces of a volume, without a slice.
+
+    `log`: whether the colours follow decibels; `minima`: whether the minima are marked.
+    """
+    places = np.concatenate([sampled.lowest[None], sampled.minima]) if minima else ()
+    return volume_of(sampled.cost, sampled.search, log, places)
+
+
+def sliced(
+    volume: Volume, sampled: SampledVolume, axis: str, position: float, log: bool = True, pixels: int = PIXELS
+) -> Volume:
+    """Return a volume with a slice.
+
+    `volume`: of `drawn_volume`; `axis`: "x", "y" or "z", across the slice; any other word for no slice; `position`:
+    along that axis, metres; beyond the domain, its edge; `log`: as of `drawn_volume`; `pixels`: along the longer edge
+    of the slice.
+    """
+    if axis not in AXES or volume.bar is None:
+        return replace(volume, plate=None)
+    number, terms = AXES.index(axis), sampled.terms
+    domain = area(terms.domain, 3)
+    low, high = domain[0], domain[1]
+    place = float(np.clip(position, low[number], high[number]))
+    step = float(np.delete(high - low, number).max()) / pixels
+    counts = np.maximum(np.rint((high - low) / step).astype(int), 2)
+    places = [a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(low, high, counts, strict=True)]
+    places[number] = np.array([place])
+    x, y, z = places
+    cost = terms.on(x, y, z)
+    if cost is None:
+        raise ValueError("a slice that nobody cancels is complete")
+    return replace(volume, plate=slice_of(np.squeeze(cost, axis=2 - number), number, place, domain, volume.bar, log))

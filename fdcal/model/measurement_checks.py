@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from .declared import require_positive
 from .settings import Search
-from .validation import LIMITS, InputError, frozen_array, require_array, require_choice, require_positive
+from .validation import LIMITS, InputError, frozen_array, require_array, require_choice
 
 
 @dataclass(frozen=True)

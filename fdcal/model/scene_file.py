@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .array_layout import Array, Gauge
-from .from_table import build
+from .declared import build
 from .measurement import Measurement
 from .measurement_file import load_measurement
 from .reading import parse_toml, read_bytes
@@ -161,7 +161,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def scene_table(path: str | Path) -> dict[str, Any]:
-    """Return the table of a scene's file, of `load_scene`'s argument, as `fdcal.model.from_table.build` takes it.
+    """Return the table of a scene's file, of `load_scene`'s argument, as `fdcal.model.declared.build` takes it.
 
     In place of the table `measurement` that of a measured scene has the path of its measurement.
     """

@@ -8,7 +8,7 @@
 
 The cache is a folder of .npy and .npz files. Each is named by a hash of all that determines its content and ends in a
 checksum. FDCAL_CACHE names the folder. It may be deleted at any time; a damaged file is made again.
-`fdcal.acoustics.measurement_cache` keeps recordings and measurements in it.
+`fdcal.acoustics.measure` keeps recordings and measurements in it.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class ArrivalRules:
     speed: float = 343.0  # m/s, of `min_sigma` and `span`
 
 
-RULES = ArrivalRules()
+DIRECT_SOUND = ArrivalRules()
 
 
 def with_arrivals(measurement: Measurement, responses: Recording) -> Measurement:
@@ -67,7 +67,7 @@ def first_arrivals(recording: Recording) -> tuple[np.ndarray, float] | None:
     `recording`: impulse responses of all channels, at the same time. Returns (N,) float64, seconds, from the first of
     them on; NaN where there is none. Seconds.
     """
-    if recording.modelled or recording.samples > RULES.most_samples:
+    if recording.modelled or recording.samples > DIRECT_SOUND.most_samples:
         return None
     return arrivals_of(read_samples(recording, 0, recording.samples), recording.sample_rate)
 
@@ -76,35 +76,40 @@ def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] 
     """Return `first_arrivals` of responses (N, T) at a sampling rate, Hz."""
     N, T = responses.shape
     peak = np.abs(responses).max(axis=1)
-    first = np.array([np.argmax(np.abs(h) > RULES.first * top) for h, top in zip(responses, peak, strict=True)])
-    margin = int(rate * max(RULES.least_window, 1e-3)) + 40
-    low = max(0, int(np.median(first)) - int(rate * RULES.span) - margin)
-    high = min(T, int(np.median(first)) + int(rate * RULES.span) + margin)
-    fine = resample_poly(responses[:, low:high], RULES.fine, 1, axis=1)
-    step = 1 / (RULES.fine * rate)
+    first = np.array([np.argmax(np.abs(h) > DIRECT_SOUND.first * top) for h, top in zip(responses, peak, strict=True)])
+    margin = int(rate * max(DIRECT_SOUND.least_window, 1e-3)) + 40
+    low = max(0, int(np.median(first)) - int(rate * DIRECT_SOUND.span) - margin)
+    high = min(T, int(np.median(first)) + int(rate * DIRECT_SOUND.span) + margin)
+    fine = resample_poly(responses[:, low:high], DIRECT_SOUND.fine, 1, axis=1)
+    step = 1 / (DIRECT_SOUND.fine * rate)
     at = np.array([_first_peak(h, top) for h, top in zip(fine, peak, strict=True)])
-    before, after = (int(max(n / rate, RULES.least_window) / step) for n in (RULES.before, RULES.after))
+    before, after = (
+        int(max(n / rate, DIRECT_SOUND.least_window) / step) for n in (DIRECT_SOUND.before, DIRECT_SOUND.after)
+    )
     window = _window(before, after)
     found = np.isfinite(at) & (at > before) & (at < fine.shape[1] - after - 1)
     if np.sum(found) < 3:
         return None
     at = np.where(found, at, before)
-    pad = 2 * int(RULES.fine)  # a time moves by less than two samples from its peak
+    pad = 2 * int(DIRECT_SOUND.fine)  # a time moves by less than two samples from its peak
     correlation, template = np.zeros(N), np.zeros(len(window))
-    for _ in range(RULES.rounds):
+    for _ in range(DIRECT_SOUND.rounds):
         cut = np.array([_cut(h, t, before, after) for h, t in zip(fine, at, strict=True)]) * window
         size = np.linalg.norm(cut, axis=1)
         unit = cut / np.maximum(size, np.finfo(float).tiny)[:, None]
         template = np.linalg.svd(unit[found], full_matrices=False)[2][0]
         for n in np.flatnonzero(found):
             at[n], correlation[n] = _best_lag(fine[n], at[n], template * window, window, before, after, pad)
-    found &= (correlation > RULES.alike) & _quiet_before(fine, at, before, template)
-    found &= np.abs(at - np.median(at[found]) if np.any(found) else at) * step < RULES.span
+    found &= (correlation > DIRECT_SOUND.alike) & _quiet_before(fine, at, before, template)
+    found &= np.abs(at - np.median(at[found]) if np.any(found) else at) * step < DIRECT_SOUND.span
     if np.sum(found) < max(3, N // 2):
         return None
     rho = float(np.median(correlation[found]))
     bandwidth = np.linalg.norm(np.gradient(template, step)) / np.linalg.norm(template)
-    sigma = max(RULES.shifted * np.sqrt(max(1 - rho**2, 0.0)) / rho / bandwidth, RULES.min_sigma / RULES.speed)
+    sigma = max(
+        DIRECT_SOUND.shifted * np.sqrt(max(1 - rho**2, 0.0)) / rho / bandwidth,
+        DIRECT_SOUND.min_sigma / DIRECT_SOUND.speed,
+    )
     times = np.where(found, at * step, np.nan)
     return times - np.nanmin(times), float(sigma)
 
@@ -112,7 +117,7 @@ def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] 
 def _window(before: int, after: int) -> np.ndarray:
     """Return a window (before + after + 1,) that rises and falls as a squared cosine."""
     t = np.arange(-before, after + 1)
-    edge = np.where(t < 0, (before + t) / before, (after - t) / after) / RULES.taper
+    edge = np.where(t < 0, (before + t) / before, (after - t) / after) / DIRECT_SOUND.taper
     return np.sin(np.pi / 2 * np.clip(edge, 0.0, 1.0)) ** 2
 
 
@@ -120,7 +125,7 @@ def _first_peak(h: np.ndarray, top: float) -> float:
     """Return the first peak of abs(h) above a share of `top`, in points; NaN without one."""
     a = np.abs(h)
     inner = a[1:-1]
-    peaks = np.flatnonzero((inner >= a[:-2]) & (inner > a[2:]) & (inner > RULES.first * top))
+    peaks = np.flatnonzero((inner >= a[:-2]) & (inner > a[2:]) & (inner > DIRECT_SOUND.first * top))
     return float(peaks[0] + 1) if len(peaks) else np.nan
 
 
@@ -153,5 +158,5 @@ def _quiet_before(fine: np.ndarray, at: np.ndarray, before: int, template: np.nd
     for n, (h, t) in enumerate(zip(fine, at, strict=True)):
         a, near = np.abs(h), int(t)
         preceding = a[: max(near - before, 0)]
-        clear[n] = a[max(near - before, 0) : near + before].max() > RULES.quiet * preceding.max(initial=0.0)
+        clear[n] = a[max(near - before, 0) : near + before].max() > DIRECT_SOUND.quiet * preceding.max(initial=0.0)
     return clear

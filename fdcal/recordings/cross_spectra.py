@@ -18,23 +18,72 @@ single source has a second eigenvalue, too: of the noise, up to (1 + sqrt(N / K)
 beyond a segment, about 3.3 / (T d)^2 of the first one. A row must be well above both.
 
     w    Hann's window, whose transforms follow from those without a window at three neighbouring bins
-    d    rate at which the sound decays, nepers per second; 1 / d = T_eq of `fdcal.recordings.frequency_selection`
+    d    rate at which the sound decays, nepers per second; 1 / d = T_eq of `fdcal.recordings.frequencies`
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ..acoustics.spectrum import fast_length, rfft
 from ..model.problem import mode_power
 from ..model.validation import InputError
-from . import frequency_selection
-from .decimation import decimate
+from . import frequencies
 from .impulse_response import Pressures
 from .recording import Recording, in_memory, read_samples
+
+
+@dataclass(frozen=True)
+class DecimationSettings:
+    """Of the filter before the sampling rate is reduced."""
+
+    oversampling: float = 4.0  # least new sampling rate over the highest frequency
+    stop_db: float = 110.0  # attenuation of what would alias into the band, decibels
+    min_sample_rate: float = 200.0  # Hz
+    block_samples: int = 8_000_000  # samples of all channels that are filtered at a time
+
+
+DECIMATION = DecimationSettings()
+
+
+def decimate(recording: Recording, highest: float, settings: DecimationSettings = DECIMATION) -> Recording:
+    """Return the recording at a fraction of its sampling rate, unchanged up to a highest frequency.
+
+    `highest`: Hz. Returns filtered whenever a block of it is read; `recording` itself where its rate is low already.
+    """
+    from scipy.signal import firwin, kaiserord, upfirdn
+
+    fs = recording.sample_rate
+    factor = int(fs / max(settings.oversampling * highest, settings.min_sample_rate))
+    if factor < 2:
+        return recording
+    stop = fs / factor - highest
+    taps, beta = kaiserord(settings.stop_db, (stop - highest) / (fs / 2))
+    half = factor * (taps // (2 * factor) + 1)  # a multiple of the factor: centred on samples that are kept
+    window: Any = ("kaiser", beta)  # SciPy's annotation allows names of windows only
+    taps = np.asarray(firwin(2 * half + 1, (highest + stop) / 2, window=window, fs=fs), dtype=np.float32)
+
+    def block(start: int, end: int, channels: np.ndarray) -> np.ndarray:
+        out = np.empty((len(channels), end - start), dtype=np.float32)
+        step = max(1, settings.block_samples // (factor * len(channels)))
+        for begin in range(start, end, step):
+            filter_into(out[:, begin - start :][:, : min(step, end - begin)], begin, channels)
+        return out
+
+    def filter_into(out: np.ndarray, begin: int, channels: np.ndarray) -> None:
+        end = begin + out.shape[1]
+        first, last = begin * factor - half, (end - 1) * factor + half + 1
+        inside = max(first, 0), min(last, recording.samples)
+        values = np.zeros((len(channels), last - first), dtype=np.float32)
+        values[:, inside[0] - first : inside[1] - first] = recording.block(*inside, channels)
+        for row, samples in zip(out, values, strict=True):
+            row[:] = upfirdn(taps, samples, 1, factor)[2 * half // factor :][: end - begin]
+
+    return replace(recording, sample_rate=fs / factor, samples=recording.samples // factor, block=block)
 
 
 @dataclass(frozen=True)
@@ -81,7 +130,7 @@ def stationary_pressures(
     recording: Recording,
     band: tuple[float, float],
     sound_speed: float,
-    most: int = frequency_selection.ROWS.most,
+    most: int = frequencies.ROWS.most,
     reference: int | None = None,
 ) -> Pressures:
     """Return the pressures of a recording of a stationary source, or of several.
@@ -97,7 +146,7 @@ def stationary_pressures(
     spacing = room_spacing(powers, window)
     power = powers.mean(axis=0)
     spare = max(20, min(2 * most, SEGMENTS.max_matrix // recording.count**2))  # some will prove too noisy
-    chosen = frequency_selection.choose_frequencies(grid, power, np.zeros(len(grid)), spacing.step, spare)
+    chosen = frequencies.choose_frequencies(grid, power, np.zeros(len(grid)), spacing.step, spare)
     number = np.round(grid[chosen] * length / recording.sample_rate).astype(int)
     C, seen = cross_spectra(recording, number, length, starts)
     independent = SEGMENTS.independence * len(starts)
@@ -106,9 +155,9 @@ def stationary_pressures(
         row, p, noise, snr = eigenvectors(C, independent, leakage)
     else:
         row, (p, noise, snr) = np.arange(len(C)), against(C, reference)
-    keep = np.flatnonzero(snr * independent >= 10 ** (frequency_selection.THRESHOLDS.min_snr / 10))
+    keep = np.flatnonzero(snr * independent >= 10 ** (frequencies.SELECTION.min_snr / 10))
     if not len(keep):
-        raise frequency_selection.NothingAboveNoise(
+        raise frequencies.NothingAboveNoise(
             f"{recording.path}: the microphones are not coherent at any frequency between {band[0]:g} and"
             f" {band[1]:g} Hz",
             "record one source only, louder than the noise",
@@ -133,7 +182,7 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int
     used = np.flatnonzero(counts)
     used = used[np.argsort(seen[used], kind="stable")]
     wanted = max(1, int(most * len(used) / len(keep)))
-    kept = used[frequency_selection.spread_over_band(seen[used], band, wanted, apart)]
+    kept = used[frequencies.spread_over_band(seen[used], band, wanted, apart)]
     while counts[kept].sum() > most and len(kept) > 1:  # few frequencies with many rows
         kept = np.delete(kept, np.argmax(counts[kept]))
     chosen = keep[np.isin(row[keep], kept)]
@@ -175,7 +224,7 @@ def channel_powers(recording: Recording, band, length: int, starts) -> tuple[np.
     return np.arange(first, last + 1) * fs / length, total / len(starts)
 
 
-def room_spacing(powers: np.ndarray, window: float) -> frequency_selection.Spacing:
+def room_spacing(powers: np.ndarray, window: float) -> frequencies.Spacing:
     """Return how close frequencies are worth taking, from the power of the channels over frequency.
 
     The field of a room that decays evenly decorrelates as |r|^2 = 1 / (1 + (x / h)^2) over a distance of x Hz, and so
@@ -194,7 +243,7 @@ def room_spacing(powers: np.ndarray, window: float) -> frequency_selection.Spaci
     half = lags[below[0]] * step if near > 0 and len(below) else 0.0
     half = half if half > lags[min(1, len(lags) - 1)] * step else 0.0  # no wider than the window
     decorrelation = max(float(np.pi * half), window)
-    return frequency_selection.Spacing(max(decorrelation / ROOM.oversampling, window), decorrelation)
+    return frequencies.Spacing(max(decorrelation / ROOM.oversampling, window), decorrelation)
 
 
 def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np.ndarray, np.ndarray]:

@@ -1,16 +1,28 @@
-"""A calibration in a file of another program: what `fdcal export` and `Calibration.export` write."""
+"""A calibration in files and objects of other programs, and the signals of pyfar as a measurement.
+
+export_positions, export_gains         what `fdcal export` and `Calibration.export` write
+measurement_of_pyfar                   signals or frequency data of pyfar; needs the extra "pyfar", as the next one does
+pyfar_coordinates                      positions as coordinates of pyfar
+"""
 
 from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ..assessment.calibration import Calibration, placed_in_frame
 from ..assessment.result_file import channel_table
 from ..model.given_positions import MicrophonePositions
+from ..model.measurement import Measurement
 from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice
 from . import formats
+from .formats import needs
+
+FLAT = 1e-6  # metres: heights that differ less are one height
 
 
 def export(
@@ -86,7 +98,7 @@ def export_positions(
 
 
 def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
-    """Write the gains of the channels as a table; see `fdcal.assessment.result_file.channel_table`.
+    """Write the gains of the channels as a table; see `fdcal.assessment.tables.channel_table`.
 
     Raises InputError: the result holds no gains, the suffix is not .csv, or the file exists and `force` is not set;
     StorageError: the file cannot be written.
@@ -96,3 +108,76 @@ def export_gains(result: Calibration, path: str | PathLike[str], force: bool = F
         problem = f'"{path}" does not end in .csv, as the table of gains does'
         raise InputError(problem, f"write {path.stem or 'gains'}.csv", key="output", value=str(path))
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
+
+
+def measurement_of_pyfar(data, coordinates=None, **options: Any) -> Measurement:
+    """Return the measurement of an object of pyfar.
+
+    Parameters
+    ----------
+    data : pyfar.FrequencyData or pyfar.Signal
+        One channel a microphone. Of frequency data, all frequencies are taken as they are; of a signal they are
+        chosen as for a recording.
+    coordinates : pyfar.Coordinates, optional
+        Positions of the microphones, to compare with.
+    **options
+        Of frequency data, as of `from_arrays`; of a signal, fields of
+        `fdcal.recordings.import_options.ImportOptions`.
+
+    Returns
+    -------
+    Measurement
+
+    Raises
+    ------
+    InputError
+        A value is impossible.
+
+    Examples
+    --------
+    >>> import fdcal, pyfar
+    >>> import numpy as np
+    >>> data = pyfar.FrequencyData(np.exp(1j * np.arange(12.0)).reshape(4, 3), [100, 150, 210])
+    >>> fdcal.Measurement.from_pyfar(data).count
+    4
+    """
+    pyfar = needs("pyfar", "pyfar")
+    positions = None if coordinates is None else np.asarray(coordinates.cartesian, float).reshape(-1, 3)
+    if isinstance(data, pyfar.Signal):
+        from .import_options import ImportOptions
+        from .importer import measurement_of_recording  # brings the signal library, which an export does not need
+        from .recording import recording_of
+
+        samples = data.time.reshape(-1, data.n_samples)
+        recording = recording_of("the signal", None, data.sampling_rate, samples, positions=positions)
+        return measurement_of_recording(recording, ImportOptions(**options))[0]
+    if not isinstance(data, pyfar.FrequencyData):
+        raise InputError(f"{type(data).__name__} is no FrequencyData and no Signal of pyfar", "give one of them")
+    if positions is not None and options.get("dimension", 3) == 2:
+        if np.ptp(positions[:, 2]) > FLAT:
+            raise InputError("a field of two dimensions needs microphones of one height", "leave out <dimension>")
+        positions = positions[:, :2]
+    pressures = data.freq.reshape(-1, data.n_bins).T
+    return Measurement.from_arrays(data.frequencies, pressures, positions=positions, **options)
+
+
+def pyfar_coordinates(self: Calibration, *, frame: str | None = None) -> Any:
+    """Return the positions as `pyfar.Coordinates`; needs the extra "pyfar".
+
+    Parameters
+    ----------
+    frame : str, optional
+        As of `export`.
+
+    Returns
+    -------
+    pyfar.Coordinates
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> fdcal.calibrate(fdcal.load("tiny"), modes=12).to_pyfar().cshape
+    (16,)
+    """
+    pyfar, placed = needs("pyfar", "pyfar"), placed_in_frame(self, frame)
+    return pyfar.Coordinates(*placed.positions.T.copy(), comment=f"microphones {', '.join(placed.names)}")

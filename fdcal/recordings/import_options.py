@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..model.validation import InputError, require_choice, require_positive
+from ..model.declared import require_positive
+from ..model.validation import InputError, require_choice
 from .recording import KINDS, OLD_KINDS, sound_speed
 
 
@@ -31,7 +32,7 @@ class ImportLimits:
     max_count: int = 2000  # number of rows
 
 
-LIMITS = ImportLimits()
+IMPORT_LIMITS = ImportLimits()
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class ImportOptions:
     kind : str
         "auto", or one of `fdcal.recordings.recording.KINDS`.
     most : int or None
-        Greatest number of rows of all takes together; `fdcal.recordings.frequency_selection.default_most` unless given.
+        Greatest number of rows of all takes together; `fdcal.recordings.frequencies.default_most` unless given.
     temperature : float or None
         Degrees Celsius; gives the sound speed.
     sound_speed : float or None
@@ -62,7 +63,7 @@ class ImportOptions:
     dimension : int
         2 or 3, of the sound field.
     plane, subset, leave_out, known : str or None
-        See `fdcal.recordings.channel_selection`.
+        See `fdcal.recordings.channels`.
     seed : int
         Of a random `subset`.
     reference : str or None
@@ -105,9 +106,12 @@ def check_options(options: ImportOptions) -> None:
     _check_takes(options)
     if options.dimension not in (2, 3):
         raise InputError(f"dimension = {options.dimension} is unknown", "use one of 2, 3", key="dimension")
-    if options.most is not None and not 1 <= options.most <= LIMITS.max_count:
+    if options.most is not None and not 1 <= options.most <= IMPORT_LIMITS.max_count:
         raise InputError(
-            f"most = {options.most} is out of range", f"use 1 to {LIMITS.max_count}", key="most", value=options.most
+            f"most = {options.most} is out of range",
+            f"use 1 to {IMPORT_LIMITS.max_count}",
+            key="most",
+            value=options.most,
         )
     if options.temperature is not None and options.sound_speed is not None:
         raise InputError(
@@ -115,16 +119,19 @@ def check_options(options: ImportOptions) -> None:
             "give one of <temperature> and <sound_speed>",
             key="sound_speed",
         )
-    if options.temperature is not None and not LIMITS.min_celsius <= options.temperature <= LIMITS.max_celsius:
+    if (
+        options.temperature is not None
+        and not IMPORT_LIMITS.min_celsius <= options.temperature <= IMPORT_LIMITS.max_celsius
+    ):
         raise InputError(
-            f"temperature = {options.temperature:g} must be in degrees Celsius, {LIMITS.min_celsius:g} to"
-            f" {LIMITS.max_celsius:g}",
+            f"temperature = {options.temperature:g} must be in degrees Celsius, {IMPORT_LIMITS.min_celsius:g} to"
+            f" {IMPORT_LIMITS.max_celsius:g}",
             key="temperature",
             value=options.temperature,
         )
     if options.sound_speed is not None:
         require_positive("sound_speed", options.sound_speed, "m/s")
-        if not LIMITS.min_sound_speed <= options.sound_speed <= LIMITS.max_sound_speed:
+        if not IMPORT_LIMITS.min_sound_speed <= options.sound_speed <= IMPORT_LIMITS.max_sound_speed:
             raise InputError(
                 f"sound_speed = {options.sound_speed:g} m/s is that of no medium",
                 "air at 20 degrees Celsius has 343 m/s",
@@ -169,4 +176,4 @@ def sound_speed_of(in_file: float | None, options: ImportOptions) -> tuple[float
         return sound_speed(options.temperature), f"at {options.temperature:g} degrees Celsius"
     if in_file is not None:
         return in_file, "according to the file"
-    return sound_speed(LIMITS.celsius), f"at an assumed temperature of {LIMITS.celsius:g} degrees Celsius"
+    return sound_speed(IMPORT_LIMITS.celsius), f"at an assumed temperature of {IMPORT_LIMITS.celsius:g} degrees Celsius"

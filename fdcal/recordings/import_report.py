@@ -18,7 +18,7 @@ LOWEST = 3  # frequencies of the lowest signal-to-noise ratio that are named
 MANY = 32  # microphones with which errors in a room are of the order of their uncertainty
 CLEAN_DB = 100.0  # above it the estimate of the noise is at its floor
 ARGUMENTS: Mapping[str, str] = {}  # by their own names
-KINDS = {"impulse": "impulse response: from silence to the end of the sound", "stationary": "stationary source"}
+KIND_WORDS = {"impulse": "impulse response: from silence to the end of the sound", "stationary": "stationary source"}
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         lines = _take_lines(report.takes, measurement, left_out)
     else:
         lines = [
-            f"channels     {recording.count}, {_duration(recording)} ({KINDS[report.kind]})",
+            f"channels     {recording.count}, {_duration(recording)} ({KIND_WORDS[report.kind]})",
             left_out,
             f"taken by     {taken.how}",
             f"frequencies  {_band(taken)}",
@@ -84,7 +84,7 @@ def _take_lines(takes: Sequence[ImportReport], measurement: Measurement, left_ou
     for number, one in enumerate(takes):
         snr = _snr(one.pressures)
         level = "modelled" if one.recording.modelled else "SNR unknown" if snr is None else f"SNR {_median(snr)}"
-        kind = KINDS[one.kind].partition(":")[0]
+        kind = KIND_WORDS[one.kind].partition(":")[0]
         lines.append(f"{f'take {number}':<12} {one.recording.path}: {_duration(one.recording)} ({kind})")
         lines.append(f"             {one.pressures.how}; {_band(one.pressures)}; {level}")
     return lines

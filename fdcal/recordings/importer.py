@@ -10,18 +10,17 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.validation import InputError
-from . import channel_selection, formats
+from . import channels, formats
 from .arrivals import with_arrivals
-from .channel_health import ChannelHealth, inspect_channels, require_usable_channels
+from .channels import ChannelHealth, inspect_channels, require_usable_channels
 from .cross_spectra import min_duration, stationary_pressures
-from .frequency_range import coordinate_count, frequency_band, highest_frequency
-from .frequency_selection import NothingAboveNoise, default_most
-from .import_options import LIMITS, ImportOptions, check_options, sound_speed_of
+from .formats.positions import read_table
+from .frequencies import NothingAboveNoise, coordinate_count, default_most, frequency_band, highest_frequency
+from .import_options import IMPORT_LIMITS, ImportOptions, check_options, sound_speed_of
 from .import_report import ImportReport
-from .impulse_response import MAX_SAMPLES, Pressures, impulse_response_pressures, require_quiet_end
-from .recording import Recording
+from .impulse_response import MAX_SAMPLES, Pressures, deconvolve, impulse_response_pressures, require_quiet_end
+from .recording import TAKE_TOLERANCES, Recording, join_channels, split
 from .reverberation import segment_levels
-from .takes import read_takes, split
 
 DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
 ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
@@ -43,6 +42,72 @@ def import_recording(
     check_options(options)
     paths = [path] if isinstance(path, (str, Path)) else list(path)
     return measurement_of_takes(read_takes(paths, options), options)
+
+
+def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Recording]:
+    """Return the takes in files or folders, all of the same channels, not yet split.
+
+    Raises InputError, StorageError: a file cannot be read, or the files do not belong together.
+    """
+    if not paths:
+        raise InputError("no file is given", "give one or several", key="source")
+    twice = {str(path) for path in paths if sum(Path(path).resolve() == Path(one).resolve() for one in paths) > 1}
+    if twice:
+        raise InputError(f"{sorted(twice)[0]} is given twice", "give each file once", key="source")
+    read = [recording for path in paths for recording in _recordings(path, options)]
+    counts = [recording.count for recording in read]
+    if len(read) == 1:
+        return read
+    if options.files == "channels" or (options.files == "auto" and set(counts) == {1}):
+        return [join_channels(read)]
+    other = next((one for one in read if one.count != counts[0]), None)
+    if other is not None:
+        raise InputError(
+            f"{read[0].path} has {_channels(counts[0])} and {other.path} {_channels(other.count)}: files are takes if"
+            " all have the same channels, or channels of one take",
+            "give takes of one array, or <channels> for one take",
+            key="files",
+        )
+    _require_one_array(read)
+    return read
+
+
+def _channels(count: int) -> str:
+    return "1 channel" if count == 1 else f"{count} channels"
+
+
+def _recordings(path: str | Path, options: ImportOptions) -> list[Recording]:
+    """Return the recordings in one file: one of each source that is asked for, or those rendered in its field."""
+    if options.array is not None:
+        names, positions = read_table(options.array)
+        if positions.shape[1] != 3:
+            raise InputError(f"array = {options.array} has two coordinates", "give name,x,y,z", key="array")
+        return [formats.render(path, tuple(names), positions, sound_speed_of(None, options)[0])]
+    if not isinstance(options.source, str):  # all of them otherwise, as `check_options` has seen
+        return [formats.read(path, options.source)]
+    found = [formats.read(path, number) for number in range(formats.source_count(path))]
+    return [replace(one, path=f"{path}, source {n}") for n, one in enumerate(found)] if len(found) > 1 else found
+
+
+def _require_one_array(takes: Sequence[Recording]) -> None:
+    """Raise InputError where takes differ in sampling rate, or in names or positions of their channels."""
+    first = takes[0]
+    for one in takes[1:]:
+        if one.sample_rate != first.sample_rate:
+            raise InputError(
+                f"{first.path} has {first.sample_rate:g} Hz and {one.path} {one.sample_rate:g} Hz",
+                "convert one of them to the sampling rate of the other",
+                key="sample_rate",
+            )
+        if one.names != first.names:
+            problem = f"{first.path} and {one.path} have channels of other names or in another order"
+            raise InputError(problem, "give takes of one array", key="names")
+        if first.positions is None or one.positions is None:
+            continue
+        same = first.positions.shape == one.positions.shape
+        if not same or np.abs(first.positions - one.positions).max() > TAKE_TOLERANCES.position:
+            problem = f"{first.path} and {one.path} have other positions of the microphones"
+            raise InputError(problem, "give takes of one array that does not move", key="positions")
 
 
 def measurement_of_recording(
@@ -92,8 +157,8 @@ def _split(recording: Recording, seconds: float, options: ImportOptions) -> list
     try:
         low = float(own)
     except ValueError:  # of the automatic band, or a mistake that is reported with it
-        low = LIMITS.low
-    return split(recording, seconds, min_duration(low if low > 0 else LIMITS.low))
+        low = IMPORT_LIMITS.low
+    return split(recording, seconds, min_duration(low if low > 0 else IMPORT_LIMITS.low))
 
 
 def _measurement_of_take(
@@ -102,7 +167,7 @@ def _measurement_of_take(
     """Return the measurement of one take, and a report on it."""
     known, known_positions = np.zeros(0, int), None
     if options.known is not None:
-        known, known_positions = channel_selection.known_microphones(recording, options.known)
+        known, known_positions = channels.known_microphones(recording, options.known)
     speed, speed_from = sound_speed_of(recording.sound_speed, options)
     found = highest_frequency(recording, options, known_positions, speed)
     band = frequency_band(recording, options, found, speed)
@@ -129,17 +194,17 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
     for one, state in zip(chosen, health, strict=True):
         left_out |= _faults(one, state)
     bad = np.unique(np.concatenate([state.bad for state in health]))
-    return [channel_selection.exclude_channels(one, "bad", bad) for one in chosen], left_out
+    return [channels.exclude_channels(one, "bad", bad) for one in chosen], left_out
 
 
 def _chosen(recording: Recording, options: ImportOptions, listed: list[str]) -> Recording:
     """Return the channels in the plane or subset that is asked for, without those listed."""
     if options.plane is not None:
-        recording = channel_selection.select_plane(recording, options.plane)
+        recording = channels.select_plane(recording, options.plane)
     if options.subset is not None:
-        recording = channel_selection.select_subset(recording, options.subset, options.seed)
+        recording = channels.select_subset(recording, options.subset, options.seed)
     if listed:  # before the samples are read, since these channels may hold what cannot be read
-        recording = channel_selection.exclude_channels(recording, ",".join(listed), np.zeros(0, int))
+        recording = channels.exclude_channels(recording, ",".join(listed), np.zeros(0, int))
     return recording
 
 
@@ -152,7 +217,7 @@ def _flattened(recording: Recording, options: ImportOptions) -> Recording:
     positions = recording.positions
     if positions is None or positions.shape[1] <= options.dimension:
         return recording
-    if np.ptp(positions[:, 2]) > channel_selection.PLANE_TOLERANCE:
+    if np.ptp(positions[:, 2]) > channels.PLANE_TOLERANCE:
         raise InputError(
             "dimension = 2 needs microphones of one height",
             "choose them with <plane> z=HEIGHT",
@@ -167,8 +232,6 @@ def _classified(
 ) -> tuple[Recording, str, Noise | None]:
     """Return the recording, deconvolved where a reference is given, its kind, and its noise power where known."""
     if options.reference is not None:
-        from .deconvolution import deconvolve
-
         responses, noise = deconvolve(recording, formats.read(options.reference), band)
         return responses, "impulse", noise
     if options.reference_microphone is not None:
@@ -182,9 +245,7 @@ def _classified(
 
 def _responses(recording: Recording, options: ImportOptions) -> Recording:
     """Return the impulse responses in the whole band of the reference: an onset is as sharp as the band is wide."""
-    from .deconvolution import deconvolve
-
-    low, high = LIMITS.low, ARRIVAL_BAND * recording.sample_rate
+    low, high = IMPORT_LIMITS.low, ARRIVAL_BAND * recording.sample_rate
     return deconvolve(recording, formats.read(str(options.reference)), (low, high))[0]
 
 

@@ -7,6 +7,13 @@ emitted, if the sound has decayed before the recording ends, or else has been we
 
     d    rate at which the sound decays, nepers per second
     s    rate of the exponential window; (d + s) T = 12 nepers
+
+Where the signal S that the source emitted is given, `deconvolve` divides the recording X by it. X / S, regularised
+where S is weak, is the transform of the response, apart from a factor at each frequency that is the same for all
+channels and does no harm. The response starts `lead` seconds late, so that the ringing of the band-limited spectrum,
+which comes before the sound as well as after it, lies inside. 1 / S spreads the noise of the recording over as long a
+time as was recorded, at each frequency another time where S is a sweep. So the noise inside the response is estimated
+from what lies outside of it, and not from its end alone.
 """
 
 from __future__ import annotations
@@ -16,11 +23,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..acoustics.spectrum import SPECTRUM, fast_length, laplace_transform, rfft, wavenumber_continuous
+from ..acoustics.spectrum import SPECTRUM, fast_length, irfft, laplace_transform, rfft, wavenumber_continuous
 from ..model.validation import InputError
-from . import frequency_selection
-from .recording import Recording, channel_groups, read_samples
-from .reverberation import SETTINGS, Decay, estimate_decay, extend_to_last_mode, segment_levels, whitened_levels
+from . import frequencies
+from .recording import Recording, channel_groups, read_samples, recording_of
+from .reverberation import DECAY, Decay, estimate_decay, extend_to_last_mode, segment_levels, whitened_levels
 
 RISE = 10.0  # factor of power by which the level may differ in what is noise
 GRID = 6  # points of the spectrum per least distance of two frequencies
@@ -37,7 +44,7 @@ class Pressures:
     # (M,) float64 or None, in the unit of abs(pressures)**2; None where it cannot be estimated
     noise_power: np.ndarray | None
     how: str  # the method, in words
-    spacing: frequency_selection.Spacing  # of the frequencies
+    spacing: frequencies.Spacing  # of the frequencies
 
 
 def impulse_response_pressures(
@@ -45,7 +52,7 @@ def impulse_response_pressures(
     band: tuple[float, float],
     sound_speed: float,
     window: float | None = None,
-    most: int = frequency_selection.ROWS.most,
+    most: int = frequencies.ROWS.most,
     noise: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Pressures:
     """Return the pressures of an impulse response; what follows once the sound is below the noise is left out.
@@ -73,7 +80,7 @@ def impulse_response_pressures(
     grid, power = mean_power(used, band, s, spacing.step / GRID)
     gain = used.sample_rate * -np.expm1(-2 * s * used.duration) / (2 * s) if s > 0 else used.samples
     density = np.zeros(len(grid)) if noise is None else noise(grid) * gain
-    chosen = frequency_selection.choose_frequencies(grid, power, density, spacing.step, most)
+    chosen = frequencies.choose_frequencies(grid, power, density, spacing.step, most)
     f = grid[chosen]
     pressures = np.empty((len(f), used.count), dtype=complex)
     for channels, samples in channel_groups(used):
@@ -91,7 +98,7 @@ def _spacing(
     s: float,
     noise: Callable[[np.ndarray], np.ndarray] | None,
     rate: float,
-) -> frequency_selection.Spacing:
+) -> frequencies.Spacing:
     """Return how close frequencies are worth taking, from the energy of a few channels over time in the band.
 
     A sweep lasts longer than the response of the room, whose decay then counts.
@@ -103,14 +110,14 @@ def _spacing(
     taper = np.hanning(len(bins) + 2)[1:-1]  # so that the direct sound does not spread over the times after it
     interval = padded / fs / len(bins)
     times = interval * np.arange(int(recording.duration / interval))
-    channels = np.unique(np.linspace(0, recording.count - 1, SETTINGS.channels).astype(int))
+    channels = np.unique(np.linspace(0, recording.count - 1, DECAY.channels).astype(int))
     weight, energy = np.exp(-s / fs * np.arange(samples)), np.zeros(len(times))
     for row in read_samples(recording, 0, samples, channels):
         spectrum = taper * rfft(row * weight, padded)[bins]
         energy += np.abs(np.fft.ifft(spectrum)[: len(times)]) ** 2 / len(channels)
     share = 0.0 if noise is None else np.mean(taper**2 * noise(bins * fs / padded)) * interval * fs
-    found = frequency_selection.spacing_of(energy, share * np.exp(-2 * s * times), interval)
-    even = frequency_selection.spacing_of_decay(rate + s)
+    found = frequencies.spacing_of(energy, share * np.exp(-2 * s * times), interval)
+    even = frequencies.spacing_of_decay(rate + s)
     step = max(found.step, even.step, 1 / recording.duration)
     return replace(found, step=step, decorrelation=max(found.decorrelation, even.decorrelation))
 
@@ -143,10 +150,10 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
     end, lowest = float(level[last:].mean()), float(level[min(top, last) :].min())
     if top >= last:  # the direct sound stands at the end, and what follows it at the beginning
         end, lowest = float(level[0]), float(level.min())
-    rises = end > max(RISE * lowest, SETTINGS.min_power * level.max())
+    rises = end > max(RISE * lowest, DECAY.min_power * level.max())
     if rises and top < last:
         even = whitened_levels(recording, band)
-        count = len(even) // SETTINGS.segments
+        count = len(even) // DECAY.segments
         rises = bool(even[-2 * count :].max() > RISE * even[min(top * count, len(even) - 2) :].min())
     if rises:
         raise InputError(
@@ -189,7 +196,7 @@ def noise_of_tail(recording: Recording, decay: Decay) -> Callable[[np.ndarray], 
         return None
     start = int(decay.tail * recording.sample_rate)
     length = recording.samples - start
-    channels = np.unique(np.linspace(0, recording.count - 1, 4 * SETTINGS.channels).astype(int))
+    channels = np.unique(np.linspace(0, recording.count - 1, 4 * DECAY.channels).astype(int))
     hann = np.hanning(length)
     power = np.zeros(length // 2 + 1)
     for n in channels:
@@ -202,3 +209,91 @@ def smoothed(grid: np.ndarray, density: np.ndarray, width: int = 5) -> Callable[
     """Return the moving average over `width` values of a density (G,) at `grid` (G,) Hz, as a function of frequency."""
     mean = np.convolve(np.pad(density, width // 2, mode="edge"), np.full(width, 1 / width), mode="valid")
     return lambda frequencies: np.interp(frequencies, grid, mean)
+
+
+@dataclass(frozen=True)
+class DeconvolutionSettings:
+    """How a recording is divided by the signal of its source."""
+
+    # lead, length: of a response: before the sound, and in all, seconds
+    lead: float = 0.25
+    length: float = 2.25
+    max_samples: int = 16_000_000  # of one channel; what is longer is cut: 5 min at 48 kHz
+    regularisation: float = 1e-3  # relative to the greatest power of the reference
+    # widening, max_widening: factor by which the band is widened, but by no more than so many Hz at its upper end,
+    # where a sweep may end
+    widening: float = 1.5
+    max_widening: float = 50.0
+    min_outside: float = 0.25  # share of the recording that must lie outside of the response to estimate the noise
+    smoothing: int = 31  # neighbouring frequencies over which the noise is averaged
+
+
+DECONVOLUTION = DeconvolutionSettings()
+
+
+def deconvolve(
+    recording: Recording, reference: Recording, band: tuple[float, float]
+) -> tuple[Recording, Callable[[np.ndarray], np.ndarray] | None]:
+    """Return the impulse responses of all channels, kept in memory, and the noise in them.
+
+    `reference`: one channel with the signal that the source emitted; `band`: Hz. Returns the noise power of one sample
+    of the transform; None where the recording is too short to estimate it. Raises InputError: the sampling rates
+    differ, or the reference has several channels or is silent in the band.
+    """
+    if reference.sample_rate != recording.sample_rate:
+        raise InputError(
+            f"{reference.path} has {reference.sample_rate:g} Hz and {recording.path} {recording.sample_rate:g} Hz",
+            "convert one of them to the sampling rate of the other",
+            key="reference",
+        )
+    if reference.count != 1:
+        raise InputError(
+            f"{reference.path} has {reference.count} channels",
+            "give a reference signal of one channel",
+            key="reference",
+        )
+    fs, samples = recording.sample_rate, min(recording.samples, DECONVOLUTION.max_samples)
+    emitted = min(reference.samples, samples)
+    padded = fast_length(samples + emitted)
+    inverse = _inverse(
+        rfft(read_samples(reference, 0, emitted)[0], padded), np.arange(padded // 2 + 1) * fs / padded, band
+    )
+    if inverse is None:
+        raise InputError(
+            f"{reference.path} is silent between {band[0]:g} and {band[1]:g} Hz",
+            "choose another band: <frequencies>",
+            key="frequencies",
+        )
+    lead = int(DECONVOLUTION.lead * fs)
+    length = min(int(DECONVOLUTION.length * fs), padded)
+    responses, outside = np.empty((recording.count, length)), np.zeros(padded // 2 + 1)
+    for channels, values in channel_groups(recording):
+        for n, row in zip(channels, values, strict=True):
+            whole = np.roll(irfft(rfft(row[:samples], padded) * inverse, padded), lead)
+            responses[n] = whole[:length]
+            outside += np.abs(rfft(whole[length:], padded)) ** 2
+    made = recording_of(recording.path, "impulse", fs, responses, names=recording.names)
+    made = replace(made, positions=recording.positions, sound_speed=recording.sound_speed)
+    if samples - length < DECONVOLUTION.min_outside * samples:
+        return made, None
+    density = outside / recording.count / (samples - length)
+    return made, smoothed(np.arange(len(outside)) * fs / padded, density, DECONVOLUTION.smoothing)
+
+
+def _inverse(S: np.ndarray, f: np.ndarray, band: tuple[float, float]) -> np.ndarray | None:
+    """Return conj(S) / |S|^2 within the band, falling smoothly to zero outside; None if S is silent in the band."""
+    low, high = (
+        band[0] / DECONVOLUTION.widening,
+        min(band[1] * DECONVOLUTION.widening, band[1] + DECONVOLUTION.max_widening),
+    )
+    rise, fall = np.clip((f - low) / (band[0] - low), 0, 1), np.clip((high - f) / (high - band[1]), 0, 1)
+    taper = np.sin(np.pi / 2 * np.minimum(rise, fall)) ** 2
+    power = np.abs(S) ** 2
+    inside = taper > 0
+    if not np.any(inside) or not power[inside].max() > 1e-20 * max(power.max(), 1e-300):
+        return None
+    inverse = np.zeros_like(S)
+    inverse[inside] = (
+        taper[inside] * S[inside].conj() / (power[inside] + DECONVOLUTION.regularisation * power[inside].max())
+    )
+    return inverse

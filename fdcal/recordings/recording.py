@@ -5,17 +5,25 @@ A recording is of one of two kinds:
 impulse      an impulse response, a clap or a whole sweep: it starts in silence and lasts until the sound is gone, or is
              cut off while the room still rings
 stationary   a part of a continuous sound, such as noise, music, speech or a machine
+
+recording_of      a recording of an array in memory
+select_channels   some channels of a recording
+join_channels     files that recorded at the same time, as one recording
+split             a long recording of a source that moves, or of several that take turns, in parts
+read_samples      samples from one to another; `channel_groups`, `time_blocks`: all of them, a part at a time
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from ..model.validation import InputError, frozen_array, require_array, require_positive
+from ..model.declared import require_positive
+from ..model.validation import InputError, frozen_array, require_array
 
 KINDS = ("impulse", "stationary")
 OLD_KINDS = {"response": "impulse", "work": "stationary"}  # spellings that older files and scripts contain
@@ -34,7 +42,19 @@ class RecordingLimits:
     min_samples: int = 16
 
 
-LIMITS = RecordingLimits()
+RECORDING_LIMITS = RecordingLimits()
+
+
+@dataclass(frozen=True)
+class TakeTolerances:
+    """By how much files that belong together may differ."""
+
+    # share of the longest recording by which the channels of one take may be shorter; the rest is left out
+    length: float = 0.05
+    position: float = 1e-3  # distance of two positions of one microphone that are the same, metres
+
+
+TAKE_TOLERANCES = TakeTolerances()
 
 
 @dataclass(frozen=True)
@@ -73,24 +93,20 @@ class Recording:
             object.__setattr__(self, "positions", places)
 
     def _require_size(self) -> None:
-        if not LIMITS.min_sample_rate <= self.sample_rate <= LIMITS.max_sample_rate:
+        limits = RECORDING_LIMITS
+        if not limits.min_sample_rate <= self.sample_rate <= limits.max_sample_rate:
             raise InputError(
-                f"{self.path}: sampling rate = {self.sample_rate:g} Hz must be between {LIMITS.min_sample_rate:g} Hz"
-                f" and {LIMITS.max_sample_rate / 1e6:g} MHz",
+                f"{self.path}: sampling rate = {self.sample_rate:g} Hz must be between {limits.min_sample_rate:g} Hz"
+                f" and {limits.max_sample_rate / 1e6:g} MHz",
                 key="sample_rate",
                 value=self.sample_rate,
             )
-        if not 1 <= self.count <= LIMITS.max_channels:
-            raise InputError(
-                f"{self.path}: {self.count} channels cannot be used", f"give 1 to {LIMITS.max_channels}", key="count"
-            )
-        if self.samples < LIMITS.min_samples:
-            raise InputError(
-                f"{self.path} holds {self.samples} samples per channel, which is too short for a recording",
-                f"give {LIMITS.min_samples} or more",
-                key="samples",
-                value=self.samples,
-            )
+        if not 1 <= self.count <= limits.max_channels:
+            problem, remedy = f"{self.path}: {self.count} channels cannot be used", f"give 1 to {limits.max_channels}"
+            raise InputError(problem, remedy, key="count")
+        if self.samples < limits.min_samples:
+            problem = f"{self.path} holds {self.samples} samples per channel, which is too short for a recording"
+            raise InputError(problem, f"give {limits.min_samples} or more", key="samples", value=self.samples)
 
     @property
     def duration(self) -> float:
@@ -192,3 +208,94 @@ def time_blocks(recording: Recording, most: int = GROUP_SAMPLES // 4) -> Iterato
     step = max(1, most // recording.count)
     for start in range(0, recording.samples, step):
         yield read_samples(recording, start, min(start + step, recording.samples))
+
+
+def join_channels(files: Sequence[Recording]) -> Recording:
+    """Return the channels of files that recorded at the same time as one recording, named after the files.
+
+    Raises InputError: the files differ in sampling rate or, by more than `TakeTolerances.length`, in length.
+    """
+    shortest, longest = (pick(files, key=lambda one: one.samples) for pick in (min, max))
+    other = next((one for one in files if one.sample_rate != files[0].sample_rate), None)
+    if other is not None:
+        raise InputError(
+            f"{files[0].path} has {files[0].sample_rate:g} Hz and {other.path} {other.sample_rate:g} Hz, and the"
+            " channels of one take need one sampling rate",
+            "convert one of them, from a recording that was made at the same time",
+            key="sample_rate",
+        )
+    if shortest.samples < (1 - TAKE_TOLERANCES.length) * longest.samples:
+        raise InputError(
+            f"{shortest.path} lasts {shortest.duration:.3g} s and {longest.path} {longest.duration:.3g} s: they are not"
+            " channels of one take",
+            "give files that were recorded at the same time, of one length",
+            key="files",
+        )
+    owner = np.repeat(np.arange(len(files)), [one.count for one in files])
+    local = np.concatenate([np.arange(one.count) for one in files])
+
+    def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
+        values = np.empty((len(channels), stop - start))
+        for number in np.unique(owner[channels]):
+            rows = np.flatnonzero(owner[channels] == number)
+            values[rows] = files[number].block(start, stop, local[channels[rows]])
+        return values
+
+    def common(key: str):
+        values = [getattr(one, key) for one in files]
+        return values[0] if all(value == values[0] for value in values) else None
+
+    placed = [one.positions for one in files if one.positions is not None]
+    rest = f" and {len(files) - 1} other {'file' if len(files) == 2 else 'files'}"
+    return Recording(
+        f"{files[0].path}{rest if len(files) > 1 else ''}",
+        common("kind"),
+        files[0].sample_rate,
+        len(owner),
+        shortest.samples,
+        block,
+        names=_names(files),
+        positions=np.concatenate(placed) if len(placed) == len(files) else None,
+        sound_speed=common("sound_speed"),
+        full_scale=common("full_scale"),
+        highest=min((one.highest for one in files if one.highest is not None), default=None),
+    )
+
+
+def _names(files: Sequence[Recording]) -> tuple[str, ...]:
+    """Return a name for every channel: that of its file, with its folder where files have the same name."""
+    stems = [Path(one.path).stem for one in files]
+    if len(set(stems)) < len(stems):
+        stems = [f"{Path(one.path).parent.name}/{stem}" for one, stem in zip(files, stems, strict=True)]
+    pairs = zip(files, stems, strict=True)
+    return tuple(stem if one.count == 1 else f"{stem}.{name}" for one, stem in pairs for name in one.names)
+
+
+def split(recording: Recording, seconds: float, least: float) -> list[Recording]:
+    """Return parts of a recording; a remainder shorter than half a part is joined to the last one.
+
+    `seconds`: length of a part; `least`: seconds that a part must last. Raises InputError: the parts are too short, or
+    there is only one.
+    """
+    if seconds < least:
+        problem = f"split = {seconds:.3g} s is too short for a mean over segments of {recording.path}"
+        raise InputError(problem, f"use {least:.3g} s or more", key="split", value=seconds)
+    length = int(seconds * recording.sample_rate)
+    starts = list(range(0, recording.samples, length))
+    if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, least * recording.sample_rate):
+        starts.pop()
+    if len(starts) < 2:
+        problem = f"split = {seconds:.3g} s leaves {recording.path}, {recording.duration:.3g} s, in one part"
+        longest = recording.duration / 1.5
+        remedy = f"use {longest:.3g} s or less" if longest >= least else "leave out <split>"
+        raise InputError(problem, remedy, key="split", value=seconds)
+    return [_part(recording, a, b) for a, b in zip(starts, [*starts[1:], recording.samples], strict=True)]
+
+
+def _part(recording: Recording, first: int, last: int) -> Recording:
+    def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
+        return recording.block(first + start, first + stop, channels)
+
+    fs = recording.sample_rate
+    where = f"{recording.path}, {first / fs:.4g} to {last / fs:.4g} s"
+    return replace(recording, path=where, kind="stationary", samples=last - first, block=block)

@@ -38,7 +38,7 @@ class DecaySettings:
     min_tail: float = 0.25
 
 
-SETTINGS = DecaySettings()
+DECAY = DecaySettings()
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ def estimate_decay(recording: Recording, band: tuple[float, float]) -> Decay:
     `band`: Hz. Raises InputError: the recording is silent in the band.
     """
     decay = _decay_by_level(recording, band)
-    while decay.tail is not None and decay.tail < SETTINGS.zoom * recording.duration:
+    while decay.tail is not None and decay.tail < DECAY.zoom * recording.duration:
         recording = replace(recording, samples=int(2 * decay.tail * recording.sample_rate) + 1)
-        enough = recording.samples > 4 * SETTINGS.segments
+        enough = recording.samples > 4 * DECAY.segments
         nearer = _decay_by_level(recording, band) if enough else decay
         if nearer.tail is None or nearer.tail >= decay.tail:
             break
@@ -79,26 +79,26 @@ def extend_to_last_mode(
     c, fs = decay.tail, recording.sample_rate
     last = recording.duration - _min_tail(recording)
     while c < last and _rings_on(recording, band, int(c * fs) + 1, noise):
-        c *= SETTINGS.extension
+        c *= DECAY.extension
     if c > decay.tail:
         # A mode that can no longer be distinguished from noise is not yet below it.
-        c = min(SETTINGS.extension**2 * c, max(last, decay.tail))
+        c = min(DECAY.extension**2 * c, max(last, decay.tail))
     return replace(decay, tail=c)
 
 
 def _min_tail(recording: Recording) -> float:
     """Return how much noise is needed to estimate its power, seconds."""
-    return min(SETTINGS.min_tail_share * recording.duration, SETTINGS.min_tail)
+    return min(DECAY.min_tail_share * recording.duration, DECAY.min_tail)
 
 
 def _measured_channels(recording: Recording) -> np.ndarray:
-    return np.unique(np.linspace(0, recording.count - 1, SETTINGS.channels).astype(int))
+    return np.unique(np.linspace(0, recording.count - 1, DECAY.channels).astype(int))
 
 
 def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise) -> bool:
     """Return whether a mode is audible after the sample `start` that is no longer audible at the end."""
     fs = recording.sample_rate
-    length = min(start, (recording.samples - start) // 2, int(SETTINGS.max_ringing * fs))
+    length = min(start, (recording.samples - start) // 2, int(DECAY.max_ringing * fs))
     channels = _measured_channels(recording)
     padded = fast_length(SPECTRUM.padding * length)
     f = np.arange(padded // 2 + 1) * fs / padded
@@ -109,9 +109,9 @@ def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise
     )
     if noise is not None:
         end = np.maximum(end, noise(f[inside]) * length)
-    chance = SETTINGS.false_alarm / max(1, np.sum(inside))
+    chance = DECAY.false_alarm / max(1, np.sum(inside))
     by_chance = fdtri(2 * len(channels), 2 * len(channels), 1 - chance) - 1
-    return bool(np.any(first - end > end * max(SETTINGS.max_loss * start / length, by_chance)))
+    return bool(np.any(first - end > end * max(DECAY.max_loss * start / length, by_chance)))
 
 
 def _decay_by_level(recording: Recording, band: tuple[float, float]) -> Decay:
@@ -125,26 +125,26 @@ def _decay_by_level(recording: Recording, band: tuple[float, float]) -> Decay:
         )
     nepers = np.log(np.maximum(level, 1e-30 * level.max()))
     quiet = _floor_level(level)
-    noisy = bool(quiet > SETTINGS.min_power * level.max())
-    floor = np.log(max(quiet, SETTINGS.min_power * level.max()))
-    top, above = int(np.argmax(level)), nepers > floor + SETTINGS.above_floor
+    noisy = bool(quiet > DECAY.min_power * level.max())
+    floor = np.log(max(quiet, DECAY.min_power * level.max()))
+    top, above = int(np.argmax(level)), nepers > floor + DECAY.above_floor
     end = int(np.flatnonzero(above)[-1]) + 1 if np.any(above) else top
     high = int(np.flatnonzero(nepers >= (nepers[top] + floor) / 2)[-1])  # a sweep decays only after its end
-    segment = recording.duration / SETTINGS.segments
+    segment = recording.duration / DECAY.segments
     if end - high < 3:  # too fast to be measured, or no decay at all
-        fast = nepers[top] - nepers[-1] > 2 * SETTINGS.above_floor
+        fast = nepers[top] - nepers[-1] > 2 * DECAY.above_floor
         tail = _tail_at(recording, (end + 1) * segment) if fast else None
-        return Decay(SETTINGS.above_floor / segment if fast else 0.0, tail, noisy)
+        return Decay(DECAY.above_floor / segment if fast else 0.0, tail, noisy)
     slope = np.polyfit(segment * np.arange(high, end), nepers[high:end], 1)[0]
     rate = max(0.0, -float(slope) / 2)
-    reached = (end + 1) * segment + SETTINGS.above_floor / max(2 * rate, 1e-9)
+    reached = (end + 1) * segment + DECAY.above_floor / max(2 * rate, 1e-9)
     return Decay(rate, _tail_at(recording, reached), noisy)
 
 
 def _floor_level(level: np.ndarray) -> float:
     """Return the level of the last tenth, or of the last two segments where the sound has ended only just before."""
-    tenth, two = (float(np.mean(level[-count:])) for count in (SETTINGS.segments // 10 + 1, 2))
-    return two if two < np.exp(-SETTINGS.above_floor) * tenth else tenth
+    tenth, two = (float(np.mean(level[-count:])) for count in (DECAY.segments // 10 + 1, 2))
+    return two if two < np.exp(-DECAY.above_floor) * tenth else tenth
 
 
 def _tail_at(recording: Recording, reached: float) -> float | None:
@@ -159,10 +159,10 @@ def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarra
     padded = fast_length(SPECTRUM.padding * samples)  # so that nothing of the start wraps round to the end
     f = np.arange(padded // 2 + 1) * fs / padded
     smooth = np.sin(np.pi / 2 * np.clip(2 - f / band[1], 0, 1) * np.clip(f / band[0], 0, 1)) ** 2
-    total = np.zeros(SETTINGS.segments)
+    total = np.zeros(DECAY.segments)
     for row in reduced:
         kept = irfft(rfft(row, padded) * smooth, padded)[:samples]
-        parts = np.array_split(kept, SETTINGS.segments)
+        parts = np.array_split(kept, DECAY.segments)
         total += np.array([np.mean(part**2) if len(part) else 0.0 for part in parts])
     return total / len(reduced)
 
@@ -177,9 +177,9 @@ def whitened_levels(recording: Recording, band: tuple[float, float]) -> np.ndarr
     """
     reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
     samples = reduced.shape[1]
-    length = max(8, samples // SETTINGS.segments)
+    length = max(8, samples // DECAY.segments)
     low = max(band[0], min(3 * fs / length, band[1] / 3))
-    starts = np.linspace(0, samples - length, 2 * SETTINGS.segments).astype(int)
+    starts = np.linspace(0, samples - length, 2 * DECAY.segments).astype(int)
     whole, padded = fast_length(SPECTRUM.padding * samples), fast_length(SPECTRUM.padding * length)
     above = np.sin(np.pi / 2 * np.clip(2 * np.arange(whole // 2 + 1) * fs / whole / low - 1, 0, 1)) ** 2
     f = np.arange(padded // 2 + 1) * fs / padded

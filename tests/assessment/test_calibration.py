@@ -24,7 +24,7 @@ from fdcal.graphics.overlays import VISIBLE, enlargement
 from fdcal.model.gauge import FRAMES, in_frame
 from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError
-from fdcal.recordings.positions_file import read_positions
+from fdcal.recordings.formats.positions import read_positions
 
 NAMES = ("a", "b", "<script>alert(1)</script>", "d & e")
 POSITIONS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.1], [0.0, 1.2, 0.2], [1.0, 1.0, 0.7]])

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from fdcal.graphics import basin_map, legend, markers
-from fdcal.graphics.colour_bar import COLOUR_MAP, DIVERGING_COLOUR_MAP
-from fdcal.graphics.theme import DARK, LIGHT
+from fdcal.graphics.primitives import COLOUR_MAP, DARK, DIVERGING_COLOUR_MAP, LIGHT
 from fdcal.viewer.gui import plots
 from fdcal.viewer.tabs import modes as spectrum_plot
 

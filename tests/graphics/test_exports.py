@@ -14,7 +14,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.result_file import position_table
 from fdcal.commands.cli import main
 from fdcal.graphics import paraview
-from fdcal.graphics.landscape_figure import draw_landscape, figure_bytes, landscape_panels, panels_of
+from fdcal.graphics.landscape import draw_landscape, figure_bytes, landscape_panels, panels_of
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene

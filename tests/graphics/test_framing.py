@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fdcal.graphics.framing import with_display_domain
 from fdcal.graphics.picture import compose
+from fdcal.graphics.surroundings import with_display_domain
 from fdcal.model.measurement import Measurement
 
 

@@ -4,11 +4,9 @@ import matplotlib
 import numpy as np
 import pytest
 
-from fdcal.graphics.colour_bar import COLOUR_MAP, SUPERSCRIPTS, ColourBar, format_number
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.picture import with_floor
-from fdcal.graphics.primitives import Picture
-from fdcal.graphics.theme import LIGHT
+from fdcal.graphics.primitives import COLOUR_MAP, LIGHT, SUPERSCRIPTS, ColourBar, Picture, format_number
 from fdcal.model.settings import Search
 
 

@@ -8,7 +8,7 @@ import pytest
 from fdcal.acoustics.dictionary import max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
-from fdcal.graphics.landscape_figure import draw_landscape, landscape_panels
+from fdcal.graphics.landscape import draw_landscape, landscape_panels
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 

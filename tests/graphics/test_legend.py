@@ -10,8 +10,7 @@ from PIL import Image
 
 from fdcal.graphics.annotations import annotate, legend_height, margins
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.legend import MARKS, legend_of
-from fdcal.graphics.legend_image import symbol
+from fdcal.graphics.legend import MARKS, legend_of, symbol
 from fdcal.graphics.overlays import (
     ellipse_scale,
     with_comparison,

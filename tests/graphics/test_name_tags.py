@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fdcal.graphics.name_tags import HEIGHT, LETTER, name_place
+from fdcal.graphics.picture import HEIGHT, LETTER, name_place
 
 FOCUS, RADIUS, TEXT = (0.0, 0.0, 1.0, 1.0), 0.0125, "microphone 12"
 

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from PIL import ImageColor
 
-from fdcal.graphics.colour_bar import DIVERGING_COLOUR_MAP, ColourBar
-from fdcal.graphics.heatmap import colour_limits, cost_floor, field_floor, normalise, to_rgb
+from fdcal.graphics.heatmap import colour_limits, cost_floor, field_floor, normalise, relief_grid, shaded, to_rgb
 from fdcal.graphics.markers import drape
 from fdcal.graphics.panels import CAPTION, CELL, GAP, Marks, mosaic
-from fdcal.graphics.relief import relief_grid, shaded
-from fdcal.graphics.theme import DARK, LIGHT
+from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT, ColourBar
 from fdcal.model.settings import Search
 
 SEARCH = Search(origin=(0.0, 0.0), size=(1.0, 1.0), step=0.05, radius=1.0)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fdcal.graphics import snapshot, snapshot_process
+from fdcal.graphics import snapshot
 from fdcal.graphics.camera import camera_for, project
-from fdcal.graphics.colour_bar import COLOUR_MAP
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.markers import ESTIMATE, KNOWN, TRUE, Layer, layer_height
 from fdcal.graphics.picture import compose
+from fdcal.graphics.primitives import COLOUR_MAP
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError, StorageError
@@ -66,7 +66,7 @@ def drawn(require_gl, scene, measurement, estimate, floor):
         if (view, dark) not in images:
             selected = 5 if dark else None  # its name may cover a neighbour
             picture = compose(scene, measurement, estimate, selected, floor, "Tiny", dark)
-            images[view, dark] = picture, decode(snapshot_process.render_png(picture, SIZE, view))
+            images[view, dark] = picture, decode(snapshot.render_png(picture, SIZE, view))
         return images[view, dark]
 
     return draw
@@ -151,7 +151,7 @@ def test_in_space_each_known_microphone_is_a_blue_square_at_its_height(require_g
         np.array([100.0]), np.ones((1, 5), complex), 343.0, 3, positions=places, known=np.arange(4), search=scene.search
     )
     picture = compose(scene, measurement)
-    image = decode(snapshot_process.render_png(picture, SIZE, view))
+    image = decode(snapshot.render_png(picture, SIZE, view))
     above = places[:4] + [0, 0, layer_height(Layer.KNOWN, picture.marker_radius)]
     for pixel in pixels_of(picture, SIZE, view, above):
         assert nearest(image, pixel, KNOWN, reach=0) < 10
@@ -228,12 +228,12 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path, scene, measurement, mo
 @pytest.mark.parametrize("size", [(0, 100), (100, 10**6), (100,), (-5, -5)])
 def test_an_impossible_size_is_refused(scene, measurement, size):
     with pytest.raises(InputError, match="size"):
-        snapshot_process.render_png(compose(scene, measurement), size)
+        snapshot.render_png(compose(scene, measurement), size)
 
 
 def test_an_unknown_view_is_refused(scene, measurement):
     with pytest.raises(InputError, match="view"):
-        snapshot_process.render_png(compose(scene, measurement), SIZE, "below")
+        snapshot.render_png(compose(scene, measurement), SIZE, "below")
 
 
 def test_a_crash_of_the_gl_library_is_reported_in_one_line(scene, measurement, monkeypatch, tmp_path):
@@ -262,4 +262,4 @@ def test_libraries_of_other_versions_are_not_blamed_on_gl(scene, measurement, mo
     failing.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(failing))
     with pytest.raises(StorageError, match=f"{last_line[:10]}.*{remedy}"):
-        snapshot_process.render_png(compose(scene, measurement), SIZE)
+        snapshot.render_png(compose(scene, measurement), SIZE)

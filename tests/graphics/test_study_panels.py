@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from fdcal.graphics.study_panels import MOST_PANELS, study_panels
+from fdcal.graphics.study_report import MOST_PANELS, study_panels
 
 STUDIES = {
     "one": {"snr_db": [20, 40]},

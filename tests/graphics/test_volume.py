@@ -9,12 +9,11 @@ from PIL import Image
 from fdcal.graphics import paraview, snapshot
 from fdcal.graphics.camera import project
 from fdcal.graphics.heatmap import to_rgb
-from fdcal.graphics.isosurfaces import isosurface
 from fdcal.graphics.legend import legend_of
 from fdcal.graphics.overlays import with_volume
 from fdcal.graphics.picture import static_picture
-from fdcal.graphics.snapshot_process import render_png
-from fdcal.graphics.volume import faded, levels_of, slice_of, volume_of
+from fdcal.graphics.snapshot import render_png
+from fdcal.graphics.volume import faded, isosurface, levels_of, slice_of, volume_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search
 

@@ -8,7 +8,7 @@ import pytest
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import measure
 from fdcal.cost.expansion import usable_modes
-from fdcal.graphics.landscape_figure import landscape_panels
+from fdcal.graphics.landscape import landscape_panels
 from fdcal.model.array_layout import Array
 from fdcal.model.arrays import encloses_3d, positions_3d, positions_of
 from fdcal.model.gauge import position_errors

@@ -22,12 +22,12 @@ from fdcal.model.reading import parse_json, parse_toml, read_archive, read_bytes
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.model.validation import LIMITS, InputError, shown
 from fdcal.recordings import formats
-from fdcal.recordings.formats.table import read_positions
+from fdcal.recordings.formats.positions import read_table
 from fdcal.session import session_file
 from fdcal.session.lesson import load_lesson
 
 DEEP = 100_000
-READERS = {".toml": load_scene, ".json": load_result, ".csv": read_positions, ".npz": load_measurement}
+READERS = {".toml": load_scene, ".json": load_result, ".csv": read_table, ".npz": load_measurement}
 
 
 def refusal(call, *arguments) -> str:
@@ -166,14 +166,14 @@ def test_a_recording_that_is_no_array_is_refused(tmp_path):
 def test_what_only_python_takes_for_a_number_is_none(cell, tmp_path):
     table = tmp_path / "known.csv"
     table.write_text(f"name,x,y\na,1,2\nb,{cell},3\n", encoding="utf-8")
-    assert "line 3" in refusal(read_positions, table)
+    assert "line 3" in refusal(read_table, table)
 
 
 @pytest.mark.parametrize("cell", ["1", "-.5", "+1.5e-3", " 2. "])
 def test_numbers_of_a_table_are_read(cell, tmp_path):
     table = tmp_path / "known.csv"
     table.write_text(f"name,x,y\na,{cell},2\n", encoding="utf-8")
-    assert read_positions(table)[1].tolist() == [[float(cell), 2.0]]
+    assert read_table(table)[1].tolist() == [[float(cell), 2.0]]
 
 
 def test_a_session_state_beyond_floats_is_refused(tmp_path):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import chirp, fftconvolve
 
-from fdcal.recordings import deconvolution
-from fdcal.recordings.deconvolution import deconvolve
+from fdcal.recordings import impulse_response
+from fdcal.recordings.impulse_response import deconvolve
 from fdcal.recordings.recording import read_samples, recording_of
 
 FS, BAND, COUNT = 1000, (30.0, 300.0), 24  # Hz, Hz, channels
@@ -19,7 +19,7 @@ FS, BAND, COUNT = 1000, (30.0, 300.0), 24  # Hz, Hz, channels
 )
 def test_the_noise_is_that_in_the_response_whatever_the_lengths(recorded_s, played_s, response_s, monkeypatch):
     """White noise of known power added to the recording of a sweep, of a flat spectrum S in the band."""
-    monkeypatch.setattr(deconvolution, "SETTINGS", replace(deconvolution.SETTINGS, length=response_s))
+    monkeypatch.setattr(impulse_response, "DECONVOLUTION", replace(impulse_response.DECONVOLUTION, length=response_s))
     rng, t = np.random.default_rng(0), np.arange(int(played_s * FS)) / FS
     played, power = chirp(t, 15, played_s, 450), 0.3
     room = rng.standard_normal((COUNT, 100)) * np.exp(-np.arange(100) / 10)

@@ -23,8 +23,8 @@ from fdcal.commands.cli import main
 from fdcal.model.given_positions import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
-from fdcal.recordings.channel_health import inspect_channels, require_usable_channels
-from fdcal.recordings.formats.table import read_positions
+from fdcal.recordings.channels import inspect_channels, require_usable_channels
+from fdcal.recordings.formats.positions import read_table
 from fdcal.recordings.recording import read_samples
 
 RATE = 8000.0
@@ -122,12 +122,10 @@ def test_one_source_of_several_is_read(tmp_path):
         formats.read(folder, 2)
 
 
-def test_a_helper_of_formats_is_no_format(tmp_path, monkeypatch):
-    monkeypatch.setattr("fdcal.recordings.formats.sofa_fields.read", None, raising=False)
-    formats.modules.cache_clear()
-    assert {"sofa", "sound", "meshrir"} <= {module.__name__.split(".")[-1] for module in formats.modules()}
-    assert ".sofa" in formats.suffixes("read")
-    assert formats.reader_of(tmp_path / "a.xyz") is None
+def test_a_file_of_positions_is_no_recording(tmp_path):
+    assert {".sofa", ".wav", ".npz", ".h5"} <= set(formats.suffixes("read"))
+    assert set(formats.suffixes("write")) == {".csv", ".json", ".npy", ".sofa", ".xml"}
+    assert formats.reader_of(tmp_path / "a.xyz") is formats.reader_of(tmp_path / "a.csv") is None
 
 
 def test_sofa_in_degrees_and_with_a_temperature(tmp_path):
@@ -380,7 +378,7 @@ def test_a_table_is_written_and_read(placed, tmp_path):
     else:
         np.testing.assert_allclose(list(map(float, written)), placed.uncertainty, 1e-12, half)
     assert max(len(cell.partition(".")[2]) for row in rows for cell in row.values()) <= 7
-    names, positions = read_positions(tmp_path / "p.csv")
+    names, positions = read_table(tmp_path / "p.csv")
     assert names == list(placed.names)
     np.testing.assert_allclose(positions, placed.positions, 1e-12, half)
 
@@ -434,7 +432,7 @@ def test_sofa_is_written_as_a_new_file_and_into_a_copy(placed, tmp_path):
 def test_a_table_that_is_none_is_refused(text, words, tmp_path):
     (tmp_path / "k.csv").write_text(text)
     with pytest.raises(InputError, match=words):
-        read_positions(tmp_path / "k.csv")
+        read_table(tmp_path / "k.csv")
 
 
 COMMANDS = (

@@ -20,16 +20,14 @@ from fdcal.commands.cli import main
 from fdcal.commands.options import OPTIONS
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.validation import InputError
-from fdcal.recordings import frequency_selection
-from fdcal.recordings.channel_selection import exclude_channels, known_microphones, select_plane, select_subset
-from fdcal.recordings.cross_spectra import stationary_pressures
-from fdcal.recordings.decimation import DecimationSettings, decimate
-from fdcal.recordings.deconvolution import deconvolve
-from fdcal.recordings.formats.table import read_positions
+from fdcal.recordings import frequencies
+from fdcal.recordings.channels import exclude_channels, known_microphones, select_plane, select_subset
+from fdcal.recordings.cross_spectra import DecimationSettings, decimate, stationary_pressures
+from fdcal.recordings.formats.positions import read_table
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.import_report import import_summary
 from fdcal.recordings.importer import import_recording
-from fdcal.recordings.impulse_response import impulse_response_pressures
+from fdcal.recordings.impulse_response import deconvolve, impulse_response_pressures
 from fdcal.recordings.recording import Recording, read_samples, recording_of
 from fdcal.recordings.reverberation import estimate_decay
 from fdcal.session.calibration_run import solve
@@ -243,17 +241,17 @@ def test_frequencies_are_even_whatever_their_level():
     """Peaks are maxima of the pressure, where the gradient is small: a choice by level makes small arrays smaller."""
     f, flat = np.arange(20, 400, 0.25), np.full(1520, 1e-3)
     power = 1 + 50 * np.exp(-(((f - 100.3) / 0.6) ** 2)) + 50 * np.exp(-(((f - 103.1) / 0.6) ** 2))
-    chosen = frequency_selection.choose_frequencies(f, power, flat, 2.5, 400)
-    assert np.array_equal(chosen, frequency_selection.choose_frequencies(f, np.ones(len(f)), flat, 2.5, 400))
+    chosen = frequencies.choose_frequencies(f, power, flat, 2.5, 400)
+    assert np.array_equal(chosen, frequencies.choose_frequencies(f, np.ones(len(f)), flat, 2.5, 400))
     assert np.all(np.diff(f[chosen]) >= 2.5) and len(chosen) > 0.8 * np.ptp(f) / 2.5
-    few = f[frequency_selection.choose_frequencies(f, power, flat, 2.5, 12)]
+    few = f[frequencies.choose_frequencies(f, power, flat, 2.5, 12)]
     assert len(few) == 12
     assert np.ptp(few) > 300, "spread over the band"
     narrow = np.where(power > 10, power, 1e-6)  # two resonances above the noise
-    heard = f[frequency_selection.choose_frequencies(f, narrow, np.full(len(f), 1e-1), 2.5, 400)]
+    heard = f[frequencies.choose_frequencies(f, narrow, np.full(len(f), 1e-1), 2.5, 400)]
     assert np.all(np.abs(heard - 101.7) < 2.5) and len(heard) == 2
     with pytest.raises(InputError, match="10 dB above the noise"):
-        frequency_selection.choose_frequencies(f, power, 100 * power, 2.5)
+        frequencies.choose_frequencies(f, power, 100 * power, 2.5)
 
 
 MESH = np.stack([a.ravel() for a in np.meshgrid([0.0, 1, 2], [0.0, 1], [-1.0, 0, 1], indexing="ij")], axis=1)
@@ -517,7 +515,7 @@ def test_a_sound_speed_of_no_medium_is_refused(folder):
 def test_a_table_of_a_spreadsheet_with_commas_as_decimal_signs(folder, tmp_path):
     (tmp_path / "english.csv").write_text("name,x,y,z\n1,0.25,0.5,1\n2,0.75,0.5,-1.5\n")
     (tmp_path / "german.csv").write_text("name;x;y;z\n1;0,25;0,5;1\n2;0,75;0,5;-1,5\n")
-    (names, places), (same, also) = (read_positions(tmp_path / f"{n}.csv") for n in ("english", "german"))
+    (names, places), (same, also) = (read_table(tmp_path / f"{n}.csv") for n in ("english", "german"))
     assert names == same
     assert np.array_equal(places, also)
 

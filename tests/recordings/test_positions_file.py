@@ -9,8 +9,7 @@ import pytest
 
 import fdcal
 from fdcal.commands.cli import main
-from fdcal.recordings.formats import xml_geometry
-from fdcal.recordings.positions_file import read_positions
+from fdcal.recordings.formats.positions import read_positions, read_xml
 
 ACOULAR = """<?xml version="1.0" encoding="utf-8"?>
 <MicArray name="two">
@@ -60,7 +59,7 @@ def test_a_broken_geometry_is_refused(tmp_path, old, new, problem):
 
 def test_a_geometry_without_end_is_refused():
     with pytest.raises((fdcal.InputError, fdcal.StorageError), match="/dev/zero"):
-        xml_geometry.read_positions("/dev/zero")
+        read_xml("/dev/zero")
 
 
 def test_another_suffix_or_no_file_is_refused(tmp_path):

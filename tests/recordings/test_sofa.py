@@ -17,8 +17,8 @@ from fdcal.model.given_positions import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
 from fdcal.recordings.import_options import ImportOptions
+from fdcal.recordings.importer import read_takes
 from fdcal.recordings.recording import read_samples
-from fdcal.recordings.takes import read_takes
 
 RATE, N, T = 8000.0, 5, 60
 SAMPLES = np.random.default_rng(0).uniform(-0.5, 0.5, (N, T))

@@ -16,14 +16,13 @@ from fdcal.commands.cli import main
 from fdcal.model.gauge import align
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.validation import InputError
-from fdcal.recordings import takes as takes_module
 from fdcal.recordings.cross_spectra import room_spacing, stationary_pressures
-from fdcal.recordings.frequency_selection import default_most
+from fdcal.recordings.frequencies import default_most
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.import_report import import_summary
 from fdcal.recordings.importer import import_recording
 from fdcal.recordings.impulse_response import require_quiet_end
-from fdcal.recordings.recording import recording_of
+from fdcal.recordings.recording import recording_of, split
 from fdcal.recordings.reverberation import segment_levels
 
 COUNT = 16
@@ -169,7 +168,7 @@ def test_a_source_that_is_carried_round_says_more_in_parts(folder):
 def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
     rng = np.random.default_rng(3)
     recording = recording_of("long.wav", None, FS, rng.standard_normal((2, 10 * FS)))
-    lengths = [[part.samples / FS for part in takes_module.split(recording, s, 2.0)] for s in (4.0, 3.0, 3.9)]
+    lengths = [[part.samples / FS for part in split(recording, s, 2.0)] for s in (4.0, 3.0, 3.9)]
     assert lengths == [[4, 4, 2], [3, 3, 4], [3.9, 3.9, 2.2]]
     quiet = 1e-3 * rng.standard_normal((COUNT, 8 * FS))
     samples = np.concatenate([playing(0, 8, 1), quiet, playing(1, 8, 2)], axis=1)

@@ -1,4 +1,4 @@
-// The arrays that fdcal/graphics/packing.py packs, by name.
+// The arrays that fdcal/graphics/replay.py packs, by name.
 async function unpack(packed) {
   const compressed = Uint8Array.from(atob(packed.bytes), c => c.charCodeAt(0));
   const stream = new Blob([compressed]).stream().pipeThrough(new DecompressionStream("deflate"));

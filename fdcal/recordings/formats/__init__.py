@@ -1,20 +1,11 @@
-"""File formats: every module here that can read recordings or write positions is a format.
-
-A format has `SUFFIXES`, and
-
-    read(path, source) -> Recording         if it holds recordings; `source` selects one of several, or is None
-    source_count(path) -> int               if a file may hold several sources
-    recognises(path) -> bool                optional: where the suffix alone does not identify the format
-    render(path, names, positions, speed)   -> Recording of an array in the field of a measured room
-    write(path, placed, original)           if it can hold positions (`MicrophonePositions`)
-
-To add a format, add its module.
-"""
+"""File formats: the modules here have `FORMATS`, which they read or write. To add one, add a module."""
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -29,26 +20,40 @@ from ..recording import Recording
 MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this: a header that announces more is damaged
 
 
+@dataclass(frozen=True)
+class Format:
+    """A file format: its suffixes and the functions that read or write it; None for what it cannot hold."""
+
+    suffixes: tuple[str, ...]
+    # recording of a file; of several sources one, counted from 0, the first for None
+    read: Callable[[Path, int | None], Recording] | None = None
+    # writes positions to a file; into a copy of the original if one is given and the format can hold it
+    write: Callable[[Path, MicrophonePositions, str | None], None] | None = None
+    source_count: Callable[[Path], int] | None = None  # of a format that may hold several sources
+    # recording of an array of these names and positions (N, 3), metres, in the measured room of a file, at a sound
+    # speed, m/s
+    render: Callable[[Path, tuple[str, ...], np.ndarray, float], Recording] | None = None
+    recognises: Callable[[Path], bool] = lambda path: False  # where the suffix does not identify the format
+
+
 @cache
-def modules() -> tuple[ModuleType, ...]:
-    """Return every format: the modules that have SUFFIXES; any other module of the folder is a helper of formats."""
+def all_formats() -> tuple[Format, ...]:
+    """Return the formats of every module of this folder."""
     found = (importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__))
-    return tuple(module for module in found if hasattr(module, "SUFFIXES"))
+    return tuple(one for module in found for one in module.FORMATS)
 
 
 def suffixes(what: str) -> list[str]:
     """Return the suffixes of the formats that can `what`: "read" or "write"."""
-    return sorted(suffix for module in modules() if hasattr(module, what) for suffix in module.SUFFIXES)
+    return sorted(suffix for one in all_formats() if getattr(one, what) for suffix in one.suffixes)
 
 
-def reader_of(path: str | Path) -> ModuleType | None:
+def reader_of(path: str | Path) -> Format | None:
     """Return the format that can read `path`, by its suffix or the files in a folder; None if there is none."""
     path = Path(path)
-    for module in modules():
-        if hasattr(module, "read") and path.suffix.lower() in module.SUFFIXES and not path.is_dir():
-            return module
-        if hasattr(module, "recognises") and module.recognises(path):
-            return module
+    for one in all_formats():
+        if (one.read and path.suffix.lower() in one.suffixes and not path.is_dir()) or one.recognises(path):
+            return one
     return None
 
 
@@ -63,22 +68,18 @@ def read(path: str | Path, source: int | None = None) -> Recording:
         if not path.exists():
             raise StorageError(f"cannot read {path}: No such file or directory")
         require_regular(path)
-        module = reader_of(path)
-        if module is None:
+        found = reader_of(path)
+        if found is None or found.read is None:
             raise InputError(
                 f"{path} has no format that can be read", f"give {', '.join(suffixes('read'))} or a folder"
             )
-        if source and not hasattr(module, "source_count"):
-            raise InputError(
-                f"source = {source} does not exist",
-                f"{path} holds one source only, number 0",
-                key="source",
-                value=source,
-            )
+        if source and found.source_count is None:
+            remedy = f"{path} holds one source only, number 0"
+            raise InputError(f"source = {source} does not exist", remedy, key="source", value=source)
         if path.is_file():
             with open(path, "rb"):  # a missing permission is reported here: libraries raise anything for it
                 pass
-        recording = module.read(path, source)
+        recording = found.read(path, source)
         if path.is_file() and recording.count * recording.samples > MAX_SAMPLES_PER_BYTE * path.stat().st_size:
             raise InputError(
                 f"{path} announces {recording.count} channels of {recording.samples} samples and holds"
@@ -95,8 +96,8 @@ def read(path: str | Path, source: int | None = None) -> Recording:
 def source_count(path: str | Path) -> int:
     """Return the number of sources in a file or folder; 1 where nothing can read it, which `read` then reports."""
     path = Path(path)
-    module = reader_of(path) if path.exists() else None
-    return module.source_count(path) if module is not None and hasattr(module, "source_count") else 1
+    found = reader_of(path) if path.exists() else None
+    return found.source_count(path) if found and found.source_count else 1
 
 
 def render(path: str | Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
@@ -106,14 +107,14 @@ def render(path: str | Path, names: tuple[str, ...], positions: np.ndarray, soun
     the file is damaged, or holds no measured room; StorageError: the file cannot be opened.
     """
     path = Path(path)
-    module = reader_of(path) if path.exists() else None
-    if path.exists() and not hasattr(module, "render"):
+    if not path.exists():
+        raise StorageError(f"cannot read {path}: No such file or directory")
+    found = reader_of(path)
+    if found is None or found.render is None:
         raise InputError(
             f"{path} holds channels that were recorded; none can be rendered", "leave out <array>", key="array"
         )
-    if module is None:
-        raise StorageError(f"cannot read {path}: No such file or directory")
-    return module.render(path, names, positions, sound_speed)
+    return found.render(path, names, positions, sound_speed)
 
 
 def write(path: str | Path, target: str | Path, placed: MicrophonePositions, original: str | None = None) -> None:
@@ -123,17 +124,12 @@ def write(path: str | Path, target: str | Path, placed: MicrophonePositions, ori
     format; `original`: a file into a copy of which the positions are written, where the format can do so. Raises
     InputError: no format has this suffix, or the format cannot hold these positions.
     """
-    suffix = Path(target).suffix.lower()
-    for module in modules():
-        if hasattr(module, "write") and suffix in module.SUFFIXES:
-            module.write(Path(path), placed, original)
+    for one in all_formats():
+        if one.write and Path(target).suffix.lower() in one.suffixes:
+            one.write(Path(path), placed, original)
             return
-    raise InputError(
-        f'"{target}" ends in no suffix of a format for positions',
-        f"use one of {', '.join(suffixes('write'))}",
-        key="output",
-        value=str(target),
-    )
+    remedy = f"use one of {', '.join(suffixes('write'))}"
+    raise InputError(f'"{target}" ends in no suffix of a format for positions', remedy, key="output", value=str(target))
 
 
 def needs(name: str, extra: str = "formats") -> ModuleType:

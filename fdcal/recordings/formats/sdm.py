@@ -15,11 +15,10 @@ from ...model.room import MEASURED_AND_MODELLED
 from ...model.sdm_response import load_sdm_response
 from ...model.validation import InputError
 from ..recording import Recording, recording_of
+from . import Format
 
-SUFFIXES = (".mat",)
 
-
-def read(path: Path, source: int | None = None) -> Recording:
+def _read(path: Path, source: int | None = None) -> Recording:
     """Raise InputError: the file has no channels."""
     load_sdm_response(path)  # a damaged file is reported first
     raise InputError(
@@ -29,7 +28,7 @@ def read(path: Path, source: int | None = None) -> Recording:
     )
 
 
-def render(path: Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
+def _render(path: Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
     """Return what an array would record in the field of the response, from the direct sound on.
 
     `positions` (N, 3) float64, relative to the point of the measurement, metres; `sound_speed`: m/s. Raises InputError:
@@ -46,3 +45,6 @@ def render(path: Path, names: tuple[str, ...], positions: np.ndarray, sound_spee
         highest=MAX_FREQUENCY * response.sample_rate,
         modelled=MEASURED_AND_MODELLED,
     )
+
+
+FORMATS = (Format((".mat",), read=_read, render=_render),)

@@ -3,32 +3,188 @@
 Data.IR is (M, R, N) or, with several emitters, (M, R, N, E) or (M, R, E, N), as its dimensions are named: M
 measurements with R receivers each, N samples, which begin Data.Delay later. A measurement gives the position of the
 listener; a receiver has a position relative to it and turns with it. Microphones are all pairs of measurement and
-receiver that recorded the same source; sources are counted in the order of the file.
+receiver that recorded the same source; sources are counted in the order of the file. Positions are written as
+receivers, in the order of the microphones, whose names are not kept.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
+import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ...model.given_positions import MicrophonePositions
+from ...model.validation import InputError, StorageError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
-from .sofa_fields import (
-    delays_of,
-    impulse_responses,
-    measurements_of,
-    number_of,
-    open_sofa,
-    receiver_positions,
-    sources_of,
-    values_of,
-)
+from . import Format, needs
 
-SUFFIXES = (".sofa",)
+AXES = "MRNE"  # measurements, receivers, samples, emitters
 
 
-def read(path: Path, source: int | None = None) -> Recording:
+@dataclass(frozen=True)
+class SofaTolerances:
+    """What counts as equal in a SOFA file."""
+
+    same_position: float = 1e-6  # distance of two sources that are one, metres
+    whole_delay: float = 1e-3  # distance of a delay from a whole number, samples
+    max_delay: int = 10_000_000  # samples
+
+
+SOFA_TOLERANCES = SofaTolerances()
+
+
+@contextlib.contextmanager
+def open_sofa(path: Path):
+    """Yield the open file with its `variables`; any error of its reader becomes an InputError."""
+    sofar = needs("sofar")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about conventions that have been replaced, which are read all the same
+            with sofar.SofaStream(str(path)) as stream:
+                yield stream._file
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file raises anything
+        raise InputError(f"{path} is not a SOFA file that can be read: {error}") from error
+
+
+def values_of(file, path: Path, name: str) -> np.ndarray:
+    """Return a variable as real numbers; raise InputError where it is missing, empty or not finite."""
+    if name not in file.variables:
+        raise InputError(f'{path} has no "{name}"', "write it with the library of the format", key=name)
+    values = np.ma.filled(np.ma.asarray(file.variables[name][:]).astype(float), np.nan)
+    if not values.size or not np.all(np.isfinite(values)):
+        raise InputError(f'{path}: "{name}" is empty or not finite', "fill it in", key=name)
+    return values
+
+
+def number_of(file, path: Path, name: str) -> float:
+    """Return a variable that has one value; raise InputError where it has several."""
+    values = np.unique(values_of(file, path, name))
+    if len(values) > 1:
+        raise InputError(
+            f'{path}: "{name}" has different values, {values[0]:g} and {values[-1]:g}', "use one for all", key=name
+        )
+    return float(values[0])
+
+
+def cartesian(file, path: Path, name: str) -> np.ndarray:
+    """Return a position or direction as x, y, z along axis 1 : (I or M or R, 3, ...) float64, metres."""
+    values = values_of(file, path, name)
+    if values.ndim < 2 or values.shape[1] != 3:
+        raise InputError(f'{path}: "{name}" has shape {values.shape}', "give each position three coordinates", key=name)
+    variable = file.variables[name]
+    kind, units = (str(getattr(variable, key, "")).strip().lower() for key in ("Type", "Units"))
+    if kind in ("", "cartesian"):
+        if "deg" in units:
+            raise InputError(f'{path}: "{name}" is cartesian but in degrees', 'make its Type "spherical"', key=name)
+        return values
+    if kind != "spherical":
+        raise InputError(f'{path}: "{name}" is of Type "{kind}"', "use cartesian or spherical", key=name)
+    azimuth, elevation, radius = np.moveaxis(values, 1, 0)
+    if "rad" not in units:
+        azimuth, elevation = np.radians(azimuth), np.radians(elevation)
+    across = radius * np.cos(elevation)
+    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), radius * np.sin(elevation)], axis=1)
+
+
+def receiver_positions(file, path: Path, measurements: int, receivers: int) -> np.ndarray:
+    """Return where each receiver stood in each measurement : (M, R, 3) float64, metres."""
+    listener = each_of(cartesian(file, path, "ListenerPosition"), path, "ListenerPosition", measurements)
+    local = cartesian(file, path, "ReceiverPosition")
+    if local.ndim == 2:
+        local = local[:, :, None]
+    local = each_of(local, path, "ReceiverPosition", receivers)
+    local = each_of(np.moveaxis(local, 2, 0), path, "ReceiverPosition", measurements)  # (M, R, 3)
+    if "ListenerView" in file.variables and "ListenerUp" in file.variables:
+        view = each_of(cartesian(file, path, "ListenerView"), path, "ListenerView", measurements)
+        up = each_of(cartesian(file, path, "ListenerUp"), path, "ListenerUp", measurements)
+        side = np.cross(up, view)
+        axes = np.stack([view, side, np.cross(view, side)], axis=1)
+        length = np.linalg.norm(axes, axis=2, keepdims=True)
+        if np.any(length < 1e-9):
+            raise InputError(f"{path}: ListenerView and ListenerUp are not two directions", "correct them")
+        local = np.einsum("mri,mij->mrj", local, axes / length)
+    return listener[:, None] + local
+
+
+def each_of(values: np.ndarray, path: Path, name: str, count: int) -> np.ndarray:
+    """Return values for each of `count`; one for all is repeated."""
+    if len(values) not in (1, count):
+        raise InputError(f'{path}: "{name}" has {len(values)} rows', f"give 1 or {count}", key=name)
+    return np.broadcast_to(values, (count, *values.shape[1:])) if len(values) == 1 else values
+
+
+def sources_of(file, path: Path, measurements: int) -> np.ndarray:
+    """Return the place of the source of each measurement : (M,) int64; places count in the order of the file."""
+    places = each_of(cartesian(file, path, "SourcePosition"), path, "SourcePosition", measurements)
+    firsts: list[int] = []
+    member = np.zeros(measurements, np.int64)
+    for m in range(measurements):
+        near = [
+            g for g, f in enumerate(firsts) if np.linalg.norm(places[m] - places[f]) < SOFA_TOLERANCES.same_position
+        ]
+        member[m] = near[0] if near else len(firsts)
+        if not near:
+            firsts.append(m)
+    return member
+
+
+def measurements_of(file, path: Path, measurements: int, emitters: int, wanted: int | None) -> tuple[np.ndarray, int]:
+    """Return the measurements of one source, and its emitter; sources are counted in the order of the file."""
+    member = sources_of(file, path, measurements)
+    count = (int(member.max()) + 1) * emitters
+    wanted = 0 if wanted is None else wanted
+    if not 0 <= wanted < count:
+        raise InputError(
+            f"source = {wanted} does not exist", f"{path} has sources 0 to {count - 1}", key="source", value=wanted
+        )
+    return np.flatnonzero(member == wanted // emitters), wanted % emitters
+
+
+def impulse_responses(file, path: Path):
+    """Return the variable Data.IR, its shape as a dict of AXES, and the order of its axes.
+
+    Raises InputError: the file has no impulse responses.
+    """
+    ir = file.variables.get("Data.IR")
+    if ir is None or ir.ndim not in (3, 4) or not all(ir.shape):
+        kind = getattr(file, "DataType", "unknown")
+        raise InputError(f'{path} (DataType {kind}) has no impulse responses in "Data.IR"', "give one of type FIR")
+    named = tuple(ir.dimensions)
+    if sorted(named) != sorted(AXES[: ir.ndim]):  # other names: the order of the format is assumed
+        named = tuple(AXES[: ir.ndim])
+    return ir, {"E": 1} | dict(zip(named, ir.shape, strict=True)), named
+
+
+def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarray:
+    """Return the number of samples by which each response begins later than the first of all : (M, R) int64.
+
+    Raises InputError: a delay is not a whole number of samples, or too long.
+    """
+    count = shape["M"], shape["R"]
+    if "Data.Delay" not in file.variables:
+        return np.zeros(count, np.int64)
+    delay = values_of(file, path, "Data.Delay")
+    if delay.ndim == 3:
+        delay = delay[:, :, min(emitter, delay.shape[2] - 1)]
+    if delay.ndim != 2 or delay.shape[0] not in (1, count[0]) or delay.shape[1] not in (1, count[1]):
+        raise InputError(f'{path}: "Data.Delay" has shape {delay.shape}', f"give shape {count}", key="Data.Delay")
+    delay = np.broadcast_to(delay - delay.min(), count)
+    if np.abs(delay - np.round(delay)).max() > SOFA_TOLERANCES.whole_delay or delay.max() > SOFA_TOLERANCES.max_delay:
+        raise InputError(
+            f'{path}: "Data.Delay" differs by {delay.max():g} samples, which is not a whole number that can be applied',
+            "write the responses with their delays included",
+            key="Data.Delay",
+        )
+    return np.round(delay).astype(np.int64)
+
+
+def _read(path: Path, source: int | None = None) -> Recording:
     """Return the recording of a SOFA file, read in pieces.
 
     Raises InputError: the file is damaged, or of a convention without impulse responses.
@@ -39,7 +195,7 @@ def read(path: Path, source: int | None = None) -> Recording:
         positions = receiver_positions(file, path, shape["M"], shape["R"])
         group, emitter = measurements_of(file, path, shape["M"], shape["E"], source)
         delays = delays_of(file, path, shape, emitter)
-        speed = _sound_speed(file, path)
+        speed = _speed_at_temperature(file, path)
     pairs = np.array([(m, r) for m in group for r in range(shape["R"])])
     delays = delays[pairs[:, 0], pairs[:, 1]]
     samples = shape["N"] + int(delays.max())
@@ -59,14 +215,14 @@ def read(path: Path, source: int | None = None) -> Recording:
     return Recording(str(path), "impulse", rate, len(pairs), samples, block, positions=positions, sound_speed=speed)
 
 
-def source_count(path: Path) -> int:
+def _source_count(path: Path) -> int:
     """Return the number of sources: places of the source, times its emitters."""
     with open_sofa(path) as file:
         _, shape, _ = impulse_responses(file, path)
         return len(np.unique(sources_of(file, path, shape["M"]))) * shape["E"]
 
 
-def _sound_speed(file, path: Path) -> float | None:
+def _speed_at_temperature(file, path: Path) -> float | None:
     """Return the sound speed at RoomTemperature, m/s; None without one or at 0 K, the default of the format."""
     if "RoomTemperature" not in file.variables:
         return None
@@ -76,14 +232,136 @@ def _sound_speed(file, path: Path) -> float | None:
     return sound_speed(kelvin - ZERO_CELSIUS) if 100 < kelvin < 1000 else None
 
 
-def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write the positions as receivers: of the `original` file if given, or of one with unit impulses for data.
+# Conventions that can be read but no longer written, and what has replaced them.
+REPLACED_CONVENTIONS = {"SingleRoomDRIR": "SingleRoomSRIR_1.0", "MultiSpeakerBRIR": "SingleRoomMIMOSRIR_1.0"}
 
-    Receivers are in the order of the microphones; their names are not kept.
+
+def _write(path: Path, placed: MicrophonePositions, original: str | None) -> None:
+    """Write the positions into a copy of `original` if given, else into a file with unit impulses for data.
 
     Raises InputError: the original has another number of receivers, or cannot be written as SOFA; StorageError: the
     original cannot be read.
     """
-    from .sofa_writer import write_positions
+    sofar = needs("sofar")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sofa = _blank(sofar, len(placed.names)) if original is None else _copied(sofar, original)
+        _fill_in(sofa, placed, original)
+        for name in [name for name in vars(sofa) if name.endswith("Descriptions")]:
+            sofa.delete(name)  # optional, and with netCDF4 1.7.5 sofar cannot write a text for each receiver
+        try:
+            sofar.write_sofa(str(path), sofa)
+        except ValueError as error:
+            raise InputError(f"{original or path} cannot be written as SOFA: {error}") from error
 
-    write_positions(path, placed, original)
+
+def _blank(sofar, count: int):
+    """Return a file of one measurement with `count` receivers, whose responses are unit impulses."""
+    sofa = sofar.Sofa("SingleRoomSRIR")
+    sofa.Data_IR, sofa.Data_Delay = np.ones((1, count, 1)), np.zeros((1, count))
+    sofa.GLOBAL_Title = "microphone positions found by fdcal; Data.IR is a placeholder"
+    for name, direction in (("View", [1.0, 0, 0]), ("Up", [0, 0, 1.0])):  # the orientation of microphones is unknown
+        setattr(sofa, f"Receiver{name}", np.tile(direction, (count, 1))[:, :, None])
+    return sofa
+
+
+def _copied(sofar, original: str):
+    """Return the content of the original file, to be written elsewhere."""
+    if Path(original).suffix.lower() not in (".sofa",):
+        raise InputError(
+            f"original = {original} is no SOFA file",
+            "give the .sofa file that the result was calibrated from as <original>",
+            key="original",
+            value=original,
+        )
+    try:
+        with open(original, "rb"):
+            pass
+    except OSError as error:
+        raise StorageError(f"cannot read {original}: {error.strerror}") from error
+    try:
+        sofa = sofar.read_sofa(original, verbose=False)
+        np.shape(sofa.Data_IR)[1]  # raises for a file without responses
+        if sofa.GLOBAL_SOFAConventions in REPLACED_CONVENTIONS:
+            with contextlib.redirect_stdout(io.StringIO()):  # sofar prints what it does
+                sofa.upgrade_convention(REPLACED_CONVENTIONS[sofa.GLOBAL_SOFAConventions])
+    except Exception as error:  # a damaged file raises anything
+        raise InputError(f"original = {original} cannot be read: {error}", key="original", value=original) from error
+    return sofa
+
+
+def _fill_in(sofa, placed: MicrophonePositions, original: str | None) -> None:
+    """Set the positions of the receivers, or those of the listener who carries one receiver from place to place."""
+    receivers = np.shape(sofa.Data_IR)[1]
+    repetition = _repetitions(sofa)
+    microphone = repetition[:, None] * receivers + np.arange(receivers)  # of each measurement and receiver (M, R)
+    if not np.array_equal(np.unique(microphone), np.arange(len(placed.names))):
+        raise InputError(
+            f"{original} has {microphone.max() + 1} receiver positions, the result {len(placed.names)} microphones",
+            "leave out <original>, or calibrate all of them",
+            key="original",
+            value=original,
+        )
+    _require_one_order(sofa, repetition, original)
+    positions = _in_channel_order(placed)[microphone]
+    moved = repetition.max() > 0
+    carried = moved and receivers == 1
+    receiver = np.zeros((1, 3, 1)) if carried else np.moveaxis(positions if moved else positions[:1], 0, 2)
+    if receiver.shape[2] == 1 and np.ndim(sofa.ReceiverPosition) == 2:
+        receiver = receiver[:, :, 0]
+    _set_cartesian(sofa, "ListenerPosition", positions[:, 0] if carried else np.zeros((1, 3)))
+    _set_cartesian(sofa, "ReceiverPosition", receiver)
+    _set_cartesian(sofa, "ListenerView", np.array([[1.0, 0, 0]]))
+    _set_cartesian(sofa, "ListenerUp", np.array([[0, 0, 1.0]]))
+
+
+def _repetitions(sofa) -> np.ndarray:
+    """Return how often the source of each measurement was recorded before it : (M,) int64."""
+    measurements = np.shape(sofa.Data_IR)[0]
+    source = np.atleast_2d(np.asarray(sofa.SourcePosition, float))
+    if len(source) != measurements:
+        return np.arange(measurements)
+    cells = np.round(source.reshape(measurements, -1) / SOFA_TOLERANCES.same_position)
+    which = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+    repetition = np.zeros(measurements, int)
+    for one in range(which.max() + 1):
+        repetition[which == one] = np.arange(np.sum(which == one))
+    return repetition
+
+
+def _set_cartesian(sofa, name: str, value: np.ndarray) -> None:
+    """Set a position or direction in metres, if the convention has it."""
+    if hasattr(sofa, name):
+        setattr(sofa, name, value)
+        for key, text in (("Type", "cartesian"), ("Units", "metre")):
+            if hasattr(sofa, f"{name}_{key}"):
+                setattr(sofa, f"{name}_{key}", text)
+
+
+def _require_one_order(sofa, repetition: np.ndarray, original: str | None) -> None:
+    """Raise InputError where sources were recorded at the same positions in different orders."""
+    listener, receiver = (np.asarray(getattr(sofa, f"{n}Position"), float) for n in ("Listener", "Receiver"))
+    M = len(repetition)
+    columns = [np.broadcast_to(np.atleast_2d(listener), (M, 3))]
+    if receiver.ndim == 3:
+        columns.append(np.broadcast_to(np.moveaxis(receiver, 2, 0), (M, *receiver.shape[:2])).reshape(M, -1))
+    positions = np.concatenate(columns, axis=1)
+    spreads = [np.ptp(positions[repetition == one], axis=0).max() for one in np.unique(repetition)]
+    if max(spreads) > SOFA_TOLERANCES.same_position:
+        raise InputError(
+            f"{original} has sources whose receiver positions are in different orders",
+            "leave out <original>",
+            key="original",
+            value=original,
+        )
+
+
+def _in_channel_order(placed: MicrophonePositions) -> np.ndarray:
+    """Return positions in the order of the channels (N, 3), metres, where the names are the numbers of channels."""
+    numbers = {str(n): n for n in range(len(placed.names))}
+    if set(placed.names) != set(numbers):
+        return placed.positions
+    return placed.positions[np.argsort([numbers[name] for name in placed.names])]
+
+
+FORMATS = (Format((".sofa",), read=_read, write=_write, source_count=_source_count),)

@@ -11,9 +11,8 @@ from ...cost.basins import basins_of
 from ...cost.expansion import expansion_of
 from ...cost.maps import cost_maps, interpolate, map_positions, power_shares, refined
 from ...graphics.basin_map import basin_floor, descent_text
-from ...graphics.colour_bar import ColourBar
 from ...graphics.heatmap import cost_floor, cost_label
-from ...graphics.primitives import Area, Floor
+from ...graphics.primitives import Area, ColourBar, Floor
 from ...graphics.surroundings import z_range_of
 from ...graphics.units import row_word
 from ...graphics.volume import Volume

@@ -7,10 +7,9 @@ from html import escape
 
 import numpy as np
 
-from ...graphics.colour_bar import ColourBar, format_number
 from ...graphics.heatmap import to_rgb
-from ...graphics.legend import Entry
-from ...graphics.legend_image import HALO_WIDTH
+from ...graphics.legend import HALO_WIDTH, Entry
+from ...graphics.primitives import ColourBar, format_number
 from .html import CARD, MAX_ERROR_LENGTH
 
 EDGE = 18  # pixels, of a symbol

@@ -10,9 +10,8 @@ import numpy as np
 import viser
 import viser.transforms
 
-from ...graphics.primitives import Floor, Label, Lines, Mesh, Picture
-from ...graphics.relief import relief_grid
-from ...graphics.solids import Plate, Surface
+from ...graphics.heatmap import relief_grid
+from ...graphics.primitives import Floor, Label, Lines, Mesh, Picture, Plate, Surface
 from .cameras import Cameras
 
 if TYPE_CHECKING:

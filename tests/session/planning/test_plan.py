@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from fdcal.acoustics.dictionary import dictionary
-from fdcal.graphics.plan_figure import draw_plan
-from fdcal.graphics.plan_html import plan_html
+from fdcal.graphics.plan_figure import draw_plan, plan_html
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.planning.bounds import field_of, places_in_room, request_information, wavenumbers_of
 from fdcal.session.planning.plan import make_plan, plan_dict, plan_lines

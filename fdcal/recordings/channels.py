@@ -1,0 +1,306 @@
+"""The channels of a recording: which are faulty, which to use, and which microphones are known.
+
+inspect_channels         find channels that are silent, clipped or recorded twice, looking at all samples
+require_usable_channels  refuse a recording with faulty channels, by name
+select_plane             the microphones in a plane; `select_subset`, `exclude_channels`: some of them
+known_microphones        those whose positions are known
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..model.validation import InputError
+from .formats.positions import read_table
+from .recording import Recording, select_channels, time_blocks
+
+
+@dataclass(frozen=True)
+class ClippingThresholds:
+    """When a channel counts as silent or clipped."""
+
+    silent: float = 1e-7  # level relative to the loudest channel at which a channel is silent
+    run: int = 3  # neighbouring samples at the greatest magnitude of a channel: no wave stays there for so long
+    full_scale: float = 0.999  # share of full scale from which a sample counts as being there
+    full_scale_run: int = 2  # neighbouring samples at full scale
+    full_scale_count: int = 3  # samples at full scale anywhere; a recording that was normalised has one
+    # edge_count, edge_ratio: samples at the greatest value, and how many times more they are than those at the next
+    # smaller value
+    edge_count: int = 8
+    edge_ratio: int = 4
+    full_scale_ratio: int = 2  # the same ratio for a recording that reaches full scale
+
+
+CLIPPING = ClippingThresholds()
+
+
+@dataclass(frozen=True)
+class ChannelHealth:
+    """State of every channel of a recording."""
+
+    level: np.ndarray  # (N,) float64, root mean square
+    peak: np.ndarray  # (N,) float64, greatest magnitude
+    # silent, clipped: (N,) bool
+    silent: np.ndarray
+    clipped: np.ndarray
+    copy_of: np.ndarray  # (N,) int64, the earlier channel with the same samples, or -1
+
+    @property
+    def bad(self) -> np.ndarray:
+        """Indices (n,) int64 of the channels that cannot be used."""
+        return np.flatnonzero(self.silent | self.clipped | (self.copy_of >= 0))
+
+    def fault(self, n: int, names) -> str:
+        """Return what is wrong with a bad channel."""
+        if self.silent[n]:
+            return "silent"
+        return "clipped" if self.clipped[n] else f"a copy of {names[self.copy_of[n]]}"
+
+
+def inspect_channels(recording: Recording) -> ChannelHealth:
+    """Return the state of every channel, after one pass over all samples, a block at a time.
+
+    Raises InputError: a sample is not finite.
+    """
+    count = recording.count
+    square, peak, longest = np.zeros(count), np.zeros(count), np.zeros(count, int)
+    edges = [(Extremes(), Extremes()) for _ in range(count)]  # greatest and least values
+    hashes = [hashlib.blake2b(digest_size=16) for _ in range(count)]
+    for block in time_blocks(recording):
+        square += np.sum(block**2, axis=1)
+        top = np.abs(block).max(axis=1)
+        for n in range(count):
+            hashes[n].update(block[n])
+            run = _longest_run(np.abs(block[n]) >= top[n]) if top[n] > 0 and top[n] >= peak[n] else 0
+            longest[n] = run if top[n] > peak[n] else max(longest[n], run)
+            edges[n] = edges[n][0] + extremes_of(block[n]), edges[n][1] + extremes_of(-block[n])
+        peak = np.maximum(peak, top)
+    level = np.sqrt(square / recording.samples)
+    digests = [h.digest() for h in hashes]
+    first = {digest: n for n, digest in reversed(list(enumerate(digests)))}
+    silent = level <= CLIPPING.silent * level.max() if level.max() > 0 else np.ones(count, bool)
+    copies = np.array([first[digest] if first[digest] < n else -1 for n, digest in enumerate(digests)])
+    full = (peak >= CLIPPING.full_scale * recording.full_scale) if recording.full_scale else np.zeros(count, bool)
+    cut = np.array([_is_clipped(pair, recording.full_scale) for pair in edges])
+    clipped = ((longest >= CLIPPING.run) | full & (longest >= CLIPPING.full_scale_run) | cut) & ~silent
+    return ChannelHealth(level, peak, silent, clipped, np.where(silent, -1, copies))
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """The two greatest values of some samples, and how often each occurs."""
+
+    top: float = -np.inf
+    times: int = 0
+    next: float = -np.inf
+    next_times: int = 0
+
+    def __add__(self, other: Extremes) -> Extremes:
+        times: dict[float, int] = {}
+        for edge in (self, other):
+            for value, number in ((edge.top, edge.times), (edge.next, edge.next_times)):
+                times[value] = times.get(value, 0) + number
+        first, second = sorted({*times, -np.inf}, reverse=True)[:2] if len(times) > 1 else (*times, -np.inf)
+        return Extremes(first, times[first], second, times.get(second, 0))
+
+
+def extremes_of(samples: np.ndarray) -> Extremes:
+    """Return the extremes of samples (t,)."""
+    top = samples.max()
+    below = samples[samples < top]
+    second = below.max(initial=-np.inf)
+    return Extremes(float(top), len(samples) - len(below), float(second), int(np.sum(below == second)))
+
+
+def _is_clipped(pair: tuple[Extremes, Extremes], full_scale: float | None) -> bool:
+    """Return whether many samples of a channel have its greatest (or least) value, and few the next one to it.
+
+    The values of sound become rarer towards the greatest one, however coarse the quantisation; clipping collects them
+    there.
+    """
+    if full_scale:
+        at_full = [edge for edge in pair if edge.top >= CLIPPING.full_scale * full_scale]
+        if sum(edge.times for edge in at_full) >= CLIPPING.full_scale_count and all(
+            edge.times >= CLIPPING.full_scale_ratio * edge.next_times for edge in at_full
+        ):
+            return True
+    return any(e.times >= CLIPPING.edge_count and e.times >= CLIPPING.edge_ratio * e.next_times for e in pair)
+
+
+def _longest_run(flags: np.ndarray) -> int:
+    """Return the length of the longest run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def require_usable_channels(recording: Recording, health: ChannelHealth) -> None:
+    """Raise InputError if a channel is silent, clipped or a copy of another."""
+    for words, flags in (("silent", health.silent), ("clipped", health.clipped), ("copied", health.copy_of >= 0)):
+        if not np.any(flags):
+            continue
+        names = [recording.names[n] for n in np.flatnonzero(flags)]
+        listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+        if words == "copied":
+            n = int(np.flatnonzero(flags)[0])
+            listed += f" (the first is the same as channel {recording.names[health.copy_of[n]]})"
+        raise InputError(
+            f"{recording.path}: {'channel' if len(names) == 1 else 'channels'} {listed}"
+            f" {'is' if len(names) == 1 else 'are'} {words}",
+            "record again, or leave out the faulty channels: <leave_out> bad",
+            key="leave_out",
+        )
+
+
+PLANE_TOLERANCE = 1e-3  # m: microphones this close to a plane lie in it
+CORNERS = "corners"
+
+
+def select_plane(recording: Recording, plane: str) -> Recording:
+    """Return the recording of the microphones in a plane, with two coordinates each.
+
+    `plane`: such as "z=0" or, the same, "0"; metres. Raises InputError: the recording has no positions in space,
+    `plane` is malformed, or no microphone lies in it.
+    """
+    axis, _, value = plane.rpartition("=")
+    axis = axis.strip().lower() or "z"
+    positions = recording.positions
+    if positions is None or positions.shape[1] != 3:
+        raise InputError(
+            f"plane = {plane} needs positions in space, which {recording.path} does not contain",
+            "leave out <plane>",
+            key="plane",
+            value=plane,
+        )
+    try:
+        height = float(value)
+    except ValueError:
+        height = np.nan
+    if axis not in "xyz" or len(axis) != 1 or not np.isfinite(height):
+        raise InputError(f'plane = "{plane}" is no plane', "write <plane> as z=0.1, metres", key="plane", value=plane)
+    along = positions[:, "xyz".index(axis)]
+    inside = np.flatnonzero(np.abs(along - height) < PLANE_TOLERANCE)
+    if not len(inside):
+        near = along[np.argmin(np.abs(along - height))]
+        raise InputError(
+            f"plane = {plane}: no microphone lies there; the nearest plane is {axis}={near:g}",
+            "give <plane> as that one",
+            key="plane",
+            value=plane,
+        )
+    kept = [a for a in range(3) if a != "xyz".index(axis)]
+    return replace(select_channels(recording, inside), positions=positions[inside][:, kept])
+
+
+def select_subset(recording: Recording, text: str, seed: int) -> Recording:
+    """Return the recording of some microphones.
+
+    `text`: a list of numbers and ranges, "0,3,8:12", or how many are drawn at random, "200"; `seed`: of the random
+    draw. Raises InputError: the text is malformed, or names microphones that the recording does not have.
+    """
+    try:
+        numbers = _listed(text, recording.count)
+    except ValueError:
+        raise InputError(
+            f'subset = "{text}" is no number and no list',
+            "write <subset> as 200, or 0,3,8:12",
+            key="subset",
+            value=text,
+        ) from None
+    if len(numbers) == 1 and "," not in text and ":" not in text:
+        return _drawn(recording, numbers[0], seed)
+    wrong = [n for n in numbers if not 0 <= n < recording.count]
+    if wrong or len(set(numbers)) < len(numbers) or not numbers:
+        raise InputError(
+            f"subset = {text} must name microphones of 0 to {recording.count - 1}, each at most once",
+            key="subset",
+            value=text,
+        )
+    return select_channels(recording, numbers)
+
+
+def _listed(text: str, count: int) -> list[int]:
+    """Return the numbers of a list such as "0,3,8:12"; a range ends at most one after `count`."""
+    numbers: list[int] = []
+    for part in text.split(","):
+        first, colon, end = part.partition(":")
+        numbers += range(int(first), min(int(end), count + 1)) if colon else [int(part)]
+    return numbers
+
+
+def _drawn(recording: Recording, number: int, seed: int) -> Recording:
+    if not 1 <= number <= recording.count:
+        raise InputError(
+            f"subset = {number} cannot be drawn from {recording.count} microphones",
+            "give a smaller <subset>",
+            key="subset",
+            value=number,
+        )
+    if seed < 0:
+        raise InputError(f"seed = {seed} must not be negative", "use 0 or more", key="seed", value=seed)
+    drawn = np.random.default_rng(seed).choice(recording.count, number, replace=False)
+    return select_channels(recording, np.sort(drawn))
+
+
+def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Recording:
+    """Return the recording without some channels.
+
+    `text`: a list of names; "bad" stands for all of `bad`; `bad` (n,) int64, indices of faulty channels. Raises
+    InputError: a name is unknown, or no channel is left.
+    """
+    excluded: set[int] = set()
+    for name in (part.strip() for part in text.split(",")):
+        if name == "bad":
+            excluded |= set(bad.tolist())
+        else:
+            excluded.add(_index_of(recording, name, "leave_out"))
+    left = [n for n in range(recording.count) if n not in excluded]
+    if not left:
+        raise InputError(f"leave_out = {text} leaves no channel", "record again", key="leave_out", value=text)
+    return select_channels(recording, left)
+
+
+def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices and the positions of the known microphones.
+
+    `text`: a list of channel names, whose positions the recording contains; "corners", those nearest to the corners of
+    the bounding box; or the path of a table (.csv) with name,x,y or name,x,y,z. Returns (A,) int64, (A, D) float64,
+    indices; positions, metres. Raises InputError, StorageError: a name is unknown, the recording has no positions, or
+    the table cannot be used or read.
+    """
+    if text.lower().endswith(".csv"):
+        names, positions = read_table(text)
+        return _indices(recording, names), positions
+    if recording.positions is None:
+        raise InputError(
+            f"known = {text}: {recording.path} contains no positions", "give a table: <known> FILE.csv", key="known"
+        )
+    if text == CORNERS:
+        indices = _corners(recording.positions)
+    else:
+        indices = _indices(recording, [part.strip() for part in text.split(",")])
+    return indices, recording.positions[indices]
+
+
+def _corners(positions: np.ndarray) -> np.ndarray:
+    """Return the indices of the microphones nearest to the corners of the bounding box."""
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    sides = [(a,) if a == b else (a, b) for a, b in zip(low, high, strict=True)]
+    corners = np.stack([c.ravel() for c in np.meshgrid(*sides)], axis=1)
+    distances = np.linalg.norm(positions[None] - corners[:, None], axis=2)
+    return np.unique(np.argmin(distances, axis=1))
+
+
+def _indices(recording: Recording, names: list[str]) -> np.ndarray:
+    return np.array([_index_of(recording, name, "known") for name in names], dtype=np.int64)
+
+
+def _index_of(recording: Recording, name: str, key: str) -> int:
+    names = recording.names
+    if name in names:
+        return names.index(name)
+    few = ", ".join(names[:3])
+    listed = f"the channels are {few} ... {names[-1]}" if len(names) > 4 else f"use {few}"
+    raise InputError(f'{key}: there is no channel "{name}"', listed, key=key, value=name)

@@ -1,0 +1,157 @@
+"""Recordings in files of NumPy: an archive of one recording, or a folder of MeshRIR.
+
+.npz      `recordings` (N, T) and `sample_rate`, Hz; optionally `kind`, `names`, `positions`, `sound_speed`. A
+          measurement, which has pressures instead, is read by `fdcal.model.measurement_file`.
+folder    impulse responses of one microphone moved over a mesh, with several sources, 48 kHz: pos_mic.npy (M, 3) and
+          pos_src.npy (S, 3), metres; ir_<i>.npy (S, T), one for each of the M places
+
+S. Koyama, T. Nishida, K. Kimura, T. Abe, N. Ueno, J. Brunnström, "MeshRIR: A dataset of room impulse responses on
+meshed grid points for evaluating sound field analysis and synthesis methods", WASPAA 2021.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...model.reading import read_archive, require_regular
+from ...model.validation import InputError, StorageError, require_array, require_choice
+from ..recording import KINDS, OLD_KINDS, Recording, recording_of
+from . import Format
+
+MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
+KEYS = {
+    "recordings": ("real", (None, None)),
+    "sample_rate": ("real", ()),
+    "kind": ("text", ()),
+    "names": ("text", (None,)),
+    "positions": ("real", (None, None)),
+    "sound_speed": ("real", ()),
+}
+
+
+def keys_of(path: Path) -> list[str]:
+    """Return the names of the arrays in an archive; none where it cannot be read."""
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+            return list(archive.files)
+    except Exception:  # a damaged archive raises anything
+        return []
+
+
+def _read_npz(path: Path, source: int | None = None) -> Recording:
+    """Return the recording of an archive; raise InputError for one that is damaged or has no recordings."""
+    try:
+        require_regular(path)
+        with open(path, "rb") as file:
+            table = read_archive(file, KEYS.__contains__)
+    except InputError as error:
+        raise error.within(path) from error
+    except OSError as error:
+        raise error if error.strerror else InputError(f"{path} is not a .npz file: {error}") from error
+    except MemoryError:
+        raise InputError(
+            f"{path} holds more than fits into memory, and an .npz file is read as a whole",
+            "give WAV, W64, FLAC or HDF5",
+        ) from None
+    except Exception as error:
+        raise InputError(
+            f"{path} is not an .npz file that can be read ({type(error).__name__})", "write it again"
+        ) from error
+    if "pressures" in keys_of(path):
+        raise InputError(f"{path} is a measurement already", "give it to `fdcal calibrate`")
+    for key in ("recordings", "sample_rate"):
+        if key not in table:
+            raise InputError(
+                f'{path} has no "{key}"', "give recordings (N, T) and sample_rate, or a measurement", key=key
+            )
+    value = {key: require_array(f"{path}: {key}", table[key], *KEYS[key]) for key in table if key != "recordings"}
+    data = table["recordings"]
+    if data.ndim != 2 or data.dtype.kind not in "fiu":
+        raise InputError(f"{path}: recordings is {data.dtype} of shape {data.shape}", "give real numbers (N, T)")
+    kind = value["kind"].item() if "kind" in value else None
+    kind = OLD_KINDS.get(kind or "", kind)
+    if kind is not None:
+        require_choice(f"{path}: kind", kind, KINDS)
+    return recording_of(
+        str(path),
+        kind,
+        value["sample_rate"].item(),
+        data,
+        names=tuple(value["names"].tolist()) if "names" in value else (),
+        positions=value.get("positions"),
+        sound_speed=value["sound_speed"].item() if "sound_speed" in value else None,
+    )
+
+
+def _is_meshrir(path: Path) -> bool:
+    """Return whether `path` is a folder with microphone positions."""
+    return path.is_dir() and ((path / "pos_mic.npy").exists() or (path / "ir_0.npy").exists())
+
+
+def _read_meshrir(path: Path, source: int | None = None) -> Recording:
+    """Return the responses to one source, the first by default; raise InputError for a damaged folder."""
+    places, sources = (_positions(path / name) for name in ("pos_mic.npy", "pos_src.npy"))
+    source = 0 if source is None else source
+    if not 0 <= source < len(sources):
+        raise InputError(
+            f"source = {source} does not exist",
+            f"{path} has sources 0 to {len(sources) - 1}",
+            key="source",
+            value=source,
+        )
+    missing = [n for n in range(len(places)) if not (path / f"ir_{n}.npy").exists()]
+    if missing:
+        raise InputError(
+            f"{path} has {len(places)} positions but no ir_{missing[0]}.npy ({len(missing)} missing)", "copy it again"
+        )
+    samples = _mapped(path / "ir_0.npy").shape[-1]
+
+    def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
+        values = np.empty((len(chosen), stop - start))
+        for row, n in enumerate(chosen):
+            file = path / f"ir_{n}.npy"
+            data = _mapped(file)
+            if data.shape != (len(sources), samples):
+                wanted = (len(sources), samples)
+                raise InputError(
+                    f"{file} has shape {data.shape}, but pos_src.npy and ir_0.npy call for {wanted}", "copy it again"
+                )
+            values[row] = data[source, start:stop]
+        return values
+
+    return Recording(str(path), "impulse", MESHRIR_RATE, len(places), samples, block, positions=places)
+
+
+def _source_count(path: Path) -> int:
+    """Return the number of sources of a folder."""
+    return len(_positions(path / "pos_src.npy"))
+
+
+def _positions(path: Path) -> np.ndarray:
+    values = _mapped(path)
+    if values.ndim != 2 or values.shape[1] != 3 or not len(values):
+        raise InputError(f"{path} has shape {values.shape}", "it must be (number, 3), metres")
+    if not np.all(np.isfinite(values)):
+        raise InputError(f"{path} holds a number that is not finite", "repair it")
+    return np.array(values, dtype=float)
+
+
+def _mapped(path: Path) -> np.ndarray:
+    """Return an .npy file of real numbers, memory-mapped."""
+    try:
+        values = np.load(path, mmap_mode="r", allow_pickle=False)
+    except OSError as error:
+        raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
+    except Exception as error:  # a damaged header raises anything
+        raise InputError(f"{path} is damaged or truncated ({error})", "copy it again") from error
+    if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu" or values.ndim == 0:
+        raise InputError(f"{path} holds no array of real numbers", "copy it again")
+    return values
+
+
+FORMATS = (
+    Format((".npz",), read=_read_npz),
+    Format((), read=_read_meshrir, recognises=_is_meshrir, source_count=_source_count),
+)

@@ -1,0 +1,170 @@
+"""Positions of microphones in the files of other programs.
+
+.csv     name,x,y,z,uncertainty, metres, one line per microphone; known positions can be read from one as well
+.xml     Acoular's microphone geometry: `<MicArray><pos Name= x= y= z= /></MicArray>`, metres
+.npy     as pyroomacoustics reads it: an array (3, N), metres, one column per microphone
+.json    one object with the frame and a list of microphones
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+import xml.etree.ElementTree as tree
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from ...model.given_positions import MicrophonePositions
+from ...model.reading import read_bytes
+from ...model.validation import InputError, require_point, shown
+from . import Format
+
+MAX_BYTES = 10_000_000  # of a file of positions
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # Python also takes 1_0 for a number
+DECIMALS = 7  # of a metre: a ten-thousandth of a millimetre
+HEADER = ["name", "x", "y", "z", "uncertainty"]
+
+
+def read_positions(path: str | PathLike[str]) -> MicrophonePositions:
+    """Return the positions in a file of Acoular (.xml) or a table with the columns name,x,y[,z] (.csv).
+
+    Raises InputError: the file holds no positions; StorageError: the file cannot be read.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in READERS:
+        raise InputError(
+            f'"{path}" ends in no suffix of a file of positions',
+            f"give <positions> as {', '.join(sorted(READERS))}",
+            key="positions",
+            value=str(path),
+        )
+    names, positions = READERS[path.suffix.lower()](path)
+    return MicrophonePositions(tuple(names), positions, frame=path.name)
+
+
+def _write_table(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
+    """Write `placed`, metres with DECIMALS; an unknown uncertainty is left empty."""
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(HEADER)
+        for n, (name, place) in enumerate(zip(placed.names, placed.positions.tolist(), strict=True)):
+            uncertainty = "" if placed.uncertainty is None else _written(placed.uncertainty[n])
+            writer.writerow([name, *map(_written, place), uncertainty])
+
+
+def _written(metres: float) -> str:
+    return f"{metres:.{DECIMALS}f}"
+
+
+def read_table(path: str | Path) -> tuple[list[str], np.ndarray]:
+    """Return the microphones of a table with the columns name,x,y and optionally z.
+
+    Returns (A, 2 or 3) float64, names; positions, metres. Raises InputError: the file is no such table; StorageError:
+    the file cannot be read.
+    """
+    try:
+        text = read_bytes(path, MAX_BYTES).decode("utf-8-sig")
+        european = ";" in text.partition("\n")[0]  # as a spreadsheet writes CSV where a comma is the decimal sign
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if european else ",")
+        rows = [row for row in reader if any(cell.strip() for cell in row)]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} is not a table in text form: {error}") from error
+    head = [cell.strip().lower() for cell in rows[0]] if rows else []
+    if head[:3] != ["name", "x", "y"] or len(rows) < 2:
+        found = shown(",".join(rows[0])) if rows else ""
+        raise InputError(
+            f"{path} must begin with the line name,x,y or name,x,y,z and hold one line per microphone, not with"
+            f' "{found}"'
+        )
+    axes = 3 if head[3:4] == ["z"] else 2
+    names, places = [], []
+    for number, row in enumerate(rows[1:], 2):
+        cells = [cell.strip().replace(",", ".") if european else cell.strip() for cell in row[1 : 1 + axes]]
+        if len(cells) != axes or not all(map(NUMBER.fullmatch, cells)):
+            line = shown(",".join(row))
+            raise InputError(f"{path}, line {number}: {line!r} must be a name and {axes} numbers, metres")
+        places.append([float(cell) for cell in cells])
+        require_point(f"{path}, line {number}", places[-1], (axes,))
+        names.append(row[0].strip())
+    if len(set(names)) < len(names):
+        raise InputError(f"{path} names a microphone twice", "keep one line of each")
+    return names, np.array(places)
+
+
+def _write_xml(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
+    """Write `placed`; raise InputError for a name that XML cannot hold."""
+    root = tree.Element("MicArray", name="fdcal")
+    for name, place in zip(placed.names, placed.positions.tolist(), strict=True):
+        if any(
+            ord(letter) < 32 or 0xD800 <= ord(letter) < 0xE000 or ord(letter) in (0xFFFE, 0xFFFF) for letter in name
+        ):
+            raise InputError(f"the name {name!r} cannot be written in XML", "rename that microphone")
+        coordinates = {axis: repr(value) for axis, value in zip("xyz", place, strict=True)}
+        tree.SubElement(root, "pos", {"Name": name} | coordinates)
+    tree.indent(root)
+    tree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def read_xml(path: str | Path) -> tuple[list[str], np.ndarray]:
+    """Return the microphones of a geometry.
+
+    Returns (N, 3) float64, names, or numbers from 0 where not all have different names; positions, metres. Raises
+    InputError: the file is no geometry; StorageError: the file cannot be read.
+    """
+    try:
+        elements = tree.fromstring(read_bytes(path, MAX_BYTES)).findall("pos")
+    except (tree.ParseError, ValueError, LookupError) as error:  # broken, or of an encoding that does not exist
+        raise InputError(f"{path} is not valid XML: {shown(str(error))}", key="positions", value=str(path)) from error
+    if not elements:
+        raise InputError(f"{path} holds no <pos> inside its first element", "give a geometry of Acoular")
+    places = [[_metres(path, element, axis, row) for axis in "xyz"] for row, element in enumerate(elements)]
+    names = [element.get("Name", "") for element in elements]
+    if "" in names or len(set(names)) < len(names):
+        names = [str(row) for row in range(len(elements))]
+    return names, np.array(places)
+
+
+def _metres(path: str | Path, element: tree.Element, axis: str, row: int) -> float:
+    text = element.get(axis, "0" if axis == "z" else "")
+    value = float(text) if NUMBER.fullmatch(text.strip()) else math.nan
+    if not math.isfinite(value):
+        raise InputError(
+            f'{path}: {axis} = "{shown(text)}" of microphone {row} is no number',
+            "give metres",
+            key="positions",
+            value=text,
+        )
+    return value
+
+
+def _write_columns(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
+    with open(path, "wb") as file:
+        np.save(file, np.ascontiguousarray(placed.positions.T))
+
+
+def _write_object(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
+    """Write `placed`, metres; an unknown uncertainty is null."""
+    microphones = [
+        {
+            "name": name,
+            **dict(zip("xyz", place, strict=True)),
+            "uncertainty": None if placed.uncertainty is None else float(placed.uncertainty[n]),
+        }
+        for n, (name, place) in enumerate(zip(placed.names, placed.positions.tolist(), strict=True))
+    ]
+    table = {"unit": "metre", "frame": placed.frame, "microphones": microphones}
+    path.write_text(json.dumps(table, indent=1, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+READERS = {".csv": read_table, ".xml": read_xml}
+FORMATS = (
+    Format((".csv",), write=_write_table),
+    Format((".xml",), write=_write_xml),
+    Format((".npy",), write=_write_columns),
+    Format((".json",), write=_write_object),
+)

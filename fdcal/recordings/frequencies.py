@@ -1,0 +1,307 @@
+"""Which frequencies of a recording to use: evenly over a band, as close as is worth it.
+
+highest_frequency   the highest frequency that the array can interpolate (Eq. 9), for the radius that is given, or that
+                    of the positions in the file, of the known microphones, or of the coherence between the channels
+frequency_band      the band from which frequencies are chosen
+spacing_of          how close they are worth taking
+choose_frequencies  which ones are taken
+
+The method does not need eigenfrequencies: any frequency at which there is no source inside the array will do. They are
+chosen without regard to the level. A peak of the level is a maximum of the pressure where the array stands, and there
+its gradient is small: an array much smaller than the wavelength, calibrated with peaks alone, comes out at 0.5 to 0.8
+of its size. Two frequencies that are close carry the same information. With e(t) the energy of the response at time t
+and v its noise or, where that is less, what a model of the field cannot explain,
+
+    T_eq = (sum e)^2 / sum e^2     the pressure decorrelates over a bandwidth of 1 / T_eq
+    T    = sum e / (e + v)         the time in which the response stands out
+
+Samples 1 / T apart hold all that there is in the band, as those of any response of length T do. The late part of a
+response is weak, so T is about 5 T_eq where a room decays evenly, and more where the direct sound is strong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..acoustics.coherence import array_radius
+from ..acoustics.dictionary import f_max
+from ..acoustics.spectrum import fast_length
+from ..model.declared import require_positive
+from ..model.validation import InputError
+from .import_options import IMPORT_LIMITS, ImportOptions
+from .recording import Recording, channel_groups
+
+
+@dataclass(frozen=True)
+class SelectionThresholds:
+    """Which frequencies are worth using, decibels."""
+
+    min_snr: float = 10.0  # of a frequency that is used
+    dynamic_range: float = 60.0  # below the strongest frequency
+
+
+SELECTION = SelectionThresholds()
+
+
+@dataclass(frozen=True)
+class RowLimits:
+    """How many rows are taken, and how close."""
+
+    # most, usual_count: rows of all takes together, by default, of so many microphones, which take some 5 s of one
+    # processor. The time of a row grows with the square of their number
+    most: int = 400
+    usual_count: int = 32
+    # least_of_array, most_of_array, least_of_take: rows that the default leaves however many microphones or takes there
+    # are, and however few
+    least_of_array: int = 112
+    most_of_array: int = 1600
+    least_of_take: int = 20
+    unexplained: float = 1e-4  # power relative to that of the response that no model of the field explains
+
+
+ROWS = RowLimits()
+
+
+def default_most(microphones: int, takes: int = 1) -> int:
+    """Return how many rows of each take are used at most unless their number is given.
+
+    The limit is one of computing time alone. Takes share it, since rows of another take say more than closer ones.
+
+    Examples
+    --------
+    >>> default_most(32), default_most(32, takes=8), default_most(128)
+    (400, 50, 112)
+    """
+    affordable = int(ROWS.most * (ROWS.usual_count / microphones) ** 2)
+    every = min(max(ROWS.least_of_array, affordable), ROWS.most_of_array)
+    return max(ROWS.least_of_take, every // takes)
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """How close the frequencies of a recording are worth taking, Hz."""
+
+    step: float  # least distance of two frequencies
+    # bandwidth over which the pressures decorrelate, 1 / T_eq; frequencies that are closer are not independent
+    decorrelation: float
+
+
+def spacing_of(energy: np.ndarray, noise: np.ndarray, interval: float) -> Spacing:
+    """Return the spacing of frequencies of a response.
+
+    `energy` (T,) float64, of the response and the noise over time, windows included; `noise` (T,) float64, its expected
+    part that is noise; `interval`: of the times, s.
+
+    Examples
+    --------
+    >>> t = np.arange(0, 1, 1e-3)
+    >>> spacing = spacing_of(np.exp(-2 * 14 * t), 0 * t, 1e-3)  # falls by 60 dB in 0.5 s
+    >>> round(spacing.decorrelation), round(spacing.step, 1)
+    (14, 2.8)
+    """
+    e = np.maximum(energy - noise, 0.0)
+    if not e.max(initial=0.0) > 0:
+        return Spacing(*(2 * (1 / max(interval * len(energy), 1e-9),)))
+    v = np.maximum(noise, ROWS.unexplained * np.sum(e**2) / np.sum(e))
+    return Spacing(float(1 / (interval * np.sum(e / (e + v)))), float(np.sum(e**2) / np.sum(e) ** 2 / interval))
+
+
+def spacing_of_decay(rate: float) -> Spacing:
+    """Return the spacing of frequencies of a response that decays evenly, at `rate` nepers per second."""
+    return Spacing(2 * rate / float(np.log(2 / ROWS.unexplained)), rate)
+
+
+class NothingAboveNoise(InputError):
+    """A recording without any frequency at which the sound rises above the noise."""
+
+
+def choose_frequencies(
+    frequencies: np.ndarray, power: np.ndarray, noise: np.ndarray, resolution: float, most: int = ROWS.most
+) -> np.ndarray:
+    """Return the indices of the frequencies to use: in equal parts of the band the one nearest to the middle.
+
+    `frequencies` (B,) float64, Hz, evenly spaced and finer than the resolution; `power`, `noise` (B,) float64, mean
+    over the microphones, any one unit; noise 0 where it is unknown; `resolution`: least distance between two
+    frequencies, Hz; `most`: greatest number of frequencies. Returns (M,) int64, ascending. Raises NothingAboveNoise: no
+    frequency does.
+    """
+    floor = np.maximum(noise, power.max() * 10 ** (-SELECTION.dynamic_range / 10))
+    snr = 10 * np.log10(np.maximum(power - noise, 1e-300) / floor)
+    usable = snr >= SELECTION.min_snr
+    if not np.any(usable):
+        raise NothingAboveNoise(
+            f"no frequency between {frequencies[0]:g} and {frequencies[-1]:g} Hz is {SELECTION.min_snr:g} dB above the"
+            " noise",
+            "record at a higher level, or choose another band: <frequencies> LO:HI",
+            key="frequencies",
+        )
+    at = np.flatnonzero(usable)
+    return at[spread_over_band(frequencies[at], (frequencies[0], frequencies[-1]), most, resolution)]
+
+
+def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], most: int, apart: float) -> np.ndarray:
+    """Return the indices of at most `most` frequencies, the one nearest to the middle of each of equal parts of a band.
+
+    `frequencies` (B,) float64, Hz, ascending; `band`: Hz; `apart`: least width of a part, Hz; two frequencies are three
+    quarters of it apart at least. Returns (M,) int64, ascending.
+    """
+    count = max(1, min(most, int((band[1] - band[0]) / apart * (1 + 1e-9)) + 1))
+    width = (band[1] - band[0]) / max(1, count - 1)
+    part = np.round((frequencies - band[0]) / width).astype(int) if count > 1 else np.zeros(len(frequencies), int)
+    away = np.abs(frequencies - band[0] - part * width)
+    order = np.lexsort((away, part))
+    firsts = order[np.unique(part[order], return_index=True)[1]]
+    kept = []
+    for n in firsts.tolist():
+        if not kept or frequencies[n] - frequencies[kept[-1]] >= 0.75 * apart:  # samples do not lie on the middles
+            kept.append(n)
+    return np.array(kept, np.int64)
+
+
+@dataclass(frozen=True)
+class CoherenceSettings:
+    """At which frequencies the coherence of a recording is looked at."""
+
+    count: int = 300  # frequencies, in equal ratios
+    dynamic_range: float = 40.0  # decibels below the strongest frequency
+    samples: int = 2**27  # samples of all channels; a longer recording is not looked at
+
+
+COHERENCE = CoherenceSettings()
+
+
+@dataclass(frozen=True)
+class FrequencyLimit:
+    """The highest frequency that an array can interpolate."""
+
+    limit: float | None  # hz; None where the radius is unknown
+    radius: float  # metres; 0 where it is unknown
+    words: str  # which radius it follows from, arguments in angle brackets
+    estimated: bool = False  # whether the radius is that of the coherence
+
+
+def highest_frequency(
+    recording: Recording, options: ImportOptions, known_positions: np.ndarray | None, speed: float
+) -> FrequencyLimit:
+    """Return the highest frequency that the array can interpolate (Eq. 9), and which radius it follows from.
+
+    `known_positions` (A, D) float64 or None, of the known microphones, metres; `speed`: sound speed, m/s.
+    """
+    radius, words = _stated_radius(recording, options, known_positions)
+    estimated = False
+    if options.array_radius is None and recording.positions is None:  # known microphones may be a part of the array
+        seen = _coherent_radius(recording, options.dimension, speed) or 0.0
+        estimated = seen > IMPORT_LIMITS.coherent_radius_factor * radius or radius <= 0
+        radius = (seen if radius > 0 else IMPORT_LIMITS.coherent_radius_factor * seen) if estimated else radius
+    if estimated:
+        words = f"for a radius of up to {radius:.2g} m, by the coherence of the channels; <array_radius> sets it"
+    if radius <= 0:
+        return FrequencyLimit(None, 0.0, "unknown without the radius of the array; <array_radius> gives it")
+    planar = coordinate_count(recording, options, known_positions) == 2
+    return FrequencyLimit(f_max(recording.count, radius, speed, options.dimension, planar), radius, words, estimated)
+
+
+def _stated_radius(
+    recording: Recording, options: ImportOptions, known_positions: np.ndarray | None
+) -> tuple[float, str]:
+    """Return the radius, metres, that is given or follows from positions, and where it is from; 0 without one."""
+    if options.array_radius is not None:
+        require_positive("array_radius", options.array_radius, "m")
+        return options.array_radius, "for the radius given"
+    complete = recording.positions is not None
+    positions = recording.positions if complete else known_positions
+    radius = 0.0
+    if positions is not None:
+        radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+    radius *= 1.0 if complete else IMPORT_LIMITS.known_radius_factor
+    share = f"{100 * (IMPORT_LIMITS.known_radius_factor - 1):.0f} % more than that of the known microphones"
+    return radius, f"for a radius of {radius:.2g} m, {'that of the positions in the file' if complete else share}"
+
+
+def _coherent_radius(recording: Recording, dimension: int, speed: float) -> float | None:
+    """Return the radius that the coherence of the channels shows, metres; None where it shows none."""
+    top = min(IMPORT_LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
+    low = max(IMPORT_LIMITS.low, IMPORT_LIMITS.min_periods / recording.duration)
+    if low >= top or recording.count * recording.samples > COHERENCE.samples:
+        return None
+    from scipy.fft import rfft
+
+    padded = fast_length(recording.samples)
+    bins = np.unique(np.round(np.geomspace(low, top, COHERENCE.count) * padded / recording.sample_rate).astype(int))
+    bins = bins[bins <= padded // 2]
+    rows = [np.asarray(rfft(samples, padded, axis=1))[:, bins] for _, samples in channel_groups(recording)]
+    spectra = np.concatenate(rows).T
+    power = np.mean(np.abs(spectra) ** 2, axis=1)
+    loud = power >= power.max() * 10 ** (-COHERENCE.dynamic_range / 10)
+    wavenumbers = 2 * np.pi * bins * recording.sample_rate / padded / speed
+    return array_radius(spectra[loud], wavenumbers[loud], dimension)
+
+
+def coordinate_count(recording: Recording, options: ImportOptions, known_positions: np.ndarray | None) -> int:
+    """Return the number of coordinates of a microphone."""
+    positions = known_positions if recording.positions is None else recording.positions
+    return options.dimension if positions is None else positions.shape[1]
+
+
+def frequency_band(
+    recording: Recording, options: ImportOptions, found: FrequencyLimit, speed: float
+) -> tuple[float, float]:
+    """Return the lowest and the highest frequency, Hz.
+
+    `found`: of `highest_frequency`; `speed`: sound speed, m/s. Raises InputError: the band is empty, or beyond what the
+    recording or the array can hold.
+    """
+    top = min(IMPORT_LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
+    if options.frequencies == "auto":
+        low = max(_usual_bottom(found, speed), IMPORT_LIMITS.min_periods / recording.duration)
+        high = min(_usual_top(found, options, speed), top)
+    else:
+        low, high = _given_band(options.frequencies)
+    if found.limit is not None and found.limit <= low and not found.estimated:
+        raise InputError(
+            f"{recording.path}: an array of {found.radius:.3g} m radius is too large for {recording.count} microphones:"
+            f" they interpolate up to {found.limit:.3g} Hz, and the band begins at {low:g} Hz",
+            "give positions in metres, not in centimetres, millimetres or degrees",
+            key="frequencies",
+        )
+    if not 0 < low < high <= top:
+        raise InputError(
+            f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold",
+            f"use 0 < LO < HI <= {top:g} Hz",
+            key="frequencies",
+            value=options.frequencies,
+        )
+    return low, high
+
+
+def _usual_bottom(found: FrequencyLimit, speed: float) -> float:
+    """Return the default lower end of the band, Hz: it follows 1 / R for small arrays.
+
+    The gradient of a pressure is about k times it. Where k R is 0.13, a difference of 0.1 dB between two channels is a
+    tenth of the radius, and more below; a high-pass differs by that at low frequencies, while the gains of the
+    likelihood are the same at all frequencies.
+    """
+    if found.limit is None or not found.radius:
+        return IMPORT_LIMITS.low
+    return max(IMPORT_LIMITS.low, IMPORT_LIMITS.least_phase * speed / (2 * np.pi * found.radius))
+
+
+def _usual_top(found: FrequencyLimit, options: ImportOptions, speed: float) -> float:
+    """Return the default upper end of the band, Hz: it follows 1 / R for small arrays."""
+    if found.limit is None:
+        return IMPORT_LIMITS.high
+    if options.array_radius is not None:
+        return found.limit
+    return min(found.limit, max(IMPORT_LIMITS.high, IMPORT_LIMITS.phase * speed / (2 * np.pi * found.radius)))
+
+
+def _given_band(text: str) -> tuple[float, float]:
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise InputError(
+            f'frequencies = "{text}" is no band', "write auto or LO:HI, as 20:300", key="frequencies", value=text
+        ) from None
+    return low, high
