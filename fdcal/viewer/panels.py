@@ -139,7 +139,6 @@ class SessionFolders:
 
 
 STEPS = ("Step", "Sweep", "Stage", "Reset")
-MAX_INDEX = 10**9  # of a state that a browser can ask for; the session clips it to its history
 
 
 class RunBar:
