@@ -17,7 +17,8 @@ from .report import Figure
 ALONE = True  # only when named
 SCENES = ("array1_circle", "tiny", "lshape")
 RUN_EVERY, RUN_TIME = 3, 0.5  # the solver runs in every third scene, for so many seconds
-SETTLE_TIME = 8.0  # s in which the maps of a scene are drawn and threads end
+SETTLE_TIME = 8.0  # s at most in which the maps of a scene are drawn and threads end
+STILL_TIME = 2.0  # s without a change, longer than the page waits with the release of memory
 MAX_GROWTH = 50e6  # bytes
 
 
@@ -38,13 +39,23 @@ def soak(count: int, scenes: Sequence[str] = SCENES, settle_time: float = SETTLE
     with Served(scenes[-1], {}) as served, ProtocolPage(served.url) as page:
         page.wait_for(lambda: "Apply" in page.controls)
         _switch(page, scenes[0], True)  # the first run starts the threads that all computations share
-        time.sleep(settle_time)
+        _settle(served, settle_time)
         threads, start, during = len(served.threads()), served.memory(), []
         for n in range(count):
             _switch(page, scenes[n % len(scenes)], n % RUN_EVERY == 0)
             during.append(served.memory())
-        time.sleep(settle_time)
+        _settle(served, settle_time)
         return Soak(start, during, served.memory(), threads, len(served.threads()) - threads, served.complaints())
+
+
+def _settle(served: Served, longest: float) -> None:
+    """Wait until neither threads nor memory, to a megabyte, have changed for STILL_TIME; `longest` at most, s."""
+    now = time.perf_counter()
+    end, since, before = now + longest, now, None
+    while now < end and now - since < STILL_TIME:
+        time.sleep(0.1)
+        now, there = time.perf_counter(), (len(served.threads()), round(served.memory() / 1e6))
+        since, before = (since, before) if there == before else (now, there)
 
 
 def run() -> list[Figure]:

@@ -51,16 +51,16 @@ def serving(path):
 
 
 @contextlib.contextmanager
-def serving_here(scene, opening=False):
+def serving_here(scene, opening=False, port=0, lessons=()):
     """Serve a scene's page from a thread of this process, which saves the imports of `serving`; give its address.
 
-    Every test that takes it has a session, controls and panels of its own. The opening does not play unless asked for.
+    It has a session, controls and panels of its own. The opening does not play unless asked for.
     """
     stop, address = SimpleNamespace(received=False), Queue()
     request = OpenRequest(scene, choices={} if opening else {"trails": False})  # one that a user has set up
     with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
         patch.setattr(app, "Interrupt", lambda: contextlib.nullcontext(stop))
-        served = pool.submit(app.serve, request, port=0, on_ready=address.put)
+        served = pool.submit(app.serve, request, port=port, on_ready=address.put, lessons=lessons)
         try:
             yield address.get(timeout=WAIT)
         finally:
@@ -78,6 +78,19 @@ def opened_page(browser, address, query=COARSE, width=1280, height=720):
     drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
     page.wait_for_function(drawn, arg="/microphones/true", timeout=WAIT * 1e3)
     return page
+
+
+def run_to_the_end(page):
+    """Run the solver as fast as the machine can, until it has converged."""
+    slider(page, "Steps per second").press("End")
+    press(page, "Run")
+    page.get_by_text("Converged").first.wait_for()
+
+
+def begin_anew(page):
+    """Take the solver back to its start."""
+    press(page, "Reset")
+    page.get_by_text("step 0, sweep 0").first.wait_for()
 
 
 def press(page, name):

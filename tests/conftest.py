@@ -18,16 +18,7 @@ from fdcal.model.scene_file import scene_folder
 from fdcal.solvers.warmup import warmup_calls
 
 ROOT = Path(__file__).parent.parent
-BROWSER_FILES = (
-    "test_browser.py",
-    "test_fault.py",
-    "test_lesson_page.py",
-    "test_page.py",
-    "test_replay.py",
-    "test_replay_maps.py",
-    "test_gallery.py",
-    "test_sweep_browser.py",
-)
+BROWSER = "@browser"  # ends the identity of a test with a browser, for the scheduler
 CHROMIUM = ("/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome")
 
 
@@ -93,11 +84,10 @@ def _edit(text: str, changes: dict[str, str | None]) -> str:
 
 
 class OneBrowser(LoadFileScheduling):
-    """Each file's tests on one worker, and those of all files that need a browser on the same one."""
+    """Each file's tests on one worker, and all that need a browser on the same one."""
 
     def _split_scope(self, nodeid: str) -> str:
-        scope = super()._split_scope(nodeid)
-        return "browser" if scope.rpartition("/")[2] in BROWSER_FILES else scope
+        return "browser" if nodeid.endswith(BROWSER) else super()._split_scope(nodeid)
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -108,7 +98,10 @@ def pytest_xdist_make_scheduler(config, log):
 
 def pytest_collection_modifyitems(items) -> None:
     """Begin with the browser tests, which take the longest together; the other files follow in their order."""
-    items.sort(key=lambda item: item.path.name not in BROWSER_FILES)
+    items.sort(key=lambda item: "browser" not in getattr(item, "fixturenames", ()))
+    for item in items:
+        if "PYTEST_XDIST_WORKER" in os.environ and "browser" in getattr(item, "fixturenames", ()):
+            item._nodeid += BROWSER  # as xdist does for its groups
 
 
 def _missing(reason: str) -> None:

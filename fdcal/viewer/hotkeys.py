@@ -31,73 +31,63 @@ class Key:
         return f"{self.modifier.capitalize()}+{self.key}" if self.modifier else self.key
 
 
-def _with_panel(act: Callable) -> Callable:
-    """Return a function that calls `act(main_panel)` if there is a session."""
+def _with_tabs(act: Callable) -> Callable:
+    """Return a function that calls `act(tabs)` if there is a session."""
 
     def do(page, client) -> None:
         if page.viewer is not None:
-            act(page.viewer.main_panel)
+            act(page.viewer.tabs)
 
     return do
 
 
 def _press(name: str) -> Callable:
-    return _with_panel(lambda panel: panel.run_bar.press(name))
+    return _with_tabs(lambda tabs: tabs.run_bar.press(name))
 
 
 def _seek(shift: int) -> Callable:
     """Show another state of the history."""
-    return _with_panel(lambda panel: panel.binding.session.seek(panel.binding.session.view.index + shift))
+    return _with_tabs(lambda tabs: tabs.binding.session.seek(tabs.binding.session.view.index + shift))
 
 
 def _next_microphone(shift: int) -> Callable:
-    def do(panel) -> None:
-        count = panel.binding.measurement.count
-        panel.map.pick((int(panel.map.microphone.value) + shift) % count)
+    def do(tabs) -> None:
+        count = tabs.binding.measurement.count
+        tabs.map.pick((int(tabs.map.microphone.value) + shift) % count)
 
-    return _with_panel(do)
+    return _with_tabs(do)
 
 
 def _more_modes(shift: int) -> Callable:
     """Show the map of the modes from the lowest to one more, or one less."""
 
-    def do(panel) -> None:
-        binding = panel.binding
+    def do(tabs) -> None:
+        binding = tabs.binding
         highest = (binding.choices.modes or (binding.session.view.state.last,))[-1]
-        panel.map.choose_modes(range(1, min(max(highest + shift, 1), binding.modes) + 1))
+        tabs.map.choose_modes(range(1, min(max(highest + shift, 1), binding.modes) + 1))
 
-    return _with_panel(do)
-
-
-def _next_kind(panel) -> None:
-    kinds = panel.map.kinds
-    panel.map.show_as(kinds[(kinds.index(panel.map.kind.value) + 1) % len(kinds)])
+    return _with_tabs(do)
 
 
-def _with_sweep(act: Callable) -> Callable:
-    """Return a function that calls `act(sweep_tab)` if there is a session."""
-
-    def do(page, client) -> None:
-        if page.viewer is not None:
-            act(page.viewer.side_panel.sweep)
-
-    return do
+def _next_kind(tabs) -> None:
+    kinds = tabs.map.kinds
+    tabs.map.show_as(kinds[(kinds.index(tabs.map.kind.value) + 1) % len(kinds)])
 
 
-def _toggle_scale(panel) -> None:
-    panel.map.scale_as(LINEAR if panel.binding.choices.style.log else LOG)
+def _toggle_scale(tabs) -> None:
+    tabs.map.scale_as(LINEAR if tabs.binding.choices.style.log else LOG)
 
 
-def _toggle_trails(panel) -> None:
-    panel.view.draw(trails=not panel.binding.choices.trails)
+def _toggle_trails(tabs) -> None:
+    tabs.view.draw(trails=not tabs.binding.choices.trails)
 
 
-def _toggle_dark(panel) -> None:
-    panel.view.darken(not panel.binding.choices.style.dark)
+def _toggle_dark(tabs) -> None:
+    tabs.view.darken(not tabs.binding.choices.style.dark)
 
 
-def _toggle_lecture(panel) -> None:
-    panel.view.lecture_mode(not panel.binding.choices.lecture)
+def _toggle_lecture(tabs) -> None:
+    tabs.view.lecture_mode(not tabs.binding.choices.lecture)
 
 
 def _place_camera(view: str) -> Callable:
@@ -105,7 +95,7 @@ def _place_camera(view: str) -> Callable:
 
 
 KEYS = (
-    Key("R", "Run or pause", _with_panel(lambda panel: panel.run_bar.toggle())),
+    Key("R", "Run or pause", _with_tabs(lambda tabs: tabs.run_bar.toggle())),
     Key("N", "One step", _press("Step")),
     Key("G", "One sweep", _press("Sweep")),
     Key("T", "One stage", _press("Stage")),
@@ -116,13 +106,13 @@ KEYS = (
     Key("M", "Map of the previous microphone", _next_microphone(-1), "shift"),
     Key("O", "One more mode in the map", _more_modes(1)),
     Key("I", "One mode less in the map", _more_modes(-1)),
-    Key("P", "Play or pause the sweep of modes", _with_sweep(lambda sweep: sweep.toggle())),
-    Key("U", "Map of the modes in use", _with_panel(lambda panel: panel.map.choose_modes(None))),
-    Key("V", "Flat map, relief, mode shape, basins, isosurfaces, no map", _with_panel(_next_kind)),
-    Key("L", "Logarithmic or linear scale", _with_panel(_toggle_scale)),
-    Key("Y", "Trails", _with_panel(_toggle_trails)),
-    Key("K", "Dark or light page", _with_panel(_toggle_dark)),
-    Key("H", "Lecture mode: large type, panels folded away", _with_panel(_toggle_lecture)),
+    Key("P", "Play or pause the sweep of modes", _with_tabs(lambda tabs: tabs.sweep.toggle())),
+    Key("U", "Map of the modes in use", _with_tabs(lambda tabs: tabs.map.choose_modes(None))),
+    Key("V", "Flat map, relief, mode shape, basins, isosurfaces, no map", _with_tabs(_next_kind)),
+    Key("L", "Logarithmic or linear scale", _with_tabs(_toggle_scale)),
+    Key("Y", "Trails", _with_tabs(_toggle_trails)),
+    Key("K", "Dark or light page", _with_tabs(_toggle_dark)),
+    Key("H", "Lecture mode: large type, panels folded away", _with_tabs(_toggle_lecture)),
     Key("1", "Plan view", _place_camera("top")),
     Key("2", "Whole room", _place_camera("3d")),
     Key("3", "Close view of the array", _place_camera("close")),

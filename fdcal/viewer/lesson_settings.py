@@ -14,7 +14,7 @@ from ..session.request import OpenRequest
 from ..session.session import Session
 from .background.comparison import ComparisonWorker
 from .gui.choices import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
-from .panels import MainPanel
+from .panels import Tabs
 from .scene3d.cameras import Cameras, KeptView
 from .server.client_values import fits
 from .tabs.map import EQ7, LINEAR, LOG, OBJECTIVE
@@ -35,45 +35,45 @@ def plain_choices() -> dict[str, Any]:
     return {key: value for key, value in Choices(microphone=0).to_save().items() if key not in OF_THE_PAGE}
 
 
-def apply_setting(setting: Setting, panel: MainPanel, place_all: Callable[[str], None], restarted: bool) -> None:
+def apply_setting(setting: Setting, tabs: Tabs, place_all: Callable[[str], None], restarted: bool) -> None:
     """Set the controls of a session that shows the scene of `setting` already.
 
-    `setting`: Setting; what it leaves out stays; `panel`: MainPanel of the session; `place_all`: function that moves
+    `setting`: Setting; what it leaves out stays; `tabs`: of the session; `place_all`: function that moves
     the cameras of all browsers to a view; `restarted`: whether the session is at its start, or will be when it has
     executed its queued commands. Raises InputError: the setting names modes that were not measured.
     """
     setting = setting.unfolded()
-    _drive(setting, panel, restarted)
+    _drive(setting, tabs, restarted)
     if setting.microphone is not None:
-        panel.map.pick(setting.microphone)
+        tabs.map.pick(setting.microphone)
     if setting.follow is not None:
-        panel.map.follow_solver(setting.follow)
+        tabs.map.follow_solver(setting.follow)
     if setting.map is not None:
-        panel.map.show_as(KINDS[setting.map])
+        tabs.map.show_as(KINDS[setting.map])
     if setting.map_modes is not None:
         text = setting.map_modes
-        panel.map.choose_modes(None if text == IN_USE else parse_modes(text, panel.binding.modes))
+        tabs.map.choose_modes(None if text == IN_USE else parse_modes(text, tabs.binding.modes))
     if setting.quantity is not None:
-        panel.map.show_quantity(QUANTITIES[setting.quantity])
+        tabs.map.show_quantity(QUANTITIES[setting.quantity])
     if setting.order_offset is not None:
-        panel.map.set_order(setting.order_offset)
+        tabs.map.set_order(setting.order_offset)
     if setting.scale is not None:
-        panel.map.scale_as(SCALES[setting.scale])
+        tabs.map.scale_as(SCALES[setting.scale])
     if setting.minima is not None:
-        panel.map.mark_minima(setting.minima)
+        tabs.map.mark_minima(setting.minima)
     drawn = {name: getattr(setting, name) for name in ("trails", "ellipses")}
-    panel.view.draw(**{name: value for name, value in drawn.items() if value is not None})
+    tabs.view.draw(**{name: value for name, value in drawn.items() if value is not None})
     if setting.view is not None:
         place_all(setting.view)
 
 
-def _drive(setting: Setting, panel: MainPanel, restarted: bool) -> None:
+def _drive(setting: Setting, tabs: Tabs, restarted: bool) -> None:
     """Apply what concerns the solver: the modes in use, and how far it runs."""
-    session = panel.binding.session
+    session = tabs.binding.session
     state = session.view.history[0] if restarted else session.view.state
     modes = range(state.first, state.last + 1)
     if setting.modes is not None:
-        modes = parse_modes(setting.modes, panel.binding.modes)
+        modes = parse_modes(setting.modes, tabs.binding.modes)
     automatic = state.automatic if setting.automatic is None else setting.automatic
     if setting.modes is not None or setting.automatic is not None:
         session.use_modes(modes[0], modes[-1], automatic)
@@ -121,11 +121,20 @@ class PageBefore:
     def of(cls, viewer: Viewer, cameras: Cameras) -> PageBefore:
         """Return the page as it is, and pause its run and its race."""
         viewer.run.session.pause()
-        has_race = viewer.comparison.button_label != "Start"
-        viewer.comparison.release()
+        race = viewer.tabs.comparison.worker
+        has_race = race.button_label != "Start"
+        race.release()
         values = {name: control_values(tab) for name, tab in _tabs(viewer).items()}
         view = viewer.run.session.view
-        return cls(viewer.run, view, viewer.binding.choices, values, cameras.kept_views(), viewer.comparison, has_race)
+        return cls(
+            viewer.run,
+            view,
+            viewer.binding.choices,
+            values,
+            cameras.kept_views(),
+            viewer.tabs.comparison.worker,
+            has_race,
+        )
 
     def request(self) -> OpenRequest:
         """Return the request that opens the session again, with all its states."""
@@ -139,11 +148,11 @@ class PageBefore:
         viewer.binding.choose(**vars(self.choices))
         for name, tab in _tabs(viewer).items():
             values = self.values.get(name, {})
-            if name == "scene":
-                viewer.main_panel.scene.choose(values.get("name"))
+            if name == "scene" and "name" in values:
+                viewer.tabs.scene.choose(values["name"])
             set_values(tab, values)
-        viewer.main_panel.refresh()
-        viewer.comparison.adopt(self.race)
+        viewer.tabs.refresh()
+        viewer.tabs.comparison.worker.adopt(self.race)
         cameras.request_kept(self.cameras)
 
     def close(self) -> None:
@@ -154,8 +163,7 @@ class PageBefore:
 
 def _tabs(viewer: Viewer) -> dict[str, Any]:
     """Whatever has controls in the two panels, by name."""
-    main, side = viewer.main_panel, viewer.side_panel
-    owners = {**vars(main), **vars(side), "slice": main.map.slice}
+    owners = {**vars(viewer.tabs), "slice": viewer.tabs.map.slice}
     return {name: owner for name, owner in owners.items() if any(map(_is_control, vars(owner).values()))}
 
 

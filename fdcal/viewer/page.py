@@ -19,8 +19,8 @@ from ..session.request import OpenRequest
 from ..session.worker import WakeEvent
 from .background.prepare import PreparedRun
 from .gui.binding import Binding
-from .gui.layout import Panels, SessionFolders
 from .hotkeys import add_keys
+from .panels import Panels, SessionFolders
 from .preview import show_room
 from .scene3d.nodes import SceneNodes
 from .server.process import Interrupt, release_memory
@@ -53,10 +53,10 @@ class Opening:
         if self.done:
             return
         if self._viewer is not None:
-            ended = self._began and not viewer.side_panel.sweep.playing
+            ended = self._began and not viewer.tabs.sweep.playing
             if touched(viewer) or ended or viewer is not self._viewer:
                 self.done = True
-                viewer.call(self._viewer.side_panel.sweep.end_opening)
+                viewer.call(self._viewer.tabs.sweep.end_opening)
                 self._viewer = None  # another session may take its place
             return
         if touched(viewer) or not suitable(viewer):
@@ -70,7 +70,7 @@ class Opening:
     def _begin(self, viewer: Viewer) -> None:
         """Begin, unless a user has touched something meanwhile."""
         if not touched(viewer):
-            viewer.side_panel.sweep.open()
+            viewer.tabs.sweep.open()
         self._began = True
 
 
@@ -173,7 +173,7 @@ class Page:
             self._replace_session(prepared)
         self.status_bar.show(first)
         if self.viewer is not None:
-            self.viewer.main_panel.run_bar.wait(self.switcher.progress is not None)
+            self.viewer.tabs.run_bar.wait(self.switcher.progress is not None)
             self.viewer.guarded_tick(now)
             warmup = self.viewer.run.warmup
             compiles = warmup is not None and bool(warmup.text)

@@ -1,27 +1,25 @@
-"""The panels of one session: the run bar and the tabs on the right, the tabs on the left, the legend on the canvas."""
+"""The panels: their tabs, which stay as long as the server, and what one session has in them.
+
+A tab that stays keeps its place in every browser: a user who looks at a tab while another scene is opened sees the
+same tab afterwards. `Tabs` lists the tabs of a session: a new one is a line there, its name in LEFT or RIGHT, and a
+module of `tabs`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 
-import numpy as np
 import viser
 
 from ..graphics.legend import legend_of
 from ..graphics.primitives import Picture
-from ..session.calibration_run import Assessment
-from ..session.history import SessionView
-from .background.comparison import ComparisonWorker, RunSummary
-from .background.cost_map import CostMap
-from .background.verdict import PositionUncertainty
 from .gui import html
-from .gui.binding import Binding
+from .gui.binding import Binding, Tab, Tick
 from .gui.choices import MAX_RATE
-from .gui.html import verdict_html
-from .gui.layout import SessionFolders
 from .gui.legend_html import canvas_legend
 from .scene3d.cameras import Cameras
-from .server.client_values import bounded
 from .tabs.comparison import ComparisonTab
 from .tabs.curves import CurvesTab
 from .tabs.cut import CutPanel
@@ -36,43 +34,157 @@ from .tabs.solver import SolverTab
 from .tabs.sweep import SweepTab
 from .tabs.view import ViewTab
 
+RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
+# All tabs of a panel stay in one row of its width; on a phone, whose sheet is as wide as its screen, in as few rows as
+# they need. 100 % in place of 100vw would be of what the sheet holds, and grow with every plot that fills it.
+TABS_STYLE = (
+    "<style>[role=tab] {padding: 0 4px !important}"
+    "@media (max-width: 36em) {[style*='width: 20em'] {width: 100vw !important}"
+    " [role=tablist] {height: auto !important; flex-wrap: wrap !important}"
+    " [role=tab] {height: 2.2em !important; padding: 0 5px !important}}</style>"
+)
+LEGEND_EDGE, LEGEND_WIDTH = 8.0, 600.0  # pixels: from the edges of the canvas, and of the legend where there is room
+LECTURE_WIDTH = 400.0  # pixels, of the legend in lecture mode
+RIGHT = ("Solver", "Scene", "Map", "View", "Export", "Lessons", "Help")  # without icons, which would take too much room
+LEFT = ("Curves", "Maps", "Sweep", "Modes", "Mics", "Race", "Plan")  # those of a session are made by `Tabs`
+
+
+class Panels:
+    """Owns the main panel on the right, the panel on the left, their tabs, and the panel on the canvas.
+
+    `top`: folder above everything else, for messages about the page as a whole; `run_bar`: folder between `top` and the
+    tabs; `canvas`: tab of the panel on the canvas, which has the colour bar and the legend; `numbers`: counts the
+    sessions.
+    """
+
+    def __init__(self, gui: viser.GuiApi):
+        self.gui, self.numbers = gui, itertools.count()
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(RIGHT_WIDTH)
+        self.top = gui.add_folder(None)
+        gui.add_html(TABS_STYLE)
+        self.run_bar = gui.add_folder(None)
+        gui.add_divider()
+        group, panel = gui.add_tab_group(), gui.add_panel()
+        self.tabs = {name: group.add_tab(name) for name in RIGHT} | {name: panel.add_tab(name) for name in LEFT}
+        panel.dock_left()
+        panel.set_width(LEFT_WIDTH)
+        self._left, self._legend = panel, gui.add_panel()
+        self.canvas = self._legend.add_tab("Legend")
+        self._folded: bool | None = None
+        self.fold(False)
+        self._legend.expand()  # on a phone, where sections are folded at first
+
+    def fold(self, folded: bool) -> None:
+        """Fold both panels away and put the legend beside the scene, or unfold them and put it below the scene.
+
+        Nothing moves where that is so already; a user may have moved panels since.
+        """
+        if folded == self._folded:
+            return
+        self._folded = folded
+        if folded:
+            self.gui.main_panel.minimize()
+            self._left.minimize()
+            self._legend.float(x=-LEGEND_EDGE, y=LEGEND_EDGE, width=LECTURE_WIDTH)
+            return
+        self.gui.main_panel.expand()
+        self._left.expand()
+        self._legend.float(x=LEGEND_EDGE, y=-LEGEND_EDGE, width=LEGEND_WIDTH)
+
+    def tab(self, name: str) -> viser.GuiTabHandle:
+        """Return a tab; used as a context, controls are added to it."""
+        return self.tabs[name]
+
+
+class SessionFolders:
+    """Folders in the tabs that hold the controls of one session, and are removed together.
+
+    `number`: of the session, counted from 0.
+    """
+
+    def __init__(self, panels: Panels):
+        self._panels, self.gui, self.number = panels, panels.gui, next(panels.numbers)
+        self._folders: list[viser.GuiFolderHandle] = []
+
+    def tab(self, name: str) -> AbstractContextManager[viser.GuiFolderHandle]:
+        """Return a context in which controls are added to a tab."""
+        return self._added(self._panels.tab(name))
+
+    def fold(self, folded: bool) -> None:
+        """Fold the panels away, or unfold them."""
+        self._panels.fold(folded)
+
+    def canvas(self) -> AbstractContextManager[viser.GuiFolderHandle]:
+        """Return a context in which controls are added to the panel on the canvas."""
+        return self._added(self._panels.canvas)
+
+    def run_bar(self) -> AbstractContextManager[viser.GuiFolderHandle]:
+        """Return a context in which controls are added above the tabs of the main panel."""
+        return self._added(self._panels.run_bar)
+
+    @contextmanager
+    def _added(self, place) -> Iterator[viser.GuiFolderHandle]:
+        with place:
+            folder = self.gui.add_folder(None)  # without a label it is not visible
+            self._folders.append(folder)
+            with folder:
+                yield folder
+
+    def remove(self) -> None:
+        """Remove all folders and what they hold."""
+        for folder in self._folders:
+            folder.remove()
+        self._folders = []
+
+
 STEPS = ("Step", "Sweep", "Stage", "Reset")
-MAX_INDEX = 10**9  # of a state that a browser can ask for; the session clips it to its history
 
 
 class RunBar:
-    """Owns the controls of the run bar.
+    """Owns the controls above the tabs: status, verdict, Run or Pause, single steps, the history and the speed.
 
-    `restart`: function that starts the solver again, with the settings of the tab Solver; `name`: of the bar, where
-    there is more than one.
+    `restart`: function that starts the solver again, with the settings of the tab Solver.
     """
 
-    def __init__(self, binding: Binding, restart: Callable[[], None], name: str = "bar"):
-        self._binding, self._restart, self._name, gui = binding, restart, name, binding.gui
+    def __init__(self, binding: Binding, restart: Callable[[], None]):
+        self._binding, self._restart, gui, on = binding, restart, binding.gui, binding.on
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
-        self.run = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused")
-        self.steps = gui.add_button_group(
-            "Solver", STEPS,
-            hint="Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
-            " until a mode is added or the objective changes. Reset: return to the start",
+        self.run = on(
+            gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused"),
+            lambda _: self.toggle(),
+        )
+        self.steps = on(
+            gui.add_button_group(
+                "Solver", STEPS,
+                hint="Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
+                " until a mode is added or the objective changes. Reset: return to the start",
+            ),
+            self.press,
         )  # fmt: skip
-        self.time = gui.add_slider(
-            "State", 0, 1, 1, 0, disabled=True, hint="Rewind to an earlier state; the solver continues from there"
+        self.time = on(
+            gui.add_slider(
+                "State", 0, 1, 1, 0, disabled=True, hint="Rewind to an earlier state; the solver continues from there"
+            ),
+            binding.session.seek,
         )
-        rate = binding.choices.steps_per_second(binding.run.solver.TRAITS.moves_all)
-        self.speed = gui.add_slider(
-            "Steps per second", 1, MAX_RATE, 1, rate, hint=f"Of Run; {MAX_RATE}: as fast as the machine can"
-        )
+        self.speed = on(
+            gui.add_slider(
+                "Steps per second", 1, MAX_RATE, 1, self._rate,
+                hint=f"Of Run; {MAX_RATE}: as fast as the machine can",
+            ),
+            self.limit_rate,
+        )  # fmt: skip
         self.note = gui.add_html("", visible=False)  # below, so that no button moves away from the pointer
-        binding.on(self.speed, self.limit_rate)
-        binding.on(self.time, lambda value: binding.session.seek(bounded(value, 0, MAX_INDEX, 0)))
-        binding.on(self.run, lambda _: self.toggle())
-        binding.on(self.steps, self.press)
 
-    def limit_rate(self, value) -> None:
+    @property
+    def _rate(self) -> int:
+        """Steps per second of Run."""
+        return self._binding.choices.steps_per_second(self._binding.run.solver.TRAITS.moves_all)
+
+    def limit_rate(self, rate: int) -> None:
         """Limit the solver to so many steps per second; MAX_RATE removes the limit."""
-        rate = bounded(value, 1, MAX_RATE, MAX_RATE)
-        self._binding.sent[f"{self._name}: rate"] = rate  # set by the user, who may still be dragging the slider
+        self._binding.keep(self.speed, rate)
         self._binding.choose(rate=rate)
         self.apply_rate()
 
@@ -83,71 +195,51 @@ class RunBar:
 
     def apply_rate(self) -> None:
         """Give the solver the speed of the slider."""
-        rate = self._binding.choices.steps_per_second(self._binding.run.solver.TRAITS.moves_all)
-        self._binding.session.pace(0 if rate == MAX_RATE else rate)
+        self._binding.session.pace(0 if self._rate == MAX_RATE else self._rate)
 
     def wait(self, waiting: bool) -> None:
-        """Hide status and verdict while another session is prepared, whose progress stands above."""
-        self._waiting = waiting
-        self._binding.send("status shown", not waiting, self.status, "visible")
+        """Hide the status while another session is prepared, whose progress stands above."""
+        self.status.visible = not waiting
 
     def announce(self, text: str) -> None:
-        """Show a line of HTML above the status; none for ""."""
-        self._binding.send("announcement", text, self.note, "content")
-        self._binding.send("announces", bool(text), self.note, "visible")
+        """Show a line of HTML below; none for ""."""
+        self.note.content, self.note.visible = text, bool(text)
 
     def toggle(self) -> None:
         """Run the solver, or pause it."""
         session = self._binding.session
         (session.pause if session.view.running else session.play)()
 
-    def press(self, label) -> None:
-        """Act on a button of STEPS; ignore any other label."""
+    def press(self, label: str) -> None:
+        """Act on a button of STEPS."""
         session = self._binding.session
-        if label == "Reset":
-            self._restart()
-        elif label in STEPS:
-            {"Step": session.step, "Sweep": session.sweep, "Stage": session.stage}[label]()
+        {"Step": session.step, "Sweep": session.sweep, "Stage": session.stage, "Reset": self._restart}[label]()
 
-    def show(self, view: SessionView, fault: str, note: str = "", found: Assessment | None = None, sought=None) -> None:
-        """Bring the bar up to date; called by the main loop. A finished solver offers nothing but Reset.
-
-        `view`, `fault`, `note`, `sought`: as of `show_status`; `found`: the verdict on the state, or None.
-        """
+    def show(self, tick: Tick) -> None:
+        """Bring the bar up to date; called by the main loop. A finished solver offers nothing but Reset."""
+        view, send = tick.view, self._binding.send
         done = view.state.finished and not view.running
-        self.show_status(view, fault, note, sought, found is not None and found.verdict == "good")
-        self._send("verdict", verdict_html(found), self.verdict, "content")
-        self._send("has verdict", found is not None, self.verdict, "visible")
-        self._send("last index", max(view.count - 1, 1), self.time, "max")
-        rate = self._binding.choices.steps_per_second(self._binding.run.solver.TRAITS.moves_all)
-        self._send("rate", rate, self.speed)
-        self._send("no history", view.count < 2, self.time, "disabled")
-        self._send("index", view.index, self.time)
-        self._send("run label", "Pause" if view.running else "Run", self.run, "label")
-        self._send("run disabled", bool(done), self.run, "disabled")
-        self._send("steps", ("Reset",) if done else STEPS, self.steps, "options")
-        icon = viser.Icon.PLAYER_PAUSE if view.running else viser.Icon.PLAYER_PLAY
-        self._send("run icon", icon, self.run, "icon")
+        self.show_status(tick)
+        self.verdict.content = html.verdict_html(tick.found, tick.assessing)
+        self.verdict.visible = tick.found is not None or tick.assessing
+        self.time.max, self.time.disabled = max(view.count - 1, 1), view.count < 2
+        send(self.time, view.index)
+        send(self.speed, self._rate)
+        label = "Pause" if view.running else "Run"
+        if self.run.label != label:
+            self.run.label = label
+            self.run.icon = viser.Icon.PLAYER_PAUSE if view.running else viser.Icon.PLAYER_PLAY
+        self.run.disabled, self.steps.options = bool(done), ("Reset",) if done else STEPS
 
-    def _send(self, key: str, value, handle, name: str = "value") -> None:
-        """`Binding.send` under a key of this bar."""
-        self._binding.send(f"{self._name}: {key}", value, handle, name)
-
-    def show_status(
-        self, view: SessionView, fault: str = "", note: str = "", sought=None, trusted: bool = False
-    ) -> None:
-        """Bring the status lines up to date.
-
-        `fault`: of the page; `note`: on work in the background; `sought` (K,) int64, microphones whose errors count;
-        those of the run unless given; `trusted`: whether the verdict on the state is good.
-        """
-        sought = self._binding.run.sought if sought is None else sought
-        text = html.status(view, self._binding.measurement, fault, note, sought, trusted)
-        self._send("status", text, self.status, "content")
+    def show_status(self, tick: Tick) -> None:
+        """Bring the status lines up to date."""
+        run, good = self._binding.run, tick.found is not None and tick.found.verdict == "good"
+        sought = run.sought if tick.sought is None else tick.sought
+        self.status.content = html.status(tick.view, run.measurement, tick.fault, tick.note, sought, good)
 
 
-class MainPanel:
-    """Owns the run bar and the tabs of one session.
+class Tabs:
+    """The run bar and the tabs of one session, in the order in which they are made: a later one may use an earlier one.
 
     `place`: function that moves the camera of one browser to a view; `export`: function that sends a kind of file to
     one browser.
@@ -173,112 +265,60 @@ class MainPanel:
             self.view = ViewTab(binding, place)
         with folders.tab("Export"):
             self.export = ExportTab(binding, export)
-
-    def refresh(self) -> None:
-        """Let everything follow the values of the controls, after a program has set them."""
-        for tab in (self.solver, self.scene, self.map, self.view, self.export):
-            tab.refresh()
-        self.run_bar.apply_rate()
-
-    def show(
-        self,
-        view: SessionView,
-        microphone: int,
-        drawn: CostMap | None,
-        reason: str,
-        fault: str = "",
-        note: str = "",
-        found: Assessment | None = None,
-        sought: np.ndarray | None = None,
-    ) -> None:
-        """Bring the panel up to date; called by the main loop.
-
-        `microphone`: whose map is shown, counted from 0; `drawn`: CostMap on the floor, or None; `reason`: why there is
-        no map, "" where it is only not ready; `fault`: an exception of the page, as text; `note`: on work in the
-        background; `found`: Assessment of the state, or None; `sought`: numbers of the microphones whose errors count;
-        those of the run unless given.
-        """
-        self.run_bar.show(view, fault, note, found, sought)
-        self.solver.show(view)
-        self.map.show(microphone, drawn, reason)
-
-
-class SidePanel:
-    """Owns the tabs of the panel."""
-
-    def __init__(
-        self,
-        folders: SessionFolders,
-        binding: Binding,
-        map_tab: MapTab,
-        comparison: ComparisonWorker,
-        call: Callable[[Callable[[], object]], object],
-    ):
         with folders.tab("Curves"):
             self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought)
         with folders.tab("Maps"):
             self.maps = MapsTab(binding)
         with folders.tab("Sweep"):
-            self.sweep = SweepTab(binding, map_tab, call)
+            self.sweep = SweepTab(binding, self.map)
             self.cut = CutPanel(binding)
         with folders.tab("Modes"):
-            self.modes = ModesTab(binding, map_tab)
+            self.modes = ModesTab(binding, self.map)
         with folders.tab("Mics"):
             self.microphones = MicrophonesTab(binding)
         with folders.tab("Race"):
-            self.comparison = ComparisonTab(binding, comparison)
+            self.comparison = ComparisonTab(binding)
         with folders.tab("Plan"):
             self.plan = PlanTab(binding)
 
-    def show(
-        self,
-        view: SessionView,
-        revision: int,
-        drawn: CostMap | None,
-        microphone: int,
-        uncertainty: PositionUncertainty | None,
-        runs: tuple[RunSummary, ...],
-        now: float,
-        sought: np.ndarray | None = None,
-    ) -> None:
-        """Bring the panel up to date; called by the main loop.
+    def __iter__(self) -> Iterator[Tab]:
+        return (tab for tab in vars(self).values() if isinstance(tab, Tab))
 
-        `revision`: counts the states that were shown; `drawn`: CostMap on the floor, or None; `microphone`: whose map
-        is shown, counted from 0; `uncertainty`: PositionUncertainty of the state, or None; `runs`: RunSummary of each
-        run of the comparison; `now`: time, s; `sought`: numbers of the microphones whose errors count; those of the run
-        unless given.
-        """
-        self.curves.show(view, now, sought)
-        self.maps.show(drawn, now)
-        self.sweep.show(view, revision, microphone, now)
-        self.cut.show(view, revision, microphone, drawn, now)
-        self.modes.show(view, now)
-        self.microphones.show(view, microphone, uncertainty, now, slice(None) if sought is None else sought)
-        self.comparison.show(runs, now)
-        self.plan.show()
+    def refresh(self) -> None:
+        """Let everything follow the values of the controls, after a program has set them."""
+        for tab in self:
+            tab.refresh()
+        self.run_bar.apply_rate()
+
+    def show(self, tick: Tick) -> None:
+        """Bring everything up to date; called by the main loop."""
+        self.run_bar.show(tick)
+        for tab in self:
+            tab.show(tick)
 
 
 class CanvasPanel:
-    """Owns the controls of the panel.
+    """Owns the controls on the canvas: colour bar and legend, and in lecture mode the run bar in large type.
 
-    In lecture mode the other panels are folded away, and the panel has the run bar, too.
+    In lecture mode the other panels are folded away.
 
-    `main_panel`: which restarts the solver and ends lecture mode; `picture`: on the screen.
+    `tabs`: which restart the solver and end lecture mode; `picture`: on the screen.
     """
 
-    def __init__(self, folders: SessionFolders, binding: Binding, main_panel: MainPanel, picture: Picture):
+    def __init__(self, folders: SessionFolders, binding: Binding, tabs: Tabs, picture: Picture):
         self._binding, self._folders, gui = binding, folders, binding.gui
         with folders.canvas():
             self._folder = gui.add_folder(None, visible=binding.choices.lecture)
             with self._folder:
-                self.run_bar = RunBar(binding, main_panel.solver.restart, "canvas")
-                self.leave = gui.add_button(
-                    "Show panels", icon=viser.Icon.LAYOUT_SIDEBAR_RIGHT_EXPAND, hint="End lecture mode; key H"
+                self.run_bar = RunBar(binding, tabs.solver.restart)
+                icon = viser.Icon.LAYOUT_SIDEBAR_RIGHT_EXPAND
+                self.leave = binding.on(
+                    gui.add_button("Show panels", icon=icon, hint="End lecture mode; key H"),
+                    lambda _: tabs.view.lecture_mode(False),
                 )
             self.text = gui.add_html("")
         self._shown: tuple = ()
         self.show_picture(picture)
-        binding.on(self.leave, lambda _: main_panel.view.lecture_mode(False))
 
     def fold(self, cameras: Cameras) -> None:
         """Fold the other panels away where lecture mode has begun, and unfold them where it has ended."""
@@ -291,9 +331,8 @@ class CanvasPanel:
         if content != self._shown:
             self._shown, self.text.content = content, canvas_legend(*content)
 
-    def show(self, view: SessionView, fault: str, note: str, found: Assessment | None, sought) -> None:
-        """Bring the run bar up to date; called by the main loop. Parameters as of `RunBar.show`."""
-        lecture = self._binding.choices.lecture
-        self._binding.send("lecture", lecture, self._folder, "visible")
-        if lecture:
-            self.run_bar.show(view, fault, note, found, sought)
+    def show(self, tick: Tick) -> None:
+        """Bring the run bar up to date; called by the main loop."""
+        self._folder.visible = self._binding.choices.lecture
+        if self._folder.visible:
+            self.run_bar.show(tick)

@@ -18,7 +18,7 @@ from ..session.request import OpenRequest
 from ..session.worker import LatestWorker
 from .background.prepare import Cancelled, PreparationProgress, PreparedRun, prepare_run
 from .gui import html
-from .gui.layout import Panels
+from .panels import Panels
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -34,15 +33,14 @@ from ..model.texts import length_text
 from ..session.calibration_run import Assessment
 from ..session.history import SessionView
 from ..session.request import OpenRequest
-from .background.comparison import ComparisonWorker, RunSummary
+from .background.comparison import RunSummary
 from .background.cost_map import CostMap, CostMapRequest, MapStyle, map_modes
 from .background.cost_maps import CostMapWorker
 from .background.prepare import PreparedRun
 from .background.verdict import PositionUncertainty, VerdictWorker, uncertainty_of
-from .gui.binding import Binding
+from .gui.binding import Binding, Tick
 from .gui.choices import Choices
-from .gui.layout import SessionFolders
-from .panels import CanvasPanel, MainPanel, SidePanel
+from .panels import CanvasPanel, SessionFolders, Tabs
 from .scene3d.nodes import SceneNodes
 from .scene3d.picking import LineHandles, MicrophonePicker
 from .tabs.export import Exports, ViewSnapshot
@@ -72,9 +70,9 @@ class SessionPicture:
         choices: Choices,
         microphone: int,
         floor: Floor | None = None,
+        volume: Volume | None = None,
         uncertainty: PositionUncertainty | None = None,
         runs: tuple[RunSummary, ...] = (),
-        volume: Volume | None = None,
         planned: PlannedArray | None = None,
     ) -> Picture:
         """Return the picture of the state that is shown.
@@ -188,28 +186,35 @@ class Viewer:
         wake: Callable[[], None] = lambda: None,
     ):
         self.run, self.nodes, self._folders = run, nodes, folders
+        self.call = server.get_event_loop().call_soon_threadsafe
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
-        self.binding = Binding(folders.gui, run, modes, open_other, before, wake)
+        self.binding = Binding(folders.gui, run, modes, open_other, before, wake, self.call)
         self._fault, self._fault_time = "", 0.0
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
         self._key: tuple = ()  # of what is drawn
-        self._picture = SessionPicture(run)
-        picture = self._picture.draw(run.session.view, self.binding.choices, self._selected)
-        self.snapshot = ViewSnapshot(run, picture, run.session.view, self.binding.choices, self._selected, None)
-        self.main_panel = MainPanel(folders, self.binding, nodes.cameras.request, self.export)
-        self.comparison = ComparisonWorker(run)
-        self.call = server.get_event_loop().call_soon_threadsafe
-        self.side_panel = SidePanel(folders, self.binding, self.main_panel.map, self.comparison, self.call)
-        self.canvas = CanvasPanel(folders, self.binding, self.main_panel, picture)
-        self.maps = CostMapWorker(run, wake)  # threads last: what is above may raise
-        self._verdict, self.exports = VerdictWorker(run, wake), Exports()
         self._assessed: tuple[Assessment | None, PositionUncertainty | None] = None, None  # of the last verdict
-        self.main_panel.run_bar.apply_rate()
+        try:
+            self._build(server)
+        except BaseException:
+            self.binding.threads.close(0.0)
+            raise
+
+    def _build(self, server: viser.ViserServer) -> None:
+        run, binding, folders, nodes = self.run, self.binding, self._folders, self.nodes
+        self._picture = SessionPicture(run)
+        picture = self._picture.draw(run.session.view, binding.choices, self._selected)
+        self.snapshot = ViewSnapshot(run, picture, run.session.view, binding.choices, self._selected, None)
+        self.tabs = Tabs(folders, binding, nodes.cameras.request, self.export)
+        self.canvas = CanvasPanel(folders, binding, self.tabs, picture)
+        self.maps, self._verdict = CostMapWorker(run, binding.threads), VerdictWorker(run, binding.threads)
+        self.exports = Exports(binding.threads)
+        self.tabs.run_bar.apply_rate()
         nodes.show(picture)
         name = f"/picking/{folders.number}"
-        self._picker = MicrophonePicker(server, self.binding, picture, self.main_panel.map.pick, name)
-        self._line_handles = LineHandles(server, self.binding, picture, f"/cut_handles/{folders.number}")
+        self._picker = MicrophonePicker(server, binding, picture, self.tabs.map.pick, name)
+        self._line_handles = LineHandles(server, binding, picture, f"/cut_handles/{folders.number}")
+        binding.threads.own(run.session)
 
     @property
     def picture(self) -> Picture:
@@ -237,23 +242,9 @@ class Viewer:
 
     def close(self, timeout: float = 1.0) -> None:
         """End all threads after the work in progress; wait `timeout` at most, s."""
-        owners = (
-            self.maps,
-            self._verdict,
-            self.comparison,
-            self.side_panel.maps.worker,
-            self.side_panel.sweep.worker,
-            self.side_panel.cut.worker,
-            self.side_panel.plan.worker,
-            self.run.session,
-        )
-        end = time.perf_counter() + timeout
         if self.run.warmup is not None:
             self.run.warmup.close(0.0)  # the switcher waits for a compilation
-        for owner in (*owners, self.exports):  # all are asked to stop before any is waited for
-            owner.close(0.0)
-        for owner in owners:
-            owner.close(max((end - time.perf_counter()) / 2, 0.0))  # some own two threads
+        self.binding.threads.close(timeout)
 
     def guarded_tick(self, now: float) -> None:
         """`tick`; an exception is logged once and shown in the status lines, and the page continues."""
@@ -265,44 +256,50 @@ class Viewer:
                 log.exception("the page could not be updated")
             self._fault, self._fault_time = text, now
             with contextlib.suppress(Exception):
-                self.main_panel.run_bar.show_status(self.run.session.view, text)
+                self.tabs.run_bar.show_status(Tick(self.run.session.view, fault=text))
         else:
             if now - self._fault_time > FAULT_TIME:
                 self._fault = ""
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date at the time `now`, s."""
-        view, choices = self.run.session.view, self.binding.choices
+        view, choices, tabs = self.run.session.view, self.binding.choices, self.tabs
         self.canvas.fold(self.nodes.cameras)
         if view.state is not self._state:
             self._revision, self._state = self._revision + 1, view.state
         drawn, reason = self._select_map(view, choices, now)
-        floor, volume = self._picture.faded_parts(drawn, choices.style)
         found = self._verdict.of(view.state, view.running, now)
         if found is not self._assessed[0]:
             self._assessed = found, uncertainty_of(found)
-        uncertainty = self._assessed[1]
-        runs = self.comparison.update(now)
-        marked = self.side_panel.comparison.marked(runs)
-        planned = self.side_panel.plan.planned
-        drawn_ids = (id(part) for part in (floor, volume, uncertainty, marked, planned))
-        key = self._revision, choices, self._selected, *drawn_ids
-        sought = self._verdict.sought(view, found)
-        if key != self._key:
-            picture = self._picture.draw(view, choices, self._selected, floor, uncertainty, marked, volume, planned)
-            sigma = None if uncertainty is None else uncertainty.sigma
-            self.snapshot = ViewSnapshot(self.run, picture, view, choices, self._selected, sigma, volume, sought)
-            self.nodes.show(picture)
-            self.canvas.show_picture(picture)
-            self._picker.show(self._picture.places, picture.floor)
-            self._line_handles.show(choices.cut, floor)
-            self._key = key
-        note = self.run.warmup.text if self.run.warmup else ""
-        self.main_panel.run_bar.announce(self.side_panel.sweep.note)
-        self.main_panel.show(view, self._selected, drawn, reason, self._fault, note, found, sought)
-        self.main_panel.view.show(view, self.picture)
-        self.canvas.show(view, self._fault, note, found, sought)
-        self.side_panel.show(view, self._revision, drawn, self._selected, uncertainty, runs, now, sought)
+        tick = Tick(
+            view, now, self._revision, self._selected, drawn, reason, fault=self._fault,
+            note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._assessed[1],
+            assessing=self._verdict.pending(view),
+            runs=tabs.comparison.worker.update(now), sought=self._verdict.sought(view, found),
+        )  # fmt: skip
+        self._draw(tick, choices)
+        tick = replace(tick, picture=self.picture)
+        tabs.run_bar.announce(tabs.sweep.note)
+        tabs.show(tick)
+        self.canvas.show(tick)
+
+    def _draw(self, tick: Tick, choices: Choices) -> None:
+        """Draw the picture again where anything of it has changed."""
+        floor, volume = self._picture.faded_parts(tick.drawn, choices.style)
+        marked, planned = self.tabs.comparison.marked(tick.runs), self.tabs.plan.planned
+        parts = floor, volume, tick.uncertainty, marked, planned
+        key = tick.revision, choices, tick.microphone, *map(id, parts)
+        if key == self._key:
+            return
+        picture = self._picture.draw(tick.view, choices, tick.microphone, *parts)
+        sigma = None if tick.uncertainty is None else tick.uncertainty.sigma
+        sought = np.asarray(tick.sought)
+        self.snapshot = ViewSnapshot(self.run, picture, tick.view, choices, tick.microphone, sigma, volume, sought)
+        self.nodes.show(picture)
+        self.canvas.show_picture(picture)
+        self._picker.show(self._picture.places, picture.floor)
+        self._line_handles.show(choices.cut, floor)
+        self._key = key
 
     def _select_map(self, view: SessionView, choices: Choices, now: float) -> tuple[CostMap | None, str]:
         """Select the microphone of the map; return the map, or None and the reason why there is none.
@@ -339,7 +336,7 @@ class Viewer:
             take=choices.take,
         )
         drawn, reason = self.maps.newest(wanted, view.running, now)
-        return self.side_panel.sweep.map_for(wanted, drawn, reason)
+        return self.tabs.sweep.map_for(wanted, drawn, reason)
 
     def export(self, client: viser.ClientHandle, kind: str) -> None:
         """Send a file of what is on the screen to one browser; on viser's event loop."""

@@ -12,10 +12,10 @@ from fdcal.model.scene_file import load_scene
 from fdcal.session.request import OpenRequest
 from fdcal.viewer import session_view
 from fdcal.viewer.background import cost_maps, prepare
+from fdcal.viewer.background.threads import Threads
 from fdcal.viewer.gui.binding import Binding
-from fdcal.viewer.gui.layout import Panels, SessionFolders
 from fdcal.viewer.page import Page
-from fdcal.viewer.panels import MainPanel
+from fdcal.viewer.panels import Panels, SessionFolders, Tabs
 from fdcal.viewer.scene3d.nodes import SceneNodes
 from fdcal.viewer.server import hardening
 
@@ -46,6 +46,14 @@ def measurement(scene):
     )
 
 
+@pytest.fixture(scope="module")
+def threads():
+    """Threads as a session has them, which end after the tests of a module."""
+    made = Threads()
+    yield made
+    made.close(WAIT)
+
+
 @pytest.fixture
 def work(scene, measurement):
     """What a page shows, its session one that notes its commands."""
@@ -59,7 +67,8 @@ def controls(server, work):
     folders, opened = SessionFolders(Panels(server.gui)), []
     work.session.opened = opened
     binding = Binding(server.gui, work, 6, opened.append)
-    yield MainPanel(folders, binding, lambda *_: None, lambda *_: None), work.session
+    yield Tabs(folders, binding, lambda *_: None, lambda *_: None), work.session
+    binding.threads.close(0.0)
     server.gui.reset()
 
 

@@ -10,6 +10,7 @@ from browsing import WAIT
 
 from fdcal import solvers
 from fdcal.session.history import History, SessionView
+from fdcal.viewer.server.client_values import fits, is_plain
 
 INVALID_VALUES = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2], {"a": 1}, 10**400, b"\x00"]
 
@@ -58,8 +59,10 @@ def view_of(states, **changes) -> SessionView:
 
 
 def set_by_client(handle, value, client=True):
-    """What viser does when a page has set a control to `value`."""
-    handle._impl.value = value
+    """What the server does when a page has set a control to `value`; one that it cannot have is dropped."""
+    if not (is_plain({"value": value}) and fits(handle, value)):
+        return
+    handle._impl.value = value = type(handle.value)(value)
     event = SimpleNamespace(client=object() if client else None, target=SimpleNamespace(value=value))
     for callback in handle._impl.update_cb:
         finish(callback(event))

@@ -26,7 +26,7 @@ def opened(page_of, scene):
     page, turn_until = page_of
     page.open(OpenRequest(scene))
     turn_until(lambda: page.viewer is not None)
-    tab = page.viewer.main_panel.map
+    tab = page.viewer.tabs.map
     set_by_client(tab.quantity, EQ7)
     set_by_client(tab.kind, BASINS)
     return page.viewer, turn_until
@@ -38,12 +38,10 @@ def shown(viewer, turn_until, n, modes):
     def ready():
         drawn = viewer.snapshot.picture.floor
         alike = viewer.snapshot.microphone == n and map_request(viewer.snapshot).modes == modes
-        return alike and drawn is not None and drawn.areas and f"microphone {n}," in tab.caption.content and fine(drawn)
+        there = alike and drawn is not None and drawn.areas and f"microphone {n}," in tab.caption.content
+        return there and drawn.minima == fine
 
-    def fine(drawn):
-        return drawn.minima == expected(viewer, n, modes)[1]
-
-    tab = viewer.main_panel.map
+    tab, fine = viewer.tabs.map, expected(viewer, n, modes)[1]
     turn_until(ready)
     return viewer.snapshot.picture.floor
 
@@ -62,7 +60,7 @@ def expected(viewer, n, modes):
 @pytest.mark.parametrize("n, modes", [(9, (20,)), (9, (3, 4)), (12, (20,))])
 def test_the_basins_are_those_of_the_microphone_and_the_modes(opened, n, modes):
     viewer, turn_until = opened
-    tab = viewer.main_panel.map
+    tab = viewer.tabs.map
     tab.choose_microphone(n)
     tab.choose_modes(modes)
     floor = shown(viewer, turn_until, n, modes)
@@ -78,7 +76,7 @@ def test_the_basins_are_those_of_the_microphone_and_the_modes(opened, n, modes):
 
 def test_the_controls_of_a_scale_are_hidden_and_the_map_comes_back(opened):
     viewer, turn_until = opened
-    tab = viewer.main_panel.map
+    tab = viewer.tabs.map
     assert not tab.scale.visible and tab.order.visible and tab.minima.visible
     set_by_client(tab.kind, FLOOR)
     turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and floor.bar is not None)
@@ -87,7 +85,7 @@ def test_the_controls_of_a_scale_are_hidden_and_the_map_comes_back(opened):
 
 def test_a_sweep_shows_the_basins_of_each_sum(opened):
     viewer, turn_until = opened
-    sweep, tab = viewer.side_panel.sweep, viewer.main_panel.map
+    sweep, tab = viewer.tabs.sweep, viewer.tabs.map
     set_by_client(sweep.highest, 5)
     set_by_client(sweep.summed, 3)
     turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) == 5)
@@ -101,7 +99,7 @@ def test_a_sweep_shows_the_basins_of_each_sum(opened):
 
 def test_files_show_the_basins_of_the_page(opened, monkeypatch):
     viewer, turn_until = opened
-    viewer.main_panel.map.choose_modes((7, 20))
+    viewer.tabs.map.choose_modes((7, 20))
     turn_until(lambda: viewer.snapshot.picture.areas)
     snapshot = dataclasses.replace(viewer.snapshot, choices=viewer.binding.choices)
     figures = []

@@ -13,6 +13,7 @@ from browsing import (
     COARSE,
     EXACT,
     WAIT,
+    begin_anew,
     choose,
     hover,
     middle,
@@ -37,6 +38,7 @@ from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.session import session_file
+from fdcal.viewer.background import verdict
 from fdcal.viewer.tabs import export as exports
 
 
@@ -49,24 +51,31 @@ def slow(tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def query():
-    return COARSE
-
-
-@pytest.fixture
-def open_page(slow, kernels, browser, query):
-    """Function that opens one more page of a server of this test's own, and waits for its picture."""
-    opened = []
+@pytest.fixture(scope="module")
+def here(slow, kernels):
+    """Where a thread of this process serves the scene."""
     with serving_here(load_scene(slow)) as url:
-        yield lambda: opened.append(opened_page(browser, url, query)) or opened[-1]
-        for page in opened:
-            page.close()
+        yield url
+
+
+@pytest.fixture(scope="module", params=[COARSE])
+def opened(here, browser, request):
+    """A page for all tests that need one as fine as theirs."""
+    page = opened_page(browser, here, request.param)
+    yield page
+    page.close()
 
 
 @pytest.fixture
-def page(open_page):
-    return open_page()
+def page(opened):
+    """The page with the solver at its start, and the map of the modes in use."""
+    begin_anew(opened)
+    opened.evaluate("document.activeElement.blur()")
+    opened.keyboard.press("u")
+    return opened
+
+
+EXACTLY = pytest.mark.parametrize("opened", [EXACT], indirect=True)  # it matters which pixel shows what
 
 
 def test_step_advances_the_state(page):
@@ -77,12 +86,13 @@ def test_step_advances_the_state(page):
     page.get_by_text("step 13, sweep 1").wait_for()  # 16 microphones, 3 of them known
 
 
-def test_a_second_page_shows_the_same_session(page, open_page):
+def test_a_second_page_shows_the_same_session(page, here, browser):
     press(page, "Sweep")
-    second = open_page()
+    second = opened_page(browser, here)
     second.get_by_text("step 13, sweep 1").wait_for()
     press(second, "Step")
     page.get_by_text("step 14, sweep 1").wait_for()
+    second.close()
 
 
 def test_run_becomes_pause(page):
@@ -118,6 +128,19 @@ def test_run_becomes_pause(page):
     page.get_by_text("step 0, sweep 0").wait_for()
 
 
+def test_a_button_that_is_pressed_as_the_verdict_comes_stays_below_the_pointer(page, monkeypatch):
+    monkeypatch.setattr(verdict, "IDLE_TIME", 1.5)  # s, in which the mouse is pressed
+    press(page, "Run")
+    page.get_by_text("Assessing the result").wait_for()
+    button = page.get_by_role("button", name="Reset", exact=True)
+    page.get_by_role("button", name="Step", exact=True).wait_for(state="detached")
+    button.hover()
+    page.mouse.down()
+    page.locator(".fdcal-verdict").wait_for()
+    page.mouse.up()
+    page.get_by_text("step 0, sweep 0").wait_for()
+
+
 def test_the_solver_continues_from_a_rewound_state(page):
     press(page, "Sweep")
     page.get_by_text("step 13, sweep 1").wait_for()
@@ -143,14 +166,14 @@ def pick_known(page, scene):
     pick(page, scene, cached_measurement(scene).positions[5], "microphone 5, ")
 
 
-@pytest.mark.parametrize("query", [EXACT])
+@EXACTLY
 def test_a_microphone_is_picked_by_a_click(page, scene):
     tab(page, "Map")
     pick_known(page, scene)
     assert not page.get_by_label("Follow solver").is_checked()
 
 
-@pytest.mark.parametrize("query", [EXACT])
+@EXACTLY
 def test_the_diamond_marks_the_lowest_cost(page, scene):
     tab(page, "Map")
     pick_known(page, scene)
@@ -166,7 +189,7 @@ def test_the_diamond_marks_the_lowest_cost(page, scene):
     stands(page, "/lowest", lowest.tolist(), 1e-4)
 
 
-@pytest.mark.parametrize("query", [EXACT])
+@EXACTLY
 def test_dragging_a_microphone_keeps_the_map_of_the_selected_one(page, scene):
     truth = cached_measurement(scene).positions
     target = truth[7] + [0.1, -0.06]  # a known microphone stands at its true place; it moves once it is released
@@ -224,6 +247,7 @@ def saved(page, label):
     return download.value.suggested_filename, Path(download.value.path()).read_bytes()
 
 
+@pytest.mark.slow
 def test_every_file_is_saved_and_can_be_read(page, tmp_path, require_gl):
     import pyvista
 

@@ -3,41 +3,46 @@
 import re
 
 import pytest
-from browsing import EXACT, WAIT, choose, on_screen, press, serving_here, tab
+from browsing import EXACT, WAIT, begin_anew, choose, on_screen, opened_page, press, run_to_the_end, serving_here, tab
 
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer.gui.choices import MAP_KINDS, NOTHING, VOLUME
-from fdcal.viewer.gui.layout import LEFT, LEFT_WIDTH, RIGHT
+from fdcal.viewer.panels import LEFT, LEFT_WIDTH, RIGHT
 
 DESKTOPS = ((1280, 720), (1440, 900))
 PHONE = (390, 844)
 
 
-@pytest.fixture
+ON_A_DESKTOP = pytest.mark.parametrize("page", DESKTOPS[:1], indirect=True)
+ON_EACH_DESKTOP = pytest.mark.parametrize("page", DESKTOPS, indirect=True)
+ON_A_PHONE = pytest.mark.parametrize("page", [PHONE], indirect=True)
+
+
+@pytest.fixture(scope="module")
 def address(kernels):
-    """Where the page of `tiny` is served, by a server of this test's own."""
+    """Where the page of `tiny` is served; each test leaves it as it was."""
     with serving_here(load_scene("tiny")) as url:
         yield url
 
 
-@pytest.fixture
-def open_page(address, browser):
-    """Function of a size that opens a page and waits for its picture and its legend."""
-    opened = []
+@pytest.fixture(scope="module")
+def page(address, browser, request):
+    """A page of a size, with its picture and its legend; one at a time."""
+    page = opened_page(browser, address, EXACT, *request.param)
+    page.size = request.param
+    legend_of(page).get_by_text("dB").wait_for()
+    yield page
+    page.close()
 
-    def open_one(size):
-        page = browser.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
-        opened.append(page)
-        page.set_default_timeout(WAIT * 1e3)
-        page.goto(f"{address}/{EXACT}")
-        drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
-        page.wait_for_function(drawn, arg="/microphones/estimate", timeout=WAIT * 1e3)
-        legend_of(page).get_by_text("dB").wait_for()
-        return page
 
-    yield open_one
-    for page in opened:
-        page.close()
+@pytest.fixture(autouse=True)
+def at_the_start(request):
+    """The solver stands at its start again after a test that has a page."""
+    yield
+    if "page" in request.fixturenames:
+        page = request.getfixturevalue("page")
+        if not page.get_by_text("step 0, sweep 0").first.is_visible():
+            begin_anew(page)
 
 
 def legend_of(page):
@@ -48,20 +53,20 @@ def entries(page):
     return [text.strip() for text in legend_of(page).locator("span").all_inner_texts()]
 
 
-@pytest.mark.parametrize("size", DESKTOPS)
-def test_the_legend_stands_on_the_canvas_below_the_map(open_page, size):
-    page, scene = open_page(size), load_scene("tiny")
+@ON_EACH_DESKTOP
+def test_the_legend_stands_on_the_canvas_below_the_map(page):
+    scene = load_scene("tiny")
     page.locator("canvas").first.wait_for()
     canvas = page.locator("canvas").first.bounding_box()
     x, y = scene.search.origin[:2]
     (_, bottom), _ = on_screen(page, scene, [(x, y, 0.0), (x + 0.1, y, 0.0)])
     box = legend_of(page).bounding_box()
     assert canvas["x"] <= box["x"] and box["x"] + box["width"] <= canvas["x"] + canvas["width"]
-    assert bottom + 30 < box["y"] and box["y"] + box["height"] <= size[1], "below the numbers of the ruler"
+    assert bottom + 30 < box["y"] and box["y"] + box["height"] <= page.size[1], "below the numbers of the ruler"
 
 
-def test_the_legend_follows_what_is_drawn(open_page):
-    page = open_page(DESKTOPS[0])
+@ON_A_DESKTOP
+def test_the_legend_follows_what_is_drawn(page):
     assert {"true", "estimate", "known"} < set(entries(page)) and "trail" not in entries(page)
     press(page, "Step")
     page.get_by_text("step 1, sweep").wait_for()
@@ -78,29 +83,33 @@ def test_the_legend_follows_what_is_drawn(open_page):
     legend_of(page).get_by_text("dB").wait_for()
 
 
+@ON_A_PHONE
 @pytest.mark.parametrize("folded", [False, True], ids=["open", "folded"])
-def test_on_a_phone_the_legend_stands_above_the_scene(open_page, folded):
-    page = open_page(PHONE)
+def test_on_a_phone_the_legend_stands_above_the_scene(page, folded):
+    bar, run = page.get_by_text(re.compile("fdcal · tiny")), page.get_by_role("button", name="Run", exact=True)
     if folded:
-        page.get_by_text(re.compile("fdcal · tiny")).click()
-        page.get_by_role("button", name="Run", exact=True).wait_for(state="hidden")
+        bar.click()
+        run.wait_for(state="hidden")
     legend_of(page).get_by_text("estimate").wait_for()
     box = legend_of(page).bounding_box()
     assert box["x"] >= 0 and box["y"] >= 0 and box["width"] <= PHONE[0] and box["height"] < 0.2 * PHONE[1]
+    if folded:
+        bar.click()
+        run.wait_for()
 
 
-def test_on_a_phone_the_sheet_stays_as_wide_as_the_screen(open_page):
-    page = open_page(PHONE)
+@ON_A_PHONE
+def test_on_a_phone_the_sheet_stays_as_wide_as_the_screen(page):
     page.get_by_text("Cost (Eq. 7", exact=False).last.wait_for()  # a plot, which fills the width
     press(page, "Step")
     page.get_by_text("step 1, sweep 1").wait_for()
-    page.wait_for_timeout(1500)
+    page.wait_for_timeout(300)  # a sheet that grows does so within a few frames
     widths = "areas => areas.map(area => area.scrollWidth)"
     assert max(page.locator(".mantine-ScrollArea-viewport").evaluate_all(widths)) == PHONE[0]
 
 
-def test_on_a_phone_every_tab_can_be_opened(open_page):
-    page = open_page(PHONE)
+@ON_A_PHONE
+def test_on_a_phone_every_tab_can_be_opened(page):
     for name in (*RIGHT, *LEFT):
         there = page.get_by_role("tab", name=name, exact=True)
         there.click()
@@ -110,15 +119,14 @@ def test_on_a_phone_every_tab_can_be_opened(open_page):
     assert box["width"] > 0.9 * PHONE[0], "the sheet uses the whole width"
 
 
-@pytest.mark.parametrize("size", DESKTOPS)
-def test_the_tabs_of_a_panel_stand_in_one_row(open_page, size):
-    page = open_page(size)
+@ON_EACH_DESKTOP
+def test_the_tabs_of_a_panel_stand_in_one_row(page):
     for names in (RIGHT, LEFT):
         boxes = [page.get_by_role("tab", name=name, exact=True).bounding_box() for name in names]
         assert len({box["y"] for box in boxes}) == 1
         ends = [box["x"] + box["width"] for box in boxes]
         assert all(end <= box["x"] + 0.5 for end, box in zip(ends, boxes[1:], strict=False))
-        assert ends[-1] <= size[0] if names is RIGHT else ends[-1] <= LEFT_WIDTH
+        assert ends[-1] <= page.size[0] if names is RIGHT else ends[-1] <= LEFT_WIDTH
 
 
 def canvas_width(page):
@@ -138,18 +146,17 @@ def letters(page):
     return legend_of(page).get_by_text("estimate").bounding_box()["height"]
 
 
-@pytest.mark.parametrize("size", DESKTOPS)
-def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(open_page, size):
-    page = open_page(size)
+@ON_EACH_DESKTOP
+def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(page):
     width, small = canvas_width(page), letters(page)
     tab(page, "View")
     page.get_by_role("checkbox", name="Lecture mode").click()
-    wait_for_width(page, lambda now: now > size[0] - 120)
+    wait_for_width(page, lambda now: now > page.size[0] - 120)
     page.get_by_role("button", name="Show panels").wait_for()
     assert letters(page) > 1.25 * small
     page.wait_for_timeout(500)
     box = legend_of(page).bounding_box()
-    assert box["x"] > 0.6 * size[0] and box["y"] + box["height"] <= size[1], "beside the scene, and whole"
+    assert box["x"] > 0.6 * page.size[0] and box["y"] + box["height"] <= page.size[1], "beside the scene, and whole"
     press(page, "Step")
     page.get_by_text("step 1, sweep 1").wait_for()
     page.get_by_role("button", name="Show panels").click()
@@ -159,8 +166,8 @@ def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(open_page,
     assert not page.get_by_role("checkbox", name="Lecture mode").is_checked()
 
 
-def test_a_key_begins_and_ends_lecture_mode(open_page):
-    page = open_page(DESKTOPS[0])
+@ON_A_DESKTOP
+def test_a_key_begins_and_ends_lecture_mode(page):
     width = canvas_width(page)
     page.keyboard.press("h")
     wait_for_width(page, lambda now: now > width + 300)
@@ -168,9 +175,9 @@ def test_a_key_begins_and_ends_lecture_mode(open_page):
     wait_for_width(page, lambda now: abs(now - width) < 2)
 
 
-def test_the_legend_says_how_large_the_ellipses_are_drawn(open_page):
-    page = open_page(DESKTOPS[0])
-    press(page, "Run")
+@ON_A_DESKTOP
+def test_the_legend_says_how_large_the_ellipses_are_drawn(page):
+    run_to_the_end(page)
     page.get_by_text(re.compile(r"one sigma [\d.]+ mm")).first.wait_for()
     verdict = page.get_by_text(re.compile(r"one sigma [\d.]+ mm")).first.inner_text()
     tab(page, "View")
@@ -185,8 +192,8 @@ def test_the_legend_says_how_large_the_ellipses_are_drawn(open_page):
     legend_of(page).get_by_text("error ellipse").wait_for(state="detached")
 
 
-def test_the_race_is_visible_whole(open_page):
-    page = open_page(DESKTOPS[0])
+@ON_A_DESKTOP
+def test_the_race_is_visible_whole(page):
     tab(page, "Race")
     press(page, "Start")
     page.get_by_text("Cost (Eq. 7", exact=False).last.wait_for()

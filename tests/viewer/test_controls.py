@@ -5,9 +5,8 @@ import dataclasses
 from doubles import INVALID_VALUES, State, set_by_client, view_of
 
 from fdcal.graphics.picture import static_picture
-from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.choices import NOTHING
-from fdcal.viewer.tabs import export as exports
 from fdcal.viewer.tabs import map, modes
 
 
@@ -19,14 +18,14 @@ def test_controls_without_effect_are_hidden(controls):
     set_by_client(map_.kind, NOTHING)
     assert not any(handle.visible for handle in (map_.which, map_.upto, map_.text, map_.scale, map_.opacity))
     picture = static_picture(None, panel.binding.measurement)
-    panel.view.show(session.view, picture)
+    panel.view.show(Tick(session.view, picture=picture))
     assert not panel.view.ellipses_text.visible and not panel.view.scale.visible
     set_by_client(panel.view.ellipses, True)
-    panel.view.show(session.view, picture)
+    panel.view.show(Tick(session.view, picture=picture))
     assert panel.view.ellipses_text.visible and "appear when" in panel.view.ellipses_text.content, "they come later"
     assert panel.view.scale.visible
     session.view = dataclasses.replace(session.view, state=dataclasses.replace(session.view.state, finished=True))
-    panel.view.show(session.view, picture)
+    panel.view.show(Tick(session.view, picture=picture))
     assert not panel.view.ellipses_text.visible
 
 
@@ -46,7 +45,7 @@ def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, w
     unbounded = dataclasses.replace(work, problem=dataclasses.replace(work.problem, search=None))
     map_ = map.MapTab(Binding(server.gui, unbounded, 6))
     assert not any(handle.visible for handle in (map_.kind, map_.which, map_.upto, map_.scale, map_.opacity))
-    map_.show(3, None, "")
+    map_.show(Tick(work.session.view, microphone=3))
     assert "search domain" in map_.caption.content
     server.gui.reset()
 
@@ -62,7 +61,7 @@ def test_the_mode_sliders_never_cross(controls):
 def test_values_set_by_the_program_are_not_commands(controls):
     panel, session = controls
     set_by_client(panel.solver.last, 5, client=False)
-    panel.show(view_of([State(session.view.state.positions, last=6)]), 4, None, "")
+    panel.show(Tick(view_of([State(session.view.state.positions, last=6)]), microphone=4))
     assert panel.solver.last.value == 6 and panel.map.microphone.value == 4
     assert session.commands == [] and panel.binding.choices.microphone == 3
 
@@ -71,7 +70,7 @@ def test_one_button_runs_and_pauses(controls):
     panel, session = controls
     set_by_client(panel.run_bar.run, True)
     session.view = dataclasses.replace(session.view, running=True)
-    panel.show(session.view, 3, None, "")
+    panel.show(Tick(session.view, microphone=3))
     assert panel.run_bar.run.label == "Pause"
     set_by_client(panel.run_bar.run, True)
     assert session.commands == [("play",), ("pause",)]
@@ -86,12 +85,12 @@ def test_choosing_a_microphone_stops_following_the_solver(controls):
 
 def test_callbacks_do_not_change_what_the_main_loop_has_sent(controls):
     panel, session = controls
-    panel.show(session.view, 3, None, "")
+    panel.show(Tick(session.view, microphone=3))
     before = dict(panel.binding.sent)
     set_by_client(panel.map.microphone, 7)
     set_by_client(panel.map.follow, True)
     assert panel.binding.sent == before and panel.binding.choices.microphone == 7
-    panel.show(session.view, 5, None, "")
+    panel.show(Tick(session.view, microphone=5))
     assert panel.map.microphone.value == 5
 
 
@@ -104,8 +103,8 @@ def test_only_a_picture_has_a_size_and_a_view(controls):
     )
     assert not panel.export.size.visible and not panel.export.view.visible
     for value in INVALID_VALUES:
-        panel.export.choose(value)
-        assert panel.binding.choices.export_kind == exports.PICTURE
+        set_by_client(panel.export.kind, value)
+        assert panel.binding.choices.export_kind == "Replay (HTML)"
 
 
 def test_the_last_mode_of_the_map_cannot_be_removed(controls):

@@ -110,9 +110,9 @@ def opened(page_of, scene):
 
 def test_the_plot_of_a_cut_through_the_estimate_has_the_cost_of_the_status_line(opened):
     viewer, turn_until = opened
-    cut, binding = viewer.side_panel.cut, viewer.binding
+    cut, binding = viewer.tabs.cut, viewer.binding
     reference_cost = ReferenceCost(viewer.run.problem)
-    viewer.main_panel.map.choose_modes(range(1, reference_cost.count + 1))
+    viewer.tabs.map.choose_modes(range(1, reference_cost.count + 1))
     set_by_client(cut.lines, "x")
     turn_until(lambda: cut._shown is not None and cut._shown.request.modes == binding.choices.modes)
     columns, made = cut._plot.data, cut._shown
@@ -133,7 +133,7 @@ def test_the_line_to_the_lowest_cost_goes_through_estimate_and_minimum(opened):
     viewer, turn_until = opened
     turn_until(lambda: viewer.picture.floor is not None)
     floor, binding = viewer.picture.floor, viewer.binding
-    set_by_client(viewer.side_panel.cut.lines, "Lowest")
+    set_by_client(viewer.tabs.cut.lines, "Lowest")
     ends = np.array(binding.choices.cut)
     here = np.asarray(binding.session.view.state.positions)[binding.choices.microphone]
     direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])

@@ -32,10 +32,8 @@ def test_the_name_of_a_file_is_a_name(viewer, name):
 
 
 @pytest.fixture
-def saving():
-    made = exports.Exports()
-    yield made
-    assert made.close(WAIT)
+def saving(threads):
+    return exports.Exports(threads)
 
 
 def test_every_page_gets_its_file(viewer, saving, monkeypatch):

@@ -29,35 +29,35 @@ def shown(viewer):
 def test_a_map_stands_under_its_own_microphone_only(viewer):
     viewer.tick(0.0)
     assert shown(viewer) is None and mapped(viewer) == 3
-    set_by_client(viewer.main_panel.map.microphone, 7)
+    set_by_client(viewer.tabs.map.microphone, 7)
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of microphone 3 stands under microphone 7"
     assert not any("map" in solid.name for solid in viewer.snapshot.picture.meshes), "its diamond, too"
     assert mapped(viewer) == 7
-    viewer.main_panel.map.choose_modes([2])
+    viewer.tabs.map.choose_modes([2])
     viewer.tick(0.0)
     assert shown(viewer) is None and mapped(viewer) == 7
 
 
 def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
-    side = viewer.side_panel.maps.worker
+    side = viewer.tabs.maps.worker
 
     def drawn():
-        return side.worker.wait_for(lambda _: not side.worker.busy, WAIT)
+        return side.wait_for(lambda _: not side.busy, WAIT)
 
     viewer.tick(0.0)
-    assert side.of(None, 0.0) is None and mapped(viewer) == 3 and drawn()
+    assert side.latest is None and mapped(viewer) == 3 and drawn()
     viewer.tick(2e9)
-    first = viewer.side_panel.maps.image
+    first = viewer.tabs.maps.image
     assert first.visible and first.image.ndim == 3
     light = first.image
-    set_by_client(viewer.main_panel.view.dark, True)
+    set_by_client(viewer.tabs.view.dark, True)
     viewer.tick(3e9)
     mapped(viewer)
     viewer.tick(4e9)
     assert drawn()
     viewer.tick(5e9)
-    assert viewer.side_panel.maps.image.image is not light and viewer.side_panel.maps.image.image.shape == light.shape
+    assert viewer.tabs.maps.image.image is not light and viewer.tabs.maps.image.image.shape == light.shape
 
 
 def test_opacity_takes_no_new_map(viewer):
@@ -65,7 +65,7 @@ def test_opacity_takes_no_new_map(viewer):
     viewer.tick(0.0)
     assert mapped(viewer) == 3
     before = viewer.picture.floor
-    set_by_client(viewer.main_panel.map.opacity, 40)
+    set_by_client(viewer.tabs.map.opacity, 40)
     viewer.tick(1.0)
     assert viewer.picture.floor.opacity == 0.4 and viewer.picture.floor.rgb is before.rgb
     assert not viewer.maps.busy
@@ -79,7 +79,7 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     states = [session.view.state, State(positions + 0.01, 1)]
     history = History(states, 2, session.view.history.lineage)
     session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=history, running=True)
-    set_by_client(viewer.main_panel.map.scale, "Linear")
+    set_by_client(viewer.tabs.map.scale, "Linear")
     ready = viewer.maps.worker.latest.ended
     viewer.tick(ready)
     assert viewer.maps.worker.wait_for(lambda latest: not latest.request[0].style.log, WAIT)
@@ -139,11 +139,11 @@ def test_an_exception_on_the_page_is_shown_and_the_page_continues(viewer, monkey
     monkeypatch.setattr(viewer.nodes, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
         viewer.guarded_tick(now)
-    assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer.main_panel.run_bar.status.content
+    assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer.tabs.run_bar.status.content
     monkeypatch.undo()
     for now in (2.0, 20.0, 20.1):
         viewer.guarded_tick(now)
-    assert "ZeroDivisionError" not in viewer.main_panel.run_bar.status.content
+    assert "ZeroDivisionError" not in viewer.tabs.run_bar.status.content
 
 
 def test_a_map_of_the_modes_in_use_has_those_that_the_microphones_can_carry(work):

@@ -48,11 +48,10 @@ def page():
         "kind": SimpleNamespace(value=MAP_KINDS[-1]),
         "kinds": MAP_KINDS,
     }
-    controls = CallRecorder(calls, binding=binding, map=CallRecorder(calls, "map", **handles))
-    panels = {"main_panel": controls, "side_panel": CallRecorder(calls)}
+    tabs = CallRecorder(calls, binding=binding, map=CallRecorder(calls, "map", **handles))
     touched = CallRecorder(calls, touch=lambda: touches.append(1))
     touches: list[int] = []
-    return CallRecorder(calls, viewer=SimpleNamespace(binding=touched, **panels), touches=touches), calls
+    return CallRecorder(calls, viewer=SimpleNamespace(binding=touched, tabs=tabs), touches=touches), calls
 
 
 @pytest.fixture
@@ -109,7 +108,7 @@ def test_a_key_does_what_its_button_does(page, keyboard, key, modifier, done):
 
 
 def test_keys_keep_the_modes_of_the_map_in_range(page, keyboard):
-    choices = page[0].viewer.main_panel.binding.choices
+    choices = page[0].viewer.tabs.binding.choices
     choices.modes = (20,)
     keyboard("O")
     choices.modes = (1,)

@@ -1,26 +1,27 @@
 """Lessons in a real browser: chosen, answered and left with buttons, and with keys."""
 
 import pytest
-from browsing import choose, opened_page, press, serving, slider, tab
+from browsing import choose, opened_page, press, serving_here, slider, tab
 
-from fdcal.model.scene_file import scene_folder
+from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import load_lesson
+from fdcal.session.request import edited
+
+LESSON = "3_too_many_too_soon"
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory, kernels, browser):
+def page(kernels, browser):
     """The page of `tiny`, solved by descent."""
-    slow = tmp_path_factory.mktemp("lessons") / "slow.toml"
-    text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
-    slow.write_text(text.replace('name = "robust"', 'name = "descent"'), encoding="utf-8")
-    with serving(slow) as address:
+    slow = edited(load_scene("tiny"), {"solver.name": "descent"})
+    with serving_here(slow, lessons=(load_lesson(LESSON),)) as address:
         page = opened_page(browser, address)
         yield page
         page.close()
 
 
 def test_a_lesson_is_taken_with_clicks_and_keys_and_left(page):
-    lesson = load_lesson("3_too_many_too_soon")
+    lesson = load_lesson(LESSON)
     press(page, "Step")
     page.get_by_text("step 1, sweep 0").wait_for()
     tab(page, "Map")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from doubles import set_by_client
 
 from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import Lesson, Setting, Step, lesson_names, load_lesson
@@ -18,8 +19,7 @@ SMALL = "tiny"
 
 def controls_of(viewer):
     """What every control of the page says."""
-    main, side = viewer.main_panel, viewer.side_panel
-    tabs = {**vars(main), **vars(side), "slice": main.map.slice}
+    tabs = {**vars(viewer.tabs), "slice": viewer.tabs.map.slice}
     return {name: values for name, tab in tabs.items() if (values := control_values_of(tab))}
 
 
@@ -29,7 +29,7 @@ def control_values_of(tab):
 
 def set_oddly(viewer):
     """Set the page as no lesson does, as a user would: by its controls."""
-    main = viewer.main_panel
+    main = viewer.tabs
     main.solver.use_modes(2, 7, False)
     main.solver.seed.value = 5
     viewer.binding.choose(seed=5)
@@ -42,23 +42,19 @@ def set_oddly(viewer):
     main.map.set_order(3)
     main.map.scale_as("Linear")
     main.map.mark_minima(False)
-    main.map.opacity.value = 60
-    main.map.fade(60)
+    set_by_client(main.map.opacity, 60)
     main.view.draw(trails=True, ellipses=True)
     main.view.darken(True)
-    main.view.release.value = True
-    viewer.binding.choose(release=True)
+    set_by_client(main.view.release, True)
     main.export.choose("Map (VTI for ParaView)")
     main.export.kind.value = "Map (VTI for ParaView)"
     main.scene.radius.value = 0.31
     main.scene.walls.value = "absorbing"
     main.scene.noise.value = True
     main.scene.refresh()
-    side = viewer.side_panel
-    side.maps.shared.value = True
-    viewer.binding.choose_style(shared=True)
-    side.comparison.seed.value = 9
-    side.comparison.marks.value = False
+    set_by_client(main.maps.shared, True)
+    main.comparison.seed.value = 9
+    main.comparison.marks.value = False
 
 
 @pytest.fixture
@@ -76,8 +72,8 @@ def opened(page_of):
     assert session.wait_for(lambda view: view.state.step == 9 and not view.running, timeout=60)
     session.seek(session.view.index - 4)
     assert session.wait_for(lambda view: view.state.step == 5, timeout=60)
-    turn_until(lambda: page.viewer.main_panel.run_bar.time.value == page.viewer.binding.session.view.index)
-    turn_until(lambda: page.viewer.side_panel.modes.high.value == 6)  # follows the map
+    turn_until(lambda: page.viewer.tabs.run_bar.time.value == page.viewer.binding.session.view.index)
+    turn_until(lambda: page.viewer.tabs.modes.high.value == 6)  # follows the map
     return page, turn_until
 
 
@@ -132,8 +128,8 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     assert odd == replace(
         plain, style=replace(plain.style, dark=True), seed=odd.seed, export_kind=odd.export_kind, rate=60, plan=odd.plan
     )
-    assert page.viewer.main_panel.run_bar.speed.value == 60, "as fast as the machine can"
-    page.viewer.main_panel.map.mark_minima(False)
+    assert page.viewer.tabs.run_bar.speed.value == 60, "as fast as the machine can"
+    page.viewer.tabs.map.mark_minima(False)
     lessons.start("Mine")
     turn_until(lambda: page.viewer.binding.choices.style.minima)
 
@@ -141,19 +137,19 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
 def test_a_race_waits_for_the_end_of_a_lesson(opened):
     page, turn_until = opened
     lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
-    race = page.viewer.comparison
+    race = page.viewer.tabs.comparison.worker
     race.toggle(ComparisonSetup(("descent", "joint"), "random", 0))
     turn_until(lambda: any(summary.step for summary in race.summaries))
     lessons.start("Mine")
     turn_until(lambda: race.released is not None)
     assert "its race wait" in lessons.controls.text.content
     waiting = race.released.comparison
-    turn_until(lambda: page.viewer.comparison is not race)
-    assert not waiting.running and page.viewer.comparison.summaries == ()
+    turn_until(lambda: page.viewer.tabs.comparison.worker is not race)
+    assert not waiting.running and page.viewer.tabs.comparison.worker.summaries == ()
     page.tick(0.0)
     lessons.end()
-    turn_until(lambda: page.viewer.comparison.summaries)
-    again = page.viewer.comparison
+    turn_until(lambda: page.viewer.tabs.comparison.worker.summaries)
+    again = page.viewer.tabs.comparison.worker
     assert [one.name for one in again.summaries] == ["descent", "joint"] and again.button_label == "Resume"
     again.toggle(ComparisonSetup(("descent", "joint"), "random", 0))
     turn_until(lambda: waiting.running or waiting.over)
@@ -180,11 +176,11 @@ def test_a_lesson_that_begins_during_the_opening_brings_back_the_map_without_it(
     turn_until(lambda: page.viewer is not None)
     first, lessons = page.viewer, LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
     page.lessons = lessons
-    first.side_panel.sweep.open()
+    first.tabs.sweep.open()
     turn_until(lambda: first.binding.choices.modes is not None)
     lessons.start("Mine")
     turn_until(lambda: page.viewer is not first and page.switcher.idle)
     of_the_lesson = page.viewer
     lessons.end()
     turn_until(lambda: page.viewer is not of_the_lesson and page.switcher.idle)
-    assert page.viewer.binding.choices.modes is None and not page.viewer.side_panel.sweep.playing
+    assert page.viewer.binding.choices.modes is None and not page.viewer.tabs.sweep.playing

@@ -11,8 +11,8 @@ from fdcal.session.lesson import MAPS, Frame, Lesson, Setting, Step, load_lesson
 from fdcal.session.request import edited
 from fdcal.session.session import Session
 from fdcal.viewer.gui.choices import MAP_KINDS
-from fdcal.viewer.gui.layout import Panels
 from fdcal.viewer.lesson_settings import apply_setting, show_frame
+from fdcal.viewer.panels import Panels
 from fdcal.viewer.server.hardening import open_server
 from fdcal.viewer.tabs import lessons as lesson_html
 from fdcal.viewer.tabs.lessons import BACK, NEXT, RESTORE, LessonsTab
@@ -116,7 +116,7 @@ def page(server, controls):
 
     def ready():
         made.binding.run = SimpleNamespace(scene=opened[-1].scene, opening=opened[-1])
-        page.viewer = SimpleNamespace(binding=made.binding, main_panel=made)
+        page.viewer = SimpleNamespace(binding=made.binding, tabs=made)
 
     page.ready, page.calls = ready, calls
     yield page

@@ -39,38 +39,32 @@ def snapshot(scene):
 
 
 @pytest.fixture(scope="module")
-def drawn(snapshot):
+def drawn(snapshot, threads):
     """The map as the page shows it once nothing changes."""
-    worker, wanted, began = CostMapWorker(snapshot.run), exports.map_request(snapshot), time.monotonic()
-    try:
-        while time.monotonic() - began < WAIT:
-            found, error = worker.newest(wanted, False, time.monotonic())
-            assert not error
-            if found is not None and found.fine:
-                return found
-            time.sleep(IDLE_TIME / 10)
-        pytest.fail("there is no fine map")
-    finally:
-        worker.close(WAIT)
+    worker, wanted, began = CostMapWorker(snapshot.run, threads), exports.map_request(snapshot), time.monotonic()
+    while time.monotonic() - began < WAIT:
+        found, error = worker.newest(wanted, False, time.monotonic())
+        assert not error
+        if found is not None and found.fine:
+            return found
+        time.sleep(IDLE_TIME / 10)
+    pytest.fail("there is no fine map")
 
 
-def test_the_fine_map_is_begun_only_after_the_one_on_the_lattice_of_the_solver(snapshot, monkeypatch):
+def test_the_fine_map_is_begun_only_after_the_one_on_the_lattice_of_the_solver(snapshot, monkeypatch, threads):
     """However long that one takes: it is the first that a browser shows."""
     begun, gate = [], threading.Event()
     coarse, fine = CostMapWorker._compute, CostMapWorker._compute_fine
     monkeypatch.setattr(CostMapWorker, "_compute", lambda *args: (gate.wait(WAIT), coarse(*args))[1])
     monkeypatch.setattr(CostMapWorker, "_compute_fine", lambda *args: (begun.append(True), fine(*args))[1])
-    worker, wanted = CostMapWorker(snapshot.run), exports.map_request(snapshot)
-    try:
-        for now in (0.0, 2 * IDLE_TIME, 9 * IDLE_TIME):
-            worker.newest(wanted, False, now)
-        assert not worker._fine_worker.busy and not begun
-        gate.set()
-        assert worker.worker.wait_for(lambda latest: latest is not None, WAIT)
-        worker.newest(wanted, False, 9 * IDLE_TIME)
-        assert worker._fine_worker.wait_for(lambda latest: latest is not None, WAIT) and begun
-    finally:
-        worker.close(WAIT)
+    worker, wanted = CostMapWorker(snapshot.run, threads), exports.map_request(snapshot)
+    for now in (0.0, 2 * IDLE_TIME, 9 * IDLE_TIME):
+        worker.newest(wanted, False, now)
+    assert not worker._fine_worker.busy and not begun
+    gate.set()
+    assert worker.worker.wait_for(lambda latest: latest is not None, WAIT)
+    worker.newest(wanted, False, 9 * IDLE_TIME)
+    assert worker._fine_worker.wait_for(lambda latest: latest is not None, WAIT) and begun
 
 
 def test_the_file_for_paraview_has_the_map_of_the_screen(snapshot, drawn, tmp_path):

@@ -5,7 +5,6 @@ import http.server
 import logging
 import os
 import re
-import signal
 import subprocess
 import sys
 import threading
@@ -15,11 +14,12 @@ import msgspec
 import numpy as np
 import pytest
 import viser
-from browsing import COARSE, press
+from browsing import begin_anew, opened_page, press, serving_here
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
 
 from benchmarks.protocol import CAMERA, connect, send
+from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import load_lesson
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.server import process as error_log
@@ -27,44 +27,37 @@ from fdcal.viewer.server import process as error_log
 WAIT = 60.0  # s, bound of every wait
 
 
-def start(port=0):
-    command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", str(port), "--no-browser"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
-    url = server.stdout.readline().strip()
-    assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or server.stderr.read()
-    return server, url
-
-
-def stop(server):
-    server.send_signal(signal.SIGINT)
-    _, errors = server.communicate(timeout=WAIT)
-    assert server.returncode == 0 and "Traceback" not in errors, errors
+LESSON = "3_too_many_too_soon"
 
 
 @pytest.fixture(scope="module")
-def served():
-    """A server that may be replaced: its process and address."""
-    served = list(start())
-    try:
-        yield served
-        stop(served[0])
-    finally:
-        served[0].kill()
+def served(kernels):
+    """Address of a server, and a function that replaces it by another one at the same address."""
+    scene, lessons = load_scene("tiny"), (load_lesson(LESSON),)
+    with contextlib.ExitStack() as stack:
+        url = stack.enter_context(serving_here(scene, lessons=lessons))
+
+        def restart():
+            stack.close()
+            stack.enter_context(serving_here(scene, lessons=lessons, port=int(url.rpartition(":")[2])))
+
+        yield SimpleNamespace(url=url, restart=restart)
 
 
 @pytest.fixture(scope="module")
 def page(served, browser):
-    page = browser.new_page(viewport={"width": 1280, "height": 720})
-    page.set_default_timeout(WAIT * 1e3)
-    page.goto(f"{served[1]}/{COARSE}")
+    page = opened_page(browser, served.url)
     page.get_by_text("step 0, sweep 0").wait_for()
     yield page
     page.close()
 
 
-def begin_anew(page):
-    press(page, "Reset")
-    page.get_by_text("step 0, sweep 0").wait_for()
+@pytest.fixture(autouse=True)
+def no_fault(caplog, request):
+    """Nothing that a client does is a fault of the server."""
+    yield
+    if "served" in request.fixturenames:
+        assert [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR] == []
 
 
 def alive(page):
@@ -103,7 +96,7 @@ def test_a_key_does_nothing_while_a_text_is_typed(page):
 
 
 def test_a_lesson_runs_from_its_start_to_the_answer(page):
-    lesson = load_lesson("3_too_many_too_soon")
+    lesson = load_lesson(LESSON)
     page.get_by_role("tab", name="Lessons", exact=True).click()
     press(page, lesson.title)
     page.get_by_text(f"{lesson.title}, step 1 of 3").wait_for()
@@ -126,7 +119,7 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
 
 def join(served):
     """A client other than a browser."""
-    return connect(served[1])
+    return connect(served.url)
 
 
 def test_malformed_messages_do_not_disturb_other_clients(served, page):
@@ -190,8 +183,8 @@ KNOCK = """([url, protocol]) => new Promise(resolve => {
 
 
 def test_a_page_of_another_site_is_refused_by_a_real_browser(served, browser, elsewhere):
-    door = [served[1].replace("http", "ws"), f"viser-v{viser.__version__}"]
-    for address, answer in ((served[1], "open"), (elsewhere, "refused")):
+    door = [served.url.replace("http", "ws"), f"viser-v{viser.__version__}"]
+    for address, answer in ((served.url, "open"), (elsewhere, "refused")):
         visitor = browser.new_page()
         visitor.goto(address)
         assert visitor.evaluate(KNOCK, door) == answer, address
@@ -200,8 +193,7 @@ def test_a_page_of_another_site_is_refused_by_a_real_browser(served, browser, el
 
 def test_a_page_reconnects_to_a_restarted_server(served, page):
     alive(page)
-    stop(served[0])
-    served[:] = start(int(served[1].rpartition(":")[2]))
+    served.restart()
     page.get_by_text("step 0, sweep 0").wait_for()
     alive(page)
 

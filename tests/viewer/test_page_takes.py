@@ -14,7 +14,7 @@ from fdcal.session.request import OpenRequest
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.cost_map import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.gui import html
-from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.tabs import map, modes
 from fdcal.viewer.tabs.modes import HIDDEN, SpectrumPlot
 
@@ -64,11 +64,11 @@ def test_the_list_of_takes_changes_rows_switches_and_spectrum(tabs):
     binding, map_, modes_ = tabs
     assert map_.take.options == ("All takes", "Take 0", "Take 1")
     view = binding.session.view
-    modes_.show(view, 0.0)
+    modes_.show(Tick(view, 0.0))
     assert [len(row.options) for row in modes_.switches] == [4, 4, 4]
     set_by_client(map_.take, "Take 1")
     assert binding.choices.take == 1
-    modes_.show(view, 1.0)
+    modes_.show(Tick(view, 1.0))
     shown = [row for row in modes_.switches if row.visible]
     assert [option for row in shown for option in row.options] == ["●2", "●4", "●6", "○8", "○10", "○12"]
     assert shown[0].label == "2 to 8" and "take 1" in modes_.text.content
@@ -81,7 +81,7 @@ def test_the_list_of_takes_changes_rows_switches_and_spectrum(tabs):
 @pytest.mark.parametrize("value", INVALID_VALUES)
 def test_no_value_of_a_client_harms_the_list(tabs, value):
     binding, map_, _ = tabs
-    map_.choose_take(value)
+    set_by_client(map_.take, value)
     assert binding.choices.take is None and map_.take.value == "All takes"
 
 

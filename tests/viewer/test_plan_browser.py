@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from browsing import EXACT, hover, middle, on_screen, opened_page, serving, slider, stands, tab
+from browsing import EXACT, hover, middle, on_screen, opened_page, serving_here, slider, stands, tab
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.viewer.gui.layout import LEFT, RIGHT
+from fdcal.viewer.panels import LEFT, RIGHT
 
 DRAWN = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
 
@@ -19,7 +19,7 @@ BOXES = """tabs => tabs.map(tab => {
 @pytest.fixture
 def page(browser, kernels):
     """A page of 1280 x 720 pixels with the tab open."""
-    with serving("tiny") as address:
+    with serving_here(load_scene("tiny")) as address:
         page = opened_page(browser, address, EXACT)
         tab(page, "Plan")
         yield page

@@ -15,14 +15,14 @@ from fdcal.graphics.picture import static_picture
 from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.session.planning.plan import make_plan, plan_dict
 from fdcal.session.planning.request import PlanRequest, read_layout
-from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.choices import PlanChoices
 from fdcal.viewer.tabs.plan import PlanTab, planned_array
 
 
 @pytest.fixture
 def tab(viewer):
-    return viewer.side_panel.plan
+    return viewer.tabs.plan
 
 
 def turned(viewer, happened):
@@ -110,8 +110,8 @@ def test_what_cannot_be_planned_is_one_line(viewer, server, work):
     assert found.error and "\n" not in found.error
     measured = placeholder_scene(work.measurement, "hall", work.scene.solver)
     tab = PlanTab(Binding(server.gui, dataclasses.replace(work, scene=measured), 6))
-    tab.show()
-    tab.worker.close(WAIT)
+    tab.show(Tick(work.session.view))
+    assert tab.planned is None
     assert not hasattr(tab, "shown"), "a measurement has nothing to plan"
 
 

@@ -1,6 +1,7 @@
 """Curves and spectrum."""
 
 import dataclasses
+import time
 
 import numpy as np
 import pytest
@@ -9,13 +10,20 @@ from viser import uplot
 
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
+from fdcal.model.scene_file import load_scene
+from fdcal.model.texts import length_text
 from fdcal.session.history import StateCosts
+from fdcal.session.request import OpenRequest, edited
+from fdcal.viewer.background.comparison import ComparisonSetup, RunSummary, status_word
+from fdcal.viewer.background.cost_map import modes_label
 from fdcal.viewer.gui import html, plots
-from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.plots import Plot
 from fdcal.viewer.tabs import map, modes
 from fdcal.viewer.tabs import modes as spectrum_plot
+from fdcal.viewer.tabs.comparison import remark_on_start, table
 from fdcal.viewer.tabs.curves import CurvesTab
+from fdcal.viewer.tabs.microphones import ErrorByDistance
 
 
 def test_plots_hold_finite_numbers_only(server, measurement):
@@ -23,7 +31,7 @@ def test_plots_hold_finite_numbers_only(server, measurement):
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     worse = measurement.positions + 0.1
     states = [State(worse), State(measurement.positions, 1), State(worse, 2, last=4)]
-    curves.show(view_of(states, costs=costs_of(states, [np.nan, -160.0, 2.0])), now=0.0)
+    curves.show(Tick(view_of(states, costs=costs_of(states, [np.nan, -160.0, 2.0])), 0.0))
     for plot in (curves.error, curves.cost):
         assert all(np.isfinite(column).all() for column in plot.data)
         assert len({len(column) for column in plot.data}) == 1 and (np.diff(plot.data[0]) >= 0).all()
@@ -46,14 +54,14 @@ def test_stages_are_marked_and_the_cost_is_that_of_the_reference_cost(server, me
     curves, place = CurvesTab(server.gui, measurement, np.arange(10)), measurement.positions
     states = [State(place.copy(), i, i, stage=i // 2, last=6, cost=1e5) for i in range(4)]
     costs = costs_of(states, [-1.0, -3.0, np.nan, -9.0])
-    curves.show(view_of(states[:2], costs=costs), now=0.0)
+    curves.show(Tick(view_of(states[:2], costs=costs), 0.0))
     np.testing.assert_allclose(curves.cost.data[1], [-1, -3])
     assert "dB" in curves.cost.title and "Eq. 7" in curves.cost.title
-    curves.show(view_of(states, costs=costs), now=1.0)
+    curves.show(Tick(view_of(states, costs=costs), 1.0))
     x, cost, marks, stage = curves.cost.data
     assert cost[np.unique(x, return_index=True)[1]].tolist() == [-1, -3, -6, -9], "straight where one was left out"
     costs.compute(states[2])
-    curves.show(view_of(states, costs=costs), now=2.0)
+    curves.show(Tick(view_of(states, costs=costs), 2.0))
     assert -4.0 in curves.cost.data[1], "computed when the solver rested"
     assert x[marks < 1.0].tolist() == [2.0], "the one stage that began"
     assert stage[x < 2].tolist() == [1, 1] and stage[x > 2].tolist() == [2]
@@ -63,9 +71,9 @@ def test_errors_are_those_of_the_microphones_that_count(server, measurement):
     curves, shift = CurvesTab(server.gui, measurement, np.arange(10)), np.zeros((10, 2))
     shift[4] = [0.3, 0.4]  # m
     views = [view_of([State(measurement.positions + shift), State(measurement.positions + shift / 2, 1)])] * 2
-    curves.show(views[0], now=0.0)
+    curves.show(Tick(views[0], 0.0))
     np.testing.assert_allclose(curves.error.data[1:3], [[50, 25], [500, 250]])  # mm, mean and largest
-    curves.show(views[1], now=1.0, sought=np.delete(np.arange(10), 4))
+    curves.show(Tick(views[1], 1.0, sought=np.delete(np.arange(10), 4)))
     assert np.all(np.array(curves.error.data[1:3]) < 0.01), "the states before are drawn again, too"
 
 
@@ -73,7 +81,7 @@ def test_errors_are_those_of_the_microphones_that_count(server, measurement):
 def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(server, measurement, count):
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     states = [State(measurement.positions, i, i, stage=i, last=6) for i in range(count)]
-    curves.show(view_of(states, costs=costs_of(states, np.full(count, -20.0))), now=0.0)
+    curves.show(Tick(view_of(states, costs=costs_of(states, np.full(count, -20.0))), 0.0))
     x, _, marks, stage = curves.cost.data
     seen = marks < 1
     assert x[seen].tolist() == list(range(1, count)) and set(marks[seen]) == {0.92}, "a tick at the top for each"
@@ -83,7 +91,7 @@ def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(server, measure
 def test_the_ticks_of_the_abscissa_are_whole_sweeps(server, measurement):
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     states = [State(measurement.positions, i) for i in range(3)]
-    curves.show(view_of(states, costs=costs_of(states, np.full(3, -20.0))), now=0.0)
+    curves.show(Tick(view_of(states, costs=costs_of(states, np.full(3, -20.0))), 0.0))
     for plot in (curves.error, curves.cost):
         steps = plot.handle.axes[0]["incrs"]
         assert steps[0] == 1 and all(step == round(step) for step in steps) and steps[-1] > 1e5
@@ -93,7 +101,7 @@ def test_errors_are_drawn_over_whole_decades(server, measurement, monkeypatch):
     monkeypatch.setattr(plots, "APART", 0.0)
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     for now, shift, wanted in ((0.0, 0.2, (100, 1000)), (1.0, 0.0002, (0.1, 1000))):
-        curves.show(view_of([State(measurement.positions + 0.2), State(measurement.positions + shift, 1)]), now=now)
+        curves.show(Tick(view_of([State(measurement.positions + 0.2), State(measurement.positions + shift, 1)]), now))
         curves.error.settle()
         handle = curves.error.handle
         assert handle.scales["y"]["range"] == pytest.approx(wanted)
@@ -140,9 +148,9 @@ def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monk
 def test_plots_follow_a_rewound_history(server, measurement):
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     states = [State(measurement.positions + 0.1 / (i + 1), i) for i in range(6)]
-    curves.show(view_of(states), now=0.0)
+    curves.show(Tick(view_of(states), 0.0))
     another = [*states[:3], State(measurement.positions + 0.5, 3)]
-    curves.show(view_of(another), now=1.0)
+    curves.show(Tick(view_of(another), 1.0))
     assert len(curves.error.data[0]) == 4
     assert curves.error.data[1][-1] == pytest.approx(1e3 * 0.5 * np.sqrt(2))
 
@@ -176,7 +184,7 @@ def test_sliders_choose_the_modes_of_the_map(server, scene, measurement, has_spe
     assert binding.choices.modes == (3, 4)
     set_by_client(tab.high, 2)
     assert binding.choices.modes == (2,)
-    tab.show(work.session.view, 0.0)
+    tab.show(Tick(work.session.view))
     data = tab.spectrum.handle.data
     assert len({len(column) for column in data}) == 1 and all(np.isfinite(column).all() for column in data)
     x, curve, outside, inside, limit = data
@@ -201,7 +209,7 @@ def test_errors_are_averaged_over_the_microphones_sought(server, measurement):
     away = np.zeros((10, 2))
     away[4], away[5], away[9] = [0.001, 0.0], [0.003, 0.0], [0.5, 0.0]
     state = State(measurement.positions + away)
-    curves.show(view_of([state]), now=0.0)
+    curves.show(Tick(view_of([state]), 0.0))
     assert [column[0] for column in curves.error.data[1:3]] == pytest.approx([2.0, 3.0])
     text = html.status(view_of([state]), measurement, sought=np.array([4, 5]))
     assert "mean <b>2 mm</b>, largest 3 mm" in text
@@ -213,8 +221,101 @@ def test_a_plot_stays_in_its_place_when_its_axis_changes(server, measurement, mo
     monkeypatch.setattr(plots, "APART", 0.0)
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     far, near = State(measurement.positions + 0.2), State(measurement.positions + 2e-4, 1)
-    curves.show(view_of([far]), now=0.0)
+    curves.show(Tick(view_of([far]), 0.0))
     before, decades = curves.error.handle, curves.error.decades
-    curves.show(view_of([far, near]), now=1.0)
+    curves.show(Tick(view_of([far, near]), 1.0))
     curves.error.settle()
     assert curves.error.decades != decades and curves.error.handle is before
+
+
+@pytest.mark.parametrize("value", [350.0, 0.0])
+def test_an_impossible_radius_is_refused_with_its_limits(controls, value):
+    panel, session = controls
+    set_by_client(panel.scene.radius, value)
+    assert f"{value:g} m is not possible; use 0.05 to 3 m" in panel.scene.message.content
+    assert panel.scene.radius.value == value, "no other number takes its place"
+    set_by_client(panel.scene.apply, True)
+    assert session.opened == []
+    set_by_client(panel.scene.radius, 0.2)
+    assert panel.scene.message.content == ""
+
+
+def test_an_error_of_a_changed_scene_names_controls_of_the_page(controls):
+    panel, session = controls
+    set_by_client(panel.scene.radius, 2.5)  # larger than the room
+    set_by_client(panel.scene.apply, True)
+    message = panel.scene.message.content
+    assert "outside the room" in message and "Array radius (m)" in message and "array." not in message
+    assert session.opened == []
+
+
+def test_the_legend_of_a_map_names_its_modes(measurement):
+    assert modes_label(measurement, (38,)) == "mode 38" and modes_label(measurement, (1, 2, 3)) == "modes 1 to 3"
+    assert modes_label(measurement, (2, 5, 9)) == "3 modes from 2 to 9"
+
+
+def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurement):
+    chart = ErrorByDistance(server.gui, measurement)
+    states = [State(measurement.positions + 0.2), State(measurement.positions + 1e-5, 1)]
+    chart.show(view_of(states), now=10.0)
+    _, mean, here = chart.plot.data
+    low, high = chart.plot.handle.scales["y"]["range"]
+    assert chart.plot.handle.scales["y"]["distr"] == 3, "logarithmic"
+    assert low <= here.min() < mean.max() <= high and here.max() < 1e-3 * mean.min()
+    server.gui.reset()
+
+
+def test_a_race_says_what_a_random_start_means_to_solvers_that_find_their_own():
+    remark = remark_on_start(ComparisonSetup(("descent", "joint", "robust"), "random", 0))
+    assert "joint and robust" in remark and "metres off" in remark and "descent" not in remark
+    assert remark_on_start(ComparisonSetup(("descent", "joint"), "affine", 0)) == ""
+    assert remark_on_start(ComparisonSetup(("descent",), "random", 0)) == ""
+
+
+def test_a_race_says_that_it_prepares_and_gives_large_errors_in_metres():
+    state = State(np.zeros((3, 2)))
+    assert status_word(state, running=True) == "preparing the first step"
+    assert status_word(dataclasses.replace(state, step=1), running=True) == "running"
+    none = np.zeros(0)
+    far = RunSummary("joint", state.positions, "running", 3, 0.5, 1160.0, 5980.0, none, none, np.array([-75.5]))
+    html = table((far,))
+    assert "error 1.16 m, largest 5.98 m" in html and "e+" not in html
+    assert "dB" not in html, "the cost of an earlier state is not that of the positions"
+    assert "-80.0 dB" in table((dataclasses.replace(far, cost=-80.0),))
+
+
+@pytest.mark.parametrize(
+    ("length", "text"), [(0.0042, "4.2 mm"), (0.535, "535 mm"), (0.99951, "1 m"), (1.234, "1.23 m")]
+)
+def test_lengths_from_a_metre_on_are_in_metres(length, text):
+    assert length_text(length) == text
+
+
+def test_no_old_status_stands_beside_the_progress_of_the_next_session(page_of):
+    page, turn_until = page_of
+    page.open(OpenRequest(load_scene("tiny")))
+    turn_until(lambda: page.viewer is not None)
+    first = page.viewer.tabs.run_bar
+    assert first.status.visible
+    page.open(OpenRequest(edited(load_scene("tiny"), {"seed": 3})))
+    turn_until(lambda: page.switcher.progress is not None)
+    assert page.status_bar.line.visible and not first.status.visible and not first.verdict.visible
+    page.switcher.cancel()
+    turn_until(lambda: page.switcher.progress is None)
+    page.tick(0.0)
+    assert first.status.visible
+
+
+def test_the_map_stays_when_the_page_gets_dark_however_long_the_next_one_takes(viewer, work):
+    """A race or another program may keep the processor busy."""
+    work.solver.gate.release()
+    for now in range(500):
+        viewer.tick(float(now))
+        if viewer.picture.floor is not None:
+            break
+        time.sleep(0.02)
+    assert viewer.picture.floor is not None
+    viewer.tabs.view.darken(True)
+    for now in range(1000, 1005):
+        viewer.tick(float(now))
+        assert viewer.picture.floor is not None, "the gate lets no other map pass"

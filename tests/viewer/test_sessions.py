@@ -1,5 +1,6 @@
 """From a request to a session on the page, and from one session to the next."""
 
+import collections
 import dataclasses
 import os
 import subprocess
@@ -19,8 +20,10 @@ from fdcal.model.validation import InputError
 from fdcal.session import session_file
 from fdcal.session.request import OpenRequest, edited
 from fdcal.viewer.background import prepare as preparing
+from fdcal.viewer.background import prepare as warmup
 from fdcal.viewer.preview import show_cached
 from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.session_switch import SessionSwitcher
 from fdcal.viewer.tabs import export as exports
 
 
@@ -69,7 +72,7 @@ def test_a_start_with_all_microphones_at_one_position_is_shown(page_of, scene):
         page.tick(time.perf_counter())
     assert np.ptp(page.binding.session.view.state.positions, axis=0).max() == 0
     assert page.viewer.fault == ""
-    assert "all estimates coincide" in page.viewer.side_panel.modes.text.content
+    assert "all estimates coincide" in page.viewer.tabs.modes.text.content
 
 
 def test_a_cached_measurement_is_shown_at_once(server, scene):
@@ -98,10 +101,10 @@ def test_another_scene_replaces_the_first(page_of, scene):
     choices, session = page.binding.choices, page.binding.session
     assert choices.style.dark and not choices.style.log and choices.trails
     assert choices.microphone == 9 and choices.modes == (2,) and session.view.state.seed == 5
-    assert page.panels.tabs == tabs and page.viewer.main_panel.map.microphone.value == 9
+    assert page.panels.tabs == tabs and page.viewer.tabs.map.microphone.value == 9
     assert not first.session.alive and session.alive
     session.step()
-    turn_until(lambda: "step 1," in page.viewer.main_panel.run_bar.status.content)
+    turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +126,7 @@ def test_a_refused_request_is_explained_and_the_old_session_stays(page_of, scene
     page.tick(0.0)
     assert page.binding is before and words in page.status_bar.line.content and page.status_bar.button.label == "Close"
     before.session.step()
-    turn_until(lambda: "step 1," in page.viewer.main_panel.run_bar.status.content)
+    turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
     page.switcher.cancel()
     page.tick(0.0)
     assert not page.status_bar.line.visible and not page.status_bar.button.visible
@@ -188,7 +191,7 @@ def test_a_saved_session_is_restored(page_of, scene, tmp_path):
     again, view = page.binding, page.binding.session.view
     assert again.choices.to_save() == first.choices.to_save()
     assert (view.index, view.count, again.choices.seed) == (5, 14, 3)
-    panel = page.viewer.main_panel
+    panel = page.viewer.tabs
     assert panel.view.dark.value and panel.map.microphone.value == 9 and panel.view.trails.value
     again.session.step()
     assert again.session.wait_for(lambda view: view.index == 6, WAIT)
@@ -228,3 +231,73 @@ def test_an_interrupted_simulation_stops(page_of, scene, monkeypatch):
     progress.stop = True
     with pytest.raises(preparing.Cancelled):
         progress(0.5)
+
+
+def names():
+    return collections.Counter(t.name for t in threading.enumerate() if t.name.startswith("fdcal"))
+
+
+def until(happened):
+    for _ in range(round(WAIT / 0.02)):
+        if happened():
+            return
+        time.sleep(0.02)
+    pytest.fail("it does not happen")
+
+
+def test_scene_switches_leave_no_thread(page_of, scene):
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None)
+    start = names()
+    for n in range(8):
+        old = page.viewer
+        page.open(OpenRequest(scene, start_seed=90 + n))  # superseded
+        if n % 2:
+            turn_until(lambda: page.switcher.progress is not None)
+        page.open(OpenRequest(scene, start_seed=n))
+        if n % 3 == 2:
+            turn_until(lambda: page.switcher.progress is not None)
+            page.switcher.cancel()
+            turn_until(lambda: page.switcher.idle)
+        else:
+            turn_until(lambda old=old: page.viewer is not old)
+    turn_until(lambda: names() == start)
+
+
+@pytest.mark.parametrize("stop", ["cancel", "close"])
+def test_a_compilation_is_waited_for(scene, monkeypatch, stop):
+    """It cannot be interrupted: a cancelled opening ends its thread after it, and closing waits for that."""
+    begun, go_on, before = threading.Event(), threading.Event(), names()["fdcal-warmup"]
+    monkeypatch.setattr(warmup, "warmup_calls", lambda _: [("", lambda: begun.set() or go_on.wait(WAIT))])
+    switcher = SessionSwitcher()
+    switcher.open(OpenRequest(scene))
+    switcher.poll()
+    assert begun.wait(WAIT) and switcher.compiling
+    if stop == "cancel":
+        switcher.cancel()
+        switcher.poll()
+        go_on.set()
+
+        def ended():
+            switcher.poll()  # as the main loop of the page does
+            return names()["fdcal-warmup"] <= before
+
+        until(ended)
+        switcher.close()
+    else:
+        threading.Timer(1.5, go_on.set).start()
+        switcher.close(timeout=WAIT)
+        assert names()["fdcal-warmup"] <= before
+
+
+def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
+    before = names()["fdcal-warmup"]
+
+    def failing(*_):
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr(preparing, "cached_measurement", failing)
+    with pytest.raises(OSError):
+        preparing.prepare_run(OpenRequest(scene), preparing.PreparationProgress())
+    until(lambda: names()["fdcal-warmup"] <= before)

@@ -78,7 +78,7 @@ def map_on_page(viewer):
 
 def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opened, monkeypatch):
     viewer, turn_until = opened
-    sweep, binding, seen = viewer.side_panel.sweep, viewer.binding, []
+    sweep, binding, seen = viewer.tabs.sweep, viewer.binding, []
     set_by_client(sweep.highest, 6)
     set_by_client(sweep.rate, 20)
     set_by_client(sweep.summed, 1)
@@ -101,7 +101,7 @@ def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opene
 
 def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
     viewer, turn_until = opened
-    sweep, tab = viewer.side_panel.sweep, viewer.main_panel.map
+    sweep, tab = viewer.tabs.sweep, viewer.tabs.map
     set_by_client(sweep.order, DOWN)
     set_by_client(sweep.highest, 9)
     set_by_client(sweep.summed, 4)
@@ -122,14 +122,14 @@ def test_no_sweep_is_computed_before_someone_asks(opened):
     turn_until(lambda: map_on_page(viewer) is not None)
     viewer.run.session.step()
     turn_until(lambda: viewer.snapshot.view.index == 1)
-    sweep = viewer.side_panel.sweep
+    sweep = viewer.tabs.sweep
     assert sweep.worker.worker.latest is None and not sweep.worker.worker.busy and not sweep._plot.visible
 
 
 def test_the_slider_shows_how_many_modes_the_map_has(opened):
     """Also where nobody has chosen any: then they are the solver's."""
     viewer, turn_until = opened
-    sweep, state = viewer.side_panel.sweep, viewer.binding.session.view.state
+    sweep, state = viewer.tabs.sweep, viewer.binding.session.view.state
     assert viewer.binding.choices.modes is None and state.first == 1 and state.last < viewer.binding.modes
     turn_until(lambda: sweep.summed.value == state.last)
     set_by_client(sweep.play, True)
@@ -139,7 +139,7 @@ def test_the_slider_shows_how_many_modes_the_map_has(opened):
 
 def test_another_state_makes_the_counts_invalid(opened):
     viewer, turn_until = opened
-    sweep = viewer.side_panel.sweep
+    sweep = viewer.tabs.sweep
     set_by_client(sweep.summed, 3)
     turn_until(lambda: "sum of 3 modes" in sweep.text.content)
     viewer.run.session.step()
@@ -150,7 +150,7 @@ def test_another_state_makes_the_counts_invalid(opened):
 
 def test_a_sweep_of_another_state_stops(opened, monkeypatch):
     viewer, turn_until = opened
-    sweep, slow = viewer.side_panel.sweep, mode_sweep.SweepWorker._frame
+    sweep, slow = viewer.tabs.sweep, mode_sweep.SweepWorker._frame
     monkeypatch.setattr(mode_sweep.SweepWorker, "_frame", lambda *args: (time.sleep(0.2), slow(*args))[1])
     set_by_client(sweep.highest, 19)
     turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) >= 2)
@@ -173,11 +173,11 @@ def test_the_opening_begins_with_several_minima_and_ends_where_it_began(opened, 
     monkeypatch.setattr(sweep_tab, "OPENING_RATE", 8.0)
     monkeypatch.setattr(playback, "LAST_TIME", 0.3)
     viewer, turn_until = opened
-    sweep, notes, now = viewer.side_panel.sweep, [], time.perf_counter()
+    sweep, notes, now = viewer.tabs.sweep, [], time.perf_counter()
     made = begin_opening(viewer, turn_until)
 
     def over():
-        notes.append(viewer.main_panel.run_bar.note.content)
+        notes.append(viewer.tabs.run_bar.note.content)
         return not sweep.playing
 
     turn_until(over)
@@ -187,17 +187,17 @@ def test_the_opening_begins_with_several_minima_and_ends_where_it_began(opened, 
     assert len(counted) > 5, "modes are added"
     made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
     assert made.done
-    turn_until(lambda: not viewer.main_panel.run_bar.note.visible)
+    turn_until(lambda: not viewer.tabs.run_bar.note.visible)
 
 
 def test_the_opening_ends_as_soon_as_a_user_touches_anything(opened):
     viewer, turn_until = opened
     made = begin_opening(viewer, turn_until)
-    set_by_client(viewer.main_panel.view.trails, True)
+    set_by_client(viewer.tabs.view.trails, True)
     made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
     assert made.done
     turn_until(lambda: viewer.binding.choices.modes is None)
-    assert not viewer.side_panel.sweep.playing
+    assert not viewer.tabs.sweep.playing
 
 
 def test_the_opening_ends_as_soon_as_a_user_turns_the_scene(opened):
@@ -207,16 +207,16 @@ def test_the_opening_ends_as_soon_as_a_user_turns_the_scene(opened):
     made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
     assert made.done
     turn_until(lambda: viewer.binding.choices.modes is None)
-    assert not viewer.side_panel.sweep.playing
+    assert not viewer.tabs.sweep.playing
 
 
 def test_play_plays_during_the_opening_too(opened):
     """Whoever presses Play as the opening begins has not seen it yet: the press pauses nothing."""
     viewer, turn_until = opened
-    sweep = viewer.side_panel.sweep
+    sweep = viewer.tabs.sweep
     set_by_client(sweep.rate, 20, client=False)
     made = begin_opening(viewer, turn_until)
-    turn_until(lambda: viewer.main_panel.run_bar.note.visible)
+    turn_until(lambda: viewer.tabs.run_bar.note.visible)
     assert sweep.play.label == "Play", "the opening ends with any touch and needs no button"
     set_by_client(sweep.play, True)
     made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
@@ -230,7 +230,7 @@ def test_play_plays_during_the_opening_too(opened):
 
 def test_play_pressed_as_the_opening_is_due_is_not_undone_by_it(opened, monkeypatch):
     viewer, turn_until = opened
-    sweep, made, calls = viewer.side_panel.sweep, page_module.Opening(), []
+    sweep, made, calls = viewer.tabs.sweep, page_module.Opening(), []
     monkeypatch.setattr(viewer, "call", calls.append)  # which the event loop has not run yet
     made.tick(viewer, True, False, 0.0)
     made.tick(viewer, True, False, page_module.OPENING_DELAY)
@@ -245,9 +245,9 @@ def test_play_pressed_as_the_opening_is_due_is_not_undone_by_it(opened, monkeypa
 def test_modes_chosen_during_the_opening_stay(opened):
     viewer, turn_until = opened
     made = begin_opening(viewer, turn_until)
-    set_by_client(viewer.main_panel.map.text, "2-4")
+    set_by_client(viewer.tabs.map.text, "2-4")
     made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
-    turn_until(lambda: not viewer.side_panel.sweep.playing)
+    turn_until(lambda: not viewer.tabs.sweep.playing)
     assert viewer.binding.choices.modes == (2, 3, 4)
 
 
@@ -256,10 +256,10 @@ def test_the_opening_waits_for_a_browser_and_does_not_begin_after_a_touch(opened
     unwatched, touched = page_module.Opening(), page_module.Opening()
     for now in (0.0, 10.0, 20.0):
         unwatched.tick(viewer, False, False, now)
-    assert not viewer.side_panel.sweep.playing and not unwatched.done
+    assert not viewer.tabs.sweep.playing and not unwatched.done
     viewer.binding.touch()
     touched.tick(viewer, True, False, 0.0)
-    assert touched.done and not viewer.side_panel.sweep.playing
+    assert touched.done and not viewer.tabs.sweep.playing
 
 
 @pytest.mark.parametrize("given", [{"play": True}, {"choices": {"modes": [2]}}, {"states": (1,)}])

@@ -1,13 +1,11 @@
 """Isosurfaces and slice of `ball3d`, and the relief of `tiny`, in a real browser."""
 
-import os
 import re
-import signal
-import subprocess
-import sys
 
 import pytest
-from browsing import EXACT, WAIT, choose, slider, tab
+from browsing import choose, opened_page, serving_here, slider, tab
+
+from fdcal.model.scene_file import load_scene
 
 DRAWN = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
 GONE = "name => window.__viserMutable?.nodeRefFromName?.[name] == null"
@@ -26,25 +24,14 @@ BOX = """name => {
 }"""
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def page(browser, kernels):
-    """The page of `ball3d`."""
-    command = [sys.executable, "-m", "fdcal", "view", "ball3d", "--port", "0", "--no-browser"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
-    page = browser.new_page(viewport={"width": 1280, "height": 720})
-    try:
-        url = server.stdout.readline().strip()
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or server.stderr.read()
-        page.set_default_timeout(WAIT * 1e3)
-        page.goto(f"{url}/{EXACT}")
-        page.wait_for_function(DRAWN, arg="/microphones/true")
+    """The page of `ball3d`, in the tab Map."""
+    with serving_here(load_scene("ball3d")) as address:
+        page = opened_page(browser, address)
+        tab(page, "Map")
         yield page
-        server.send_signal(signal.SIGINT)
-        _, errors = server.communicate(timeout=WAIT)
-        assert server.returncode == 0 and "Traceback" not in errors, errors
-    finally:
         page.close()
-        server.kill()
 
 
 def box(page, name):
@@ -59,7 +46,6 @@ def lies(page, axis, place=None):
 
 
 def test_isosurfaces_and_a_slice_stand_in_the_scene_and_follow_the_controls(page):
-    tab(page, "Map")
     choose(page, "Show", "Isosurfaces (3-D)")
     page.wait_for_function(DRAWN, arg="/isosurfaces")
     page.wait_for_function(GONE, arg="/floor")
@@ -97,7 +83,6 @@ def test_isosurfaces_and_a_slice_stand_in_the_scene_and_follow_the_controls(page
 
 
 def test_a_relief_lies_on_its_axes_from_the_top_and_its_slider_sets_its_height(page):
-    tab(page, "Map")
     choose(page, "Show", "Relief")
     page.wait_for_function(DRAWN, arg="/relief")
     page.wait_for_function(f"() => ({BOX})('/relief')[1][2] < 2")  # while a surface is replaced there is none

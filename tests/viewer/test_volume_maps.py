@@ -17,7 +17,6 @@ from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.background import prepare
-from fdcal.viewer.background.comparison import ComparisonWorker
 from fdcal.viewer.background.cost_map import MapStyle
 from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
 from fdcal.viewer.gui.binding import Binding
@@ -53,10 +52,8 @@ def snapshot(run):
 
 
 @pytest.fixture(scope="module")
-def worker(run):
-    made = CostMapWorker(run)
-    yield made
-    made.close(WAIT)
+def worker(run, threads):
+    return CostMapWorker(run, threads)
 
 
 def first(worker, wanted, fine):
@@ -199,8 +196,9 @@ def test_the_scene_has_surfaces_and_slice_and_moves_the_slice_without_a_new_node
 
 
 def test_solvers_race_in_three_dimensions(server, run):
-    worker = ComparisonWorker(run)
-    tab = ComparisonTab(Binding(server.gui, run, 30), worker)
+    binding = Binding(server.gui, run, 30)
+    tab = ComparisonTab(binding)
+    worker = tab.worker
     set_by_client(tab.solvers, "descent, joint")
     set_by_client(tab.start, "affine")
     set_by_client(tab.run, True)
@@ -211,5 +209,5 @@ def test_solvers_race_in_three_dimensions(server, run):
     found = {summary.name: summary for summary in worker.summaries}
     assert not worker.error and found["joint"].mean_error < 10 and found["descent"].step > 0
     assert tab.marked(worker.summaries) == worker.summaries, "their estimates are marked"
-    assert worker.close(WAIT)
+    binding.threads.close(WAIT)
     server.gui.reset()

@@ -13,10 +13,10 @@ import numpy as np
 
 from ...session.comparison import Comparison, ComparisonRun
 from ...session.history import SessionView
-from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
 from ..gui.html import error_message
 from .prepare import PreparedRun
+from .threads import Threads
 
 MAX_POINTS = 60  # of the curves of one run
 
@@ -85,14 +85,14 @@ class ComparisonWorker:
     `error` says why the comparison could not start, "" where it could. `summaries` is a new tuple whenever something
     has changed. `released` is the comparison that the worker has let go, or None.
 
-    `run`: whose problem and settings the comparison takes.
+    `run`: whose problem and settings the comparison takes; `threads`: of the session.
     """
 
-    def __init__(self, run: PreparedRun):
+    def __init__(self, run: PreparedRun, threads: Threads):
         self.run = run
         self._commands: collections.deque[tuple[Command, Any]] = collections.deque()
-        self._preparation = LatestWorker(self._prepare, "fdcal-comparison")
-        self._curves = LatestWorker(self._compute_curves, "fdcal-comparison-curves")
+        self._preparation = threads.start(self._prepare, "fdcal-comparison")
+        self._curves = threads.start(self._compute_curves, "fdcal-comparison-curves")
         self._points: dict[str, dict[int, tuple[float, float]]] = {}  # of each run, by step: its error and cost
         self._setup: ComparisonSetup | None = None
         self._pending: ComparisonSetup | None = None  # being prepared
@@ -102,6 +102,7 @@ class ComparisonWorker:
         self.released: PausedComparison | None = None
         self._let_go: Comparison | None = None  # which this worker does not close
         self.summaries: tuple[RunSummary, ...] = ()
+        threads.own(self)
 
     def toggle(self, setup: ComparisonSetup) -> None:
         """Start the comparison, pause it, or resume it. Any thread."""
@@ -248,10 +249,9 @@ class ComparisonWorker:
                 points[name][state.step] = error, reference_cost.of(state) if reference_cost else 0.0
 
     def close(self, timeout: float) -> bool:
-        """End the threads after the work in progress; False if that takes longer than `timeout`, s."""
+        """End the comparison, and one that was prepared meanwhile; its two threads end with those of the session."""
         self._end()
-        done = self._preparation.close(timeout)
         latest = self._preparation.latest
-        if latest is not None and latest.result is not None and latest.result is not self._let_go:
-            done = latest.result.close(timeout) and done
-        return self._curves.close(timeout) and done
+        if latest is None or latest.result is None or latest.result is self._let_go:
+            return True
+        return latest.result.close(timeout)

@@ -24,7 +24,6 @@ from ...graphics.surroundings import z_range_of
 from ...graphics.volume import AXES, PIXELS, POINTS, SampledVolume, Volume, drawn_volume, sampled_volume, sliced
 from ...model.problem import Problem
 from ...model.settings import Search
-from ...session.worker import LatestWorker
 from ..gui.html import error_message
 from .cost_map import (
     CostMap,
@@ -38,6 +37,7 @@ from .cost_map import (
     shown_modes,
 )
 from .prepare import PreparedRun
+from .threads import Threads
 
 COARSE_POINTS = 26  # along the longest edge
 COARSE_NEGLIGIBLE = 1e-3  # of the nodes of a coarse volume
@@ -146,18 +146,14 @@ IDLE_TIME = 0.35  # s without a change before a finer map is requested
 
 
 class CostMapWorker:
-    """Requests maps and returns the newest that fits; all on the caller's thread except `_compute`, `_compute_fine`.
+    """Requests maps and returns the newest that fits; all on the caller's thread except `_compute`, `_compute_fine`."""
 
-    `notify`: called when there is a new map.
-    """
-
-    def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
-        self._run, self._requested, self._since = run, None, 0.0
-        self._fine_requested: CostMapRequest | None = None
+    def __init__(self, run: PreparedRun, threads: Threads):
+        self._run, self._since = run, 0.0
         self._volumes = VolumeMaps(run)
         self._costs: dict[str, tuple] = {}  # of each thread: the key of its last costs, and the costs
-        self.worker = LatestWorker(self._compute, "fdcal-map", notify=notify)
-        self._fine_worker = LatestWorker(self._compute_fine, "fdcal-fine-map")
+        self.worker = threads.start(self._compute, "fdcal-map", wakes=True)
+        self._fine_worker = threads.start(self._compute_fine, "fdcal-fine-map")
 
     def newest(self, wanted: CostMapRequest, running: bool, now: float) -> tuple[CostMap | None, str]:
         """Return the map to show; request `wanted` where it is not there yet.
@@ -192,29 +188,19 @@ class CostMapWorker:
             due = now - latest.ended > pause or not last.stands_for(wanted, running)  # the user wants another one
             if last.differs_in_style(wanted):
                 wanted = replace(last, style=wanted.style)  # drawn again from the same costs
-        if wanted != self._requested and due and not (running and self.worker.busy):
-            self._requested, self._since = wanted, now
-            self.worker.request(wanted)
+        if not self.worker.wants(wanted) and due and not (running and self.worker.busy):
+            self._since = now
+            self.worker.newest(wanted)
         drawn = latest is not None and latest.request[0] == wanted
-        if drawn and not running and wanted == self._requested and now - self._since > IDLE_TIME:
-            self._request_fine(wanted)
-        return wanted
-
-    def _request_fine(self, wanted: CostMapRequest) -> None:
         flat_cost = not (wanted.style.relief or wanted.style.shape)
-        if flat_cost and wanted != self._fine_requested:
-            self._fine_requested = wanted
-            self._fine_worker.request(wanted)
+        if flat_cost and drawn and not running and self.worker.wants(wanted) and now - self._since > IDLE_TIME:
+            self._fine_worker.newest(wanted)
+        return wanted
 
     @property
     def busy(self) -> bool:
         """Whether a map is in progress."""
         return self.worker.busy or self._fine_worker.busy
-
-    def close(self, timeout: float) -> bool:
-        """End the threads after the maps in progress; False if that takes longer than `timeout`, s."""
-        self._requested = None
-        return all([self._fine_worker.close(timeout), self.worker.close(timeout)])
 
     def _compute(self, request: CostMapRequest) -> CostMap:
         """On the fast thread: a map over the solver's lattice, or a coarse volume."""
@@ -246,10 +232,10 @@ class CostMapWorker:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
         run, n = self._run, request.microphone
         if request.style.volume:
-            return self._volumes.fine(request, lambda: self._requested != request)
+            return self._volumes.fine(request, lambda: not self.worker.wants(request))
         key = (request.revision, n, request.modes, request.order_offset)
         if self._costs.get("fine", (None,))[0] != key:
-            panels = fine_panels(run, request, lambda: self._requested != request)
+            panels = fine_panels(run, request, lambda: not self.worker.wants(request))
             if panels is None:
                 return None
             self._costs["fine"] = key, panels, local_minima(panels.total)

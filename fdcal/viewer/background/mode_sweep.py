@@ -6,7 +6,6 @@ page shows when nothing changes, so they have the same local minima.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,10 +14,10 @@ from ...cost.maps import ambiguous_mode, partial_sums, refined
 from ...graphics.basin_map import TABLE, table_numbers
 from ...graphics.heatmap import colour_limits, colour_numbers, normalise, of_colour_numbers
 from ...graphics.primitives import Floor
-from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
 from .cost_map import CostMap, CostMapRequest, MapStyle, cost_map
 from .prepare import PreparedRun
+from .threads import Threads
 
 FEW_STOPS = 18  # maps of a sweep that leaves some out
 NO_IMAGE = np.zeros((1, 1, 3), np.uint8)
@@ -86,27 +85,13 @@ def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
 
 
 class SweepWorker:
-    """Computes the maps of one sweep at a time; all of it on the caller's thread except `_compute`.
+    """Computes the maps of one sweep at a time, on a thread of the session, and keeps them."""
 
-    `notify`: called when a sweep is complete.
-    """
-
-    def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
+    def __init__(self, run: PreparedRun, threads: Threads):
         self._run = run
-        self._requested: SweepRequest | None = None
         self._sweep: Sweep | None = None
         self._drawn: tuple[SweepFrame, bool, CostMap] | None = None
-        self.worker = LatestWorker(self._compute, "fdcal-sweep", notify=notify)
-
-    def request(self, wanted: SweepRequest) -> None:
-        """Compute a sweep, unless it is in progress or complete."""
-        if wanted != self._requested:
-            self._requested = wanted
-            self.worker.request(wanted)
-
-    def cancel(self) -> None:
-        """Stop the sweep that is in progress, after the map in progress."""
-        self._requested = None
+        self.worker = threads.start(self._compute, "fdcal-sweep")
 
     def sweep(self, wanted: SweepRequest) -> Sweep | None:
         """Return the sweep of a request, as far as it is computed; None before its modes are known."""
@@ -117,7 +102,7 @@ class SweepWorker:
     def error(self) -> Exception | None:
         """What has kept the last sweep from being computed."""
         latest = self.worker.latest
-        return None if latest is None or latest.request[0] != self._requested else latest.cause
+        return None if latest is None or latest.request != self.worker.requested else latest.cause
 
     def map_of(self, wanted: CostMapRequest) -> CostMap | None:
         """Return the map of a request where the sweep has it: the same object as long as nothing changes."""
@@ -140,11 +125,6 @@ class SweepWorker:
             self._drawn = frame, wanted.style.minima, replace(frame.map, request=wanted, floor=floor, fine=True)
         return self._drawn[2]
 
-    def close(self, timeout: float) -> bool:
-        """End the thread after the map in progress; False if that takes longer than `timeout`, s."""
-        self._requested = None
-        return self.worker.close(timeout)
-
     def _compute(self, request: SweepRequest) -> None:
         """On the thread: map after map, until another sweep is requested."""
         run, state, n, offset = self._run, request.state, request.microphone, request.order_offset
@@ -159,7 +139,7 @@ class SweepWorker:
         self._sweep = sweep
         search = refined(run.problem.search)
         for sums in partial_sums(run.problem, run.solver, state, n, sweep.modes, offset, search, stops):
-            if self._requested != request:
+            if not self.worker.wants(request):
                 return
             sweep.frames.append(self._frame(request, sums.modes, sums.cost, sums.minima, search))
 

@@ -5,7 +5,6 @@ Only for a solver that has finished; an earlier state is not at a minimum.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +15,10 @@ from ...session.blas_threads import one_blas_thread
 from ...session.calibration_run import Assessment, assess_state, healthy_microphones
 from ...session.history import SessionView
 from ...session.sources import CalibrationInput
-from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
 from ..gui.html import CONTROLS
 from .prepare import PreparedRun
+from .threads import Threads
 
 
 @dataclass(frozen=True)
@@ -51,15 +50,13 @@ IDLE_TIME = 0.3  # s without a change before the verdict is computed
 
 
 class VerdictWorker:
-    """Requests verdicts and returns the one on the state on the screen.
+    """Requests verdicts on a thread of the session, and returns the one on the state on the screen."""
 
-    `notify`: called when there is a verdict.
-    """
-
-    def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
-        self._run, self._state, self._since, self._requested = run, None, 0.0, None
+    def __init__(self, run: PreparedRun, threads: Threads):
+        self._run, self._state, self._since = run, None, 0.0
+        self._requested: RunState | None = None  # compared by identity
         self._lineage, self._sought = None, run.sought  # of the last verdict
-        self._worker = LatestWorker(self._compute, "fdcal-verdict", notify=notify)
+        self._worker = threads.start(self._compute, "fdcal-verdict", wakes=True)
 
     def of(self, state: RunState, running: bool, now: float) -> Assessment | None:
         """Return the assessment of `state`, None while there is none.
@@ -75,6 +72,12 @@ class VerdictWorker:
         latest = self._worker.latest
         return latest.result if latest is not None and latest.request[0] is state else None
 
+    def pending(self, view: SessionView) -> bool:
+        """Return whether there will be an assessment of the state that is shown."""
+        latest = self._worker.latest
+        done = latest is not None and latest.request[0] is view.state
+        return view.state.finished and not view.running and not done
+
     def sought(self, view: SessionView, found: Assessment | None) -> np.ndarray:
         """Return the microphones whose errors count; once the verdict on a run names odd channels, without these.
 
@@ -84,10 +87,6 @@ class VerdictWorker:
             self._lineage = view.history.lineage
             self._sought = healthy_microphones(self._run.sought, self._run.measurement.names, found)
         return self._sought
-
-    def close(self, timeout: float) -> bool:
-        """End the thread after the work in progress; False if that takes longer than `timeout`, s."""
-        return self._worker.close(timeout)
 
     def _compute(self, state: RunState) -> Assessment:
         run = self._run

@@ -2,8 +2,7 @@
 
 May import: the packages below viewer, and background and server.
 
-layout       the two panels, their tabs, and the folders of one session in them
-binding      binds controls to a session
+binding      binds controls to a session; what a tick shows; the base of a tab
 choices      the choices made on the page
 html         status lines, the verdict, remarks and error messages
 legend_html  legends and the scale of a map

@@ -1,34 +1,76 @@
-"""Binds the controls of the panels to a session: callbacks from the browser, and values sent to it.
+"""Binds the controls of the panels to a session: callbacks from the browser, and what a tick shows.
 
-A callback bounds the value that it receives, and then gives the session a command or changes a choice. Callbacks are
-`async`, so that viser runs them in order on its own event loop. None of them blocks.
+A control, its bounds and its effect are declared together: `binding.on(gui.add_slider("SNR (dB)", 1, 60, 1, 30), act)`.
+A value that the control cannot have never arrives; `server.hardening` drops it. Callbacks are `async`, so that viser
+runs them in order on its own event loop. None of them blocks. viser sends a property only where it differs from what
+the browsers have; so a tab assigns all that it shows at each tick.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
+import numpy as np
 import viser
 
+from ...graphics.primitives import Picture
 from ...graphics.units import row_word
+from ...session.calibration_run import Assessment
+from ...session.history import SessionView
 from ...session.request import OpenRequest
+from ..background.comparison import RunSummary
+from ..background.cost_map import CostMap
 from ..background.prepare import PreparedRun
+from ..background.threads import Threads
+from ..background.verdict import PositionUncertainty
 from .choices import Choices, initial_choices
+
+Control = TypeVar("Control")
+
+
+@dataclass(frozen=True)
+class Tick:
+    """What the main loop shows at one moment."""
+
+    view: SessionView
+    now: float = 0.0  # s
+    revision: int = 0  # counts the states that were shown
+    microphone: int = 0  # whose map is shown, counted from 0
+    drawn: CostMap | None = None  # the map on the floor or in space
+    reason: str = ""  # why there is no map, "" where it is only not ready
+    picture: Picture | None = None  # on the screen
+    fault: str = ""  # an exception of the page, as text
+    note: str = ""  # on work in the background
+    found: Assessment | None = None  # of the state, once the solver has finished
+    uncertainty: PositionUncertainty | None = None  # likewise
+    assessing: bool = False  # whether there will be one
+    runs: tuple[RunSummary, ...] = ()  # of a race
+    sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
+
+
+class Tab:
+    """A tab of one session, which creates its controls in `__init__`."""
+
+    def refresh(self) -> None:
+        """Let what depends on choices and values of controls follow them, after a program has set them."""
+
+    def show(self, tick: Tick) -> None:
+        """Bring the tab up to date; called by the main loop."""
 
 
 class Binding:
-    """The session that is shown, the choices made for it, and what was last sent to its controls.
+    """The session that is shown, the choices made for it, its threads, and the values sent to its controls.
 
     The callbacks replace `choices` as a whole; the main loop reads it. An object that outlives the session asks the
     page for the present binding each time (`Page.binding`).
 
     `modes`: number of modes that can be in use; `open_other`: function that opens another session in place of this one
     as soon as that is ready; `before`: Choices of the session that was shown before, or None; `wake`: function that
-    makes the main loop update the page at once. `row`: what the page calls a row of the measurement: "mode", or "row"
-    where there are several takes; `sent`: what `send` has sent last, by its key; `touches`: how many times a user has
-    changed or pressed anything.
+    makes the main loop update the page at once; `call`: runs a function on viser's event loop. `row`: what the page
+    calls a row of the measurement: "mode", or "row" where there are several takes; `sent`: the values that `send` has
+    sent last, by the identity of the control; `touches`: how many times a user has changed or pressed anything.
     """
 
     def __init__(
@@ -39,20 +81,22 @@ class Binding:
         open_other: Callable[[OpenRequest], None] = lambda request: None,
         before: Choices | None = None,
         wake: Callable[[], None] = lambda: None,
+        call: Callable[[Callable[[], object]], object] = lambda function: function(),
     ):
         self.gui, self.run, self.session, self.measurement = gui, run, run.session, run.measurement
-        self.modes, self.weights, self.open = modes, run.scene.solver.weights, open_other
+        self.modes, self.weights, self.open, self.call = modes, run.scene.solver.weights, open_other, call
         self.row = row_word(run.measurement)
         self.choices, self._wake = initial_choices(run, modes, before), wake
-        self.sent: dict[str, object] = {}
+        self.threads = Threads(wake)
+        self.sent: dict[int, object] = {}
         self.touches = 0
 
     def touch(self) -> None:
         """Note that a user has changed or pressed something."""
         self.touches += 1
 
-    def on(self, handle, act: Callable[[Any], object]) -> None:
-        """Call `act(value)` when a client, and not this program, has changed a control."""
+    def on(self, handle: Control, act: Callable[[Any], object]) -> Control:
+        """Call `act(value)` when a client, and not this program, has changed a control; return the control."""
 
         async def respond(event) -> None:
             if event.client is not None:
@@ -60,16 +104,21 @@ class Binding:
                 self.session.yield_to_ui()
                 act(event.target.value)
 
-        (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(respond)
+        control: Any = handle
+        (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)
+        return handle
 
-    def on_client(self, handle, act: Callable[[viser.ClientHandle, Any], object]) -> None:
-        """Call `act(client, value)` when a client has pressed a button."""
+    def on_client(self, handle: Control, act: Callable[[viser.ClientHandle, Any], object]) -> Control:
+        """Call `act(client, value)` when a client has pressed a button; return the button."""
+        button: Any = handle
 
-        @handle.on_click
+        @button.on_click
         async def _(event) -> None:
             if event.client is not None:
                 self.touch()
                 act(event.client, event.target.value)
+
+        return handle
 
     def choose(self, **changes) -> None:
         """Change some of the choices."""
@@ -87,11 +136,15 @@ class Binding:
         """Change the style of the maps and of the page."""
         self.choose(style=replace(self.choices.style, **changes))
 
-    def send(self, key: str, value, handle, name: str = "value") -> None:
-        """Set an attribute of a control where the value differs from the one sent last under `key`.
+    def send(self, handle, value) -> None:
+        """Set the value of a control where it differs from the one sent last.
 
         A slider that the user is dragging is therefore not pulled back by the main loop.
         """
-        if key not in self.sent or self.sent[key] != value:
-            self.sent[key] = value
-            setattr(handle, name, value)
+        if id(handle) not in self.sent or self.sent[id(handle)] != value:
+            self.sent[id(handle)] = value
+            handle.value = value
+
+    def keep(self, handle, value) -> None:
+        """Count a value as sent: the user has set it, who may still be dragging the slider."""
+        self.sent[id(handle)] = value

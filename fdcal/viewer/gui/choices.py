@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -53,24 +53,9 @@ VIEWS = {"Top": "top", "3-D": "3d", "Close": "close"}  # label to view of a came
 Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
 MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
 WATCHED_RATE = 5  # steps per second that can be followed, of a solver whose steps move all microphones
+BOUNDS = {"opacity": (0.1, 1.0), "relief_height": (0.05, 1.0), "slice_position": (-math.inf, math.inf)}
 # Choices that another scene keeps.
 KEPT = ("trails", "ellipses", "ellipse_scale", "lecture", "export_kind", "export_view", "export_size", "rate")
-SWITCHES = (
-    "follow",
-    "shown",
-    "trails",
-    "ellipses",
-    "log",
-    "relief",
-    "shared",
-    "dark",
-    "shape",
-    "objective",
-    "minima",
-    "release",
-    "volume",
-    "basins",
-)
 
 
 @dataclass(frozen=True)
@@ -125,6 +110,12 @@ class Choices:
         return {key: getattr(self.style if hasattr(self.style, key) else self, key) for key in keys}
 
 
+# Those that are saved and are true or false.
+SWITCHES = tuple(
+    one.name for one in (*fields(Choices), *fields(MapStyle)) if one.type == "bool" and one.name != "lecture"
+)
+
+
 def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Choices:
     """Return the choices of a session that opens: those of its request, and the appearance of the page before.
 
@@ -158,26 +149,22 @@ def has_volume(measurement: Measurement) -> bool:
 
 def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> Any:
     """Return a value of a request's choices, which may come from a file."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    whole = number and isinstance(value, int)
     if key in SWITCHES and isinstance(value, bool):
-        return value
-    if key == "opacity" and isinstance(value, (int, float)) and 0.1 <= value <= 1:
-        return float(value)
-    if key == "relief_height" and isinstance(value, (int, float)) and 0.05 <= value <= 1:
-        return float(value)
-    if key == "microphone" and isinstance(value, int) and 0 <= value < count:
-        return value
-    if key == "order_offset" and isinstance(value, int) and 0 <= value <= MAX_ORDER_OFFSET:
         return value
     if key in ("modes", "slice_position", "take") and value is None:
         return None
-    if key == "take" and isinstance(value, int) and not isinstance(value, bool) and value in takes:
-        return value
-    if key == "ellipse_scale" and value in ELLIPSE_SCALES.values() and not isinstance(value, bool):
-        return value
-    if key == "slice_axis" and value in SLICES.values():
-        return value
-    if key == "slice_position" and isinstance(value, (int, float)) and math.isfinite(value):
+    if key in BOUNDS and number and BOUNDS[key][0] <= value <= BOUNDS[key][1]:
         return float(value)
+    if (key == "microphone" and whole and 0 <= value < count) or (key == "take" and whole and value in takes):
+        return value
+    if key == "order_offset" and whole and 0 <= value <= MAX_ORDER_OFFSET:
+        return value
+    if (key == "ellipse_scale" and whole and value in ELLIPSE_SCALES.values()) or (
+        key == "slice_axis" and value in SLICES.values()
+    ):
+        return value
     if key == "modes" and isinstance(value, (list, tuple)) and value:
         if all(isinstance(mode, int) and 1 <= mode <= modes for mode in value):
             return tuple(sorted(set(value)))

@@ -160,6 +160,8 @@ def status(
 GOOD, DOUBTFUL = "light-dark(#1a7f37, #4cc26b)", "light-dark(#c2410c, #fb923c)"
 LINE_LENGTH = 50  # characters of the words that fit into a line at least
 MAX_LINES = 2  # of the words that are shown before a click shows all of them; one more where channels are odd
+GREY, PENDING = "#808894", "Assessing the result ..."
+VERDICT_LINE = 1.35  # height of a line of the verdict, em
 VERDICT_STYLE = (
     "<style>.fdcal-verdict summary {list-style: none; cursor: pointer}"
     ".fdcal-verdict summary::-webkit-details-marker {display: none}"
@@ -169,13 +171,17 @@ VERDICT_STYLE = (
 )
 
 
-def verdict_html(found: Assessment | None) -> str:
-    """Return the code, the words, which name one sigma and odd channels, and the leave-one-out error; "" for None.
+def verdict_html(found: Assessment | None, pending: bool = False) -> str:
+    """Return the code, the words, which name one sigma and faulty channels, and the leave-one-out error.
 
-    Long words are cut, so that the controls below stay where they are; "show all" shows all of them.
+    Long words are cut, and a verdict that is `pending` has its room already, so that no button moves away below a
+    pointer; "show all" shows all words. "" where there is neither.
     """
+    card = f"<div style='{CARD} font-size: 0.8em; line-height: {VERDICT_LINE}; padding-bottom: 0.5em'>"
+    height = f"padding-left: 0.6em; min-height: {VERDICT_LINE * (MAX_LINES + 2):.2f}em"  # with faults and figures
     if found is None:
-        return ""
+        waiting = f"{card}<div style='border-left: 4px solid {GREY}; {height}; opacity: 0.75'>{PENDING}</div></div>"
+        return waiting if pending else ""
     colour = GOOD if found.verdict == "good" else DOUBTFUL
     error = found.evidence.leave_one_out_db
     figures = "" if error is None else f"leave-one-out error {error:.1f} dB"
@@ -184,8 +190,7 @@ def verdict_html(found: Assessment | None) -> str:
     more = "<u class='fdcal-more'>show all</u>" if figures and len(text) > LINE_LENGTH * lines else ""
     rest = f"<div style='opacity: 0.85'>{' &ensp;'.join(filter(None, (figures, more)))}</div>" if figures else ""
     return (
-        f"{VERDICT_STYLE}<div style='{CARD} font-size: 0.8em; line-height: 1.35; padding-bottom: 0.5em'>"
-        f"<div style='border-left: 4px solid {colour}; padding-left: 0.6em'><details class='fdcal-verdict'>"
+        f"{VERDICT_STYLE}{card}<div style='border-left: 4px solid {colour}; {height}'><details class='fdcal-verdict'>"
         f"<summary title='Click to read all of it'>"
         f"<div style='color: {colour}; -webkit-line-clamp: {lines}'>{text}</div>{rest}</summary></details></div></div>"
     )

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Container
 from typing import Any
 
 import msgspec
@@ -53,24 +52,6 @@ def bounded(value, low: int, high: int, otherwise: int) -> int:
         return min(max(round(float(value)), low), high)
     except (TypeError, ValueError, OverflowError):
         return otherwise
-
-
-def bounded_number(value, low: float, high: float, otherwise: float) -> float:
-    """Return `value` as a float, clipped.
-
-    `value`: what a browser has sent; it may be anything; `low`, `high`: the bounds, both included; `otherwise`:
-    returned where `value` is not a finite number.
-    """
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        return otherwise
-    return min(max(number, low), high) if math.isfinite(number) else otherwise
-
-
-def one_of(value, options: Container[str], otherwise: str) -> str:
-    """Return `value` if it is one of the texts `options`, and `otherwise` if it is not."""
-    return value if isinstance(value, str) and value in options else otherwise
 
 
 MAX_COORDINATE = 1e6  # metres, of a camera or a pointer, from the origin

@@ -17,10 +17,9 @@ from ...model.measurement import Measurement
 from ...model.texts import length_text
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary
 from ..gui import html
-from ..gui.binding import Binding
+from ..gui.binding import Binding, Tab, Tick
 from ..gui.legend_html import symbol
 from ..gui.plots import Plot, decades_of
-from ..server.client_values import bounded, one_of
 from .solver import MAX_SEED, STARTS
 
 ALL = "all"
@@ -39,14 +38,19 @@ def combinations() -> dict[str, tuple[str, ...]]:
     return {ALL: names} | {", ".join(pair): pair for pair in itertools.combinations(names, 2)}
 
 
-class ComparisonTab:
-    """Owns the controls of the tab."""
+class ComparisonTab(Tab):
+    """Owns the controls of the tab, and the race.
 
-    def __init__(self, binding: Binding, worker: ComparisonWorker):
-        self._binding, self._worker, self._updated = binding, worker, -1e9
+    `worker`: prepares the race and runs it.
+    """
+
+    def __init__(self, binding: Binding):
+        self._binding, self.worker, self._updated = binding, ComparisonWorker(binding.run, binding.threads), -1e9
         self._shown: tuple[RunSummary, ...] | None = None
         self._names: tuple[str, ...] = ()  # of the solvers that the plots are made for
         self._plots: list[Plot] = []
+        self._setup: ComparisonSetup | None = None  # that the remark on the start is of
+        self._tabled: tuple = ()  # what the table is of
         self._possible = binding.run.problem.search is not None
         if self._possible:
             self._add_controls()
@@ -54,7 +58,7 @@ class ComparisonTab:
             binding.gui.add_html(html.remark(NO_SEARCH))
 
     def _add_controls(self) -> None:
-        gui, worker = self._binding.gui, self._worker
+        gui, on, worker = self._binding.gui, self._binding.on, self.worker
         self._combinations = combinations()
         self.solvers = gui.add_dropdown("Solvers", tuple(self._combinations), initial_value=ALL)
         self.start = gui.add_dropdown("Start from", STARTS, initial_value="random", hint="The same for all solvers")
@@ -62,47 +66,46 @@ class ComparisonTab:
             "Random seed", self._binding.choices.seed, min=0, max=MAX_SEED, step=1,
             hint="Of the random start, and of the order in which descent moves the microphones",
         )  # fmt: skip
-        self.run = gui.add_button("Start", icon=viser.Icon.FLAG, hint="Start; press again to pause and to resume")
-        self.restart = gui.add_button_group("", ("Reset", "Clear"), visible=False, hint="Restart or clear the race")
+        self.run = on(
+            gui.add_button("Start", icon=viser.Icon.FLAG, hint="Start; press again to pause and to resume"),
+            lambda _: worker.toggle(self.setup),
+        )
+        self.restart = on(
+            gui.add_button_group("", ("Reset", "Clear"), visible=False, hint="Restart or clear the race"),
+            lambda value: (worker.reset if value == "Reset" else worker.stop)(),
+        )
         self.far = gui.add_html("", visible=False)
         self.marks = gui.add_checkbox("Show marks", True, hint="Mark the estimates of each solver")
         self.table = gui.add_html("")
         self._folder = gui.add_folder(None)  # of the plots, which are made when the solvers are known
-        self._binding.on(self.run, lambda _: worker.toggle(self.setup))
-        self._binding.on(self.restart, lambda value: (worker.reset if value == "Reset" else worker.stop)())
 
     @property
     def setup(self) -> ComparisonSetup:
-        """What the controls show, bounded."""
-        names = self._combinations[one_of(self.solvers.value, self._combinations, ALL)]
-        seed = bounded(self.seed.value, 0, MAX_SEED, 0)
-        return ComparisonSetup(names, one_of(self.start.value, STARTS, "random"), seed)
+        """What the controls show."""
+        return ComparisonSetup(self._combinations[self.solvers.value], self.start.value, self.seed.value)
 
     def marked(self, summaries: tuple[RunSummary, ...]) -> tuple[RunSummary, ...]:
         """Return the runs whose estimates are marked in the scene."""
         return summaries if self._possible and self.marks.value else ()
 
-    def show(self, summaries: tuple[RunSummary, ...], now: float) -> None:
-        """Bring the tab up to date; called by the main loop."""
+    def show(self, tick: Tick) -> None:
+        """Bring the tab up to date."""
         if not self._possible:
             return
-        binding, worker = self._binding, self._worker
-        binding.send("comparison label", worker.button_label, self.run, "label")
-        binding.send("comparison finished", worker.finished, self.run, "disabled")
-        binding.send("comparison started", bool(summaries), self.restart, "visible")
+        worker, summaries, setup = self.worker, tick.runs, self.setup
+        self.run.label, self.run.disabled = worker.button_label, worker.finished
+        self.restart.visible = bool(summaries)
         for handle in (self.solvers, self.start, self.seed):  # those of the next race
             handle.visible = not summaries
-        remark = remark_on_start(self.setup)
-        binding.send("far start", remark, self.far, "content")
-        binding.send("has far start", bool(remark) and not summaries, self.far, "visible")
-        binding.send(
-            "comparison table",
-            html.complaint(worker.error) + table(summaries, binding.measurement.nominal),
-            self.table,
-            "content",
-        )
-        if summaries is not self._shown and now - self._updated >= INTERVAL:
-            self._updated, self._shown = now, summaries
+        if setup != self._setup:
+            self._setup, self.far.content = setup, remark_on_start(setup)
+        self.far.visible = bool(self.far.content) and not summaries
+        if (id(summaries), worker.error) != self._tabled:
+            self._tabled = id(summaries), worker.error
+            rows = table(summaries, self._binding.measurement.nominal)
+            self.table.content = html.complaint(worker.error) + rows
+        if summaries is not self._shown and tick.now - self._updated >= INTERVAL:
+            self._updated, self._shown = tick.now, summaries
             self._show_curves(summaries)
 
     def _show_curves(self, summaries: tuple[RunSummary, ...]) -> None:

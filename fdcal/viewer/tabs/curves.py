@@ -15,7 +15,7 @@ from viser import uplot
 
 from ...graphics.units import cost_title
 from ...model.measurement import Measurement
-from ...session.history import SessionView
+from ..gui.binding import Tab, Tick
 from ..gui.plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
 
 MAX_POINTS = 600  # of a plot, which is sent whole each time
@@ -31,7 +31,7 @@ REMARK = (
 )
 
 
-class CurvesTab:
+class CurvesTab(Tab):
     """Owns the plots and the numbers that they show.
 
     `error`: Plot of the position errors, or None where the true positions are unknown.
@@ -52,11 +52,9 @@ class CurvesTab:
         self.cost = Plot(gui, cost_title(measurement), _series(("cost", BLUE, 2.0)), "sweeps", SCALES, whole=True)
         gui.add_html(REMARK)
 
-    def show(self, view: SessionView, now: float, sought: np.ndarray | None = None) -> None:
-        """Bring the plots up to date, not more often than every INTERVAL; called by the main loop.
-
-        The errors are those of the microphones `sought`, which were given last unless given.
-        """
+    def show(self, tick: Tick) -> None:
+        """Bring the plots up to date, not more often than every INTERVAL."""
+        view, now, sought = tick.view, tick.now, tick.sought
         for plot in (self.error, self.cost):
             if plot is not None:
                 plot.settle()

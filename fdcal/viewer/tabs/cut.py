@@ -5,7 +5,6 @@ It is computed on a thread of its own, mode by mode and summed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import matplotlib
@@ -17,13 +16,11 @@ from ...cost.maps import eq7_cut
 from ...cost.reference_cost import LOWEST
 from ...graphics.units import row_word
 from ...model.measurement import Measurement
-from ...session.history import SessionView
-from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
-from ..background.cost_map import CostMap, count_label, map_modes, shown_modes
+from ..background.cost_map import count_label, map_modes, shown_modes
 from ..background.prepare import PreparedRun
 from ..gui import html
-from ..gui.binding import Binding
+from ..gui.binding import Binding, Tab, Tick
 from ..gui.choices import Line
 from ..gui.html import CARD
 from ..gui.plots import BLUE, GREY, RED, Plot, dots
@@ -59,46 +56,24 @@ class Cut:
     truth: float | None
 
 
-class CutWorker:
-    """Requests cuts and returns the newest; all of it on the caller's thread except `_compute`.
-
-    `notify`: called when there is a new cut.
-    """
-
-    def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
-        self._run, self._requested = run, None
-        self.worker = LatestWorker(self._compute, "fdcal-cut", notify=notify)
-
-    def newest(self, wanted: CutRequest) -> tuple[Cut | None, Exception | None]:
-        """Request a cut; return the newest one, perhaps an older one, and what kept it from being computed."""
-        if wanted != self._requested:
-            self._requested = wanted
-            self.worker.request(wanted)
-        latest = self.worker.latest
-        return (None, None) if latest is None else (latest.result, latest.cause)
-
-    def close(self, timeout: float) -> bool:
-        """End the thread after the cut in progress; False if that takes longer than `timeout`, s."""
-        return self.worker.close(timeout)
-
-    def _compute(self, request: CutRequest) -> Cut:
-        """On the thread."""
-        run, n, modes, state = self._run, request.microphone, request.modes, request.state
-        positions, ends = np.asarray(state.positions), np.array(request.line)
-        points = np.linspace(ends[0], ends[1], POINTS)
-        points = np.concatenate([points, np.tile(positions[n, 2:], (POINTS, 1))], axis=1)
-        costs = eq7_cut(run.problem, positions, n, modes, request.order_offset, points, state.channels)
-        drawn = shown_modes(len(modes), MAX_MODES)
-        truth = run.measurement.aligned_truth(positions)
-        return Cut(
-            request,
-            np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), POINTS),
-            tuple(modes[i] for i in drawn),
-            _decibels(costs[drawn]),
-            _decibels(costs.sum(axis=0)),
-            foot(positions[n, :2], ends),
-            None if truth is None else foot(truth[n][:2], ends),
-        )
+def cost_along(run: PreparedRun, request: CutRequest) -> Cut:
+    """Return the cost along a line."""
+    n, modes, state = request.microphone, request.modes, request.state
+    positions, ends = np.asarray(state.positions), np.array(request.line)
+    points = np.linspace(ends[0], ends[1], POINTS)
+    points = np.concatenate([points, np.tile(positions[n, 2:], (POINTS, 1))], axis=1)
+    costs = eq7_cut(run.problem, positions, n, modes, request.order_offset, points, state.channels)
+    drawn = shown_modes(len(modes), MAX_MODES)
+    truth = run.measurement.aligned_truth(positions)
+    return Cut(
+        request,
+        np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), POINTS),
+        tuple(modes[i] for i in drawn),
+        _decibels(costs[drawn]),
+        _decibels(costs.sum(axis=0)),
+        foot(positions[n, :2], ends),
+        None if truth is None else foot(truth[n][:2], ends),
+    )
 
 
 def _decibels(cost: np.ndarray) -> np.ndarray:
@@ -184,28 +159,26 @@ ADVICE = "A cut shows the cost along a line from A to B. Drag its ends over the 
 INTERVAL = 0.2  # s between two updates of the plot
 
 
-class CutPanel:
+class CutPanel(Tab):
     """Owns the controls, the plot and the thread."""
 
     def __init__(self, binding: Binding):
         self._binding, self._updated, self._shown = binding, -1e9, None
         self._lowest: tuple[float, float] | None = None  # of the map that is shown
         self._microphone = binding.choices.microphone
-        self.worker = CutWorker(binding.run)
+        self._worker = binding.threads.start(lambda request: cost_along(binding.run, request), "fdcal-cut")
         gui = binding.gui
-        self.lines = gui.add_button_group(
-            "Cut", LINES, hint="Through the estimate along x, along y, or towards the lowest cost of the map"
-        )
+        hint = "Through the estimate along x, along y, or towards the lowest cost of the map"
+        self.lines = binding.on(gui.add_button_group("Cut", LINES, hint=hint), self.place)
         self._plot = Plot(gui, TITLE, cut_series(binding.measurement), "distance from A (m)", height=230, legend=False)
         self.text = gui.add_html(html.remark(ADVICE))
-        binding.on(self.lines, self.place)
 
-    def place(self, label) -> None:
-        """Draw one of LINES; ignore any other label."""
+    def place(self, label: str) -> None:
+        """Draw one of LINES."""
         if label == NO_LINE:
             self._binding.choose(cut=None)
-        elif label in LINES and self._binding.run.problem.search is not None:
-            self._binding.choose(cut=self._line(str(label)))
+        elif self._binding.run.problem.search is not None:
+            self._binding.choose(cut=self._line(label))
 
     def _line(self, label: str) -> Line:
         """Return a line through the estimate, from edge to edge of the search domain."""
@@ -220,33 +193,30 @@ class CutPanel:
             along = self._lowest - here
         return line_across(here, along, low, high)
 
-    def show(self, view: SessionView, revision: int, microphone: int, drawn: CostMap | None, now: float) -> None:
-        """Bring the plot up to date; called by the main loop."""
-        self._microphone = microphone
+    def show(self, tick: Tick) -> None:
+        """Bring the plot up to date."""
+        self._microphone, drawn = tick.microphone, tick.drawn
         self._plot.settle()
         if drawn is not None and drawn.floor is not None:
             self._lowest = drawn.floor.minimum
-        binding, choices = self._binding, self._binding.choices
+        binding, choices, state = self._binding, self._binding.choices, tick.view.state
         if choices.cut is None or choices.cut[0] == choices.cut[1]:
-            self._clear()
+            if self._shown is not None:
+                self._shown, self._plot.visible = None, False
+            self.text.content = html.remark(ADVICE)
             return
-        if now - self._updated < INTERVAL:
+        if tick.now - self._updated < INTERVAL:
             return
-        modes = map_modes(binding.run, view.state, choices.modes, choices.order_offset, choices.take)
-        wanted = CutRequest(revision, microphone, modes, choices.order_offset, choices.cut, view.state)
-        cut, error = self.worker.newest(wanted)
-        if error is not None:
-            binding.send("cut", html.complaint(error), self.text, "content")
-        elif cut is not None and cut is not self._shown:
-            self._shown, self._updated = cut, now
-            self._plot.show(cut_columns(cut), limits=cut_limits(cut))
+        modes = map_modes(binding.run, state, choices.modes, choices.order_offset, choices.take)
+        wanted = CutRequest(tick.revision, tick.microphone, modes, choices.order_offset, choices.cut, state)
+        latest = self._worker.newest(wanted)
+        if latest is not None and latest.cause is not None:
+            self.text.content = html.complaint(latest.cause)
+        elif latest is not None and latest.result is not self._shown:
+            self._shown, self._updated = latest.result, tick.now
+            self._plot.show(cut_columns(latest.result), limits=cut_limits(latest.result))
             self._plot.visible = True
-            binding.send("cut", cut_caption(cut, binding.measurement), self.text, "content")
-
-    def _clear(self) -> None:
-        if self._shown is not None:
-            self._shown, self._plot.visible = None, False
-        self._binding.send("cut", html.remark(ADVICE), self.text, "content")
+            self.text.content = cut_caption(latest.result, binding.measurement)
 
 
 def line_across(place, along, low, high) -> Line:

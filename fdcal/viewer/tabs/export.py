@@ -26,14 +26,13 @@ from ...model.validation import InputError
 from ...session import session_file
 from ...session.history import SessionView
 from ...session.request import OpenRequest
-from ...session.worker import LatestWorker
 from ..background.cost_map import CostMapRequest, fine_panels, map_label, map_modes
 from ..background.cost_maps import terms_of
 from ..background.prepare import PreparedRun
+from ..background.threads import Threads
 from ..gui import html
-from ..gui.binding import Binding
+from ..gui.binding import Binding, Tab
 from ..gui.choices import PICTURE, VIEWS, Choices
-from ..server.client_values import one_of
 
 
 @dataclass(frozen=True)
@@ -224,10 +223,13 @@ def file_name(snapshot: ViewSnapshot, kind: Kind) -> str:
 
 
 class Exports:
-    """Makes files in the order in which they were requested; a bounded number of them may wait."""
+    """Makes files in the order in which they were requested; a bounded number of them may wait.
 
-    def __init__(self):
-        self.worker = LatestWorker(self._make, "fdcal-export", MAX_WAITING)
+    `threads`: of the session, which does not wait for a file when it ends.
+    """
+
+    def __init__(self, threads: Threads):
+        self.worker = threads.start(self._make, "fdcal-export", MAX_WAITING, awaited=False)
 
     def ask(self, client: viser.ClientHandle, label: str, snapshot: ViewSnapshot) -> None:
         """Request a file of one of KINDS for a page, which is notified at once that it is in progress, or refused."""
@@ -253,43 +255,44 @@ class Exports:
             return
         client.send_file_download(file_name(snapshot, kind), content, save_immediately=True)
 
-    def close(self, timeout: float) -> bool:
-        """End the thread after the file in progress; False if that takes longer than `timeout`, s."""
-        return self.worker.close(timeout)
-
 
 SIZES = {"1280 x 800": (1280, 800), "1920 x 1080": (1920, 1080), "3840 x 2160": (3840, 2160)}
 
 
-class ExportTab:
+class ExportTab(Tab):
     """Owns the controls of the tab.
 
     `export`: function that sends a kind of file to one browser.
     """
 
     def __init__(self, binding: Binding, export: Callable[[viser.ClientHandle, str], None]):
-        self._binding, gui, choices = binding, binding.gui, binding.choices
-        self.kind = gui.add_dropdown("File", tuple(KINDS), initial_value=choices.export_kind)
+        self._binding, gui, on, choices = binding, binding.gui, binding.on, binding.choices
+        self.kind = on(gui.add_dropdown("File", tuple(KINDS), initial_value=choices.export_kind), self.choose)
         self.description = gui.add_html("")
-        self.view = gui.add_dropdown("Camera view", tuple(VIEWS), initial_value=_label(VIEWS, choices.export_view))
-        self.size = gui.add_dropdown("Size (pixels)", tuple(SIZES), initial_value=_label(SIZES, choices.export_size))
-        self.button = gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now")
-        binding.on(self.kind, self.choose)
-        binding.on(self.view, lambda value: binding.choose(export_view=VIEWS[one_of(value, VIEWS, "Top")]))
-        binding.on(self.size, lambda value: binding.choose(export_size=SIZES[one_of(value, SIZES, "1280 x 800")]))
-        binding.on_client(self.button, lambda client, _: export(client, binding.choices.export_kind))
-        self.choose(choices.export_kind)
+        self.view = on(
+            gui.add_dropdown("Camera view", tuple(VIEWS), initial_value=_label(VIEWS, choices.export_view)),
+            lambda value: binding.choose(export_view=VIEWS[value]),
+        )
+        self.size = on(
+            gui.add_dropdown("Size (pixels)", tuple(SIZES), initial_value=_label(SIZES, choices.export_size)),
+            lambda value: binding.choose(export_size=SIZES[value]),
+        )
+        self.button = binding.on_client(
+            gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now"),
+            lambda client, _: export(client, binding.choices.export_kind),
+        )
+        self.refresh()
 
-    def choose(self, value) -> None:
-        """Choose a kind of file; only a picture has a view and a size."""
-        kind = one_of(value, KINDS, PICTURE)
+    def choose(self, kind: str) -> None:
+        """Choose a kind of file."""
         self._binding.choose(export_kind=kind)
-        self.description.content = html.remark(KINDS[kind].description)
-        self.view.visible = self.size.visible = kind == PICTURE
+        self.refresh()
 
     def refresh(self) -> None:
-        """Let what depends on the kind of file follow the choices."""
-        self.choose(self._binding.choices.export_kind)
+        """Describe the kind of file; only a picture has a view and a size."""
+        kind = self._binding.choices.export_kind
+        self.description.content = html.remark(KINDS[kind].description)
+        self.view.visible = self.size.visible = kind == PICTURE
 
 
 def _label(options: dict, value) -> str:

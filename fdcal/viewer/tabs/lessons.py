@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Protocol
 
@@ -24,7 +25,7 @@ from ..gui.html import CARD, complaint, error_message
 from ..lesson_settings import PageBefore, apply_setting, plain_choices
 
 if TYPE_CHECKING:
-    from ..gui.layout import Panels
+    from ..panels import Panels
     from ..scene3d.nodes import SceneNodes
     from ..session_switch import SessionSwitcher
     from ..session_view import Viewer
@@ -102,36 +103,25 @@ WRAPPED = (
 class LessonControls:
     """Owns the buttons and the text.
 
-    `titles`: of the lessons, in their order. `lessons`: button of each lesson, by its title; `text`: HTML of the step;
-    `answers`: buttons with the words of the answers; `navigation`: group of BACK, RESTORE and NEXT; `following`: button
-    that goes to the next step, or starts the next lesson; `end`: button that ends the lesson.
+    `titles`: of the lessons, in their order; `tab`: whose methods the buttons call. `lessons`: button of each lesson,
+    by its title; `text`: HTML of the step; `answers`: buttons with the words of the answers; `navigation`: group of
+    BACK, RESTORE and NEXT; `following`: button that goes to the next step, or starts the next lesson; `end`: button
+    that ends the lesson.
     """
 
-    def __init__(self, gui: viser.GuiApi, titles: Sequence[str]):
+    def __init__(self, gui: viser.GuiApi, titles: Sequence[str], tab: LessonsTab):
         gui.add_html(WRAPPED)
         self.text = gui.add_html("")
-        self.lessons = {title: gui.add_button(title, color=QUIET) for title in titles}
-        self.answers = [gui.add_button("", color=QUIET, visible=False) for _ in range(MAX_CHOICES)]
-        self.following = gui.add_button("Next lesson", icon=viser.Icon.PLAYER_TRACK_NEXT, visible=False)
+        self.lessons = {title: _on(gui.add_button(title, color=QUIET), partial(tab.start, title)) for title in titles}
+        self.answers = [
+            _on(gui.add_button("", color=QUIET, visible=False), partial(tab.answer, number))
+            for number in range(MAX_CHOICES)
+        ]
+        button = gui.add_button("Next lesson", icon=viser.Icon.PLAYER_TRACK_NEXT, visible=False)
+        self.following = _on(button, tab.follow)
         self.navigation = gui.add_button_group("Step", (RESTORE,), visible=False)
-        self.end = gui.add_button("End lesson", icon=viser.Icon.X, color=QUIET, visible=False)
-
-    def listen(
-        self,
-        start: Callable[[str], object],
-        answer: Callable[[int], object],
-        go: Callable[[object], object],
-        follow: Callable[[], object],
-        end: Callable[[], object],
-    ) -> None:
-        """Call `start(title)`, `answer(number)`, `go(label)`, `follow()` and `end()` when a client has clicked."""
-        for title, button in self.lessons.items():
-            _on(button, lambda _, title=title: start(title))
-        for number, button in enumerate(self.answers):
-            _on(button, lambda _, number=number: answer(number))
-        _on(self.navigation, go)
-        _on(self.following, lambda _: follow())
-        _on(self.end, lambda _: end())
+        _on(self.navigation, lambda: tab.go(self.navigation.value))
+        self.end = _on(gui.add_button("End lesson", icon=viser.Icon.X, color=QUIET, visible=False), tab.end)
 
     def show(self, text: str, answers: Sequence[str], steps: Sequence[str], following: str, lesson: bool) -> None:
         """Bring the controls up to date.
@@ -150,17 +140,19 @@ class LessonControls:
         if following:
             self.following.label = following
         self.navigation.visible = self.end.visible = lesson
-        if lesson and self.navigation.options != tuple(steps):  # buttons that are sent again lose the focus
+        if lesson:
             self.navigation.options = tuple(steps)
 
 
-def _on(handle, act: Callable[[object], object]) -> None:
-    """Call `act(value)` when a client has clicked a button."""
+def _on(handle, act: Callable[[], object]):
+    """Call `act` when a client has clicked a button; return the button."""
 
     @handle.on_click
     async def _(event) -> None:
         if event.client is not None:
-            act(event.target.value)
+            act()
+
+    return handle
 
 
 log = logging.getLogger(__name__)
@@ -195,8 +187,7 @@ class LessonsTab:
         # What waits for the scene of a request.
         self._pending: tuple[OpenRequest, Callable[[Viewer], None]] | None = None
         with page.panels.tab("Lessons"):
-            self.controls = LessonControls(page.panels.gui, tuple(self._lessons))
-        self.controls.listen(self.start, self.answer, self.go, self.follow, self.end)
+            self.controls = LessonControls(page.panels.gui, tuple(self._lessons), self)
         self._redraw()
 
     @property
@@ -211,7 +202,7 @@ class LessonsTab:
             return
         if viewer is not None and self.progress.lesson is None:
             viewer.binding.touch()
-            viewer.side_panel.sweep.end_opening()  # what comes back later is the page without it
+            viewer.tabs.sweep.end_opening()  # what comes back later is the page without it
             self._before = self._returning or PageBefore.of(viewer, self._page.nodes.cameras)
         self._returning = None
         self.progress = LessonProgress(lesson)
@@ -316,7 +307,7 @@ class LessonsTab:
         return self._before is not None and viewer.binding.run is self._before.run
 
     def _apply(self, setting: Setting, viewer: Viewer, restarted: bool) -> None:
-        apply_setting(setting, viewer.main_panel, self._page.nodes.cameras.request_all, restarted)
+        apply_setting(setting, viewer.tabs, self._page.nodes.cameras.request_all, restarted)
 
     def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
         """Do what waits for a scene once it is shown; called by the main loop.
@@ -347,7 +338,7 @@ class LessonsTab:
         self._redraw()
 
     def _apply_all(self, settings: list[Setting], viewer: Viewer) -> None:
-        viewer.main_panel.run_bar.use_rate(MAX_RATE)  # a lesson does not depend on the speed chosen before
+        viewer.tabs.run_bar.use_rate(MAX_RATE)  # a lesson does not depend on the speed chosen before
         for setting in settings:
             self._apply(setting, viewer, restarted=setting is settings[0])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...acoustics.dictionary import max_order
-from ...cost.reference_cost import ORDER_OFFSET, decibels
+from ...cost.reference_cost import decibels
 from ...graphics.primitives import format_number
 from ...graphics.units import row_word
 from ...graphics.volume import AXES
@@ -15,7 +15,7 @@ from ...model.validation import InputError
 from ..background.cost_map import CostMap, count_label, modes_label, of_take
 from ..background.prepare import PreparedRun
 from ..gui import html
-from ..gui.binding import Binding
+from ..gui.binding import Binding, Tab, Tick
 from ..gui.choices import (
     BASINS,
     FLOOR,
@@ -30,7 +30,6 @@ from ..gui.choices import (
     style_of,
 )
 from ..gui.legend_html import colour_bar
-from ..server.client_values import bounded, bounded_number, one_of
 
 
 def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
@@ -78,22 +77,28 @@ AXIS_LABELS = {axis: label for label, axis in SLICES.items()}
 
 
 class SliceControls:
-    """Owns the controls; those of an array in a plane are never visible.
+    """Owns the controls of the slice; those of an array in a plane are never visible.
 
     `position`: slider, metres.
     """
 
     def __init__(self, binding: Binding):
         self._binding, gui, style = binding, binding.gui, binding.choices.style
-        self.axis = gui.add_dropdown(
-            "Slice across", tuple(SLICES), initial_value=AXIS_LABELS[style.slice_axis],
-            hint="A plane through the isosurfaces, coloured by the cost; it begins at the estimate of the microphone",
+        self._shown: tuple[int, float] | None = None  # axis and place that the slider was set to last
+        self.axis = binding.on(
+            gui.add_dropdown(
+                "Slice across", tuple(SLICES), initial_value=AXIS_LABELS[style.slice_axis],
+                hint="A plane through the isosurfaces, coloured by the cost; it begins at the estimate of the"
+                " microphone",
+            ),
+            self.cut_across,
         )  # fmt: skip
         low, high = self._ends()
-        place = low if style.slice_position is None else bounded_number(style.slice_position, low, high, low)
-        self.position = gui.add_slider("Slice at (m)", low, high, 0.01, place, hint="Along that axis")
-        binding.on(self.axis, self.cut_across)
-        binding.on(self.position, self.cut_at)
+        place = low if style.slice_position is None else min(max(style.slice_position, low), high)
+        self.position = binding.on(
+            gui.add_slider("Slice at (m)", low, high, 0.01, place, hint="Along that axis"),
+            lambda value: binding.choose_style(slice_position=value),
+        )
 
     def _ends(self) -> tuple[float, float]:
         """The lowest and the highest place of the slice, metres."""
@@ -103,26 +108,17 @@ class SliceControls:
         low = search.origin[AXES.index(axis)]
         return float(low), float(low + search.size[AXES.index(axis)])
 
-    def cut_across(self, value) -> None:
+    def cut_across(self, label: str) -> None:
         """Lay the slice across another axis, through the estimate of the microphone; or remove it."""
-        label = one_of(value, SLICES, "z")
         self._binding.choose_style(slice_axis=SLICES[label], slice_position=None)
-        if self.axis.value != label:
-            self.axis.value = label
+        self.axis.value = label
         self.show_relevant(True)
-
-    def cut_at(self, value) -> None:
-        """Move the slice to a place along its axis, metres."""
-        low, high = self._ends()
-        self._binding.choose_style(slice_position=bounded_number(value, low, high, low))
 
     def show_relevant(self, volume: bool) -> None:
         """Show the controls where there is a volume, the slider where there is a slice."""
         cut = self._binding.choices.style.slice_axis in AXES
         self.axis.visible, self.position.visible = volume, volume and cut
-        low, high = self._ends()
-        if (self.position.min, self.position.max) != (low, high):
-            self.position.min, self.position.max = low, high
+        self.position.min, self.position.max = self._ends()
 
     def show(self, drawn: CostMap | None) -> None:
         """Move the slider to a slice that goes through the estimate; called by the main loop."""
@@ -130,16 +126,8 @@ class SliceControls:
         if plate is not None and self._binding.choices.style.slice_position is None:
             low, high = self._ends()
             place = min(max(round(plate.position, 2), low), high)
-            self._binding.send("slice", (plate.axis, place), self, "place")
-
-    @property
-    def place(self) -> tuple[int, float]:
-        """Axis and place of the slider."""
-        return AXES.find(self._binding.choices.style.slice_axis), float(self.position.value)
-
-    @place.setter
-    def place(self, wanted: tuple[int, float]) -> None:
-        self.position.value = wanted[1]
+            if self._shown != (plate.axis, place):  # else the user may be dragging the slider
+                self._shown, self.position.value = (plate.axis, place), place
 
 
 SAME_AS_SOLVER, CUSTOM = "Same as solver", "Custom"
@@ -159,84 +147,112 @@ def take_label(take: int | None) -> str:
     return ALL_TAKES if take is None else f"Take {take}"
 
 
-class MapTab:
+class MapTab(Tab):
     """Owns the controls of the tab."""
 
     def __init__(self, binding: Binding):
         self._binding = binding
         self._possible = binding.run.problem.search is not None
+        self._shown: tuple = ()  # what the caption is of
         self.kinds = kinds_of(binding.measurement)
         self._add_microphone()
-        self._add_take()
         self._add_modes()
         self._add_quantity()
         self._add_style()
         self.caption = binding.gui.add_html(colour_bar(None))
-        self._show_relevant()
-        self._listen()
+        self.refresh()
 
     def _add_microphone(self) -> None:
-        binding, choices = self._binding, self._binding.choices
-        self.microphone = binding.gui.add_slider(
-            "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone,
-            hint="Or click a microphone in the scene; drag it to move its estimate",
+        binding, gui, on, choices = self._binding, self._binding.gui, self._binding.on, self._binding.choices
+        self.microphone = on(
+            gui.add_slider(
+                "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone,
+                hint="Or click a microphone in the scene; drag it to move its estimate",
+            ),
+            self.choose_microphone,
         )  # fmt: skip
-        self.follow = binding.gui.add_checkbox(
-            "Follow solver", choices.follow, hint="Show the microphone that the last step moved"
-        )
-        self.follow.visible = not binding.run.solver.TRAITS.moves_all
-
-    def _add_take(self) -> None:
-        """Add the list of takes, where there are several."""
+        self.follow = on(
+            gui.add_checkbox(
+                "Follow solver", choices.follow, visible=not binding.run.solver.TRAITS.moves_all,
+                hint="Show the microphone that the last step moved",
+            ),
+            self.follow_solver,
+        )  # fmt: skip
         self.take = None
-        if self._binding.measurement.take_count > 1:
-            self.take = self._binding.gui.add_dropdown(
-                "Take", (ALL_TAKES, *self._takes), initial_value=take_label(self._binding.choices.take),
-                hint="Whose rows the maps sum and whose spectrum is shown; a take is one place of the source",
+        takes = np.unique(binding.measurement.takes).tolist()
+        self._takes: dict[str, int | None] = {take_label(take): take for take in (None, *takes)}
+        if binding.measurement.take_count > 1:
+            self.take = on(
+                gui.add_dropdown(
+                    "Take", tuple(self._takes), initial_value=take_label(choices.take),
+                    hint="Whose rows the maps sum and whose spectrum is shown; a take is one place of the source",
+                ),
+                self.choose_take,
             )  # fmt: skip
 
-    @property
-    def _takes(self) -> dict[str, int]:
-        """The takes by their labels."""
-        return {take_label(take): take for take in np.unique(self._binding.measurement.takes).tolist()}
-
     def _add_modes(self) -> None:
-        binding, modes, row = self._binding, self._binding.choices.modes, self._binding.row
-        self.which = binding.gui.add_dropdown(
-            f"{row.title()}s shown", (SAME_AS_SOLVER, CUSTOM),
-            initial_value=SAME_AS_SOLVER if modes is None else CUSTOM,
-            hint="Of the map; the solver keeps its own",
+        binding, gui, on, modes = self._binding, self._binding.gui, self._binding.on, self._binding.choices.modes
+        row = binding.row
+        self.which = on(
+            gui.add_dropdown(
+                f"{row.title()}s shown", (SAME_AS_SOLVER, CUSTOM),
+                initial_value=SAME_AS_SOLVER if modes is None else CUSTOM,
+                hint="Of the map; the solver keeps its own",
+            ),
+            lambda value: self.choose_modes(self._in_use() if value == CUSTOM else None),
         )  # fmt: skip
         modes = modes or (1,)
-        self.upto = binding.gui.add_slider(
-            f"Up to {row}", 1, binding.modes, 1, modes[-1], hint=f"From {row} 1 to this one; the tab Sweep plays this"
-        )
-        self.text = binding.gui.add_text(f"{row.title()} numbers", modes_text(modes), hint="For example 1-3, 5")
+        self.upto = on(
+            gui.add_slider(
+                f"Up to {row}", 1, binding.modes, 1, modes[-1],
+                hint=f"From {row} 1 to this one; the tab Sweep plays this",
+            ),
+            lambda value: self.choose_modes(range(1, value + 1)),
+        )  # fmt: skip
+        text = modes_text(modes)
+        self.text = on(gui.add_text(f"{row.title()} numbers", text, hint="For example 1-3, 5"), self._read)
 
     def _add_quantity(self) -> None:
-        gui, choices = self._binding.gui, self._binding.choices
-        self.quantity = gui.add_dropdown(
-            "Quantity", QUANTITIES, initial_value=OBJECTIVE if choices.objective else EQ7,
-            hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
+        gui, on, choices = self._binding.gui, self._binding.on, self._binding.choices
+        self.quantity = on(
+            gui.add_dropdown(
+                "Quantity", QUANTITIES, initial_value=OBJECTIVE if choices.objective else EQ7,
+                hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
+            ),
+            self.show_quantity,
         )  # fmt: skip
-        self.order = gui.add_slider(
-            "Extra orders", 0, MAX_ORDER_OFFSET, 1, choices.order_offset,
-            hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
+        self.order = on(
+            gui.add_slider(
+                "Extra orders", 0, MAX_ORDER_OFFSET, 1, choices.order_offset,
+                hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
+            ),
+            self.set_order,
         )  # fmt: skip
 
     def _add_style(self) -> None:
-        gui, choices = self._binding.gui, self._binding.choices
-        self.kind = gui.add_dropdown("Show", self.kinds, initial_value=kind_of(choices), visible=self._possible)
-        self.relief = gui.add_slider(
-            "Relief height (%)", 5, 100, 5, round(100 * choices.style.relief_height),
-            hint="Of the highest cost, of the longer side of the map",
+        binding, gui, on, choices = self._binding, self._binding.gui, self._binding.on, self._binding.choices
+        style = choices.style
+        self.kind = on(
+            gui.add_dropdown("Show", self.kinds, initial_value=kind_of(choices), visible=self._possible), self.show_as
+        )
+        self.relief = on(
+            gui.add_slider(
+                "Relief height (%)", 5, 100, 5, round(100 * style.relief_height),
+                hint="Of the highest cost, of the longer side of the map",
+            ),
+            lambda value: binding.choose_style(relief_height=value / 100),
         )  # fmt: skip
-        self.slice = SliceControls(self._binding)
-        self.scale = gui.add_dropdown("Scale", SCALES, initial_value=LOG if choices.style.log else LINEAR)
-        self.minima = gui.add_checkbox("Mark minima", choices.style.minima, hint="Mark and count the local minima")
-        self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, round(100 * choices.style.opacity))
+        self.slice = SliceControls(binding)
+        self.scale = on(gui.add_dropdown("Scale", SCALES, initial_value=LOG if style.log else LINEAR), self.scale_as)
+        self.minima = on(
+            gui.add_checkbox("Mark minima", style.minima, hint="Mark and count the local minima"), self.mark_minima
+        )
+        self.opacity = on(
+            gui.add_slider("Opacity (%)", 10, 100, 5, round(100 * style.opacity)),
+            lambda value: binding.choose_style(opacity=value / 100),
+        )
 
-    def _show_relevant(self) -> None:
+    def refresh(self) -> None:
         """Hide the controls that have no effect on the kind of map, and all of them where there can be no map."""
         choices = self._binding.choices
         kind = kind_of(choices) if self._possible else NOTHING
@@ -251,55 +267,25 @@ class MapTab:
         self.relief.visible = kind == RELIEF
         self.slice.show_relevant(in_space)
 
-    def refresh(self) -> None:
-        """Let visibility follow the choices."""
-        self._show_relevant()
-
-    def _listen(self) -> None:
-        binding = self._binding
-        binding.on(self.microphone, self.choose_microphone)
-        binding.on(self.follow, lambda value: self.follow_solver(bool(value)))
-        if self.take is not None:
-            binding.on(self.take, self.choose_take)
-        binding.on(self.which, lambda value: self.choose_modes(self._in_use() if value == CUSTOM else None))
-        binding.on(self.upto, lambda value: self.choose_modes(range(1, bounded(value, 1, binding.modes, 1) + 1)))
-        binding.on(self.text, self._read)
-        binding.on(self.quantity, self.show_quantity)
-        binding.on(self.order, self.set_order)
-        binding.on(self.kind, self.show_as)
-        binding.on(self.scale, self.scale_as)
-        binding.on(self.minima, lambda value: self.mark_minima(bool(value)))
-        binding.on(self.opacity, self.fade)
-        binding.on(self.relief, self.raise_relief)
-
-    @property
-    def _selected(self) -> int:
-        """The microphone that the page shows."""
-        return self._bounded_microphone(self.microphone.value)
-
-    def _bounded_microphone(self, value) -> int:
-        return bounded(value, 0, self._binding.measurement.count - 1, self._binding.choices.microphone)
-
-    def choose_microphone(self, value) -> None:
+    def choose_microphone(self, number: int) -> None:
         """Show the map of a microphone, and stop following the solver."""
-        self._binding.choose(microphone=self._bounded_microphone(value), follow=False)
+        self._binding.choose(microphone=number, follow=False)
         self.follow.value = False
 
     def pick(self, number: int) -> None:
-        """Show the map of a microphone that was chosen outside of the tab."""
-        self.choose_microphone(number)
+        """Show the map of a microphone that was chosen outside of the tab; of the last one beyond it."""
+        self.choose_microphone(min(max(number, 0), self._binding.measurement.count - 1))
         self.microphone.value = self._binding.choices.microphone
 
-    def choose_take(self, value) -> None:
-        """Show the maps and the spectrum of a take, by its label; of all takes for any other text."""
-        take = self._takes.get(str(value))
-        self._binding.choose(take=take)
-        if self.take is not None and self.take.value != take_label(take):
-            self.take.value = take_label(take)
+    def choose_take(self, label: str) -> None:
+        """Show the maps and the spectrum of a take, or of all takes."""
+        self._binding.choose(take=self._takes[label])
+        if self.take is not None:
+            self.take.value = label
 
     def follow_solver(self, follow: bool) -> None:
         """Show the microphone that the last step moved, or stay with the present one."""
-        self._binding.choose(follow=follow, microphone=self._selected)
+        self._binding.choose(follow=follow, microphone=self.microphone.value)
         self.follow.value = follow
 
     def choose_modes(self, modes) -> None:
@@ -307,7 +293,7 @@ class MapTab:
         modes = None if modes is None else tuple(modes)
         self._binding.choose(modes=modes, modes_error="")
         self.which.value = SAME_AS_SOLVER if modes is None else CUSTOM
-        self._show_relevant()
+        self.refresh()
         if modes is not None:
             self.text.value, self.upto.value = modes_text(modes), modes[-1]
 
@@ -331,71 +317,47 @@ class MapTab:
         self._binding.choose(modes=modes, modes_error="")
         self.upto.value = modes[-1]
 
-    def show_quantity(self, value) -> None:
+    def show_quantity(self, quantity: str) -> None:
         """Show EQ7 or OBJECTIVE."""
-        quantity = one_of(value, QUANTITIES, EQ7)
         self._binding.choose(objective=quantity == OBJECTIVE)
-        self._show_relevant()
-        if self.quantity.value != quantity:
-            self.quantity.value = quantity
+        self.refresh()
+        self.quantity.value = quantity
 
-    def set_order(self, value) -> None:
+    def set_order(self, offset: int) -> None:
         """Set what is added to ceil(k R) in the order of every mode of the map."""
-        offset = bounded(value, 0, MAX_ORDER_OFFSET, ORDER_OFFSET)
         self._binding.choose(order_offset=offset)
-        if self.order.value != offset:
-            self.order.value = offset
+        self.order.value = offset
 
-    def show_as(self, value) -> None:
-        """Show one of `kinds`."""
-        kind = one_of(value, self.kinds, FLOOR)
+    def show_as(self, kind: str) -> None:
+        """Show one of `kinds`; a flat map in place of one that there cannot be."""
+        kind = kind if kind in self.kinds else FLOOR
         self._binding.choose(shown=kind != NOTHING)
         self._binding.choose_style(**style_of(kind, self._binding.measurement))
-        self._show_relevant()
-        if self.kind.value != kind:
-            self.kind.value = kind
+        self.refresh()
+        self.kind.value = kind
 
-    def scale_as(self, value) -> None:
+    def scale_as(self, scale: str) -> None:
         """Use the scale LOG or LINEAR."""
-        scale = one_of(value, SCALES, LOG)
         self._binding.choose_style(log=scale == LOG)
-        if self.scale.value != scale:
-            self.scale.value = scale
+        self.scale.value = scale
 
     def mark_minima(self, marked: bool) -> None:
         """Mark and count the local minima, or not."""
         self._binding.choose_style(minima=marked)
-        if self.minima.value != marked:
-            self.minima.value = marked
+        self.minima.value = marked
 
-    def fade(self, value) -> None:
-        """Set the opacity of the map, %."""
-        self._binding.choose_style(opacity=bounded(value, 10, 100, 100) / 100)
-
-    def raise_relief(self, value) -> None:
-        """Set the height of the highest cost in a relief, % of the longer side of the map."""
-        self._binding.choose_style(relief_height=bounded(value, 5, 100, 30) / 100)
-
-    def show(self, microphone: int, drawn: CostMap | None, reason: str) -> None:
-        """Bring the tab up to date; called by the main loop.
-
-        `microphone`: whose map is shown, counted from 0; `drawn`: CostMap on the floor, or None; `reason`: why there is
-        no map, "" where it is only not ready.
-        """
-        binding, choices = self._binding, self._binding.choices
-        if not choices.follow and choices.microphone == microphone:
-            binding.sent["microphone"] = microphone  # set by the user, who may still be dragging the slider
-        binding.send("microphone", microphone, self.microphone)
+    def show(self, tick: Tick) -> None:
+        """Let the microphone and the caption follow what is drawn."""
+        binding, choices, drawn = self._binding, self._binding.choices, tick.drawn
+        if not choices.follow and choices.microphone == tick.microphone:
+            binding.keep(self.microphone, tick.microphone)  # set by the user, who may still be dragging the slider
+        binding.send(self.microphone, tick.microphone)
         self.slice.show(drawn)
-        key = None if drawn is None else id(drawn.floor or drawn.volume), reason, choices.modes_error, choices.shown
-        if binding.sent.get("map") == key:
+        key = id(drawn and (drawn.floor or drawn.volume)), tick.reason, choices.modes_error, choices.shown
+        if self._shown == key:
             return
-        binding.sent["map"] = key
-        reason = reason or (NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map")
-        scale = "" if drawn and drawn.areas else colour_bar(drawn.bar if drawn else None, reason)
-        text = (
-            html.complaint(choices.modes_error)
-            + scale
-            + caption(drawn, binding.measurement, orders_text(binding.run, drawn))
-        )
-        binding.send("caption of the map", text, self.caption, "content")
+        self._shown = key
+        reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map"
+        scale = "" if drawn and drawn.areas else colour_bar(drawn.bar if drawn else None, tick.reason or reason)
+        words = caption(drawn, binding.measurement, orders_text(binding.run, drawn))
+        self.caption.content = html.complaint(choices.modes_error) + scale + words

@@ -5,6 +5,7 @@ The tables are of the positions, of gain, phase and noise of each channel, and o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -18,20 +19,39 @@ from ...model.measurement import Measurement
 from ...model.texts import mm_text
 from ...session.history import SessionView
 from ..background.verdict import PositionUncertainty
-from ..gui.binding import Binding
+from ..gui.binding import Binding, Tab, Tick
 from ..gui.html import CARD, verdict_word
 from ..gui.plots import BLUE, RED, Plot, decades_of, dots
 
-MAX_ROWS = 100  # of the table
+MAX_ROWS = 100  # of a table
 GIVEN_HEAD = ("mic", "difference<br>(mm)", "&sigma;<br>(mm)", "given<br>(m)", "found<br>(m)")
 HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)")
+TABLE_INTERVAL, PLOT_INTERVAL = 0.2, 0.5  # s between two updates
+MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm, drawn for anything below, since logarithms have no zero, and above
+STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
+SELECTED = " style='font-weight: 700; background: rgba(31,120,200,0.15)'"  # row of the microphone of the map
+FAULTY = f" style='font-weight: 700; color: {RED}'"  # row of a channel or a position that is wrong
+
+
+def _card(above: str, head: Sequence[str], rows: Sequence[str], below: str = "") -> str:
+    """Return a table in small type, with texts above and below."""
+    columns = "".join(f"<th>{text}</th>" for text in head)
+    return (
+        f"<div style='{CARD} font-size: 0.74em; overflow-x: auto'>{above}<table class='mics'><tr>{columns}</tr>"
+        f"{''.join(rows)}</table>{below}</div>"
+    )
+
+
+def _row(cells: Sequence[str], style: str = "") -> str:
+    return f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+
+
+def _named(name: str, faulty: bool) -> str:
+    return ("&#9888; " if faulty else "") + escape(name)
 
 
 def channel_table(measurement: Measurement, found: PositionUncertainty | None) -> str:
-    """Return the verdict and a table of the channels; "" where there are none.
-
-    `found`: PositionUncertainty of the state, or None.
-    """
+    """Return the verdict and a table of the channels, the faulty ones first; "" where there are none."""
     if found is None or found.channels is None:
         return ""
     channels, sought = found.channels, found.channels.gains_sought
@@ -40,87 +60,81 @@ def channel_table(measurement: Measurement, found: PositionUncertainty | None) -
     rows = []
     for n in sorted(range(len(names)), key=lambda n: (names[n] not in faults, n))[:MAX_ROWS]:
         fault = faults.get(names[n], "")
-        style = f" style='font-weight: 700; color: {RED}'" if fault else ""
+        style = FAULTY if fault else ""
         cells = (
-            ("&#9888; " if fault else "") + escape(names[n]),
+            _named(names[n], bool(fault)),
             f"{channels.gain_db[n]:+z.2f}" + (f" &plusmn; {channels.gain_sigma_db[n]:.2f}" if sought else ""),
             f"{channels.phase_deg[n]:+z.1f}" + (f" &plusmn; {channels.phase_sigma_deg[n]:.1f}" if sought else ""),
             f"{channels.noise_db[n]:+z.1f}",
         )
-        rows.append(f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
+        rows.append(_row(cells, style))
         if fault:  # in a row of its own, for the panel is narrow
             rows.append(f"<tr{style}><td colspan='{len(HEAD)}' style='white-space: normal'>{escape(fault)}</td></tr>")
-    head = "".join(f"<th>{text}</th>" for text in HEAD)
-    return (
-        f"<div style='{CARD} font-size: 0.74em; overflow-x: auto'>"
-        f"<b>Verdict: {escape(verdict_word(found.verdict))}</b><br>"
-        f"{escape(found.text)}<table class='mics'><tr>{head}</tr>{''.join(rows)}</table></div>"
-    )
+    return _card(f"<b>Verdict: {escape(verdict_word(found.verdict))}</b><br>{escape(found.text)}", HEAD, rows)
 
 
 def given_table(found: PositionUncertainty | None) -> str:
-    """Return a table of the given positions as corrected, the most corrected first; "" where there are none.
-
-    `found`: PositionUncertainty of the state, or None.
-    """
+    """Return a table of the given positions as corrected, the most corrected first; "" where there are none."""
     if found is None or found.channels is None or not found.channels.given:
         return ""
     rows = []
     for one in sorted(found.channels.given, key=lambda one: -one.difference)[:MAX_ROWS]:
-        style = f" style='font-weight: 700; color: {RED}'" if one.wrong else ""
-        cells = (
-            ("&#9888; " if one.wrong else "") + escape(one.name),
-            mm_text(one.difference),
-            f"&plusmn; {mm_text(one.sigma)}",
-            *(",<br>".join(f"{x:.4f}" for x in place) for place in (one.given, one.found)),
-        )
-        rows.append(f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
-    head = "".join(f"<th>{text}</th>" for text in GIVEN_HEAD)
-    return (
-        f"<div style='{CARD} font-size: 0.74em; overflow-x: auto'><b>Given positions</b>"
-        f"<table class='mics'><tr>{head}</tr>{''.join(rows)}</table></div>"
-    )
+        places = (",<br>".join(f"{x:.4f}" for x in place) for place in (one.given, one.found))
+        cells = _named(one.name, one.wrong), mm_text(one.difference), f"&plusmn; {mm_text(one.sigma)}", *places
+        rows.append(_row(cells, FAULTY if one.wrong else ""))
+    return _card("<b>Given positions</b>", GIVEN_HEAD, rows)
 
 
-TABLE_INTERVAL, PLOT_INTERVAL = 0.2, 0.5  # s between two updates
-MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm, drawn for anything below, since logarithms have no zero, and above
-STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
-SELECTED = " style='font-weight: 700; background: rgba(31,120,200,0.15)'"  # row of the microphone of the map
+def table(
+    measurement: Measurement,
+    positions: np.ndarray,
+    sigma: np.ndarray | None,
+    selected: int,
+    sought: np.ndarray | slice = ALL,
+) -> str:
+    """Return a table of the microphones, those with the largest errors first and the known ones last.
+
+    `positions` (N, D) float64, metres, estimated; `sigma` (N,) float64, metres, one standard deviation of each, or
+    None; `selected`: the microphone of the map, counted from 0; `sought`: numbers of the microphones by which a blind
+    array is aligned; all unless given. Returns HTML, MAX_ROWS rows at most.
+    """
+    errors, known = measurement.errors(positions, sought), set(measurement.known.tolist())
+    order = errors if errors is not None else sigma if sigma is not None else np.zeros(len(positions))
+    rows = []
+    for n in sorted(range(len(positions)), key=lambda n: (n in known, -float(order[n]), n))[:MAX_ROWS]:
+        cells = [
+            escape(str(measurement.names[n])) + (" known" if n in known else ""),
+            ", ".join(f"{x:.3f}" for x in positions[n]),
+            *([] if errors is None else [mm_text(errors[n])]),
+            "" if sigma is None or n in known else mm_text(float(sigma[n])),
+        ]
+        rows.append(_row(cells, SELECTED if n == selected else ""))
+    error = [] if errors is None else [f"{'off nominal' if measurement.nominal else 'error'}<br>(mm)"]
+    more = len(positions) - MAX_ROWS
+    below = f"<div style='opacity: 0.65'>and {more} more with smaller errors</div>" if more > 0 else ""
+    return STYLE + _card("", ("mic<br>", "position<br>(m)", *error, "&plusmn; &sigma;<br>(mm)"), rows, below)
 
 
-class MicrophonesTab:
-    """Owns the plot and the table."""
+class MicrophonesTab(Tab):
+    """Owns the plot and the tables."""
 
     def __init__(self, binding: Binding):
-        self._binding, self._updated, self._key = binding, -1e9, ()
-        self.error_by_distance = ErrorByDistance(binding.gui, binding.measurement)
-        self.table = binding.gui.add_html("")
-        self.channels = binding.gui.add_html("")
-        self.given = binding.gui.add_html("")
+        self._binding, self._updated, self._key, gui = binding, -1e9, (), binding.gui
+        self.error_by_distance = ErrorByDistance(gui, binding.measurement)
+        self.table, self.channels, self.given = gui.add_html(""), gui.add_html(""), gui.add_html("")
 
-    def show(
-        self,
-        view: SessionView,
-        microphone: int,
-        uncertainty: PositionUncertainty | None,
-        now: float,
-        sought: np.ndarray | slice = ALL,
-    ) -> None:
-        """Bring the tab up to date; called by the main loop.
-
-        `microphone`: whose map is shown, counted from 0; `now`: time, s; `sought`: numbers of the microphones by which
-        a blind array is aligned.
-        """
-        self.error_by_distance.show(view, now)
-        key = id(view.state), microphone, id(uncertainty)
-        if key == self._key or now - self._updated <= TABLE_INTERVAL:
+    def show(self, tick: Tick) -> None:
+        """Bring plot and tables up to date."""
+        view, found, measurement = tick.view, tick.uncertainty, self._binding.measurement
+        self.error_by_distance.show(view, tick.now)
+        key = id(view.state), tick.microphone, id(found)
+        if key == self._key or tick.now - self._updated <= TABLE_INTERVAL:
             return
-        self._key, self._updated = key, now
-        sigma = None if uncertainty is None else uncertainty.sigma
-        text = table(self._binding.measurement, np.asarray(view.state.positions), sigma, microphone, sought)
-        self._binding.send("table", text, self.table, "content")
-        self._binding.send("channels", channel_table(self._binding.measurement, uncertainty), self.channels, "content")
-        self._binding.send("given", given_table(uncertainty), self.given, "content")
+        self._key, self._updated = key, tick.now
+        sigma = None if found is None else found.sigma
+        sought = ALL if tick.sought is None else tick.sought
+        self.table.content = table(measurement, np.asarray(view.state.positions), sigma, tick.microphone, sought)
+        self.channels.content, self.given.content = channel_table(measurement, found), given_table(found)
 
 
 class ErrorByDistance:
@@ -174,40 +188,3 @@ class ErrorByDistance:
 def _drawable(values: np.ndarray) -> np.ndarray:
     """Return finite numbers, as uPlot needs them."""
     return np.clip(np.nan_to_num(values, nan=MAX_ERROR), MIN_ERROR, MAX_ERROR)
-
-
-def table(
-    measurement: Measurement,
-    positions: np.ndarray,
-    sigma: np.ndarray | None,
-    selected: int,
-    sought: np.ndarray | slice = ALL,
-) -> str:
-    """Return a table of the microphones, those with the largest errors first and the known ones last.
-
-    `positions` (N, D) float64, metres, estimated; `sigma` (N,) float64, metres, one standard deviation of each, or
-    None; `selected`: the microphone of the map, counted from 0; `sought`: numbers of the microphones by which a blind
-    array is aligned; all unless given. Returns HTML, MAX_ROWS rows at most.
-    """
-    errors, known = measurement.errors(positions, sought), set(measurement.known.tolist())
-    order = errors if errors is not None else sigma if sigma is not None else np.zeros(len(positions))
-    rows = []
-    for n in sorted(range(len(positions)), key=lambda n: (n in known, -float(order[n]), n))[:MAX_ROWS]:
-        name = escape(str(measurement.names[n])) + (" known" if n in known else "")
-        position = ", ".join(f"{x:.3f}" for x in positions[n])
-        error = "" if errors is None else f"<td>{mm_text(errors[n])}</td>"
-        spread = "" if sigma is None or n in known else mm_text(float(sigma[n]))
-        style = SELECTED if n == selected else ""
-        rows.append(f"<tr{style}><td>{name}</td><td>{position}</td>{error}<td>{spread}</td></tr>")
-    columns = [
-        "mic<br>",
-        "position<br>(m)",
-        *([f"{'off nominal' if measurement.nominal else 'error'}<br>(mm)"] if errors is not None else []),
-    ]
-    head = "".join(f"<th>{text}</th>" for text in (*columns, "&plusmn; &sigma;<br>(mm)"))
-    more = len(positions) - MAX_ROWS
-    below = f"<div style='opacity: 0.65'>and {more} more with smaller errors</div>" if more > 0 else ""
-    return (
-        f"{STYLE}<div style='{CARD} font-size: 0.74em; overflow-x: auto'><table class='mics'>"
-        f"<tr>{head}</tr>{''.join(rows)}</table>{below}</div>"
-    )

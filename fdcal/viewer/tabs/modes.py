@@ -13,14 +13,12 @@ from ...acoustics.dictionary import array_f_max, max_order
 from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
-from ...session.history import SessionView
 from ..background.cost_map import map_modes, of_take, row_label
 from ..gui import html
-from ..gui.binding import Binding
+from ..gui.binding import Binding, Tab, Tick
 from ..gui.choices import FLOOR
 from ..gui.legend_html import spectrum_legend
 from ..gui.plots import BLUE, ORANGE, RED, dots
-from ..server.client_values import bounded
 from .map import MapTab
 
 GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the curve, and of the area below it
@@ -161,23 +159,28 @@ COLUMNS, ROWS = 4, 6  # of switches
 INTERVAL = 0.25  # s between two updates of the plot
 
 
-class ModesTab:
+class ModesTab(Tab):
     """Owns the controls of the tab."""
 
     def __init__(self, binding: Binding, map_tab: MapTab):
         self._binding, self._map, self._updated = binding, map_tab, -1e9
         self._key: tuple = ()
-        gui, modes = binding.gui, binding.modes
+        gui, on, modes, row = binding.gui, binding.on, binding.modes, binding.row
         self.spectrum = SpectrumPlot(gui, binding.measurement, modes)
         gui.add_html(spectrum_legend(self.spectrum.has_spectrum, BLUE, ORANGE, RED, GREY))
         self.text = gui.add_html("")
-        row = binding.row
-        self.low = gui.add_slider(f"From {row}", 1, modes, 1, 1, hint=f"First {row} of the map")
-        self.high = gui.add_slider(f"To {row}", 1, modes, 1, 1, hint=f"Last {row} of the map")
-        self.same = gui.add_button("Same as solver", hint=f"Show the map of the {row}s that the solver uses")
-        binding.on(self.low, lambda value: self._slide(value, self.high.value))
-        binding.on(self.high, lambda value: self._slide(min(self.low.value, value), value))
-        binding.on(self.same, lambda _: map_tab.choose_modes(None))
+        self.low = on(
+            gui.add_slider(f"From {row}", 1, modes, 1, 1, hint=f"First {row} of the map"),
+            lambda value: self._slide(value, self.high.value),
+        )
+        self.high = on(
+            gui.add_slider(f"To {row}", 1, modes, 1, 1, hint=f"Last {row} of the map"),
+            lambda value: self._slide(min(self.low.value, value), value),
+        )
+        self.same = on(
+            gui.add_button("Same as solver", hint=f"Show the map of the {row}s that the solver uses"),
+            lambda _: map_tab.choose_modes(None),
+        )
         self.switches = [self._add_row(modes) for modes in self._switched(None)]
         self.others = gui.add_html("")
         self._show_others()
@@ -197,11 +200,10 @@ class ModesTab:
         text = (
             f'{words}s {rest[0]} to {rest[-1]}: use the sliders, or "{words} numbers" in the tab Map.' if rest else ""
         )
-        binding.send("other modes", html.remark(text) if text else "", self.others, "content")
+        self.others.content = html.remark(text) if text else ""
 
-    def _slide(self, low, high) -> None:
+    def _slide(self, low: int, high: int) -> None:
         """Show the map of all modes between two; where `low` exceeds `high`, of `low` alone."""
-        low, high = (bounded(value, 1, self._binding.modes, 1) for value in (low, high))
         self._show_map()
         self._map.choose_modes(range(low, max(low, high) + 1))
 
@@ -213,19 +215,16 @@ class ModesTab:
     def _add_row(self, modes: tuple[int, ...]) -> viser.GuiButtonGroupHandle:
         hint = f"Add a {self._binding.row} to the map or remove it; a filled dot is in the map"
         row = self._binding.gui.add_button_group(f"{modes[0]} to {modes[-1]}", _labels(modes, ()), hint=hint)
-        self._binding.on(row, self.press)
-        return row
+        return self._binding.on(row, self.press)
 
-    def press(self, label) -> None:
-        """Act on a switch, whose label ends with the number of its mode; ignore any other label."""
-        number = str(label)[1:4]
-        if number.isdecimal() and 1 <= int(number) <= self._binding.modes:
-            self._show_map()
-            self._map.toggle_mode(int(number))
+    def press(self, label: str) -> None:
+        """Act on a switch, whose label ends with the number of its mode."""
+        self._show_map()
+        self._map.toggle_mode(int(label[1:]))
 
-    def show(self, view: SessionView, now: float) -> None:
-        """Bring the tab up to date; called by the main loop."""
-        binding, state = self._binding, view.state
+    def show(self, tick: Tick) -> None:
+        """Let the plot, the sliders and the switches follow the modes of the map."""
+        binding, state, now = self._binding, tick.view.state, tick.now
         choices = binding.choices
         order_offset = None if choices.objective else choices.order_offset
         used = map_modes(binding.run, state, choices.modes, order_offset, choices.take)
@@ -238,14 +237,13 @@ class ModesTab:
         self._key, self._updated = key, now
         self.spectrum.show(used, limit, choices.take)
         self.text.content = caption(binding.measurement, used, limit, self._order(state, used[-1]))
-        binding.send("first mode of the map", used[0], self.low)
-        binding.send("last mode of the map", used[-1], self.high)
+        binding.send(self.low, used[0])
+        binding.send(self.high, used[-1])
         switched = self._switched(choices.take)
         for number, row in enumerate(self.switches):  # a take has no more of them than all takes
             modes = switched[number] if number < len(switched) else ()
-            binding.send(f"switches {number}", _labels(modes, used), row, "options")
-            binding.send(f"switched {number}", f"{modes[0]} to {modes[-1]}" if modes else "", row, "label")
-            binding.send(f"has switches {number}", bool(modes), row, "visible")
+            row.options, row.visible = _labels(modes, used), bool(modes)
+            row.label = f"{modes[0]} to {modes[-1]}" if modes else ""
         self._show_others()
 
     def _order(self, state, mode: int) -> int | None:

@@ -18,13 +18,11 @@ from ...session.blas_threads import one_blas_thread
 from ...session.planning.bounds import request_information, takes_cases
 from ...session.planning.plan import bound_lines, degeneracies, takes_lines
 from ...session.planning.request import Layout, PlanRequest
-from ...session.worker import LatestWorker
 from ..background.prepare import PreparedRun
 from ..gui import html
-from ..gui.binding import Binding
+from ..gui.binding import Binding, Tab, Tick
 from ..gui.choices import PlanChoices
 from ..gui.html import error_message
-from ..server.client_values import bounded, bounded_number
 
 DETERMINED = "pressures and given positions determine all directions"
 
@@ -87,28 +85,6 @@ def planned_array(run: PreparedRun, choices: PlanChoices) -> PlannedArray:
     return PlannedArray(choices, axes, lines, request.most_modes)
 
 
-class PlanWorker:
-    """Requests the bound of what the tab Plan shows, and returns the newest one."""
-
-    def __init__(self, run: PreparedRun):
-        self._possible, self._requested = can_plan(run), PlanChoices()
-        self._worker = LatestWorker(lambda choices: planned_array(run, choices), "fdcal-plan")
-
-    def of(self, choices: PlanChoices) -> PlannedArray | None:
-        """Return the newest bound, which may be of choices a moment ago; None while there is none or none is wanted."""
-        if not choices.shown or not self._possible:
-            return None
-        if choices != self._requested:
-            self._requested = choices
-            self._worker.request(choices)
-        latest = self._worker.latest
-        return None if latest is None else latest.result
-
-    def close(self, timeout: float) -> bool:
-        """End the thread after the work in progress; False if that takes longer than `timeout`, s."""
-        return self._worker.close(timeout)
-
-
 MEASURED = "This is a measurement; open a scene that is simulated to plan its array."
 HINT = "Ellipses of the least error that is possible, before anything is measured; drag microphones to see it change"
 DRAGGED = "The scene shows the plan, not the solver. Dragged microphones change the plan only."
@@ -127,77 +103,82 @@ class Ranges:
 RANGES = Ranges()
 
 
-class PlanTab:
+class PlanTab(Tab):
     """Owns the controls of the tab, of which a measurement has none, and the thread of the bound."""
 
     def __init__(self, binding: Binding):
-        self._binding, self._most, self.worker = binding, 0, PlanWorker(binding.run)
-        if not can_plan(binding.run):
+        self._binding, self._most, self._possible = binding, 0, can_plan(binding.run)
+        if not self._possible:
             binding.gui.add_html(html.remark(MEASURED))
             return
+        self._worker = binding.threads.start(lambda choices: planned_array(binding.run, choices), "fdcal-plan")
         binding.choices = replace(binding.choices, plan=initial_plan(binding))
         self._add_controls(binding.choices.plan)
-        self._listen()
 
     def _add_controls(self, plan: PlanChoices) -> None:
-        gui, count = self._binding.gui, self._binding.measurement.count
-        self.shown = gui.add_checkbox("Show the plan", plan.shown, hint=HINT)
-        self.snr = gui.add_slider(
-            "Planned SNR (dB)", *RANGES.snr_db, 1, round(plan.snr_db), hint="Signal-to-noise ratio of each frequency"
-        )
+        binding, gui, on, choose = self._binding, self._binding.gui, self._binding.on, self._choose
+        self.shown = on(gui.add_checkbox("Show the plan", plan.shown, hint=HINT), lambda value: choose(shown=value))
+        self.snr = on(
+            gui.add_slider(
+                "Planned SNR (dB)", *RANGES.snr_db, 1, round(plan.snr_db),
+                hint="Signal-to-noise ratio of each frequency",
+            ),
+            lambda value: choose(snr_db=float(value)),
+        )  # fmt: skip
         low = RANGES.least_frequencies
-        self.frequencies = gui.add_slider(
-            "Frequencies", low, low + 1, 1, low + 1, visible=False, hint="The lowest so many of the independent ones"
+        self.frequencies = on(
+            gui.add_slider(
+                "Frequencies", low, low + 1, 1, low + 1, visible=False,
+                hint="The lowest so many of the independent ones",
+            ),
+            lambda value: choose(frequencies=None if value >= self._most else value),  # the end stands for all
+        )  # fmt: skip
+        self.known = on(
+            gui.add_slider(
+                "Given positions", 0, binding.measurement.count - 1, 1, len(plan.known),
+                hint="Microphones whose positions will be measured",
+            ),
+            lambda value: choose(known=first_known(binding, value)),
+        )  # fmt: skip
+        self.gain = on(
+            gui.add_slider(
+                "Gain sigma (dB)", *RANGES.gain_sigma_db, 0.1, plan.gain_sigma_db, hint="Spread of the channels' gains"
+            ),
+            lambda value: choose(gain_sigma_db=value),
         )
-        self.known = gui.add_slider(
-            "Given positions", 0, count - 1, 1, len(plan.known), hint="Microphones whose positions will be measured"
+        self.takes = on(
+            gui.add_slider(
+                "Places of the source", *RANGES.takes, 1, plan.takes,
+                hint="Takes: one recording of the same length from each",
+            ),
+            lambda value: choose(takes=value),
+        )  # fmt: skip
+        self.reset = on(
+            gui.add_button("Original positions", icon=viser.Icon.ARROW_BACK_UP, disabled=True),
+            lambda _: choose(moved=()),
         )
-        self.gain = gui.add_slider(
-            "Gain sigma (dB)", *RANGES.gain_sigma_db, 0.1, plan.gain_sigma_db, hint="Spread of the channels' gains"
-        )
-        self.takes = gui.add_slider(
-            "Places of the source",
-            *RANGES.takes,
-            1,
-            plan.takes,
-            hint="Takes: one recording of the same length from each",
-        )
-        self.reset = gui.add_button("Original positions", icon=viser.Icon.ARROW_BACK_UP, disabled=True)
         self.summary = gui.add_html("")
-
-    def _listen(self) -> None:
-        binding, (low, high) = self._binding, RANGES.gain_sigma_db
-        binding.on(self.shown, lambda value: self._choose(shown=bool(value)))
-        binding.on(self.snr, lambda value: self._choose(snr_db=float(bounded(value, *RANGES.snr_db, 30))))
-        binding.on(self.frequencies, self._limit)
-        binding.on(self.known, lambda value: self._choose(known=first_known(binding, value)))
-        binding.on(self.gain, lambda value: self._choose(gain_sigma_db=bounded_number(value, low, high, 0.0)))
-        binding.on(self.takes, lambda value: self._choose(takes=bounded(value, *RANGES.takes, 1)))
-        binding.on(self.reset, lambda _: self._choose(moved=()))
 
     def _choose(self, **changes) -> None:
         self._binding.choose(plan=replace(self._binding.choices.plan, **changes))
 
-    def _limit(self, value) -> None:
-        """Use so many frequencies; the end of the slider stands for all that the array can use."""
-        count = bounded(value, RANGES.least_frequencies, max(self._most, RANGES.least_frequencies), self._most)
-        self._choose(frequencies=None if count >= self._most else count)
-
     @property
     def planned(self) -> PlannedArray | None:
-        """The newest bound; None while there is none or the plan is not shown."""
-        return self.worker.of(self._binding.choices.plan)
+        """The newest bound, which may be of choices a moment ago; None while there is none or no plan is shown."""
+        plan = self._binding.choices.plan
+        latest = self._worker.newest(plan) if self._possible and plan.shown else None
+        return None if latest is None else latest.result
 
-    def show(self) -> None:
-        """Bring the tab up to date; called by the main loop."""
-        if not can_plan(self._binding.run):
+    def show(self, tick: Tick) -> None:
+        """Bring the summary up to date."""
+        if not self._possible:
             return
-        plan, planned, send = self._binding.choices.plan, self.planned, self._binding.send
-        send("plan reset", not plan.moved, self.reset, "disabled")
+        plan, planned = self._binding.choices.plan, self.planned
+        self.reset.disabled = not plan.moved
         if not plan.shown:
-            send("plan", "", self.summary, "content")
+            self.summary.content = ""
         elif planned is not None:
-            send("plan", summary(planned), self.summary, "content")
+            self.summary.content = summary(planned)
             self._show_most(planned.most)
 
     def _show_most(self, most: int) -> None:
@@ -214,16 +195,16 @@ def initial_plan(binding: Binding) -> PlanChoices:
     """Return the circumstances of the scene itself."""
     run = binding.run
     noise = run.scene.measurement.snr_db
-    snr = float(bounded(noise, *RANGES.snr_db, 30)) if np.isfinite(noise) else PlanChoices().snr_db
-    takes = int(bounded(run.measurement.take_count, *RANGES.takes, 1))
+    snr = float(np.clip(np.round(noise), *RANGES.snr_db)) if np.isfinite(noise) else PlanChoices().snr_db
+    takes = min(run.measurement.take_count, RANGES.takes[1])
     return PlanChoices(snr_db=snr, known=tuple(run.measurement.known.tolist()), takes=takes)
 
 
-def first_known(binding: Binding, value) -> tuple[int, ...]:
+def first_known(binding: Binding, count: int) -> tuple[int, ...]:
     """Return so many microphones: first those that the scene gives, then the others by their numbers."""
     given = binding.measurement.known.tolist()
     order = given + [n for n in range(binding.measurement.count) if n not in given]
-    return tuple(sorted(order[: bounded(value, 0, len(order) - 1, len(given))]))
+    return tuple(sorted(order[:count]))
 
 
 def summary(planned: PlannedArray) -> str:

@@ -14,8 +14,7 @@ from ...model.validation import InputError, StorageError
 from ...session.request import OpenRequest
 from ...session.scene_edits import SceneParameters, least_known, parameters_of, with_parameters
 from ..gui import html
-from ..gui.binding import Binding
-from ..server.client_values import bounded, bounded_number, one_of
+from ..gui.binding import Binding, Tab
 
 MEASURED = (
     "This is a measurement: room, array and noise are as recorded and cannot be edited. Choose another scene to"
@@ -44,7 +43,7 @@ RADIUS = f"{RANGES.radius[0]:g} to {RANGES.radius[1]:g} m"
 SMALLER = 'change "Array radius (m)", "Microphones" or "Scene seed"'
 
 
-class SceneTab:
+class SceneTab(Tab):
     """Owns the controls of the tab. Nothing changes before Apply; a scene that is refused changes nothing."""
 
     def __init__(self, binding: Binding):
@@ -53,33 +52,36 @@ class SceneTab:
         self._add_array()
         self._add_room()
         self._add_measurement()
-        self.apply = binding.gui.add_button(APPLY[0], icon=viser.Icon.CHECK, hint=APPLY[1])
+        button = binding.gui.add_button(APPLY[0], icon=viser.Icon.CHECK, hint=APPLY[1])
+        self.apply = binding.on(button, lambda _: self.press())
         self.message = binding.gui.add_html("")
         self._show_scene(self._scene)
-        self._listen()
 
     def _add_array(self) -> None:
-        gui, own = self._binding.gui, self._own_name
+        gui, on, own, low = self._binding.gui, self._binding.on, self._own_name, RANGES.microphones[0]
         names = (*scene_names(), *([own] if own else []))
-        self.name = gui.add_dropdown("Scene", names, initial_value=own or self._scene.name)
+        self.name = on(gui.add_dropdown("Scene", names, initial_value=own or self._scene.name), self.choose)
         self.title = gui.add_html("")
-        low, high = RANGES.microphones
-        self.microphones = gui.add_slider("Microphones", low, high, 1, low)
-        self.radius = gui.add_number(
-            "Array radius (m)", 1.0, min=0.0, max=MOST_TYPED, step=0.01,
-            hint=f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it",
+        self.microphones = on(gui.add_slider("Microphones", *RANGES.microphones, 1, low), self._limit_known)
+        self.radius = on(
+            gui.add_number(
+                "Array radius (m)", 1.0, min=0.0, max=MOST_TYPED, step=0.01,
+                hint=f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it",
+            ),
+            lambda _: self._check_radius(),
         )  # fmt: skip
 
     def _add_room(self) -> None:
-        gui, (low, high) = self._binding.gui, RANGES.absorption
-        self.walls = gui.add_dropdown("Walls", WALLS, initial_value=one_of(self._scene.room.walls, WALLS, WALLS[0]))
+        gui, (low, high), own = self._binding.gui, RANGES.absorption, self._scene.room.walls
+        walls = gui.add_dropdown("Walls", WALLS, initial_value=own if own in WALLS else WALLS[0])
+        self.walls = self._binding.on(walls, self._show_walls)
         self.absorption = gui.add_number(
             "Absorption (%)", 1.0, min=low, max=high, step=0.1, hint="Absorbed energy of a wave at normal incidence"
         )
 
     def _add_measurement(self) -> None:
         gui = self._binding.gui
-        self.noise = gui.add_checkbox("Noise", False)
+        self.noise = self._binding.on(gui.add_checkbox("Noise", False), self._show_noise)
         self.snr = gui.add_slider(
             "SNR (dB)", *RANGES.snr, 1, RANGES.default_snr, hint="Signal-to-noise ratio of each mode"
         )
@@ -94,15 +96,6 @@ class SceneTab:
             "Scene seed", 0, min=0, max=RANGES.max_seed, step=1,
             hint="Of random microphone positions, of the noise and of random starts",
         )  # fmt: skip
-
-    def _listen(self) -> None:
-        binding = self._binding
-        binding.on(self.name, self.choose)
-        binding.on(self.walls, lambda value: self._show_walls(one_of(value, WALLS, WALLS[0])))
-        binding.on(self.noise, lambda value: self._show_noise(bool(value)))
-        binding.on(self.microphones, lambda value: self._limit_known(bounded(value, *RANGES.microphones, 4)))
-        binding.on(self.radius, lambda _: self._check_radius())
-        binding.on(self.apply, lambda _: self.press())
 
     def _show_scene(self, scene: Scene) -> None:
         """Set the controls to the scene's parameters; hide them for a measurement, which has none."""
@@ -131,8 +124,8 @@ class SceneTab:
         self.absorption.value = round(100 * parameters.absorption, 2) or 1.0
         self.noise.value = noisy = math.isfinite(parameters.snr_db)
         default = RANGES.default_snr
-        self.snr.value = bounded(parameters.snr_db, *RANGES.snr, default) if noisy else default
-        self.speed.value = bounded_number(100 * parameters.sound_speed_error, *RANGES.sound_speed_error, 0.0)
+        self.snr.value = round(_clipped(parameters.snr_db, RANGES.snr)) if noisy else default
+        self.speed.value = _clipped(100 * parameters.sound_speed_error, RANGES.sound_speed_error)
         self.seed.value = min(parameters.seed, RANGES.max_seed)
         self._limit_known(parameters.microphones)
         self.known.value = parameters.known
@@ -156,45 +149,41 @@ class SceneTab:
         """Let visibility and limits follow the values of the controls."""
         if not isinstance(self._scene, MeasuredScene):
             self._show_walls(self.walls.value)
-            self._show_noise(bool(self.noise.value))
-            self._limit_known(bounded(self.microphones.value, *RANGES.microphones, 4))
+            self._show_noise(self.noise.value)
+            self._limit_known(self.microphones.value)
 
-    def choose(self, value) -> None:
+    def choose(self, name: str) -> None:
         """Show the parameters of another scene; those of the page's own scene are as it is now, not as in its file."""
-        name = one_of(value, (*scene_names(), self._own_name or ""), self._scene.name)
-        own = self._binding.run.scene
         try:
-            self._show_scene(own if name == self._own_name else load_scene(name))
+            self._show_scene(self._binding.run.scene if name == self._own_name else load_scene(name))
         except (InputError, StorageError) as error:
             self.message.content = html.complaint(error)
 
     @property
     def parameters(self) -> SceneParameters:
-        """The parameters that the controls show, bounded; a control that was not touched gives the scene's own value,
-        which it may show rounded."""
-        old = parameters_of(self._scene)
-        count = bounded(self.microphones.value, 4, int(self.microphones.max), old.microphones)
-        speed_error = bounded_number(self.speed.value, *RANGES.sound_speed_error, 0.0) / 100
+        """The parameters that the controls show; a control that was not touched gives the scene's own value, which it
+        may show rounded."""
+        old, count = parameters_of(self._scene), self.microphones.value
         return SceneParameters(
             microphones=old.microphones if self.microphones.disabled else count,
-            radius=_unless_same(bounded_number(self.radius.value, *RANGES.radius, old.radius), old.radius, 1e-4),
-            walls=one_of(self.walls.value, WALLS, old.walls) if self._scene.room.response is None else old.walls,
+            radius=_unless_same(_clipped(self.radius.value, RANGES.radius), old.radius, 1e-4),
+            walls=self.walls.value if self._scene.room.response is None else old.walls,
             absorption=self._absorption(old.absorption),
             snr_db=self._snr(old.snr_db),
-            sound_speed_error=_unless_same(speed_error, old.sound_speed_error, 1e-5),
-            known=bounded(self.known.value, least_known(self._scene), max(count - 1, 1), old.known),
-            seed=bounded(self.seed.value, 0, RANGES.max_seed, old.seed),
+            sound_speed_error=_unless_same(self.speed.value / 100, old.sound_speed_error, 1e-5),
+            known=min(max(self.known.value, least_known(self._scene)), max(count - 1, 1)),
+            seed=self.seed.value,
         )
 
     def _absorption(self, old: float) -> float:
         if self.walls.value != "absorbing" or self._scene.room.response is not None:
             return old
-        return _unless_same(bounded_number(self.absorption.value, *RANGES.absorption, 1.0) / 100, old, 1e-4)
+        return _unless_same(self.absorption.value / 100, old, 1e-4)
 
     def _snr(self, old: float) -> float:
         if not self.noise.value:
             return math.inf
-        return _unless_same(float(bounded(self.snr.value, *RANGES.snr, RANGES.default_snr)), old, 0.5)
+        return _unless_same(float(self.snr.value), old, 0.5)
 
     def _check_radius(self) -> bool:
         """Whether the radius is possible; the message says so if it is not."""
@@ -236,6 +225,10 @@ def _remark(scene: Scene) -> str:
     if isinstance(scene, MeasuredScene):
         return f"{scene.remark} {MEASURED}".strip()
     return "" if scene.room.response is None else MEASURED_AND_MODELLED
+
+
+def _clipped(value: float, ends: tuple[float, float]) -> float:
+    return min(max(value, ends[0]), ends[1])
 
 
 def _unless_same(value: float, old: float, rounding: float) -> float:

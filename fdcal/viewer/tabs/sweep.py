@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,11 +24,10 @@ from ..background.cost_map import (
 )
 from ..background.mode_sweep import Sweep, SweepRequest, SweepWorker, first_of
 from ..gui import html
-from ..gui.binding import Binding
+from ..gui.binding import Binding, Tab, Tick
 from ..gui.choices import FLOOR
 from ..gui.html import CARD
 from ..gui.plots import BLUE, RED, Plot, dots
-from ..server.client_values import bounded, one_of
 from .map import MapTab
 
 OPENING_RATE = 2.5  # maps per second of the sweep with which a page opens
@@ -116,59 +115,47 @@ ADVICE = (
 )
 
 
-class SweepTab:
+class SweepTab(Tab):
     """Owns the controls of the tab, the thread that computes the maps, and what plays.
 
     Its callbacks run on viser's event loop, `show` on the main loop.
 
-    `map_tab`: whose modes are set; `call`: runs a function on viser's event loop.
+    `map_tab`: whose modes are set.
     """
 
-    def __init__(self, binding: Binding, map_tab: MapTab, call: Callable[[Callable[[], object]], object]):
-        self._binding, self._map, self._call = binding, map_tab, call
-        self.worker = SweepWorker(binding.run)
+    def __init__(self, binding: Binding, map_tab: MapTab):
+        self._binding, self._map = binding, map_tab
+        self.worker = SweepWorker(binding.run, binding.threads)
         self._playing: Playback | None = None
         self._wanted: SweepRequest | None = None  # of the last sweep that was asked for
         self._revision, self._updated = NOT_ASKED, -1e9
+        self._drawn: tuple = ()  # what the curve shows
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
         self._add_controls()
         self._plot = Plot(
-            binding.gui,
-            "Local minima of the sum",
-            curve_series(),
-            f"{binding.row}s summed",
-            height=140,
-            whole=True,
-            legend=False,
-        )
-        self._listen()
+            binding.gui, "Local minima of the sum", curve_series(), f"{binding.row}s summed",
+            height=140, whole=True, legend=False,
+        )  # fmt: skip
 
     def _add_controls(self) -> None:
-        gui, modes, row = self._binding.gui, self._binding.modes, self._binding.row
-        self.play = gui.add_button(
-            "Play", icon=viser.Icon.PLAYER_PLAY, hint=f"Add one {row} after the other to the map"
+        gui, on, modes, row = self._binding.gui, self._binding.on, self._binding.modes, self._binding.row
+        self.play = on(
+            gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint=f"Add one {row} after the other to the map"),
+            lambda _: self.toggle(),
         )
-        self.summed = gui.add_slider(
-            f"{row.title()}s summed", 1, modes, 1, modes, hint=f"How many {row}s the map is the sum of"
+        self.summed = on(
+            gui.add_slider(f"{row.title()}s summed", 1, modes, 1, modes, hint=f"How many {row}s the map is the sum of"),
+            self.sum_modes,
         )
         with gui.add_folder("Order and speed", expand_by_default=False):
-            self.order = gui.add_dropdown(
-                "Order",
-                ORDERS,
-                initial_value=UP,
-                hint=f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down",
+            hint = f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down"
+            self.order = on(gui.add_dropdown("Order", ORDERS, initial_value=UP, hint=hint), lambda _: self._restart())
+            self.highest = on(
+                gui.add_slider(f"Highest {row}", 1, modes, 1, modes, hint="Of the whole sum"),
+                lambda _: self._restart(),
             )
-            self.highest = gui.add_slider(f"Highest {row}", 1, modes, 1, modes, hint="Of the whole sum")
-            self.rate = gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE)
+            self.rate = on(gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE), self._set_rate)
         self.text = gui.add_html(html.remark(ADVICE.format(row)))
-
-    def _listen(self) -> None:
-        binding = self._binding
-        binding.on(self.play, lambda _: self.toggle())
-        binding.on(self.summed, lambda value: self.sum_modes(bounded(value, 1, binding.modes, 1)))
-        binding.on(self.rate, self._set_rate)
-        binding.on(self.order, lambda _: self._restart())
-        binding.on(self.highest, lambda _: self._restart())
 
     @property
     def playing(self) -> bool:
@@ -187,7 +174,7 @@ class SweepTab:
         if self._playing is not None:
             self.pause()
             return
-        playing = Playback(bounded(self.rate.value, 1, MAX_RATE, RATE), before=self._binding.choices.modes)
+        playing = Playback(self.rate.value, before=self._binding.choices.modes)
         sequence = self._sequence()
         playing.continue_from(self._summed_now(sequence), range(1, len(sequence) + 1))
         self._begin(playing)
@@ -223,14 +210,13 @@ class SweepTab:
     def _restart(self) -> None:
         """Show as many modes as before, in another order; whatever plays begins again."""
         again = self.playing
-        self.sum_modes(1 if again else bounded(self.summed.value, 1, self._binding.modes, 1))
+        self.sum_modes(1 if again else self.summed.value)
         if again:
             self.toggle()
 
-    def _set_rate(self, value) -> None:
-        playing = self._playing
-        if playing is not None:
-            playing.rate = bounded(value, 1, MAX_RATE, RATE)
+    def _set_rate(self, rate: float) -> None:
+        if self._playing is not None:
+            self._playing.rate = rate
 
     def _usable(self) -> tuple[int, ...]:
         """Return the modes that can be summed, ascending."""
@@ -239,10 +225,9 @@ class SweepTab:
 
     def _sequence(self) -> tuple[int, ...]:
         """Return the modes in the order in which they are added."""
-        highest = bounded(self.highest.value, 1, self._binding.modes, self._binding.modes)
         usable = self._usable()
-        modes = tuple(mode for mode in usable if mode <= highest) or usable[:1]
-        return modes[::-1] if one_of(self.order.value, ORDERS, UP) == DOWN else modes
+        modes = tuple(mode for mode in usable if mode <= self.highest.value) or usable[:1]
+        return modes[::-1] if self.order.value == DOWN else modes
 
     def _summed_now(self, sequence: tuple[int, ...]) -> int:
         """Return how many modes of the sweep the user has summed; 0 where the map is another sum."""
@@ -264,27 +249,28 @@ class SweepTab:
         swept = self.worker.map_of(wanted)
         return (drawn, reason) if swept is None else (replace(swept, panels=self._panels), "")
 
-    def show(self, view: SessionView, revision: int, microphone: int, now: float) -> None:
+    def show(self, tick: Tick) -> None:
         """Request the maps of a sweep that plays or was asked for, play it, and bring the tab up to date."""
+        view, revision, now = tick.view, tick.revision, tick.now
         if self._revision == NEXT:
             self._revision = revision
         elif self._revision != revision and not self.playing:
             self._wanted = None  # its curve is of another state
-            self.worker.cancel()
+            self.worker.worker.cancel()
         if (self.playing or self._revision == revision) and not view.running:
-            self._wanted = self._request(view, revision, microphone)
-            self.worker.request(self._wanted)
+            self._wanted = self._request(view, revision, tick.microphone)
+            self.worker.worker.newest(self._wanted)
         sweep = None if self._wanted is None else self.worker.sweep(self._wanted)
         self._step(sweep, now)
         self._update(sweep, now)
 
     def _request(self, view: SessionView, revision: int, microphone: int) -> SweepRequest:
-        choices, order = self._binding.choices, one_of(self.order.value, ORDERS, UP)
+        choices = self._binding.choices
         opening = self._playing is not None and self._playing.opening
-        highest = None if opening else bounded(self.highest.value, 1, self._binding.modes, 1)
+        highest = None if opening else self.highest.value
         return SweepRequest(
-            revision, microphone, self._usable(), highest, order == DOWN, choices.map_order, choices.style.log,
-            choices.style.basins, opening, view.state,
+            revision, microphone, self._usable(), highest, self.order.value == DOWN, choices.map_order,
+            choices.style.log, choices.style.basins, opening, view.state,
         )  # fmt: skip
 
     def _step(self, sweep: Sweep | None, now: float) -> None:
@@ -293,9 +279,9 @@ class SweepTab:
         if playing is None or sweep is None:
             return
         if self.worker.error is not None or playing.ended(sweep.stops, now):
-            self._call(lambda: self.pause() if playing is self._playing else None)
+            self._binding.call(lambda: self.pause() if playing is self._playing else None)
         elif (summed := playing.advance(sweep.stops, len(sweep.frames), now)) is not None:
-            self._call(lambda: self._go(playing, sweep, summed))
+            self._binding.call(lambda: self._go(playing, sweep, summed))
 
     def _go(self, playing: Playback, sweep: Sweep, summed: int) -> None:
         """On viser's event loop: show the sum of so many modes, unless the user has paused or chosen meanwhile."""
@@ -311,13 +297,13 @@ class SweepTab:
         binding, sequence = self._binding, self._sequence() if sweep is None else sweep.modes
         summed = self._summed_now(sequence)
         pauses = self._playing is not None and not self._playing.opening
-        binding.send("sweep plays", "Pause" if pauses else "Play", self.play, "label")
-        icon = viser.Icon.PLAYER_PAUSE if pauses else viser.Icon.PLAYER_PLAY
-        binding.send("sweep icon", icon, self.play, "icon")
-        binding.send("modes summed", self._shown_now(sequence) or len(sequence), self.summed)
+        label = "Pause" if pauses else "Play"
+        if self.play.label != label:
+            self.play.label, self.play.icon = label, viser.Icon.PLAYER_PAUSE if pauses else viser.Icon.PLAYER_PLAY
+        binding.send(self.summed, self._shown_now(sequence) or len(sequence))
         if sweep is not None and sweep.request.highest is None:
-            binding.send("highest mode", max(sweep.modes), self.highest)
-        binding.send("sweep", self._caption(), self.text, "content")
+            binding.send(self.highest, max(sweep.modes))
+        self.text.content = self._caption()
         self._plot.settle()
         if now - self._updated > INTERVAL:
             self._updated = now
@@ -325,12 +311,12 @@ class SweepTab:
 
     def _draw(self, sweep: Sweep | None, summed: int) -> None:
         """Draw the curve; a sweep of another state has none."""
-        self._binding.send("sweep has a curve", sweep is not None, self._plot, "visible")
+        self._plot.visible = sweep is not None
         if sweep is None or not sweep.frames:
             return
         key = id(sweep), len(sweep.frames), summed
-        if self._binding.sent.get("curve of the sweep") != key:
-            self._binding.sent["curve of the sweep"] = key
+        if self._drawn != key:
+            self._drawn = key
             self._plot.show(curve(sweep.stops, sweep.counts, summed), limits=(0.0, max(sweep.counts) + 1.0))
 
     def _caption(self) -> str:

@@ -1,0 +1,300 @@
+"""The server: who may connect, what it answers, which values it accepts, and how images are sent."""
+
+import contextlib
+import gzip
+import inspect
+import io
+import re
+import socket
+import threading
+import urllib.request
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import viser
+import websockets.asyncio.server
+from browsing import WAIT
+from doubles import INVALID_VALUES, finish, set_by_client
+from PIL import Image
+from viser import _messages, _scene_api
+from viser.infra import _infra
+
+from fdcal.model.validation import InputError
+from fdcal.session.scene_edits import parameters_of
+from fdcal.viewer import app
+from fdcal.viewer.server import client_values, hardening
+from fdcal.viewer.server import hardening as message_buffer
+from fdcal.viewer.server import hardening as origin_probe
+from fdcal.viewer.server.hardening import encoded, titled
+
+MAIN = threading.main_thread()
+
+
+class RaisingEvent:
+    """An event that raises when the main thread sets it."""
+
+    def __init__(self, event):
+        self._event, self.woken = event, threading.Event()
+
+    def set(self):
+        if threading.current_thread() is MAIN:
+            raise RuntimeError("deque mutated during iteration")
+        self._event.set()
+        self.woken.set()
+
+    def __getattr__(self, name):
+        return getattr(self._event, name)
+
+
+def test_the_event_loop_is_woken_though_push_raises(server):
+    buffer = server._websock_server._broadcast_buffer
+    buffer.message_event = startled = RaisingEvent(buffer.message_event)
+    text = server.gui.add_html("one")
+    text.content = "two"
+    assert startled.woken.wait(WAIT) and text.content == "two"
+    server.gui.reset()
+    buffer.message_event = startled._event
+
+
+def test_the_share_tunnel_is_out_of_reach(server):
+    assert _messages.ShareUrlRequest not in server._websock_server._incoming_handlers
+
+
+@pytest.mark.parametrize("port", [-1, 65536, 80000])
+def test_a_port_out_of_range_is_refused(port):
+    with pytest.raises(InputError, match="port"):
+        hardening.open_server("127.0.0.1", port)
+
+
+def test_a_port_in_use_is_refused(server):
+    with pytest.raises(InputError, match="port"):
+        hardening.open_server("127.0.0.1", server.get_port())
+
+
+@pytest.mark.parametrize("host", ["no.such.host.invalid", "999.1.1.1", "\x00", "a" * 300])
+def test_a_bad_host_is_refused(host):
+    with pytest.raises(InputError, match="host"):
+        hardening.open_server(host, 0)
+
+
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [("127.0.0.1", "127.0.0.1"), ("0.0.0.0", "127.0.0.1"), ("::1", "[::1]"), ("localhost", "localhost")],
+)
+def test_the_address_can_be_typed_into_a_browser(host, expected):
+    assert app.address(host, 81) == f"http://{expected}:81"
+
+
+def test_a_host_name_that_does_not_resolve_is_tolerated(monkeypatch):
+    def unknown(*_):
+        raise hardening.socket.gaierror(-2, "Name or service not known")
+
+    monkeypatch.setattr(hardening.socket, "getaddrinfo", unknown)
+    assert any(origin and origin.fullmatch("http://127.0.0.1:81") for origin in hardening.allowed_origins("0.0.0.0"))
+
+
+@pytest.mark.parametrize("value", INVALID_VALUES, ids=lambda value: repr(value)[:12])
+def test_any_value_becomes_a_bounded_number(value):
+    assert 1 <= client_values.bounded(value, 1, 9, 5) <= 9
+
+
+def test_valid_values_pass():
+    assert client_values.bounded(7, 1, 9, 5) == 7 and client_values.bounded(7.0, 1, 9, 5) == 7
+    for value in (3, 0.5, True, "short"):
+        assert client_values.is_plain({"value": value})
+
+
+@pytest.mark.parametrize("updates", [{}, None, [], {"uuid": "x"}, {"value": 1, "update_cb": []}, {"value": "x" * 201}])
+def test_updates_other_than_a_plain_value_are_dropped(updates):
+    assert not client_values.is_plain(updates)
+
+
+@pytest.mark.parametrize(
+    "junk", [value for value in INVALID_VALUES if not isinstance(value, (float, int))] + [float("nan")]
+)
+def test_a_control_keeps_its_value_when_an_invalid_one_arrives(server, junk):
+    slider = server.gui.add_slider("Junk", 1, 9, 1, 5)
+    message = _messages.GuiUpdateMessage(slider._impl.uuid, {"value": junk})
+    finish(server._websock_server._handle_incoming_message(0, message))
+    assert slider.value == 5
+    message = _messages.GuiUpdateMessage(slider._impl.uuid, {"label": "gone"})
+    finish(server._websock_server._handle_incoming_message(0, message))
+    assert slider.label == "Junk"
+    slider.remove()
+
+
+@pytest.mark.parametrize("value", INVALID_VALUES, ids=lambda value: repr(value)[:12])
+def test_every_control_tolerates_invalid_values(controls, value):
+    panel, session = controls
+    solve, map_ = panel.solver, panel.map
+    handles = [solve.first, solve.last, solve.automatic, panel.run_bar.speed, solve.seed, map_.microphone, map_.follow]
+    tab = panel.scene
+    handles += [tab.name, tab.microphones, tab.radius, tab.walls, tab.absorption, tab.noise, tab.snr, tab.speed]
+    handles += [tab.known, tab.seed, solve.name, solve.start]
+    handles += [map_.which, map_.upto, map_.text, map_.kind, map_.scale, map_.opacity, panel.view.dark]
+    for handle in handles:
+        before = handle.value
+        with contextlib.suppress(TypeError, ValueError, OverflowError):  # viser holds values of the control's type only
+            value_held = type(before)(value)
+            set_by_client(handle, value_held)
+            tab.press()
+        handle._impl.value = before
+    for name, *arguments in session.commands:
+        if name == "pace":
+            assert 0 <= arguments[0] <= 60
+            continue
+        first, last, automatic = arguments
+        assert name == "use_modes" and 1 <= first <= last <= 6 and isinstance(automatic, bool)
+    for opening in session.opened:
+        parameters = parameters_of(opening.scene)
+        assert (
+            4 <= parameters.microphones <= 150
+            and 0.05 <= parameters.radius <= 3
+            and 3 <= parameters.known < parameters.microphones
+        )
+        assert abs(parameters.sound_speed_error) <= 0.05 and parameters.snr_db >= -10 and 0 <= parameters.seed < 2**31
+    choices = panel.binding.choices
+    assert 0 <= choices.microphone < 10 and 0.1 <= choices.style.opacity <= 1 and choices.seed >= 0
+    assert choices.modes is None or set(choices.modes) <= set(range(1, 7))
+
+
+SERVE = websockets.asyncio.server.serve
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """The ports at which servers listened meanwhile."""
+    ports, listen = [], socket.socket.listen
+
+    def noted(self, *arguments):
+        listen(self, *arguments)
+        ports.append(self.getsockname()[1])
+
+    monkeypatch.setattr(socket.socket, "listen", noted)
+    return ports
+
+
+def refused(opened):
+    """Whether no server is opened, and none is left listening."""
+    with pytest.raises(InputError, match=r"viser .* and websockets .* cannot be restricted"):
+        hardening.open_server("127.0.0.1", 0)
+    for port in opened:
+        with pytest.raises(OSError):
+            socket.create_connection(("127.0.0.1", port), 5).close()
+
+
+def test_a_server_that_opens_refuses_a_foreign_page(server):
+    origin_probe.require_foreign_origin_refused("127.0.0.1", server.get_port())
+
+
+def test_viser_that_takes_serve_from_elsewhere_is_not_served(monkeypatch, opened):
+    elsewhere = SimpleNamespace(asyncio=SimpleNamespace(server=SimpleNamespace(serve=SERVE)))
+    elsewhere.exceptions, elsewhere.datastructures = _infra.websockets.exceptions, _infra.websockets.datastructures
+    elsewhere.asyncio.server.ServerConnection = websockets.asyncio.server.ServerConnection
+    monkeypatch.setattr(_infra, "websockets", elsewhere)
+    refused(opened)
+    assert opened, "it did listen, for a moment"
+
+
+def test_websockets_that_ignores_the_origins_is_not_served(monkeypatch, opened):
+    def careless(*arguments, origins=None, max_size=None, create_connection=None, logger=None, **options):
+        return SERVE(*arguments, **options)
+
+    monkeypatch.setattr(websockets.asyncio.server, "serve", careless)
+    refused(opened)
+
+
+@pytest.mark.parametrize("name", ["origins", "max_size", "create_connection", "logger"])
+def test_websockets_without_an_option_is_not_served(monkeypatch, opened, name):
+    def older(*arguments, **options):
+        return SERVE(*arguments, **options)
+
+    parameters = [p for p in inspect.signature(SERVE).parameters.values() if p.name != name]
+    older.__signature__ = inspect.Signature(parameters)
+    monkeypatch.setattr(websockets.asyncio.server, "serve", older)
+    refused(opened)
+    assert not opened
+
+
+def test_websockets_without_serve_is_not_served(monkeypatch, opened):
+    monkeypatch.delattr(websockets.asyncio.server, "serve")
+    refused(opened)
+
+
+@pytest.mark.parametrize("name", ["_websock_server", "gui"])
+def test_viser_without_a_private_name_is_not_served(monkeypatch, opened, name):
+    class Renamed(viser.ViserServer):
+        def __getattribute__(self, asked):
+            if asked == name and object.__getattribute__(self, "__dict__").get("complete"):
+                raise AttributeError(f"no {name}")
+            return super().__getattribute__(asked)
+
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            self.complete = True
+
+        def stop(self):
+            self.complete = False
+            super().stop()
+
+    monkeypatch.setattr(viser, "ViserServer", Renamed)
+    refused(opened)
+
+
+def test_viser_without_its_message_buffer_is_not_served(monkeypatch, opened):
+    monkeypatch.delattr(message_buffer._infra, "AsyncMessageBuffer")
+    refused(opened)
+    assert not opened
+
+
+def fetched(server, **headers):
+    request = urllib.request.Request(f"http://127.0.0.1:{server.get_port()}/", headers=headers)
+    with urllib.request.urlopen(request, timeout=30) as answer:
+        body = answer.read()
+        assert int(answer.headers["Content-Length"]) == len(body)
+        return gzip.decompress(body) if answer.headers["Content-Encoding"] == "gzip" else body
+
+
+@pytest.mark.parametrize("encoding", ["gzip", "identity"])
+def test_the_page_has_the_programs_name_before_it_has_loaded(server, encoding):
+    for _ in range(2):  # the second time it is kept
+        page = fetched(server, **{"Accept-Encoding": encoding})
+        assert re.findall(rb"<title>(.*?)</title>", page) == [b"fdcal"]
+        assert page.count(b"<script") >= 1 and page.rstrip().endswith(b"</html>")
+
+
+@pytest.mark.parametrize(
+    "response",
+    [
+        None,
+        SimpleNamespace(headers={"Content-Type": "image/png"}, body=b"<title>Viser</title>"),
+        SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "20"}, body=b"<title>Other</title>"),
+    ],
+)
+def test_any_other_answer_is_passed_on(response):
+    before = None if response is None else (dict(response.headers), response.body)
+    assert titled(lambda *_: response)(None, None) is response
+    assert response is None or (response.headers, response.body) == before
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_a_png_image_comes_back_as_it_was(channels):
+    image = np.random.default_rng(0).integers(0, 256, (7, 11, channels), dtype=np.uint8)
+    for ordering, shown in (("rgb", image), ("bgr", image[:, :, [2, 1, 0, 3][:channels]])):
+        np.testing.assert_array_equal(Image.open(io.BytesIO(encoded("png", image, None, ordering))), shown)
+
+
+def test_a_jpeg_image_has_the_quality_asked_for():
+    y, x = np.mgrid[:80, :90]
+    image = np.stack([2 * x, 3 * y, x + y], axis=-1).astype(np.uint8)
+    fine, coarse = (encoded("jpeg", image, quality, "rgb") for quality in (92, 20))
+    assert Image.open(io.BytesIO(fine)).format == "JPEG" and len(coarse) < len(fine)
+    assert np.abs(np.asarray(Image.open(io.BytesIO(fine)), int) - image).mean() < 3
+
+
+def test_the_server_encodes_by_it(server):
+    assert _scene_api.cv2_imencode_with_fallback is encoded
+    handle = server.scene.add_image("/test_encoding", np.zeros((4, 4, 3), np.uint8), 1.0, 1.0, format="png")
+    assert Image.open(io.BytesIO(handle._data)).size == (4, 4)
+    handle.remove()

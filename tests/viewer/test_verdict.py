@@ -1,0 +1,206 @@
+"""The verdict on the page: when it comes, its words, its tables and the channels that do not count."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browsing import WAIT
+from doubles import State, view_of
+
+import fdcal
+from fdcal import solvers
+from fdcal.acoustics.measure import cached_measurement
+from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
+from fdcal.graphics.overlays import with_odd_channels
+from fdcal.graphics.picture import static_picture
+from fdcal.model.settings import SolverSettings
+from fdcal.session.blas_threads import one_blas_thread
+from fdcal.session.calibration_run import Assessment, assess_state, healthy_microphones, solve
+from fdcal.session.history import History
+from fdcal.session.request import OpenRequest
+from fdcal.session.sources import CalibrationInput, scene_input
+from fdcal.viewer.background import prepare
+from fdcal.viewer.background.verdict import IDLE_TIME, VerdictWorker, uncertainty_of
+from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, GOOD, verdict_html
+from fdcal.viewer.tabs.microphones import channel_table, given_table
+
+
+@pytest.fixture
+def worker(scene, threads):
+    measurement, solver = cached_measurement(scene), solvers.load(scene.solver.name)
+    problem = measurement.problem()
+    session = SimpleNamespace(view=None)
+    made = VerdictWorker(prepare.PreparedRun(scene, measurement, problem, solver, session, OpenRequest(scene)), threads)
+    return made, solver, problem
+
+
+def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
+    made, solver, problem = worker
+    inputs = scene_input(scene)
+    state = solver.init(problem, inputs.settings, scene.seed)
+    assert made.of(state, False, 0.0) is None and made.of(state, False, 1e3) is None
+    while not state.finished:
+        state = solver.step(problem, state)
+    assert made.of(state, True, 2e3) is None, "it runs"
+    end, found, now = time.monotonic() + WAIT, None, 3e3
+    while found is None and time.monotonic() < end:
+        found, now = made.of(state, False, now), now + IDLE_TIME
+        time.sleep(0.02)
+    printed = solve(inputs, wording=CONTROLS)
+    assert (found.verdict, found.verdict_text) == (printed.verdict, printed.verdict_text)
+    assert found.evidence.leave_one_out_db == pytest.approx(printed.evidence.leave_one_out_db)
+    assert made.of(dataclasses.replace(state, step=99), False, now) is None, "of another state"
+
+
+def found(verdict, text, **changes):
+    covariance = np.array([0.0, 3e-4, 3e-4])[:, None, None] ** 2 / 2 * np.eye(2)
+    numbers = dict(covariance=covariance, search_spread=np.zeros(3), evidence=Evidence(1.0))
+    return Assessment(np.zeros((3, 2)), None, verdict, text, **numbers | changes)
+
+
+def test_the_line_is_coloured_by_the_code():
+    assert verdict_html(None) == ""
+    good = verdict_html(found("good", "the positions & more"))
+    assert GOOD in good and "<b>good</b>: the positions &amp; more" in good
+    bad = verdict_html(found("model_mismatch", "no", evidence=Evidence(1.0, leave_one_out_db=-12.34)))
+    assert "<b>model mismatch</b>" in bad, "words, not a code"
+    assert DOUBTFUL in bad and GOOD not in bad and "leave-one-out error -12.3 dB" in bad
+
+
+def test_odd_channels_do_not_count_in_the_mean_error_once_they_are_named():
+    faults = (ChannelFault("b", "dead"), ChannelFault("c", "misplaced", 0.1, "m"))
+    judged = found("good", "", channels=Channels(*np.zeros((5, 4)), faults))
+    assert healthy_microphones(np.array([1, 2, 3]), "abcd", judged).tolist() == [2, 3]
+    assert healthy_microphones(np.array([1]), "abcd", judged).tolist() == [1], "where no other is left"
+    assert healthy_microphones(np.array([1, 2]), "abcd", None).tolist() == [1, 2]
+
+
+def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_again_after_a_reset(work, threads):
+    worker, states = VerdictWorker(work, threads), [State(work.measurement.positions, step) for step in range(2)]
+    names, lineage = work.measurement.names, object()
+    judged = found("good", "", channels=Channels(*np.zeros((5, 10)), (ChannelFault(names[5], "dead"),)))
+    view = dataclasses.replace(view_of(states), history=History(states, 2, lineage))
+    assert worker.sought(view, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
+    assert worker.sought(view, judged).tolist() == [3, 4, 6, 7, 8, 9]
+    assert worker.sought(view, None).tolist() == [3, 4, 6, 7, 8, 9], "another state of the same run"
+    again = dataclasses.replace(view, history=History(states, 1, object()))
+    assert worker.sought(again, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
+
+
+def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_them(browser):
+    long = found("model_mismatch", "the residual of 10 of 63 microphones is large: " + "one cause, or another; " * 20)
+    page = browser.new_page(viewport={"width": 340, "height": 720})
+    heights = []
+    for shown in (None, found("good", "short"), long):
+        page.set_content(f"<div id='box'>{verdict_html(shown, pending=True)}</div>")
+        heights.append(page.locator("#box").bounding_box()["height"])
+    page.locator("summary").click()
+    heights.append(page.locator("#box").bounding_box()["height"])
+    assert long.verdict_text in page.locator("summary").inner_text() + " "
+    page.close()
+    assert heights[0] == heights[1] == heights[2] < heights[3] - 100, heights
+
+
+def test_the_names_of_two_odd_channels_are_seen_without_a_click(browser):
+    odd = "nothing speaks against the positions of the other microphones; one sigma 0.45 mm; odd: microphone 20: "
+    odd += "inverted; microphone 45: dead"
+    faults = (ChannelFault("20", "inverted"), ChannelFault("45", "dead"))
+    page = browser.new_page(viewport={"width": 340, "height": 720})
+    hidden = []
+    for channels in (None, Channels(*np.zeros((5, 50)), faults)):
+        line = verdict_html(found("good", odd, channels=channels))
+        page.set_content(f"<body style='margin: 0; font: 14px DejaVu Sans, sans-serif'>{line}</body>")  # as viser's
+        words = page.locator("summary div").first
+        hidden.append(words.evaluate("words => words.scrollHeight > words.clientHeight + 2"))
+    page.close()
+    assert hidden == [True, False]
+
+
+INVERTED = 9
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """Measurement of `tiny` with an inverted channel, its calibration, and what the page computes of its last state."""
+    measurement = fdcal.load("tiny")
+    p = np.array(measurement.pressures)
+    p[:, INVERTED] *= -1
+    measurement = replace(measurement, pressures=p)
+    result = fdcal.calibrate(measurement, solver="robust", modes=12)
+    problem = measurement.problem("unit", "all")
+    *_, state = solvers.run(problem, SolverSettings(name="robust", modes=12), 0)
+    return measurement, result, shown_of(measurement, problem, state)
+
+
+def shown_of(measurement, problem, state):
+    """What the page shows of the state at the end of a run."""
+    inputs = CalibrationInput("tiny", fdcal.load_scene("tiny"), measurement, state.settings, state.seed)
+    with one_blas_thread():
+        return uncertainty_of(assess_state(inputs, problem, state, CONTROLS))
+
+
+def test_ellipses_verdict_and_gains_are_those_of_the_calibration(shown):
+    _, result, found = shown
+    assert found.verdict == result.verdict and np.allclose(found.sigma, result.uncertainty)
+    assert np.allclose(found.channels.gain_db, result.channels.gain_db)
+    assert [fault.kind for fault in found.channels.faults] == ["inverted"]
+    assert found.axes.shape == (16, 2, 2)
+
+
+def test_the_table_has_the_odd_channels_first_and_marks_them(shown):
+    measurement, _, found = shown
+    html = channel_table(measurement, found)
+    first, fault = html.split("<tr")[2:4]
+    assert "&#9888; 9" in first and html.count("&#9888;") == 1
+    assert "inverted" in fault and "white-space: normal" in fault, "a long text does not widen the table"
+    assert html.count("<tr") == 18 and f"Verdict: {found.verdict}".replace("_", " ") in html
+    assert channel_table(measurement, None) == ""
+    evil = replace(measurement, names=("<script>", *measurement.names[1:]))
+    assert "<script>" not in channel_table(evil, found)
+
+
+def test_a_small_negative_number_is_not_written_as_minus_zero(shown):
+    measurement, _, found = shown
+    tiny = np.full(measurement.count, -1e-4)
+    channels = replace(found.channels, gain_db=tiny, phase_deg=tiny, noise_db=tiny)
+    assert "-0.0" not in channel_table(measurement, replace(found, channels=channels))
+
+
+def test_given_positions_stand_beside_those_found_the_most_corrected_first(shown):
+    measurement, result, found = shown
+    assert found.channels.given == result.channels.given and len(result.channels.given) == len(measurement.known)
+    wrong = replace(found.channels.given[1], given=(9.25, 9.5), wrong=True)
+    channels = replace(found.channels, given=(found.channels.given[0], wrong, found.channels.given[2]))
+    html = given_table(replace(found, channels=channels))
+    assert f"&#9888; {wrong.name}" in html.split("<tr")[2] and "9.2500,<br>9.5000" in html and html.count("<tr") == 4
+    head = html.split("</tr>")[0]
+    assert head.index("difference") < head.index("given"), "in a narrow panel the difference is seen first"
+    assert given_table(None) == "" and given_table(replace(found, channels=replace(channels, given=()))) == ""
+    assert "<script>" not in given_table(
+        replace(found, channels=replace(channels, given=(replace(wrong, name="<script>"),)))
+    )
+
+
+def test_odd_microphones_have_a_mark_of_their_own_at_their_place():
+    measurement = fdcal.load("tiny")
+    picture = static_picture(None, measurement)
+    marked = with_odd_channels(picture, measurement.positions, [INVERTED])
+    (mark,) = [mesh for mesh in marked.meshes if mesh.name == "microphones/odd"]
+    assert np.allclose(
+        mark.vertices[:, :2].mean(axis=0), measurement.positions[INVERTED], atol=picture.marker_radius / 4
+    )
+    assert with_odd_channels(picture, measurement.positions, []) is picture
+
+
+def test_the_uncertainty_on_the_page_is_that_of_the_calibration():
+    measurement = fdcal.load("tiny")
+    result = fdcal.calibrate(measurement, solver="joint", modes=12)
+    problem = measurement.problem("unit", "all")
+    *_, state = solvers.run(problem, SolverSettings(name="joint", modes=12), 0)
+    found = shown_of(measurement, problem, state)
+    assert np.allclose(found.sigma, result.uncertainty, rtol=1e-6, atol=0)
