@@ -159,7 +159,7 @@ def status(
 # On a light page and on a dark one.
 GOOD, DOUBTFUL = "light-dark(#1a7f37, #4cc26b)", "light-dark(#c2410c, #fb923c)"
 LINE_LENGTH = 50  # characters of the words that fit into a line at least
-MAX_LINES = 2  # of the words that are shown before a click shows all of them; one more where channels are odd
+MAX_LINES = 2  # of the words that are shown before a click shows all of them; one more where channels are faulty
 GREY, PENDING = "#808894", "Assessing the result ..."
 VERDICT_LINE = 1.35  # height of a line of the verdict, em
 VERDICT_STYLE = (
