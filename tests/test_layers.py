@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import operator
+import re
+import runpy
 import subprocess
 import sys
 from graphlib import CycleError, TopologicalSorter
@@ -204,6 +208,22 @@ def test_no_decision_depends_on_the_name_of_a_solver(path):
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         for name in compared_texts(node) & SOLVERS:
             assert (name_of(path), name) in NO_SOLVER, f"{name_of(path)}:{node.lineno} compares with {name!r}"
+
+
+def test_the_drawing_of_the_packages_is_that_of_the_source():
+    found = runpy.run_path(str(ROOT / "docs" / "packages.py"))
+    assert found["DRAWING"].read_text(encoding="utf-8") == found["drawing"](), "run: python docs/packages.py"
+    assert set(found["packages"]()) == set(PACKAGES)
+
+
+NAMED = sorted(set(re.findall(r"`(fdcal[a-z0-9_.]*)(?::([A-Za-z_.]+))?`", (ROOT / "CONTRIBUTING.md").read_text())))
+
+
+@pytest.mark.parametrize(("module", "attribute"), [pair for pair in NAMED if pair[1] or "." in pair[0]])
+def test_what_the_page_for_newcomers_names_is_there(module, attribute):
+    found = importlib.import_module(module) if module.removeprefix("fdcal.") in NAMES else fdcal
+    path = attribute or module.removeprefix("fdcal.") * (found is fdcal)
+    assert operator.attrgetter(path)(found) if path else found
 
 
 def test_app_stays_small():

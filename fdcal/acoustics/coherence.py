@@ -21,6 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..model.types import Complexes
+
 
 @dataclass(frozen=True)
 class CoherenceRules:
@@ -95,7 +97,7 @@ class SingleWaveRules:
 SINGLE_WAVE_RULES = SingleWaveRules()
 
 
-def is_single_wave(pressures) -> bool:
+def is_single_wave(pressures: Complexes) -> bool:
     """Return whether one wave alone explains the pressures.
 
     `pressures` (M, N) complex128.

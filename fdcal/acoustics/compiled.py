@@ -13,10 +13,15 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+Item = TypeVar("Item")
+Found = TypeVar("Found")
 
 
 @functools.cache
-def _compiler() -> Callable:
+def _compiler() -> Callable[..., Any]:
     """Return `numba.njit`, loaded with the first module that has something to compile."""
     import numba
     from numba.core import config
@@ -30,7 +35,7 @@ def _compiler() -> Callable:
     return numba.njit
 
 
-def compiled(function: Callable, **options) -> Callable:
+def compiled(function: Callable[P, Found], **options: Any) -> Callable[P, Found]:
     """Decorate a function to be compiled at its first call with arguments of each type, and cached on disk.
 
     It runs without the interpreter's lock. A read-only array is of another type than a writable one.
@@ -44,7 +49,7 @@ def compiled(function: Callable, **options) -> Callable:
         return _compiler()(function, **options)
 
 
-def compiled_parallel(function: Callable) -> Callable:
+def compiled_parallel(function: Callable[P, Found]) -> Callable[P, Found]:
     """Decorate as `compiled` does, with the iterations of `numba.prange` distributed over threads."""
     return compiled(function, parallel=True)
 
@@ -64,7 +69,7 @@ def shut_down_threads() -> None:
     pool.shutdown()
 
 
-def parallel_map(function: Callable, items: Iterable, worth: bool = True) -> Iterator:
+def parallel_map(function: Callable[[Item], Found], items: Iterable[Item], worth: bool = True) -> Iterator[Found]:
     """Return an iterator over the values of a function for all items, in their order, computed on all cores.
 
     `function`: it must not call `parallel_map` itself, which would deadlock; `worth`: false for so little work that one

@@ -22,12 +22,15 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import jv, sph_harm_y_all, spherical_jn
+
+from ..model.types import Numbers, Reals
 
 NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in one place
 
 
-def max_order(wavenumbers, radius: float, offset: int = 0) -> np.ndarray:
+def max_order(wavenumbers: Numbers | complex, radius: float, offset: int = 0) -> np.ndarray:
     """Return the order L = ceil(k R) + offset of the expansion (Eq. 3).
 
     `wavenumbers` (M,) or scalar, float64 or complex128 k, rad/m; of a complex one the real part is used.; `radius`: R,
@@ -56,7 +59,7 @@ def f_max(count: int, radius: float, sound_speed: float, dimension: int = 2, pla
     return float(order * sound_speed / (2 * np.pi * radius))
 
 
-def array_f_max(positions, sound_speed: float, dimension: int) -> float:
+def array_f_max(positions: Reals, sound_speed: float, dimension: int) -> float:
     """Return `f_max` of an array, R being its largest distance from the centre of mass.
 
     `positions` (N, D) float64, metres; `sound_speed`: c, m/s; `dimension`: 2 or 3, of the sound field.
@@ -66,7 +69,7 @@ def array_f_max(positions, sound_speed: float, dimension: int) -> float:
     return f_max(len(positions), radius, sound_speed, dimension, positions.shape[1] < dimension)
 
 
-def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centre) -> np.ndarray:
+def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centre: ArrayLike) -> np.ndarray:
     """Return the dictionary W[n, l] = J_l(k r_n) exp(j l theta_n), l = -L..L (Eq. 4).
 
     `positions` (N, 2) float64, metres; `wavenumber`: float or complex k, rad/m.; `order`: L; `centre` (2,) float64,
@@ -107,7 +110,7 @@ def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
     return found
 
 
-def spherical_bessel(positions, wavenumber: complex, order: int, centre) -> np.ndarray:
+def spherical_bessel(positions: Reals, wavenumber: complex, order: int, centre: ArrayLike) -> np.ndarray:
     """Return the dictionary W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n), columns as in `degrees`.
 
     `positions` (N, 3) or (N, 2) float64, metres; (N, 2) in a plane through `centre`; `wavenumber`: float or complex k,
@@ -130,7 +133,7 @@ def spherical_bessel(positions, wavenumber: complex, order: int, centre) -> np.n
     return np.sqrt(4 * np.pi) * j[:, l] * Y[l, m].T
 
 
-def dictionary(points, wavenumber: complex, order: int, centre, dimension: int) -> np.ndarray:
+def dictionary(points: Reals, wavenumber: complex, order: int, centre: ArrayLike, dimension: int) -> np.ndarray:
     """Return the rows of W at some points.
 
     `points` (C, D) float64, metres; in a field of three dimensions D = 2 means a plane through `centre`; `wavenumber`:

@@ -6,9 +6,11 @@ k, L and the dictionary W are those of `fdcal.acoustics.dictionary`.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import jv
 
 from ..model.settings import Search
+from ..model.types import Reals
 from ..model.validation import InputError
 from .dictionary import fourier_bessel, join_orders
 
@@ -44,20 +46,20 @@ class LatticeDictionary:
         for table, k, L in zip(self.radial, self.wavenumbers, self.orders, strict=True):
             table[:, : L + 1] = bessel_orders(k * radii, L)
 
-    def nearest(self, point) -> np.ndarray:
+    def nearest(self, point: ArrayLike) -> np.ndarray:
         """Return the lattice point nearest to `point` (..., 2), inside the search domain : (..., 2) float64, metres."""
         return np.asarray(self.search.origin) + self.search.step * self._index(point)
 
-    def _index(self, point) -> np.ndarray:
+    def _index(self, point: ArrayLike) -> np.ndarray:
         index = np.rint((np.asarray(point) - self.search.origin) / self.search.step).astype(np.int64)
         return np.clip(index, 0, np.array(self.shape[::-1]) - 1)
 
-    def index(self, point) -> int:
+    def index(self, point: ArrayLike) -> int:
         """Return the number of the candidate nearest to `point` (2,), metres."""
         ix, iy = self._index(point)
         return int(iy * self.shape[1] + ix)
 
-    def phases(self, centre) -> tuple[np.ndarray, np.ndarray]:
+    def phases(self, centre: Reals) -> tuple[np.ndarray, np.ndarray]:
         """Return exp(j theta) (C,) complex128 and the row of `radial` (C,) int32 of every candidate about `centre`."""
         index = tuple(self._index(centre).tolist())
         cached, phases = self._phases  # the centre rarely moves from step to step
@@ -72,7 +74,7 @@ class LatticeDictionary:
         unit[squared == 0] = 1.0
         return unit, self.row[squared]
 
-    def microphones(self, positions, centre) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def microphones(self, positions: Reals, centre: Reals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return exp(j theta) and the row of `radial` of given positions, and W of those that are off the lattice.
 
         `positions` (N, 2) float64, metres; `centre` (2,) float64, metres. Returns `unit` (N,) complex128, 1 off the
@@ -87,7 +89,7 @@ class LatticeDictionary:
         row[off] = -1
         return unit, row, self._off_lattice(positions[off], centre)
 
-    def _off_lattice(self, positions: np.ndarray, centre) -> np.ndarray:
+    def _off_lattice(self, positions: np.ndarray, centre: Reals) -> np.ndarray:
         index = tuple(self._index(centre).tolist()), positions.tobytes()
         cached, W = self._others  # these are known microphones, which stay in place
         if cached != index:
@@ -97,7 +99,7 @@ class LatticeDictionary:
             self._others = index, W
         return W
 
-    def dictionary(self, positions, centre, modes) -> list[np.ndarray]:
+    def dictionary(self, positions: Reals, centre: Reals, modes: ArrayLike) -> list[np.ndarray]:
         """Return W of given positions, on the lattice or off it.
 
         `positions` (N, 2) float64, metres; `centre` (2,) float64, metres. Returns list of (N, 2L + 1) complex128, one

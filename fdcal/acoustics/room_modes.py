@@ -29,10 +29,13 @@ Hz: where resonances overlap (Schroeder 1962), pressures at two frequencies clos
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ..model.types import Numbers, Reals
 from ..model.validation import InputError
 
 RESONANCE_WIDTH = 2.2  # times 1 / T60, Hz
@@ -44,7 +47,7 @@ def decay_rate(reverberation_time: float) -> float:
     return float(np.log(1000) / reverberation_time)
 
 
-def mode_count(size, frequencies, sound_speed: float) -> np.ndarray:
+def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_speed: float) -> np.ndarray:
     """Return the mean number of modes below each frequency.
 
     `size` (2,) or (3,) float, lengths of the room, metres; `frequencies` (F,) float64, Hz; `sound_speed`: m/s. Returns
@@ -58,7 +61,9 @@ def mode_count(size, frequencies, sound_speed: float) -> np.ndarray:
     return 4 * np.pi / 3 * x * y * z * ratio**3 + np.pi / 4 * surface * ratio**2 + edges / 8 * ratio
 
 
-def independent_frequencies(low: float, high: float, reverberation_time: float, sound_speed: float, size=None):
+def independent_frequencies(
+    low: float, high: float, reverberation_time: float, sound_speed: float, size: Sequence[float] | None = None
+):
     """Return frequencies that a source in the room excites independently.
 
     `low`, `high`: band, Hz; `reverberation_time`: t60, s; `sound_speed`: m/s; `size` (2,) or (3,) float, lengths of the
@@ -86,7 +91,7 @@ class RoomSymmetry:
     order: tuple[int, ...]  # (D,) int, axis that each coordinate is taken from
     flipped: tuple[bool, ...]  # (D,) bool, whether a coordinate is counted from the far wall
 
-    def apply(self, points) -> np.ndarray:
+    def apply(self, points: Reals) -> np.ndarray:
         """Return `points` (..., D), metres, mirrored and with axes exchanged."""
         points = np.asarray(points, float)[..., self.order]
         return np.where(self.flipped, np.asarray(self.size) - points, points)
@@ -97,7 +102,7 @@ class RoomSymmetry:
         return f"({', '.join(parts)})"
 
 
-def room_symmetries(size) -> list[RoomSymmetry]:
+def room_symmetries(size: Sequence[float]) -> list[RoomSymmetry]:
     """Return every symmetry of a room of `size` (D,), metres, the identity first.
 
     They are mirror images along its axes, with axes of equal length exchanged.
@@ -108,7 +113,7 @@ def room_symmetries(size) -> list[RoomSymmetry]:
     return [RoomSymmetry(tuple(size), order, flipped) for flipped, order in itertools.product(flips, orders)]
 
 
-def nearest_symmetry(points, to, size) -> RoomSymmetry:
+def nearest_symmetry(points: Reals, to: Reals, size: Sequence[float]) -> RoomSymmetry:
     """Return the symmetry of a room that brings points nearest to others in the least-squares sense.
 
     `points`, `to` (N, D) float64, metres; `size` (D,) float, of the room, metres.
@@ -146,11 +151,11 @@ class DiffuseModel:
     gains: np.ndarray  # (E,) float64, a factor sqrt(2) for every axis along which the mode varies
     weights: np.ndarray  # (M, E) float64 w, of sum 1 for each frequency.
 
-    def shapes(self, points) -> np.ndarray:
+    def shapes(self, points: Reals) -> np.ndarray:
         """Return the mode shapes psi at `points` (C, D), metres : (C, E) float64."""
         return self.gains * np.prod(np.cos(np.asarray(points)[:, None] * self.kappa), axis=2)
 
-    def slopes(self, points) -> np.ndarray:
+    def slopes(self, points: Reals) -> np.ndarray:
         """Return d psi / dx along each axis at `points` (C, D), metres : (D, C, E) float64, 1/m."""
         phase = np.asarray(points)[:, None] * self.kappa
         cos, slope = np.cos(phase), -self.kappa * np.sin(phase)
@@ -159,7 +164,7 @@ class DiffuseModel:
         return np.array([self.gains * np.prod([parts[a][b][..., b] for b in axes], axis=0) for a in axes])
 
 
-def diffuse_model(size, wavenumbers, width: float) -> DiffuseModel:
+def diffuse_model(size: Sequence[float] | Reals, wavenumbers: Numbers, width: float) -> DiffuseModel:
     """Return the diffuse model of a room.
 
     `size` (D,) float, metres; `wavenumbers` (M,) float64 or complex128 k, rad/m.; `width`: half the width of a
@@ -177,7 +182,7 @@ def diffuse_model(size, wavenumbers, width: float) -> DiffuseModel:
     return DiffuseModel(kappa, gains, weights / weights.sum(axis=1, keepdims=True))
 
 
-def _numbers(size, top: float) -> np.ndarray:
+def _numbers(size: Sequence[float] | Reals, top: float) -> np.ndarray:
     """Return the half waves along each axis of every mode with kappa up to `top` along each : (E, D) int."""
     counts = [int(top * length / np.pi) + 1 for length in size]
     return np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, len(size))
@@ -193,7 +198,7 @@ class PointSourceModel:
     norms: tuple[np.ndarray, ...]
     response: np.ndarray  # (M, n_1, ..., n_D) complex128, D_me, one axis of the array for each axis of the room, m^2
 
-    def shapes(self, points, slope: int | None = None) -> list[np.ndarray]:
+    def shapes(self, points: Reals, slope: int | None = None) -> list[np.ndarray]:
         """Return the eigenfunctions along each axis; along axis `slope` their derivatives, 1/m.
 
         `points` (C, D) float64, metres. Returns D arrays (M, C, n_a) complex128.
@@ -206,7 +211,7 @@ class PointSourceModel:
             found.append(values * norm[:, None])
         return found
 
-    def excitation(self, source, slope: int | None = None) -> np.ndarray:
+    def excitation(self, source: Reals, slope: int | None = None) -> np.ndarray:
         """Return D_me psi_e(x_s) of a source at x_s, or its derivative along axis `slope`.
 
         `source` (D,) float64 x_s, metres.. Returns (M, n_1, ..., n_D) complex128, m^2, derivatives m.
@@ -230,7 +235,7 @@ def room_pressures(excitation: np.ndarray, shapes: list[np.ndarray]) -> np.ndarr
     return result[..., 0]
 
 
-def point_source_model(size, wavenumbers, admittance: complex) -> PointSourceModel:
+def point_source_model(size: Sequence[float] | Reals, wavenumbers: Numbers, admittance: complex) -> PointSourceModel:
     """Return the point-source model of a room.
 
     `size` (D,) float, metres; `wavenumbers` (M,) complex128 k, rad/m.; `admittance`: complex beta, dimensionless, the

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..model.types import Complexes, Numbers, Reals
+
 SMALL_BESSEL = 0.2  # below it the power series is used: the recurrence would overflow within a few orders
 SPARE = 24  # orders beyond the argument and the highest order wanted, at which the recurrence begins
 FIRST, LARGE = 1e-290, 1e250  # the recurrence begins with one and is divided by the other where it has grown beyond it
 INTERVAL = 8  # orders between two looks at the size of the values
 
 
-def bessel(z, top: int, spherical: bool = False) -> np.ndarray:
+def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
     """Return J_0 to J_top of every argument, or j_0 to j_top.
 
     J_l is normalised by J_0 + 2 (J_2 + J_4 + ...) = 1, the spherical j_l by j_0 or j_1, whichever is larger.
@@ -66,7 +68,7 @@ def bessel(z, top: int, spherical: bool = False) -> np.ndarray:
 SMALL_SINC = 0.02  # below it the derivative is computed by its series; the error is below 1e-12 on both sides
 
 
-def cosine_and_sine(z) -> tuple[np.ndarray, np.ndarray]:
+def cosine_and_sine(z: Reals) -> tuple[np.ndarray, np.ndarray]:
     """Return the cosine and the sine of a float64 array, which is overwritten."""
     sine = np.multiply(z, 0.5, out=z)
     np.tan(sine, out=sine)
@@ -78,7 +80,7 @@ def cosine_and_sine(z) -> tuple[np.ndarray, np.ndarray]:
     return cosine, sine
 
 
-def sinc(z) -> tuple[np.ndarray, np.ndarray]:
+def sinc(z: Reals) -> tuple[np.ndarray, np.ndarray]:
     """Return sin(z) / z and its derivative over z.
 
     `z`, array of float64, not negative, dimensionless. Returns two float64 arrays of the shape of `z`.
@@ -97,7 +99,7 @@ def sinc(z) -> tuple[np.ndarray, np.ndarray]:
     return kappa, slope
 
 
-def complex_sinc(square) -> tuple[np.ndarray, np.ndarray]:
+def complex_sinc(square: Complexes) -> tuple[np.ndarray, np.ndarray]:
     """Return sin(z) / z and its derivative over z, of the square of a complex z.
 
     `square`: array of complex128 z^2, dimensionless. Both results are entire functions of it: it does not matter which

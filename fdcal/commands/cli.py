@@ -38,6 +38,7 @@ from .options import (
     search_option,
     seed_option,
     solver_option,
+    solver_options,
 )
 
 if TYPE_CHECKING:
@@ -204,42 +205,12 @@ def simulate(scene: str, output: str, force: bool):
 @commands.command()
 @click.argument("sources", nargs=-1, required=True, metavar="SCENE|FILE...")
 @solver_option
-@click.option(
-    "--start", type=click.Choice(["affine", "random"]), help="Positions to begin with.  [default: the solver's own]"
-)
-@click.option(
-    "--known",
-    type=types.KnownChoice(["all", "minimal", "none"]),
-    help="Which known microphones to use; minimal: one position, one direction, one side.",
-)
-@click.option(
-    "--noise",
-    type=types.noise_level,
-    metavar="DB|auto|reported",
-    help="SNR of each frequency that is assumed; auto estimates it, reported takes that of the measurement.",
-)
-@click.option(
-    "--gains",
-    type=click.Choice(["auto", "fixed"]),
-    help="Whether solver robust seeks gain and phase of every channel.",
-)
+@solver_options
 @click.option(
     "--gain-sigma",
     type=types.gain_sigma,
     metavar="DB,DEG",
     help="Spread of the channels for solver robust, as 1dB,5deg.  [default: estimated]",
-)
-@click.option(
-    "--known-sigma",
-    type=types.length,
-    metavar="LENGTH",
-    help="One sigma of each given coordinate for solver robust, as 5mm; 0mm: exact.  [default: estimated, 3mm at most]",
-)
-@click.option(
-    "--sound-speed-sigma",
-    type=types.percentage,
-    metavar="PERCENT",
-    help="One sigma of the sound speed for solver robust or joint, as 0.3%; it is then estimated.  [default: exact]",
 )
 @modes_option
 @seed_option
@@ -274,9 +245,8 @@ def simulate(scene: str, output: str, force: bool):
 @radius_option
 @force_option
 def calibrate(
-    sources, solver, start, known, noise, gains, gain_sigma, known_sigma, sound_speed_sigma, modes, seed, exclude,
-    estimate_sound_speed, distance, room, time_limit, check, positions, output, files, split, number, search, radius,
-    force,
+    sources, solver, gain_sigma, modes, seed, exclude, estimate_sound_speed, distance, room, time_limit, check,
+    positions, output, files, split, number, search, radius, force, **settings,
 ):  # fmt: skip
     """Find the microphones and assess the result.
 
@@ -293,12 +263,8 @@ def calibrate(
 
     inputs = input_of(sources, search, radius, exclude, positions, files=files, split=split, source=number)
     solver = types.room_solver(room, solver)
-    gain_sigma_db, phase_sigma_deg = gain_sigma or (None, None)
-    inputs = with_settings(
-        inputs, solver, modes, seed, start=start, known=known, noise=noise, room=room, gains=gains,
-        gain_sigma_db=gain_sigma_db, phase_sigma_deg=phase_sigma_deg, known_sigma=known_sigma,
-        sound_speed_sigma=sound_speed_sigma,
-    )  # fmt: skip
+    settings |= dict(zip(("gain_sigma_db", "phase_sigma_deg"), gain_sigma or (), strict=False))
+    inputs = with_settings(inputs, solver, modes, seed, room=room, **settings)
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
     if check:
         report.require_positions(inputs.measurement)

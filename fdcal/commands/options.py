@@ -5,16 +5,26 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import click
 
-from ..model.settings import ALL_MODES
+from ..model.declared import declaration
+from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import InputError, StorageError
 from ..solvers import names
-from .parameter_types import duration, numbers, search_domain, source_number
+from .parameter_types import (
+    KnownChoice,
+    duration,
+    length,
+    noise_level,
+    numbers,
+    percentage,
+    search_domain,
+    source_number,
+)
 
 if TYPE_CHECKING:
     from ..assessment.calibration import Calibration
@@ -58,66 +68,45 @@ def _same_file(one: Path, other: Path) -> bool:
 
 SESSIONS = (".zip", ".json")
 
+
+def option_name(key: str) -> str:
+    """Return what the command line calls an argument that has no other name there."""
+    return f"--{key.replace('_', '-')}"
+
+
+# The settings of a solver that are options of `fdcal calibrate`, and what their declarations say.
+SOLVER_OPTIONS = {
+    field.name: declared
+    for field in fields(SolverSettings)
+    if "help" in (declared := declaration(SolverSettings, field.name)[1])
+}
+
 # How the command line calls the arguments that an error's remedy mentions (`InputError.worded`).
+NAMED_ALIKE = (
+    "check dimension channels takes estimate_sound_speed exclude force frame frequencies host kind known "
+    "known_sigma leave_out microphone modes most original plane port positions reference reference_microphone "
+    "resume room seed solver sound_speed source split step subset table temperature window workers "
+)
 OPTIONS = {
     "array": "--array FILE.csv",
     "array_radius": "--array-radius R",
     "at": "--at KEY=VALUE",
     "axes": "--axes Y,X",
-    "check": "--check",
-    "dimension": "--dimension",
     "distance": "--distance I,J,METRES",
-    "channels": "--channels",
-    "takes": "--takes",
-    "estimate_sound_speed": "--estimate-sound-speed",
-    "exclude": "--exclude",
     "files": "--channels",
-    "force": "--force",
-    "frame": "--frame",
-    "frequencies": "--frequencies",
     "gain_sigma_db": "--gain-sigma",
-    "gains": "--gains",
-    "host": "--host",
-    "kind": "--kind",
-    "known": "--known",
-    "known_sigma": "--known-sigma",
-    "leave_out": "--leave-out",
-    "microphone": "--microphone",
-    "modes": "--modes",
-    "most": "--most",
-    "noise": "--noise",
-    "original": "--original",
     "output": "-o",
     "phase_sigma_deg": "--gain-sigma",
-    "plane": "--plane",
-    "port": "--port",
-    "positions": "--positions",
     "radius": "--radius R",
-    "reference": "--reference",
-    "reference_microphone": "--reference-microphone",
     "report": "--report FOLDER",
     "result": "--result RESULT.json",
-    "resume": "--resume",
-    "room": "--room",
     "scheduler": "--scheduler tcp://HOST:8786",
     "search": "--search ORIGIN,SIZE,STEP",
-    "seed": "--seed",
     "size": "--size WxH",
     "snr": "--snr DB",
-    "solver": "--solver",
-    "sound_speed": "--sound-speed",
-    "sound_speed_sigma": "--sound-speed-sigma",
-    "source": "--source",
-    "split": "--split",
-    "start": "--start",
-    "step": "--step",
-    "subset": "--subset",
-    "table": "--table",
-    "temperature": "--temperature",
     "time_limit": "--time-limit SECONDS",
-    "window": "--window",
-    "workers": "--workers",
 }
+OPTIONS |= {key: option_name(key) for key in (*NAMED_ALIKE.split(), *SOLVER_OPTIONS)}
 
 
 @contextmanager
@@ -175,6 +164,19 @@ search_option = click.option(
     " For example 2.01,1.71,1.2,1.2,0.01",
 )
 radius_option = click.option("--radius", type=float, metavar="R", help="Radius R of the order rule ceil(k R), metres.")
+
+
+def solver_options(command):
+    """Add an option for each of SOLVER_OPTIONS; a field of `SolverSettings` that is declared there needs no more."""
+    special = {"known": (KnownChoice(["all", "minimal", "none"]), None), "noise": (noise_level, "DB|auto|reported")}
+    units = {"m": (length, "LENGTH"), "": (percentage, "PERCENT")}
+    for key, declared in reversed(SOLVER_OPTIONS.items()):
+        kind = declaration(SolverSettings, key)[0]
+        choices = click.Choice(get_args(kind)) if get_origin(kind) is Literal else None
+        numeric = units[declared["unit"]] if kind is float else (choices or str, None)
+        shape, metavar = special.get(key, numeric)
+        command = click.option(option_name(key), key, type=shape, metavar=metavar, help=declared["help"])(command)
+    return command
 
 
 def scene_of(text: str) -> CalibrationInput:

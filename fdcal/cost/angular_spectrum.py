@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..model.types import Complexes, Integers, Numbers, Reals
 from .batches import blocks, hermitian_inverses, triangular_inverses
 from .kernels import cosines_and_sines, pair_covariance, pair_powers, plane_waves, wave_directions
 from .likelihood import FieldModel
@@ -31,7 +32,9 @@ from .likelihood import FieldModel
 ISOTROPY = 0.03  # observations of a diffuse field, over those of the take; 0.01 to 0.3 give the same errors to 10 %
 
 
-def learned_powers(x, pressures, field: FieldModel, takes, iterations: int, count: float) -> np.ndarray:
+def learned_powers(
+    x: Reals, pressures: Complexes, field: FieldModel, takes: Integers, iterations: int, count: float
+) -> np.ndarray:
     """Return the power by direction (M, Q) float64 after some iterations from that of `field`.
 
     x : (N, D) float64, metres; pressures : (M, N) complex128; takes : (M,) int64, of each row; count : observations
@@ -62,7 +65,7 @@ def learned_powers(x, pressures, field: FieldModel, takes, iterations: int, coun
     return S
 
 
-def _by_few(waves, S, p, mu, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+def _by_few(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """Return |alpha|^2 / s and r, (M, Q) each, at S (M, Q), for fewer waves than microphones.
 
     waves : (M, Q, N) over the square root of the channels' noise; p : (M, N) over sqrt(s), likewise; mu : (M, 1), v / s
@@ -76,7 +79,7 @@ def _by_few(waves, S, p, mu, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     return np.abs(alpha) ** 2, 1 - mu * np.sum(np.abs(X) ** 2, axis=1)
 
 
-def _by_many(waves, S, p, mu, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+def _by_many(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """The same of more waves than microphones."""
     W, n = waves * np.sqrt(S)[..., None], np.arange(waves.shape[2])
     C = W.swapaxes(1, 2) @ np.conj(W)
@@ -87,7 +90,7 @@ def _by_many(waves, S, p, mu, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     return np.abs(alpha) ** 2, np.minimum(np.sum(np.abs(Y) ** 2, axis=1), 1.0)
 
 
-def _by_pairs(waves, S, p, mu, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+def _by_pairs(waves: Reals, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """The same of undamped waves in opposite pairs, in real arithmetic; `waves` (M, N, Q) float64."""
     (M, N, Q), n = waves.shape, np.arange(waves.shape[1])
     half, w = Q // 2, wave_directions(dimension, Q)[1]

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..acoustics.compiled import compiled
 from ..model.settings import Search
+from ..model.types import Integers, Reals
 from ..model.validation import frozen_array
 
 DEPTH = 1e-3  # least prominence of a local minimum, as a share of the map's range
@@ -68,7 +69,7 @@ def _inside(points: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.
 
 
 @compiled
-def _lowest_neighbours(cost):
+def _lowest_neighbours(cost: Reals):
     """Return the lowest neighbour of each point, or the point itself where none is lower : (P,) int64."""
     nz, ny, nx = cost.shape
     found = np.empty(cost.size, np.int64)
@@ -86,7 +87,7 @@ def _lowest_neighbours(cost):
 
 
 @compiled
-def _basins(lowest):
+def _basins(lowest: Integers):
     """Return the minimum at which steepest descent over neighbours ends, from each point : (P,) int64."""
     basin = lowest.copy()
     for point in range(len(basin)):
@@ -95,7 +96,7 @@ def _basins(lowest):
 
 
 @compiled
-def _end(parents, point):
+def _end(parents: Integers, point: int):
     """Follow the parents of a point to one that is its own, and make that one the parent of all on the way."""
     end = point
     while parents[end] != end:
@@ -106,7 +107,7 @@ def _end(parents, point):
 
 
 @compiled
-def _passes(cost, basins):
+def _passes(cost: Reals, basins: Integers):
     """Return the points that have a lower neighbour in another basin, with that basin : (E, 2) int64."""
     nz, ny, nx = cost.shape
     found, count = np.empty((1024, 2), np.int64), 0
@@ -130,7 +131,7 @@ def _passes(cost, basins):
 
 
 @compiled
-def _merge(cost, basins, passes, depth):
+def _merge(cost: Reals, basins: Integers, passes: Integers, depth: float):
     """Return which minima end, and the heirs of those that are not prominent enough : (P,) bool, (P,) int64."""
     union, heirs, ended = basins.copy(), np.arange(cost.size), np.zeros(cost.size, np.bool_)
     for row in range(len(passes)):
@@ -160,7 +161,7 @@ class Basins:
         """Share of the map that each basin holds : (K,) float64."""
         return np.bincount(self.labels[self.labels >= 0], minlength=len(self.minima)) / self.labels.size
 
-    def at(self, search: Search, place) -> int:
+    def at(self, search: Search, place: Reals) -> int:
         """Return the number of the basin of a place (2,) or (3,), metres; OUTSIDE beyond the lattice `search`."""
         dimension = self.labels.ndim
         index = np.rint((np.asarray(place, float)[:dimension] - search.origin[:dimension]) / search.step).astype(int)
@@ -187,7 +188,7 @@ def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
 
 
 @compiled
-def _descend(slopes, lowest, order, heirs):
+def _descend(slopes: Reals, lowest: Integers, order: Integers, heirs: Integers):
     """Return where descent from each point ends : (P,) int64, flat indices of minima."""
     ends = np.full(len(order), -1, np.int64)
     for here in order:  # ascending: of each lower neighbour the end is known
@@ -203,7 +204,7 @@ def _descend(slopes, lowest, order, heirs):
 
 
 @compiled
-def _trace(slopes, ends, here):
+def _trace(slopes: Reals, ends: Integers, here: int):
     """Where descent from a point ends: followed until the places around it agree; -1 where they never do."""
     shape = slopes.shape[1:]
     place, slope = np.zeros(3), np.zeros(3)
@@ -230,7 +231,7 @@ def _trace(slopes, ends, here):
 
 
 @compiled
-def _cell(place, shape):
+def _cell(place: Reals, shape: tuple[int, ...]):
     """The lowest corner of the cell that holds a place (3,), and how far the place is into the cell, 0 to 1."""
     low = np.zeros(3, np.int64)
     for axis in range(3):
@@ -239,7 +240,7 @@ def _cell(place, shape):
 
 
 @compiled
-def _corner(low, share, number):
+def _corner(low: Integers, share: Reals, number: int):
     """Weight and indices of one of the eight corners of a cell."""
     k, m, n = number // 4, number // 2 % 2, number % 2
     weight = (share[0] if k else 1 - share[0]) * (share[1] if m else 1 - share[1]) * (share[2] if n else 1 - share[2])
@@ -247,7 +248,7 @@ def _corner(low, share, number):
 
 
 @compiled
-def _common_end(ends, place, shape):
+def _common_end(ends: Integers, place: Reals, shape: tuple[int, ...]):
     """The end of the corners of a cell whose ends are known, where it is the same; -1 where it is not."""
     low, share = _cell(place, shape)
     common = -1

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from ..acoustics.compiled import parallel_map
+from ..model.types import Complexes, Numbers, Reals
 
 BLOCK = 1.3e5  # numbers in the largest array of a block: about the size of the second-level cache
 PARTS = 4  # of the blocks, each computed on one thread: sums do not depend on how many threads there are
@@ -72,23 +73,25 @@ def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return C, 2 * np.log(diagonals).sum(axis=1)
 
 
-def as_columns(p, dtype) -> np.ndarray:
+def as_columns(p: Numbers, dtype: np.dtype[Any]) -> np.ndarray:
     """Return vectors (M, N) as factors of matrices: complex (M, N, 1), for real matrices their parts (M, N, 2)."""
     p = np.ascontiguousarray(p, complex)
     return p[..., None] if np.issubdtype(dtype, np.complexfloating) else p.view(float).reshape(*p.shape, 2)
 
 
-def joined_columns(parts) -> np.ndarray:
+def joined_columns(parts: np.ndarray) -> np.ndarray:
     """Return the complex vectors (M, r) of what `as_columns` was multiplied to."""
     return parts[..., 0] if np.iscomplexobj(parts) else np.ascontiguousarray(parts).view(complex)[..., 0]
 
 
-def applied(A, v) -> np.ndarray:
+def applied(A: Numbers, v: Complexes) -> np.ndarray:
     """Return A v of every mode, (M, N) complex128; A (M, N, N) real or complex, v (M, N) complex."""
     return joined_columns(np.matmul(A, as_columns(v, A.dtype)))
 
 
-def weighted_curvature(g: np.ndarray, K: Callable[[slice, slice], np.ndarray], diagonal=None) -> np.ndarray:
+def weighted_curvature(
+    g: np.ndarray, K: Callable[[slice, slice], np.ndarray], diagonal: Reals | None = None
+) -> np.ndarray:
     """Return sum_m Re [conj(g_ma,i) K_m,ij g_mb,j], blocks a <= b, the others zero : (P, P, N, N) float64.
 
     g : (P, 2, M, N) float64, real and imaginary parts; K : returns rows (M, rows, N) of the Hermitian matrices of some

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class ChannelCorrection:
     gains: np.ndarray  # (N,) complex128, dimensionless
     noise: np.ndarray  # (N,) float64, noise power of the corrected pressures over that of a healthy channel
 
-    def corrected(self, pressures) -> np.ndarray:
+    def corrected(self, pressures: ArrayLike) -> np.ndarray:
         """Return pressures (..., N) divided by the gains."""
         return np.asarray(pressures) / self.gains
 
@@ -33,7 +35,7 @@ class ChannelCorrection:
         return 1 / np.sqrt(self.noise)
 
 
-def equalised(pressures, channels: ChannelCorrection | None) -> tuple[np.ndarray, np.ndarray]:
+def equalised(pressures: ArrayLike, channels: ChannelCorrection | None) -> tuple[np.ndarray, np.ndarray]:
     """Return pressures corrected and scaled to equal noise of all channels, and the scale of the rows of W.
 
     `pressures` (M, N) complex128, as recorded; `channels`: None for channels without known gains. Returns `pressures`
@@ -43,3 +45,12 @@ def equalised(pressures, channels: ChannelCorrection | None) -> tuple[np.ndarray
     if channels is None:
         return pressures, np.ones(pressures.shape[-1])
     return channels.corrected(pressures) * channels.scale, channels.scale
+
+
+class SolverState(Protocol):
+    """What costs and maps read of a state of any solver."""
+
+    @property
+    def positions(self) -> np.ndarray: ...
+    @property
+    def channels(self) -> ChannelCorrection | None: ...

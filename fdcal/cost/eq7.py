@@ -19,18 +19,22 @@ search and every map: descent evaluates it in compiled loops (`fdcal.cost.lattic
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..acoustics.dictionary import fourier_bessel
 from ..model.problem import Problem
+from ..model.types import Complexes, Integers, Numbers, Reals
 from ..model.validation import InputError
 
 RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest count as zero
 
 
-def residual(positions, pressures, wavenumbers, orders, centre) -> np.ndarray:
+def residual(
+    positions: Reals, pressures: Complexes, wavenumbers: Numbers, orders: Integers, centre: Reals
+) -> np.ndarray:
     """Return the residual of every mode, W W^+ p - p (Eq. 7).
 
     `positions` (N, 2) float64, metres; `pressures` (M, N) complex128; `wavenumbers` (M,) complex128, rad/m; `orders`
@@ -46,12 +50,20 @@ def coefficients(W: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(W, rcond=RANK_TOLERANCE) @ p
 
 
-def cost(positions, pressures, wavenumbers, orders, centre) -> np.ndarray:
+def cost(positions: Reals, pressures: Complexes, wavenumbers: Numbers, orders: Integers, centre: Reals) -> np.ndarray:
     """Return the cost of every mode (Eq. 7 before the sum), parameters as of `residual` : (M,) float64."""
     return np.sum(np.abs(residual(positions, pressures, wavenumbers, orders, centre)) ** 2, axis=1)
 
 
-def landscape(positions, n: int, candidates, pressures, wavenumbers, orders, centre) -> np.ndarray:
+def landscape(
+    positions: Reals,
+    n: int,
+    candidates: Reals,
+    pressures: Complexes,
+    wavenumbers: Numbers,
+    orders: Integers,
+    centre: Reals,
+) -> np.ndarray:
     """Return the cost of every mode with microphone `n` at each of `candidates` (C, 2), metres : (M, C) float64.
 
     The others stay at `positions`; parameters as of `residual`. The sum over the modes is the paper's joint cost
@@ -88,7 +100,7 @@ class LeaveOneOutFit:
 
 
 def leave_one_out_fits(
-    dictionaries, pressures: np.ndarray, n: int, weights: np.ndarray | None = None
+    dictionaries: Sequence[Complexes], pressures: np.ndarray, n: int, weights: np.ndarray | None = None
 ) -> list[LeaveOneOutFit]:
     """Return the fit of every mode to all microphones but `n`.
 
@@ -102,7 +114,7 @@ def leave_one_out_fits(
     widths = np.array([W.shape[1] for W in dictionaries])
     for width in np.unique(widths):  # modes of equal order in one batch
         modes = np.flatnonzero(widths == width)
-        W = np.stack([dictionaries[m][others] for m in modes]) * scale[:, None]
+        W = np.stack([dictionaries[m][others] for m in modes.tolist()]) * scale[:, None]
         parts = _fit(W, pressures[modes][:, others] * scale)
         for m, Z, alpha, r0 in zip(modes.tolist(), *parts, strict=True):
             fits[m] = LeaveOneOutFit(Z, alpha, float(r0), complex(pressures[m, n]))

@@ -18,6 +18,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
@@ -27,6 +28,7 @@ from ..acoustics.dictionary import degrees, max_order
 from ..acoustics.special_functions import bessel
 from ..model.problem import Problem
 from ..model.settings import Search
+from ..model.types import Integers
 from ..model.validation import InputError
 
 TABLE_RADIUS = 2.0  # of the tables, in search radii; points further from the centre are evaluated one by one
@@ -50,7 +52,7 @@ def search_domain(problem: Problem) -> Search:
     return problem.search
 
 
-def functions(problem: Problem, order):
+def functions(problem: Problem, order: Any):
     """Return the number of functions of an expansion of `order` L: 2L + 1, (L + 1)^2 or (L + 1)(L + 2) / 2."""
     if problem.dimension == 2:
         return 2 * order + 1
@@ -148,7 +150,7 @@ class FieldExpansion:
         self._k = problem.wavenumbers[self.carried.modes]
         self._tables: dict[int, np.ndarray] = {}  # by order: (terms, modes of this order, L + 1)
 
-    def groups(self, chosen) -> list[np.ndarray]:
+    def groups(self, chosen: Sequence[int] | Integers) -> list[np.ndarray]:
         """Return the modes of `chosen`, indices of `carried`, in groups of one order."""
         chosen = np.asarray(chosen, np.int64)
         orders = self.carried.orders[chosen]

@@ -39,13 +39,16 @@ over half the directions takes about a third of the operations of complex waves.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import hankel1, j0, j1, spherical_jn, spherical_yn
 
 from ..acoustics.dictionary import max_order
 from ..acoustics.special_functions import bessel, complex_sinc, cosine_and_sine, sinc
+from ..model.types import Complexes, Integers, Numbers, Reals
 from ..model.validation import frozen_array
 from .batches import as_columns, blocks
 
@@ -58,7 +61,9 @@ DEGREES = (3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 29, 31, 35, 41, 47, 53, 59, 65, 7
            125, 131)  # fmt: skip
 
 
-def expansion_about(x, k, dimension: int, near: bool, about=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def expansion_about(
+    x: Reals, k: Numbers, dimension: int, near: bool, about: Reals | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the centre (D,), the order L (M,) of every mode and the gain of every order (M, L + 1).
 
     x : (N, D) float64, metres; k : (M,) rad/m; about : (N, D) positions that give centre and extent, `x` unless given.
@@ -88,7 +93,9 @@ def _loudness(z: tuple[float, ...], count: int, dimension: int) -> np.ndarray:
     return frozen_array(np.clip(loud, 1.0, 1e100), float)
 
 
-def circular_waves(x, centre, k, orders, gains, slopes: bool) -> tuple[np.ndarray, np.ndarray | None]:
+def circular_waves(
+    x: Reals, centre: Reals, k: Numbers, orders: Sequence[int] | Integers, gains: Reals, slopes: bool
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Return W (M, 2L + 1, N), of the type of `k`, and its derivatives along x and y (2, M, 2L + 1, N), 1/m, or None.
 
     x : (N, 2) and centre (2,) float64, metres; k : (M,) rad/m; orders : (M,) int, columns of higher orders are zero;
@@ -110,7 +117,7 @@ def circular_waves(x, centre, k, orders, gains, slopes: bool) -> tuple[np.ndarra
     return W, (_circular_slopes(C, S, factor * np.asarray(k)[:, None] / 2) if slopes else None)
 
 
-def _circular_slopes(C, S, half) -> np.ndarray:
+def _circular_slopes(C: np.ndarray, S: np.ndarray, half: np.ndarray) -> np.ndarray:
     """dW from J_l cos(l theta) and J_l sin(l theta), l = 0..L+1; `half` (M, L + 1) is k / 2 times the factor."""
     C, S = C.swapaxes(0, 1), S.swapaxes(0, 1)
     L, half = half.shape[1] - 1, half[:, :, None]
@@ -129,7 +136,7 @@ def _circular_slopes(C, S, half) -> np.ndarray:
     return dW
 
 
-def circular_dictionary(points, k, order: int, centre) -> np.ndarray:
+def circular_dictionary(points: ArrayLike, k: complex, order: int, centre: ArrayLike) -> np.ndarray:
     """Return W (N, 2L + 1) of one mode at `points` (N, 2), real for a real k; W W^H is that of Eq. 4.
 
     Cosine and sine of an order stand side by side, so that the first columns are the dictionary of a lower order.
@@ -149,7 +156,7 @@ def direction_count(dimension: int, order: int) -> int:
     return len(_sphere(next((degree for degree in DEGREES if degree >= 2 * order), DEGREES[-1]))[1])
 
 
-def directions_needed(positions, wavenumbers, dimension: int) -> int:
+def directions_needed(positions: Reals, wavenumbers: Numbers, dimension: int) -> int:
     """Return how many directions resolve a field over the array; positions (N, D), metres, wavenumbers (M,), rad/m."""
     reach = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
     return direction_count(dimension, int(np.ceil(np.real(wavenumbers).max() * reach)) + DIRECTION_ORDERS)
@@ -180,7 +187,9 @@ def _sphere(degree: int) -> tuple[np.ndarray, np.ndarray]:
     return frozen_array(np.hstack([half, -half]), float), frozen_array(np.tile(weights, 2), float)
 
 
-def plane_waves(x, k, powers, slope: bool, dimension: int = 2) -> tuple[np.ndarray, np.ndarray | None]:
+def plane_waves(
+    x: Reals, k: Numbers, powers: Reals, slope: bool, dimension: int = 2
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Return W (M, Q, N) complex128 and, if wanted, its derivatives (D, M, Q, N), 1/m.
 
     x : (N, D) float64, metres, from the centre, where a damped wave has the amplitude 1; k : (M,) rad/m;
@@ -214,7 +223,7 @@ def diffuse_correlation(z: np.ndarray, dimension: int) -> np.ndarray:
     return j0(z) if dimension == 2 else sinc(z)[0]
 
 
-def diffuse_kernel(distance, wavenumbers, dimension: int, slope: bool = True):
+def diffuse_kernel(distance: Reals, wavenumbers: Reals, dimension: int, slope: bool = True):
     """Covariance (M, P) float64 of a diffuse field over `distance` (P,), metres, for real `wavenumbers` (M,), rad/m.
 
     Returns it with (d kappa / d r) / r, (M, P) float64, 1/m^2, or None unless wanted.
@@ -230,7 +239,7 @@ def diffuse_kernel(distance, wavenumbers, dimension: int, slope: bool = True):
     return kappa, (k2 * over if slope else None)
 
 
-def diffuse_matrices(x, wavenumbers, dimension: int, slope: bool):
+def diffuse_matrices(x: Reals, wavenumbers: Reals, dimension: int, slope: bool):
     """Diffuse kernel K (M, N, N) float64 at x (N, D), metres, and S (M, N, N), D_a = S (x_i - x_j)_a, or None."""
     N, M = len(x), len(wavenumbers)
     first, second, pair = _pairs(N)
@@ -255,7 +264,9 @@ def _pairs(N: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return first, second, pair
 
 
-def series_kernel(x, about, wavenumbers, dimension: int, near: bool = False, slope: bool = True):
+def series_kernel(
+    x: Reals, about: Reals | None, wavenumbers: Numbers, dimension: int, near: bool = False, slope: bool = True
+):
     """Covariance K (M, N, N) complex128 at x (N, D), metres, for complex `wavenumbers` (M,), rad/m, and D or None.
 
     about : (N, D) float64, metres, or None for `x`; the series is about their centre, `near` relative to their extent
@@ -278,7 +289,13 @@ def series_kernel(x, about, wavenumbers, dimension: int, near: bool = False, slo
 
 
 def plane_wave_kernel(
-    x, about, wavenumbers, powers, slope: bool = True, dimension: int = 2, modes: slice = slice(None)
+    x: Reals,
+    about: Reals,
+    wavenumbers: Numbers,
+    powers: Reals,
+    slope: bool = True,
+    dimension: int = 2,
+    modes: slice = slice(None),
 ):
     """Covariance K (M, N, N) complex128 of a field whose power by direction is `powers` (M, Q), and D or None.
 
@@ -297,7 +314,13 @@ def plane_wave_kernel(
     return K, D
 
 
-def plane_wave_covariance(x, about, wavenumbers, powers, dimension: int, modes: slice):
+# of vectors u (M, N) and Hermitian matrices P (M, N, N)
+Slopes = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def plane_wave_covariance(
+    x: Reals, about: Reals, wavenumbers: Numbers, powers: Reals, dimension: int, modes: slice
+) -> tuple[np.ndarray, Slopes]:
     """Return the covariance of `plane_wave_kernel`, and a function that makes of its slope D what the likelihood needs.
 
     That function takes vectors u (M, N) complex128 and Hermitian matrices P (M, N, N), and returns sum_j D_a,ij u_j
@@ -318,7 +341,7 @@ def plane_wave_covariance(x, about, wavenumbers, powers, dimension: int, modes: 
     return W.swapaxes(1, 2) @ np.conj(W), lambda u, P: _wave_slopes(W, k[modes], towards, u, P)
 
 
-def _wave_slopes(W, k, towards, u, P) -> tuple[np.ndarray, np.ndarray]:
+def _wave_slopes(W: Complexes, k: Numbers, towards: Reals, u: Complexes, P: Complexes) -> tuple[np.ndarray, np.ndarray]:
     """The slopes of `plane_wave_covariance` by waves W (M, Q, N) and directions `towards` (D, Q)."""
     factor = -1j * k[:, None, None]
     alpha = np.conj(W) @ u[..., None]
@@ -328,7 +351,9 @@ def _wave_slopes(W, k, towards, u, P) -> tuple[np.ndarray, np.ndarray]:
     return np.moveaxis(g, 2, 0), np.moveaxis(np.real(traced), 2, 0)
 
 
-def _pair_slopes(waves, a, b, k, towards, u, P) -> tuple[np.ndarray, np.ndarray]:
+def _pair_slopes(
+    waves: Reals, a: Reals, b: Reals, k: Numbers, towards: Reals, u: Complexes, P: Complexes
+) -> tuple[np.ndarray, np.ndarray]:
     """The same by waves (M, N, Q) in opposite pairs and directions `towards` (D, Q / 2)."""
     half = a.shape[1]
     along = np.matmul(waves.swapaxes(1, 2), as_columns(u, waves.dtype))  # W^T u
@@ -348,7 +373,7 @@ def _pair_slopes(waves, a, b, k, towards, u, P) -> tuple[np.ndarray, np.ndarray]
     return np.moveaxis(g, 2, 0), np.moveaxis(traced, 2, 0)
 
 
-def _products(W, dW, K, D) -> None:
+def _products(W: Complexes, dW: Complexes | None, K: Complexes, D: Complexes | None) -> None:
     """K = W W^H and D = dW W^H of some modes."""
     WH = np.conj(W)
     np.matmul(W.swapaxes(1, 2), WH, out=K)
@@ -356,7 +381,7 @@ def _products(W, dW, K, D) -> None:
         np.matmul(along.swapaxes(1, 2), WH, out=derivative)
 
 
-def cosines_and_sines(x, k, Q: int, dimension: int) -> np.ndarray:
+def cosines_and_sines(x: Reals, k: Numbers, Q: int, dimension: int) -> np.ndarray:
     """cos and sin of k x . u of half the Q directions, side by side : (M, N, Q) float64, not to be written to.
 
     A solver that tries a step, learns the powers there and goes on from there needs the same waves three times: those
@@ -376,14 +401,14 @@ def _waves_of(places: bytes, wavenumbers: bytes, axes: int, Q: int, dimension: i
     return waves
 
 
-def pair_powers(powers, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+def pair_powers(powers: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """Weighted sum a and difference b (M, Q / 2) of the `powers` (M, Q) of opposite directions."""
     half = powers.shape[1] // 2
     weighted = wave_directions(dimension, powers.shape[1])[1] * powers
     return weighted[:, :half] + weighted[:, half:], weighted[:, :half] - weighted[:, half:]
 
 
-def pair_covariance(waves, a, b, out) -> None:
+def pair_covariance(waves: Reals, a: Reals, b: Reals, out: Complexes) -> None:
     """K of pairs of undamped waves, (M, N, N) complex128, into `out`; `waves` of `cosines_and_sines`."""
     half = a.shape[1]
     weighted = waves * np.sqrt(np.concatenate([a, a], axis=1))[:, None]
@@ -392,7 +417,7 @@ def pair_covariance(waves, a, b, out) -> None:
     out.imag = crossed - crossed.swapaxes(1, 2)
 
 
-def _isotropic(x, k, D) -> np.ndarray:
+def _isotropic(x: Reals, k: Complexes, D: Complexes | None) -> np.ndarray:
     """Return the covariance in space without gains, and put its derivatives into `D`; `x` is from the centre."""
     N, (i, j) = len(x), np.tril_indices(len(x))
     apart, along = x[i] - x[j], x[i] + x[j]
@@ -409,7 +434,7 @@ def _isotropic(x, k, D) -> np.ndarray:
     return _hermitian(kappa, i, j, N)
 
 
-def _excess(x, k, excess, D) -> np.ndarray:
+def _excess(x: Reals, k: Complexes, excess: Reals, D: Complexes | None) -> np.ndarray:
     """Return what gains add to the covariance, and add its derivatives to `D`; `x` is from the centre.
 
     excess : (M, L + 1) float64, (2 l + 1) (h_l^2 - 1)
@@ -435,12 +460,12 @@ def _excess(x, k, excess, D) -> np.ndarray:
     return K
 
 
-def _add(total, factor, product) -> None:
+def _add(total: Complexes, factor: Reals, product: Complexes) -> None:
     """Add the product of a real (N, N) factor and a complex (M, N, N) one; NumPy would make the real one complex."""
     total.view(float)[...] += np.repeat(factor, 2, axis=1) * product.view(float)
 
 
-def _hermitian(values, i, j, N: int) -> np.ndarray:
+def _hermitian(values: Numbers, i: Integers, j: Integers, N: int) -> np.ndarray:
     """(M, N, N) from the elements (M, P) of the lower triangle."""
     A = np.empty((len(values), N, N), values.dtype)
     A[:, j, i] = np.conj(values)
@@ -448,7 +473,7 @@ def _hermitian(values, i, j, N: int) -> np.ndarray:
     return A
 
 
-def _legendre(c, top: int) -> tuple[np.ndarray, np.ndarray]:
+def _legendre(c: Reals, top: int) -> tuple[np.ndarray, np.ndarray]:
     """P_l and its derivative of every argument, l = 0..top : two (top + 1, ...) float64."""
     P, dP = np.ones((top + 1, *c.shape)), np.zeros((top + 1, *c.shape))
     if top:

@@ -26,10 +26,12 @@ import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..acoustics.dictionary import max_order
 from ..acoustics.lattice_dictionary import LatticeDictionary
 from ..model.problem import Problem
+from ..model.types import Reals
 from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
 from .expansion import expansion_of, require_modes, require_plane_field, search_domain, usable_modes
 
@@ -55,7 +57,13 @@ def search_lattice(problem: Problem, order_offset: int) -> LatticeDictionary:
 
 
 def best_candidate(
-    problem: Problem, lattice: LatticeDictionary, positions, n: int, centre, modes: slice, known_weight: float
+    problem: Problem,
+    lattice: LatticeDictionary,
+    positions: Reals,
+    n: int,
+    centre: Reals,
+    modes: slice,
+    known_weight: float,
 ) -> tuple[np.ndarray, float]:
     """Return the candidate (2,), metres, of least cost for microphone `n`, and that cost, summed over `modes`.
 
@@ -96,25 +104,25 @@ class SpaceLattice:
         """All candidates : (C, 3) float64, metres, x fastest."""
         return self._place(_grid([np.arange(count) for count in self._shape[::-1]])[:, ::-1])
 
-    def nearest(self, point) -> np.ndarray:
+    def nearest(self, point: ArrayLike) -> np.ndarray:
         """Return the lattice point nearest to `point` (..., 3), inside the search domain : (..., 3) float64, metres."""
         return self._place(self._index(point))
 
-    def _place(self, index) -> np.ndarray:
+    def _place(self, index: ArrayLike) -> np.ndarray:
         return np.asarray(self._search.origin) + self._search.step * np.asarray(index)
 
-    def _index(self, point) -> np.ndarray:
+    def _index(self, point: ArrayLike) -> np.ndarray:
         index = np.rint((np.asarray(point) - self._search.origin) / self._search.step).astype(np.int64)
         return np.clip(index, 0, self._shape - 1)
 
-    def dictionary(self, positions, centre, modes: Sequence[int]) -> list[np.ndarray]:
+    def dictionary(self, positions: Reals, centre: Reals, modes: Sequence[int]) -> list[np.ndarray]:
         """Return W (N, (L + 1)^2) of each of `modes` at positions (N, 3) about a centre (3,), metres."""
         found: dict[int, np.ndarray] = {}
         for group in self._expansion.groups(modes):
             found |= zip(group.tolist(), self._expansion.rows(np.asarray(positions, float), centre, group), strict=True)
         return [found[mode] for mode in modes]
 
-    def best(self, centre, modes: slice, fits: list[LeaveOneOutFit], start) -> tuple[np.ndarray, float]:
+    def best(self, centre: Reals, modes: slice, fits: list[LeaveOneOutFit], start: Reals) -> tuple[np.ndarray, float]:
         """Return the candidate (3,), metres, of least cost that the search finds, and that cost, summed over `modes`.
 
         `fits` are the `leave_one_out_fits` of these modes, and `start` (3,), metres, is where the microphone is.
@@ -140,7 +148,7 @@ class SpaceLattice:
         max_stride = min(2 * np.pi / k * SPACING / self._search.step, (self._shape.min() - 1) / (MIN_COARSE - 1))
         return 2 ** max(int(np.log2(max(max_stride, 1.0))), 0)
 
-    def _coarse(self, cost: Callable, stride: int, modes: np.ndarray) -> np.ndarray:
+    def _coarse(self, cost: Callable[..., np.ndarray], stride: int, modes: np.ndarray) -> np.ndarray:
         """Return the indices of the best coarse candidates : (S, 3) int64."""
         index = _grid([np.unique(np.append(np.arange(0, count, stride), count - 1)) for count in self._shape])
         total = np.zeros(len(index))
@@ -151,7 +159,7 @@ class SpaceLattice:
             total = total + cost(index, part)
         return index[np.argsort(total, kind="stable")[:SEEDS]]
 
-    def _refined(self, cost: Callable, index: np.ndarray, stride: int) -> tuple[np.ndarray, float]:
+    def _refined(self, cost: Callable[..., np.ndarray], index: np.ndarray, stride: int) -> tuple[np.ndarray, float]:
         """Return the candidate that neighbours at ever smaller distances lead to, and its cost."""
         around = np.delete(_grid([np.arange(-1, 2)] * 3), 13, axis=0)  # without the candidate itself
         least = float(cost(index[None])[0])

@@ -6,21 +6,40 @@ that the compiler can use vector instructions. The symbols are those of `fdcal.c
 
 from __future__ import annotations
 
-import functools
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 
 from ..acoustics.compiled import compiled
+from ..model.types import Bools, Complexes, Integers, Reals
 from .eq7 import RANK_TOLERANCE
 
-compiled_sums = functools.partial(compiled, fastmath={"reassoc", "contract"})  # sums in the order of the vectors
+P = ParamSpec("P")
+Found = TypeVar("Found")
+
+
+def compiled_sums(function: Callable[P, Found]) -> Callable[P, Found]:
+    """Decorate as `compiled` does, with sums in the order of the vectors."""
+    return compiled(function, fastmath={"reassoc", "contract"})
+
 
 BLOCK = 32  # candidates evaluated together
 VECTOR = 8  # microphones are padded to a multiple of it
 
 
 @compiled
-def pruned_search(unit, row, radial, orders, columns, triangular, r0, p_n, start):
+def pruned_search(
+    unit: Complexes,
+    row: Integers,
+    radial: Complexes,
+    orders: Integers,
+    columns: Complexes,
+    triangular: Bools,
+    r0: Reals,
+    p_n: Complexes,
+    start: int,
+):
     """Return the candidate of least cost summed over the modes, and that cost; `start` is tried first.
 
     All candidates are summed mode by mode, the lowest and cheapest first, and after each mode only those stay whose sum
@@ -44,7 +63,17 @@ def pruned_search(unit, row, radial, orders, columns, triangular, r0, p_n, start
 
 
 @compiled
-def _add_mode(unit, row, J, L, columns, triangular, p_n, kept, total):
+def _add_mode(
+    unit: Complexes,
+    row: Integers,
+    J: Complexes,
+    L: int,
+    columns: Complexes,
+    triangular: bool,
+    p_n: complex,
+    kept: Integers,
+    total: Reals,
+):
     """Add the excess of one mode to the sums of the candidates `kept`."""
     re, im, work = np.empty((2 * L + 1, BLOCK)), np.empty((2 * L + 1, BLOCK)), np.empty((3, BLOCK))
     which, block = np.empty(BLOCK, np.int64), np.empty(BLOCK)
@@ -60,7 +89,7 @@ def _add_mode(unit, row, J, L, columns, triangular, p_n, kept, total):
 
 
 @compiled
-def _rows(J, unit, row, which, L, re, im):
+def _rows(J: Complexes, unit: Complexes, row: Integers, which: Integers, L: int, re: Reals, im: Reals):
     """re[l] + j im[l] = J_l exp(j l theta), l = -L..L, of the points `which`; their rows of the table J are `row`."""
     for c in range(len(which)):
         point = which[c]
@@ -75,7 +104,9 @@ def _rows(J, unit, row, which, L, re, im):
 
 
 @compiled
-def _add_excess(re, im, columns, p_n, K, triangular, work, total):
+def _add_excess(
+    re: Reals, im: Reals, columns: Complexes, p_n: complex, K: int, triangular: bool, work: Reals, total: Reals
+):
     """Add |p_n - w alpha|^2 / (1 + |w Z|^2) of a block of candidates to `total`."""
     leverage, x, y = work[0], work[1], work[2]
     leverage[:] = 1.0
@@ -96,7 +127,15 @@ def _add_excess(re, im, columns, p_n, K, triangular, work, total):
 
 
 @compiled
-def fits(unit, row, others, radial, orders, pressures, roots):
+def fits(
+    unit: Complexes,
+    row: Integers,
+    others: Complexes,
+    radial: Complexes,
+    orders: Integers,
+    pressures: Complexes,
+    roots: Reals,
+):
     """Return Z and alpha as `columns`, r0, and whether W has full rank, of every mode.
 
     `unit`, `row` (N,) of the microphones; row is -1 for one that is not on the lattice; `others` (modes, N_off, Kmax)
@@ -131,7 +170,7 @@ def fits(unit, row, others, radial, orders, pressures, roots):
 
 
 @compiled_sums
-def _triangularise(re, im, K, S):
+def _triangularise(re: Reals, im: Reals, K: int, S: Complexes):
     """S = Q^H [W p] by Householder reflections, upper triangular; the first K + 1 columns of re + j im become it."""
     x, y = np.empty(re.shape[1]), np.empty(re.shape[1])
     for j in range(K):
@@ -152,7 +191,7 @@ def _triangularise(re, im, K, S):
 
 
 @compiled_sums
-def _reflect(x, y, scale, re, im):
+def _reflect(x: Reals, y: Reals, scale: float, re: Reals, im: Reals):
     """Subtract scale v v^H a from each column a, v = x + j y."""
     for c in range(len(re)):
         a, b = re[c], im[c]
@@ -167,7 +206,7 @@ def _reflect(x, y, scale, re, im):
 
 
 @compiled
-def _invert(S, columns):
+def _invert(S: Complexes, columns: Complexes):
     """Columns of S^-1 and, behind them, S^-1 times the last column of S."""
     K, inverse = len(S), 1 / np.diag(S)
     for j in range(K + 1):

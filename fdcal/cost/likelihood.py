@@ -43,10 +43,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ..model.problem import mode_power
+from ..model.types import Complexes, Numbers, Reals
 from .batches import (
     applied,
     as_columns,
@@ -58,6 +60,7 @@ from .batches import (
     whole_curvature,
 )
 from .kernels import (
+    Slopes,
     circular_waves,
     cosines_and_sines,
     diffuse_matrices,
@@ -103,7 +106,7 @@ class FieldModel:
     conditional: Conditional | None = None
 
 
-def isotropic_field(pressures, wavenumbers, noise, dimension: int) -> FieldModel:
+def isotropic_field(pressures: Numbers, wavenumbers: Numbers, noise: Reals, dimension: int) -> FieldModel:
     """Return a diffuse field whose power is that of the pressures (M, N) less the noise (M,), alike in all channels."""
     measured = mode_power(pressures)
     power = np.maximum(measured - noise, MIN_FIELD_SHARE * measured)
@@ -130,7 +133,14 @@ class Terms:
         return self.gradient, self.curvature
 
 
-def likelihood_terms(positions, pressures, field: FieldModel, channels=None, derivatives: bool = True) -> Terms:
+# W and, if wanted, dW of a slice of modes; with how many waves there are
+Waves = Callable[[slice, bool], tuple[Numbers, Numbers | None]]
+FewWaves = tuple[Waves, int]
+
+
+def likelihood_terms(
+    positions: Reals, pressures: Complexes, field: FieldModel, channels: Reals | None = None, derivatives: bool = True
+) -> Terms:
     """Return the terms at `positions` (N, D), metres, of `pressures` (M, N).
 
     channels : (N, 2) or (N, 4) float64, a, nepers, b, radians, and if there are four of them d, metres, and kappa,
@@ -153,7 +163,7 @@ def likelihood_terms(positions, pressures, field: FieldModel, channels=None, der
     return replace(random, cost=float(random.costs.sum()))
 
 
-def _largest(x, field: FieldModel, waves) -> int:
+def _largest(x: Reals, field: FieldModel, waves: FewWaves | None) -> int:
     """Return how many numbers the largest array of one mode has; `waves` as of `few_waves`."""
     if waves is not None:
         return 2 * len(x) * waves[1]
@@ -162,7 +172,7 @@ def _largest(x, field: FieldModel, waves) -> int:
     return len(x) * max(len(x), field.directions.shape[1]) * (2 if np.iscomplexobj(field.wavenumbers) else 1)
 
 
-def log_response(channels, wavenumbers) -> tuple[np.ndarray, list[np.ndarray]]:
+def log_response(channels: Reals | None, wavenumbers: Reals) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return log g (M, N) complex128, or (1, N), and its derivatives by the parameters, which broadcast to (M, N).
 
     channels : as of `likelihood_terms`; wavenumbers : (M,) float64, rad/m
@@ -201,7 +211,7 @@ class _Block:
 Rule = Callable[[slice, bool], _Block]
 
 
-def _summed(rule: Rule, q, by_parameter: Sequence[np.ndarray], numbers: int, derivatives: bool) -> Terms:
+def _summed(rule: Rule, q: Complexes, by_parameter: Sequence[np.ndarray], numbers: int, derivatives: bool) -> Terms:
     """Return the terms of all modes, block by block; what log g itself adds to the cost is left out."""
 
     def differentiated(m: slice, one: _Block) -> tuple[_Block, np.ndarray, np.ndarray]:
@@ -230,7 +240,7 @@ def _summed(rule: Rule, q, by_parameter: Sequence[np.ndarray], numbers: int, der
     return Terms(0.0, costs, slopes.sum(axis=0), H, u, d, q, slopes)
 
 
-def few_waves(x, field: FieldModel):
+def few_waves(x: Reals, field: FieldModel) -> FewWaves | None:
     """Return the waves of which the covariance consists, and their number r; None unless fewer than the microphones.
 
     The waves are a callable: of a slice of modes, and whether derivatives are wanted, W (M, r, N) and dW (2, M, r, N).
@@ -248,7 +258,7 @@ def few_waves(x, field: FieldModel):
     return lambda m, slope: circular_waves(x, centre, k[m], orders[m], gains[m], slope), r
 
 
-def _low_rank_rule(waves, q, field: FieldModel) -> Rule:
+def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
     """Modes factorised by their waves."""
     N, weight = q.shape[1], 1 / np.sqrt(field.channel_noise)
     s, v = field.power, np.maximum(field.noise, MIN_WEIGHT * field.power)
@@ -271,6 +281,7 @@ def _low_rank_rule(waves, q, field: FieldModel) -> Rule:
         FH = np.conj(F).swapaxes(1, 2) / -v[m, None, None]
 
         def slopes():
+            assert dW is not None  # `derivatives`
             T, along = np.conj(XH @ F), dW * weight
             g = np.array([joined_columns(slope.swapaxes(1, 2) @ parts) for slope in along])
             return g, np.array([_real_products(slope, T) for slope in along])
@@ -282,7 +293,7 @@ def _low_rank_rule(waves, q, field: FieldModel) -> Rule:
     return rule
 
 
-def _real_products(A, B) -> np.ndarray:
+def _real_products(A: Numbers, B: Numbers) -> np.ndarray:
     """Re sum_q A_qn conj(B_qn) of every mode : (M, N)."""
     if np.iscomplexobj(A):
         products = np.einsum("mqn,mqn->mn", A.view(float), np.ascontiguousarray(B).view(float))
@@ -290,7 +301,7 @@ def _real_products(A, B) -> np.ndarray:
     return np.einsum("mqn,mqn->mn", A, B)
 
 
-def field_covariance(x, field: FieldModel, m: slice, slope: bool):
+def field_covariance(x: Reals, field: FieldModel, m: slice, slope: bool):
     """Return K (M, N, N) of a field of unit power for the modes `m` and, if wanted, its slope.
 
     The slope is S (M, N, N), D_a = S (x_i - x_j)_a, of the diffuse kernel, and D (D, M, N, N) of the others.
@@ -304,7 +315,7 @@ def field_covariance(x, field: FieldModel, m: slice, slope: bool):
     return diffuse_matrices(x, field.wavenumbers[m], field.dimension, slope)
 
 
-def _dense_rule(x, q, field: FieldModel) -> Rule:
+def _dense_rule(x: Reals, q: Complexes, field: FieldModel) -> Rule:
     """Modes factorised by the covariance itself."""
     if field.directions is not None and np.isrealobj(field.wavenumbers):  # kept for the blocks of all threads
         about = x if field.about is None else field.about
@@ -328,7 +339,7 @@ def _dense_rule(x, q, field: FieldModel) -> Rule:
     return rule
 
 
-def _sloped_covariance(x, field: FieldModel, m: slice, derivatives: bool):
+def _sloped_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool) -> tuple[np.ndarray, Slopes]:
     """Return the covariance, and the function that makes of its slope what `plane_wave_covariance` says."""
     if field.directions is not None:
         about = x if field.about is None else field.about
@@ -337,7 +348,7 @@ def _sloped_covariance(x, field: FieldModel, m: slice, derivatives: bool):
     return C, lambda u, P: _dense_slopes(x, u, P, D)
 
 
-def _conditional_rule(x, q, log_gain, field: FieldModel, assumed: Conditional) -> Rule:
+def _conditional_rule(x: Reals, q: Complexes, log_gain: Complexes, field: FieldModel, assumed: Conditional) -> Rule:
     """Modes of the conditional likelihood."""
     k = field.wavenumbers if assumed.damped else np.real(field.wavenumbers)
     isotropic = replace(field, wavenumbers=k, directions=None, near=False)
@@ -362,7 +373,7 @@ def _conditional_rule(x, q, log_gain, field: FieldModel, assumed: Conditional) -
     return rule
 
 
-def _dense_slopes(x, u, traced, D) -> tuple[np.ndarray, np.ndarray]:
+def _dense_slopes(x: Reals, u: Complexes, traced: Numbers, D: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return D_a u (D, M, N) complex128 and Re tr(A dK) (D, M, N), A the Hermitian matrices `traced` (M, N, N)."""
     if D.ndim == 4:
         g = np.array([applied(slope, u) for slope in D])
@@ -387,7 +398,7 @@ def _joined(conditional: Terms, random: Terms, weight: float) -> Terms:
     )
 
 
-def spectra(positions, corrected, field: FieldModel) -> tuple[np.ndarray, np.ndarray]:
+def spectra(positions: Reals, corrected: Numbers, field: FieldModel) -> tuple[np.ndarray, np.ndarray]:
     """Return eigenvalues of T^-1/2 K T^-1/2 and |e^H T^-1/2 q|^2 along its eigenvectors e : two (M, N) float64.
 
     positions : (N, D) float64, metres; corrected : (M, N) complex128, q
@@ -408,7 +419,7 @@ def spectra(positions, corrected, field: FieldModel) -> tuple[np.ndarray, np.nda
     return np.concatenate([values for values, _ in found]), np.concatenate([along for _, along in found])
 
 
-def _low_rank_spectra(W, p) -> tuple[np.ndarray, np.ndarray]:
+def _low_rank_spectra(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues of W W^H and the power of p along its eigenvectors, from the small W^H W; W is (M, r, N), r < N.
 
     Where eigenvalues are zero, the rest of |p|^2 is spread evenly over them.

@@ -22,17 +22,20 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 from scipy.special import jv
 
 from ..acoustics.dictionary import fourier_bessel, max_order
 from ..model.problem import Problem
 from ..model.settings import Search
+from ..model.types import Complexes, Reals
 from ..model.validation import InputError
-from .channel_correction import ChannelCorrection, equalised
+from .channel_correction import ChannelCorrection, SolverState, equalised
 from .eq7 import LeaveOneOutFit, coefficients, known_weights, leave_one_out_fits
 from .expansion import FieldExpansion, expansion_of, functions, require_carried, search_domain
 from .kernels import circular_dictionary, diffuse_correlation
@@ -73,7 +76,7 @@ def node_counts(
     return tuple(counts)
 
 
-def node_points(search: Search, counts: Sequence[int], height) -> np.ndarray:
+def node_points(search: Search, counts: Sequence[int], height: Sequence[float] | Reals) -> np.ndarray:
     """Return the nodes of the domain, `counts` along each axis : (C, D) metres, x fastest.
 
     `height` holds the coordinates that follow those of the nodes: z (1,) of a layer in space, none otherwise.
@@ -194,7 +197,12 @@ class MovedMicrophone:
 
 
 def _on_the_page(
-    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, channels: ChannelCorrection | None
+    problem: Problem,
+    positions: Reals,
+    n: int,
+    modes: Sequence[int],
+    order_offset: int,
+    channels: ChannelCorrection | None,
 ) -> MovedMicrophone:
     """Return the terms at one fixed order, about the centre of the estimate, weighted by the noise of the channels.
 
@@ -206,7 +214,7 @@ def _on_the_page(
 
 
 def eq7_maps(
-    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, search: Search | None = None,
+    problem: Problem, positions: Reals, n: int, modes: Sequence[int], order_offset: int, search: Search | None = None,
     channels: ChannelCorrection | None = None,
 ) -> np.ndarray:  # fmt: skip
     """Return the cost of each of `modes` with microphone `n` moved, relative to the power of all : (P, ny, nx).
@@ -222,7 +230,7 @@ def eq7_maps(
 
 
 def eq7_cut(
-    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, points,
+    problem: Problem, positions: Reals, n: int, modes: Sequence[int], order_offset: int, points: Reals,
     channels: ChannelCorrection | None = None,
 ) -> np.ndarray:  # fmt: skip
     """Return the cost of `eq7_maps` at points (S, D), metres, along a line : (P, S).
@@ -248,7 +256,9 @@ class CostVolume:
     modes: tuple[NodeTerms, ...]
     power: float  # of the pressures of all these modes, to which the cost is relative
 
-    def on(self, x, y, z, cancelled: Callable[[], bool] = lambda: False) -> np.ndarray | None:
+    def on(
+        self, x: ArrayLike, y: ArrayLike, z: ArrayLike, cancelled: Callable[[], bool] = lambda: False
+    ) -> np.ndarray | None:
         """Return the cost at all points (x, y, z) of a lattice, metres : (nz, ny, nx); None once cancelled."""
         places = [np.atleast_1d(np.asarray(axis, float)) for axis in (x, y, z)]
         onto = functools.cache(
@@ -263,7 +273,7 @@ class CostVolume:
 
 
 def cost_volume(
-    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int,
+    problem: Problem, positions: Reals, n: int, modes: Sequence[int], order_offset: int,
     channels: ChannelCorrection | None = None, cancelled: Callable[[], bool] = lambda: False,
     negligible: float = VOLUME_NEGLIGIBLE,
 ) -> CostVolume | None:  # fmt: skip
@@ -285,8 +295,8 @@ def cost_volume(
 
 
 def descent_maps(
-    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, known_weight: float = 1.0,
-    centre=None, search: Search | None = None,
+    problem: Problem, positions: Reals, n: int, modes: Sequence[int], order_offset: int, known_weight: float = 1.0,
+    centre: Reals | None = None, search: Search | None = None,
 ) -> np.ndarray:  # fmt: skip
     """Return what a step of descent on microphone `n` minimises, for each of `modes`, counted from 1 : (P, ny, nx).
 
@@ -307,7 +317,9 @@ def descent_maps(
 # The likelihood with one microphone moved.
 
 
-def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, search: Search | None = None):
+def likelihood_maps(
+    problem: Problem, positions: Reals, n: int, modes: slice, noise: Reals, search: Search | None = None
+):
     """Return the cost of every mode with microphone `n` moved : (modes, ny, nx) float64.
 
     It is that of `fdcal.cost.likelihood`, for real wavenumbers and a diffuse field. With s and v the power of field
@@ -346,7 +358,7 @@ def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, se
     return np.stack(maps)
 
 
-def _expansion_fit(W, rows, p, s: float, v: float) -> tuple[float, np.ndarray, np.ndarray]:
+def _expansion_fit(W: Reals, rows: Reals, p: Complexes, s: float, v: float) -> tuple[float, np.ndarray, np.ndarray]:
     """Return the first two terms of the cost, and h and f at the nodes, from real dictionaries W (N-1, K), rows (C, K).
 
     With an ample order W W^T is the kernel, and A = W^T W + mu I = G G^T, mu = v / s, takes the place of C_-n:
@@ -354,7 +366,7 @@ def _expansion_fit(W, rows, p, s: float, v: float) -> tuple[float, np.ndarray, n
     """
     mu = v / s
     G = np.linalg.cholesky(W.T @ W + mu * np.eye(W.shape[1]))
-    inverse = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+    inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
     alpha = inverse.T @ (inverse @ (W.T @ p))
     r0 = np.vdot(p, p - W @ alpha).real
     constant = 2 * np.log(np.diagonal(G)).sum() - len(G) * np.log(mu) + r0 / v
@@ -362,21 +374,21 @@ def _expansion_fit(W, rows, p, s: float, v: float) -> tuple[float, np.ndarray, n
     return constant, np.einsum("ij,ij->i", t, t), rows @ alpha
 
 
-def _kernel_fit(between, to_nodes, p, k: float, s: float, v: float, dimension: int):
+def _kernel_fit(between: Reals, to_nodes: Reals, p: Complexes, k: float, s: float, v: float, dimension: int):
     """Return the same from distances, metres: `between` the others, and (N - 1, C) from them to the nodes.
 
     With C_-n = G G^T, c the covariance with a node and t = G^-1 c: f = t^T G^-1 p_-n and v V = s + v - |t|^2. In space
     and for a very wide array this is cheaper.
     """
     G = np.linalg.cholesky(s * diffuse_correlation(k * between, dimension) + v * np.eye(len(p)))
-    inverse = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+    inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
     y = inverse @ p
     t = (s * inverse) @ diffuse_correlation(k * to_nodes, dimension)
     constant = 2 * np.log(np.diagonal(G)).sum() - len(p) * np.log(v) + np.vdot(y, y).real
     return constant, (s - np.einsum("ij,ij->j", t, t)) / v, y @ t
 
 
-def _distances(a, b) -> np.ndarray:
+def _distances(a: Reals, b: Reals) -> np.ndarray:
     return np.sqrt(sum(np.subtract.outer(a[:, axis], b[:, axis]) ** 2 for axis in range(a.shape[1])))
 
 
@@ -403,8 +415,14 @@ def _node_rows(problem: Problem, mode: int, k: float, order: int) -> np.ndarray:
 # What the page shows.
 
 
+class HasLandscape(Protocol):
+    """A solver, of which maps need the cost that it minimises."""
+
+    def landscape(self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None, /) -> np.ndarray: ...
+
+
 def cost_maps(
-    problem: Problem, solver, state, n: int, modes: Sequence[int], order_offset: int | None,
+    problem: Problem, solver: HasLandscape, state: SolverState, n: int, modes: Sequence[int], order_offset: int | None,
     search: Search | None = None,
 ) -> np.ndarray:  # fmt: skip
     """Return the cost of each of `modes`, counted from 1, with microphone `n` moved : (P, ny, nx).
@@ -413,11 +431,11 @@ def cost_maps(
     """
     if order_offset is not None:
         return eq7_maps(problem, state.positions, n, modes, order_offset, search, state.channels)
-    low, lattice = min(modes), () if search is None else (search,)
-    return solver.landscape(problem, state, n, slice(low - 1, max(modes)), *lattice)[np.asarray(modes) - low]
+    low = min(modes)
+    return solver.landscape(problem, state, n, slice(low - 1, max(modes)), search)[np.asarray(modes) - low]
 
 
-def power_shares(problem: Problem, state, modes: Sequence[int]) -> np.ndarray:
+def power_shares(problem: Problem, state: SolverState, modes: Sequence[int]) -> np.ndarray:
     """Return the power of each of `modes`, counted from 1, as a share of that of all of them : (P,) float64.
 
     With these weights, maps of Eq. 7 of single modes (`cost_maps`) add up to that of all modes.
@@ -437,7 +455,7 @@ class PartialSum:
 
 
 def partial_sums(
-    problem: Problem, solver, state, n: int, modes: Sequence[int], order_offset: int | None,
+    problem: Problem, solver: HasLandscape, state: SolverState, n: int, modes: Sequence[int], order_offset: int | None,
     search: Search | None = None, counts: Sequence[int] | None = None,
 ) -> Iterator[PartialSum]:  # fmt: skip
     """Yield the map of the first of `modes`, of the first two, and so on to all of them.
@@ -458,14 +476,16 @@ def partial_sums(
             yield PartialSum(modes[: i + 1], cost, local_minima(cost))
 
 
-def ambiguous_mode(problem: Problem, solver, state, n: int, modes: Sequence[int], order_offset: int | None) -> int:
+def ambiguous_mode(
+    problem: Problem, solver: HasLandscape, state: SolverState, n: int, modes: Sequence[int], order_offset: int | None
+) -> int:
     """Return the mode whose map over the search lattice has most local minima, the lowest of several."""
     alone = [next(partial_sums(problem, solver, state, n, (mode,), order_offset)) for mode in modes]
     return max(alone, key=lambda one: len(one.minima)).modes[0]
 
 
 def mode_shape(
-    problem: Problem, positions, mode: int, order_offset: int, channels: ChannelCorrection | None = None
+    problem: Problem, positions: Reals, mode: int, order_offset: int, channels: ChannelCorrection | None = None
 ) -> np.ndarray:
     """Return the pressure of one mode over the search lattice, reconstructed from the microphones : (ny, nx).
 
@@ -504,7 +524,7 @@ def refined(search: Search, count: int = FINE) -> Search:
     return replace(search, origin=origin, size=size, step=step)
 
 
-def map_positions(indices, search: Search) -> np.ndarray:
+def map_positions(indices: ArrayLike, search: Search) -> np.ndarray:
     """Return the positions (K, 2), metres, of points of a map, indices (K, 2) of rows and columns.
 
     Of a volume both are (K, 3), its layers first.
@@ -513,7 +533,7 @@ def map_positions(indices, search: Search) -> np.ndarray:
     return np.asarray(search.origin)[: places.shape[1]] + search.step * places
 
 
-def interpolate(cost: np.ndarray, search: Search, point) -> float:
+def interpolate(cost: np.ndarray, search: Search, point: ArrayLike) -> float:
     """Return the value of a map (ny, nx) at a point (2,) or (3,), metres, bilinear; outside, that of the nearest edge.
 
     `search` is the lattice of the map.

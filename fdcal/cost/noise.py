@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ..model.types import Numbers, Reals
 from .likelihood import FieldModel, Terms, spectra
 
 MAX_NOISE_FRACTION = 0.7  # of the noise
@@ -41,7 +42,7 @@ class NoiseEstimate:
     cost: float  # -log likelihood with `noise_fraction` and `spread`, up to a constant
 
 
-def estimate_noise(positions, corrected, field: FieldModel, min_share: float) -> NoiseEstimate:
+def estimate_noise(positions: Reals, corrected: Numbers, field: FieldModel, min_share: float) -> NoiseEstimate:
     """Return the noise and the position error of greatest likelihood; `corrected` (M, N) has unit mean power."""
     from scipy.optimize import minimize, minimize_scalar  # takes longer to load than the rest of the solvers
 
@@ -49,7 +50,7 @@ def estimate_noise(positions, corrected, field: FieldModel, min_share: float) ->
     values = values * field.power[:, None]
     slope, max_share = np.real(field.wavenumbers)[:, None] ** 2 / field.dimension, MAX_NOISE_FRACTION
 
-    def cost(logs) -> float:
+    def cost(logs: Reals | tuple[float, float]) -> float:
         noise, variance = np.exp(logs)
         spectrum = values + np.minimum(noise + slope * variance, max_share)
         return float(np.sum(np.log(spectrum) + along / spectrum))
@@ -70,7 +71,7 @@ MIN_POWER = 1e-3
 MAX_POWER = 1e3
 
 
-def expected_power(field: FieldModel, corrected) -> np.ndarray:
+def expected_power(field: FieldModel, corrected: Numbers) -> np.ndarray:
     """Mean power of the corrected pressures less the noise (M,); noisy channels count less."""
     q2 = np.abs(corrected) ** 2
     weight = 1 / (1 + field.channel_noise * field.noise[:, None])
@@ -106,7 +107,7 @@ def updated_channel_noise(field: FieldModel, terms: Terms) -> np.ndarray:
     return np.clip(fresh / np.median(fresh), MIN_CHANNEL_NOISE, MAX_CHANNEL_NOISE)
 
 
-def hyper_cost(field: FieldModel, corrected) -> float:
+def hyper_cost(field: FieldModel, corrected: Numbers) -> float:
     """-log density of power and channel noise by their priors, up to a constant."""
     ratio, tau = expected_power(field, corrected) / field.power, field.channel_noise
     of_power = POWER_COUNT * np.sum(ratio - 1 - np.log(ratio))
@@ -118,7 +119,7 @@ MAX_PROFILED = 1e4
 PROFILED = 33
 
 
-def profile_cost(positions, corrected, field: FieldModel, noise: float) -> float:
+def profile_cost(positions: Reals, corrected: Numbers, field: FieldModel, noise: float) -> float:
     """Return -log likelihood of corrected pressures (M, N) with each mode's likeliest power; noise : noise fraction."""
     values, along = spectra(positions, corrected, field)
     powers = np.geomspace(1 / MAX_PROFILED, MAX_PROFILED, PROFILED)

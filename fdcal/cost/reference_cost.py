@@ -13,10 +13,11 @@ each channel has the weight 1 / noise. Otherwise one inverted or dead channel ou
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..model.problem import Problem
 from ..model.validation import InputError
-from .channel_correction import ChannelCorrection, equalised
+from .channel_correction import ChannelCorrection, SolverState, equalised
 from .expansion import expansion_of
 
 ORDER_OFFSET = 2  # added to ceil(k R): with the paper's 0 the truncation hides a centimetre
@@ -68,7 +69,7 @@ class ReferenceCost:
         self._groups = self._expansion.groups(np.arange(self.count))
         self._pressures = problem.pressures[carried.modes]
 
-    def __call__(self, positions, channels: ChannelCorrection | None = None) -> float:
+    def __call__(self, positions: ArrayLike, channels: ChannelCorrection | None = None) -> float:
         """Return the cost of positions (N, D), metres, in dB; NaN where a position is not finite.
 
         `channels` are gains and noise that the solver estimates (`RunState.channels`); None for the pressures as
@@ -85,6 +86,6 @@ class ReferenceCost:
             left += float(np.sum(np.abs(R[:, -1, -1]) ** 2))
         return decibels(left / float(np.sum(np.abs(pressures) ** 2)))
 
-    def of(self, state) -> float:
+    def of(self, state: SolverState) -> float:
         """Return the cost of a state of any solver (`RunState`), its channels included, dB."""
         return self(state.positions, state.channels)

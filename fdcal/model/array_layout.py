@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import typing
 from dataclasses import dataclass
+from typing import Annotated
 
-import numpy as np
-
+from .declared import Count, Metres, check, within
 from .room import is_triple
-from .validation import LIMITS, InputError, Point, require_choice, require_point, require_positive
+from .validation import LIMITS, InputError, Point, require_choice, require_point
 
 GEOMETRIES_3D = ("plane", "ball", "box")  # of a room with three lengths; "positions" may have two or three coordinates
 GEOMETRIES = ("circle", "rectangle", "rectangle+random", "positions", *GEOMETRIES_3D)
@@ -21,11 +21,11 @@ class Array:
 
     geometry: str  # one of GEOMETRIES; NEEDS lists the keys that each of them takes
     center: Point | None = None  # centre, metres; the origin unless given
-    count: int | None = None  # microphones on a circle, or in a ball or box
-    radius: float | None = None  # of a circle or ball, metres
-    shape: tuple[int, ...] | None = None  # microphones along x and y of a rectangle or plane
-    size: Point | None = None  # outer lengths of a rectangle, plane or box, metres
-    random: int = 0  # additional random microphones inside `size` ("rectangle+random")
+    count: Count | None = None  # microphones on a circle, or in a ball or box
+    radius: Metres | None = None  # of a circle or ball, metres
+    shape: tuple[Count, ...] | None = None  # microphones along x and y of a rectangle or plane
+    size: tuple[Metres, ...] | None = None  # outer lengths of a rectangle, plane or box, metres
+    random: Annotated[int, within(0)] = 0  # additional random microphones inside `size` ("rectangle+random")
     positions: tuple[Point, ...] | None = None  # one microphone a row, metres ("positions")
 
     OPTIONAL: typing.ClassVar = ("center", "count", "radius", "shape", "size", "random", "positions")
@@ -42,6 +42,7 @@ class Array:
     def __post_init__(self):
         require_choice("array.geometry", self.geometry, GEOMETRIES)
         self._check_keys()
+        check(self, "array.")
         self._check_lengths()
         if self.number > LIMITS.microphones:
             raise InputError(
@@ -59,8 +60,6 @@ class Array:
             if key not in needs and value:
                 problem = f'{name} has no meaning with array.geometry = "{self.geometry}"'
                 raise InputError(problem, "remove it", key=name, value=value)
-            for number in np.ravel(value) if key in needs and key != "positions" else ():  # positions may be negative
-                require_positive(name, float(number), "m" if key in ("radius", "size") else "")
 
     def _check_lengths(self) -> None:
         """Check the number of coordinates of every point and size; set the default centre."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ class DuplicateLimits:
 LIMITS = DuplicateLimits()
 
 
-def exclude_microphones(table: dict, chosen: Sequence[str]) -> dict:
+def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:
     """Return the keys of a measurement without some microphones.
 
     `table`: keys of `fdcal.model.measurement.Measurement`. Those that are missing or None stay so; `chosen`: names or

@@ -15,7 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from .types import Integers, Reals
 from .validation import InputError, frozen_array, require_choice
 
 FRAMES = ("known", "minimal", "axes")
@@ -43,7 +45,7 @@ class GaugeFrame:
     positions: np.ndarray  # (D + 1, D) float64, metres. Of all but the first only the directions and sides matter
 
 
-def minimal_frame(known, known_positions) -> GaugeFrame:
+def minimal_frame(known: Integers, known_positions: Reals) -> GaugeFrame:
     """Return the frame of the first D + 1 known microphones that span D directions.
 
     `known` (A,) int; `known_positions` (A, D) float64, metres. Raises InputError if there are no such microphones.
@@ -64,13 +66,13 @@ def minimal_frame(known, known_positions) -> GaugeFrame:
     return GaugeFrame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(places[chosen], float))
 
 
-def move_to_frame(positions, frame: GaugeFrame) -> np.ndarray:
+def move_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
     """Return `positions` (N, D), metres, moved into `frame` by a rigid motion, a mirror image allowed."""
     origin = positions[frame.microphones[0]]
     return (positions - origin) @ turn_to_frame(positions, frame) + frame.positions[0]
 
 
-def turn_to_frame(positions, frame: GaugeFrame) -> np.ndarray:
+def turn_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
     """Return the rotation or mirror image (D, D) of `move_to_frame`, by which rows of offsets are multiplied."""
     return _axes(positions[frame.microphones]) @ _axes(frame.positions).T
 
@@ -87,7 +89,7 @@ def _spans(points: np.ndarray) -> bool:
     return bool(spread[len(points) - 2] > LIMITS.flat * spread[0])
 
 
-def rigid_motions(positions) -> np.ndarray:
+def rigid_motions(positions: Reals) -> np.ndarray:
     """Return the translations and infinitesimal rotations of `positions` (N, D) : (N D, D (D + 1) / 2) float64."""
     N, D = positions.shape
     centred = positions - positions.mean(axis=0)
@@ -100,7 +102,7 @@ def rigid_motions(positions) -> np.ndarray:
     return np.array(moves).T
 
 
-def position_errors(estimate, truth) -> np.ndarray:
+def position_errors(estimate: ArrayLike, truth: ArrayLike | None) -> np.ndarray:
     """Return the distance of each microphone from its true position.
 
     `estimate`, `truth` (N, D) float64, metres. Returns (N,) float64, metres.
@@ -108,7 +110,7 @@ def position_errors(estimate, truth) -> np.ndarray:
     return np.linalg.norm(np.asarray(estimate) - np.asarray(truth), axis=1)
 
 
-def align(estimate, truth, by: slice | np.ndarray = slice(None)) -> np.ndarray:
+def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(None)) -> np.ndarray:
     """Return `estimate` moved onto `truth` by the best rigid motion in the least-squares sense.
 
     Kabsch's method without the condition on the determinant: a mirror image is allowed, since it has the same
@@ -123,7 +125,7 @@ def align(estimate, truth, by: slice | np.ndarray = slice(None)) -> np.ndarray:
     return (estimate - centre) @ (U @ Vt) + goal
 
 
-def fixes_gauge(positions) -> bool:
+def fixes_gauge(positions: ArrayLike) -> bool:
     """Return whether microphones at `positions` (A, D), metres, fix translation, rotation and mirror image.
 
     They do if they span all D directions, each by more than a thousandth of their largest extent.
@@ -135,7 +137,7 @@ def fixes_gauge(positions) -> bool:
     return bool(spread[-1] > LIMITS.flat * spread[0])
 
 
-def in_frame(positions, frame: str) -> np.ndarray:
+def in_frame(positions: Reals, frame: str) -> np.ndarray:
     """Return positions (N, D), metres, moved, rotated and maybe mirrored as a whole into a frame of FRAMES."""
     require_choice("frame", frame, FRAMES)
     positions = np.array(positions, float)

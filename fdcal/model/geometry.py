@@ -12,6 +12,7 @@ Coordinates are metres.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -147,7 +148,7 @@ def ball(count: int, radius: float, rng: np.random.Generator) -> np.ndarray:
     return directions * (reach / np.linalg.norm(directions, axis=1))[:, None]
 
 
-def box(count: int, size, rng: np.random.Generator) -> np.ndarray:
+def box(count: int, size: Any, rng: np.random.Generator) -> np.ndarray:
     """Return `count` random points in a box of edges `size` (3,), metres, uniform : (count, 3) float64, metres."""
     return np.array(size) * (rng.random((count, 3)) - 0.5)
 
@@ -163,7 +164,11 @@ DRAWS = 500  # before a room is taken to have no place
 
 
 def random_source(
-    size, microphones: np.ndarray, clearance: float, rng: np.random.Generator, allowed: Callable[[np.ndarray], bool]
+    size: Any,
+    microphones: np.ndarray,
+    clearance: float,
+    rng: np.random.Generator,
+    allowed: Callable[[np.ndarray], bool],
 ) -> np.ndarray | None:
     """Return a place drawn evenly over the room, rounded to a millimetre.
 

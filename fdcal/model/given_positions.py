@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -40,7 +41,7 @@ class MicrophonePositions:
 FLAT = 1e-6  # metres: heights that differ less are one height
 
 
-def with_known(measurement: Measurement, known: Mapping | Sequence) -> Measurement:
+def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any]) -> Measurement:
     """Return a measurement with other known microphones.
 
     `known`: names or numbers of microphones, which a mapping maps to positions (D,), metres. Of a sequence, the
@@ -140,7 +141,7 @@ def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int
     )
 
 
-def with_search_domain(measurement: Measurement, positions) -> Measurement:
+def with_search_domain(measurement: Measurement, positions: Any) -> Measurement:
     """Return a measurement with a search domain: its own, or one round `positions` (N, D), metres."""
     if measurement.search is not None:
         return measurement

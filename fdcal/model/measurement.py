@@ -100,23 +100,23 @@ class Measurement:
 
     def __init__(
         self,
-        frequencies,
-        pressures,
-        sound_speed,
-        dimension=2,
-        array_dimension=None,
-        wavenumbers=None,
-        noise_power=None,
+        frequencies: Any,
+        pressures: Any,
+        sound_speed: Any,
+        dimension: Any = 2,
+        array_dimension: Any = None,
+        wavenumbers: Any = None,
+        noise_power: Any = None,
         names: Sequence[str] | np.ndarray | None = None,
-        positions=None,
-        known=(),
-        known_positions=None,
+        positions: Any = None,
+        known: Any = (),
+        known_positions: Any = None,
         search: Search | None = None,
-        spectrum=None,
-        takes=None,
-        arrivals=None,
-        arrival_sigma=None,
-        nominal=False,
+        spectrum: Any = None,
+        takes: Any = None,
+        arrivals: Any = None,
+        arrival_sigma: Any = None,
+        nominal: Any = False,
     ):
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
@@ -154,14 +154,14 @@ class Measurement:
     @classmethod
     def from_arrays(
         cls,
-        frequencies,
-        pressures,
+        frequencies: Any,
+        pressures: Any,
         *,
         sound_speed: float = 343.2,
         dimension: int = 3,
         names: Sequence[str] | None = None,
-        positions=None,
-        known: Mapping | Sequence | None = (),
+        positions: Any = None,
+        known: Mapping[Any, Any] | Sequence[Any] | None = (),
         time_convention: str = "exp(+jwt)",
         **others: Any,
     ) -> Measurement:
@@ -367,7 +367,7 @@ class Measurement:
         """Whether no microphone is known: translation, rotation and mirror image of the array are undetermined."""
         return not len(self.known)
 
-    def aligned_truth(self, positions, by: slice | np.ndarray = slice(None)) -> np.ndarray | None:
+    def aligned_truth(self, positions: Any, by: slice | np.ndarray = slice(None)) -> np.ndarray | None:
         """Return the true positions as they compare with estimated ones.
 
         Parameters
@@ -385,7 +385,7 @@ class Measurement:
         """
         return align(self.positions, positions, by) if self.blind and self.positions is not None else self.positions
 
-    def errors(self, positions, by: slice | np.ndarray = slice(None)) -> np.ndarray | None:
+    def errors(self, positions: Any, by: slice | np.ndarray = slice(None)) -> np.ndarray | None:
         """Return the distance of each position from the true one, as of `aligned_truth`.
 
         Parameters

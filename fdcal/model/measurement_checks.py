@@ -5,11 +5,13 @@ from __future__ import annotations
 import weakref
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from .declared import require_positive
 from .settings import Search
-from .validation import LIMITS, InputError, frozen_array, require_array, require_choice, require_positive
+from .validation import LIMITS, InputError, frozen_array, require_array, require_choice
 
 
 @dataclass(frozen=True)
@@ -24,33 +26,33 @@ ARRIVALS = ArrivalLimits()
 ROUNDING = 1e-9  # relative to a wavenumber: an imaginary part this small may have either sign
 
 
-def sound_speed(value) -> float:
+def sound_speed(value: Any) -> float:
     """Return a positive number, m/s."""
     speed = float(require_array("sound_speed", value, "real", ()).item())
     require_positive("sound_speed", speed, "m/s")
     return speed
 
 
-def dimension(key: str, value, choices: Iterable[int]) -> int:
+def dimension(key: str, value: Any, choices: Iterable[int]) -> int:
     """Return a number of dimensions, one of `choices`."""
     number = int(require_array(key, value, "index", ()).item())
     require_choice(key, number, choices)
     return number
 
 
-def flag(key: str, value) -> bool:
+def flag(key: str, value: Any) -> bool:
     """Return what is true or false, as a bool or an array of one."""
     if not isinstance(value, (bool, np.bool_, np.ndarray)) or np.shape(value) != () or np.asarray(value).dtype != bool:
         raise InputError(f"{key} is neither true nor false", "give True or False", key=key)
     return bool(value)
 
 
-def real(key: str, values, shape: tuple[int | None, ...], unit: str) -> np.ndarray:
+def real(key: str, values: Any, shape: tuple[int | None, ...], unit: str) -> np.ndarray:
     """Return real numbers of the given shape : float64."""
     return require_array(key, values, "real", shape, unit)
 
 
-def pressures(values, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:
+def pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:
     """Return the pressures : (M, N) complex128; `labels` are the names of the microphones, if there are any."""
     array = np.asarray(values)
     if array.ndim == 2 and array.dtype.kind in "fc":  # the first microphone with NaN is named, unless all have it
@@ -67,7 +69,7 @@ def pressures(values, modes: int, labels: Sequence[str] | np.ndarray | None) -> 
     return require_array("pressures", values, "complex", (modes, None), what)
 
 
-def wavenumbers(values, frequencies: np.ndarray, speed: float) -> np.ndarray:
+def wavenumbers(values: Any, frequencies: np.ndarray, speed: float) -> np.ndarray:
     """Return the wavenumbers, 2 pi f / c unless given : (M,) complex128, rad/m."""
     given = given_wavenumbers(values, speed)
     array = 2 * np.pi * frequencies / speed if given is None else given
@@ -84,7 +86,7 @@ def names(values: Sequence[str] | np.ndarray | None, count: int) -> tuple[str, .
     return found
 
 
-def spectrum(values, takes) -> np.ndarray:
+def spectrum(values: Any, takes: Any) -> np.ndarray:
     """Return frequencies and the mean power, of all takes or of each : (2 or 1 + T, F) float64."""
     rows = (2, 1 + len(np.unique(takes)))
     array = require_array("spectrum", values, "real", (None, None), "Hz and mean power")
@@ -97,7 +99,7 @@ def spectrum(values, takes) -> np.ndarray:
     return array
 
 
-def takes(values, rows: int) -> np.ndarray:
+def takes(values: Any, rows: int) -> np.ndarray:
     """Return the take of each row, 0 unless given : (M,) int64. One take stays one where rows are left out."""
     one = values is None or (isinstance(values, np.ndarray) and not np.any(values))
     numbers = require_array("takes", np.zeros(rows, np.int64) if one else values, "index", (rows,))
@@ -106,7 +108,9 @@ def takes(values, rows: int) -> np.ndarray:
     return frozen_array(numbers, np.int64)
 
 
-def arrivals(times, sigma, takes, count: int, speed: float) -> tuple[np.ndarray | None, np.ndarray | None]:
+def arrivals(
+    times: Any, sigma: Any, takes: Any, count: int, speed: float
+) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Return the arrivals (T, N) and their standard deviations (T,), seconds; None and None without any.
 
     times, sigma : as they are given; takes : (M,) int64; count : number of microphones N; speed : m/s
@@ -138,7 +142,7 @@ def arrivals(times, sigma, takes, count: int, speed: float) -> tuple[np.ndarray 
     return frozen_array(np.where(missing, np.nan, array), float), deviation
 
 
-def known(indices, places, truth: np.ndarray | None, count: int, D: int) -> tuple[np.ndarray, np.ndarray]:
+def known(indices: Any, places: Any, truth: np.ndarray | None, count: int, D: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the known microphones (A,) int64, ascending, and their positions (A, D) float64, metres.
 
     `indices` (A,) int; `places` (A, D) float64 or None, metres; those of `truth` unless given; `truth` (N, D) float64
@@ -182,7 +186,9 @@ def require_order(frequencies: np.ndarray, repeated: bool) -> None:
         raise InputError(problem, remedy, key="frequencies")
 
 
-def require_usable(frequencies, values, k, noise_power, labels: tuple[str, ...], speed: float) -> None:
+def require_usable(
+    frequencies: Any, values: Any, k: Any, noise_power: Any, labels: tuple[str, ...], speed: float
+) -> None:
     """Raise InputError for too few pressures, a wrong sign, or a microphone or mode without pressure."""
     modes, count = values.shape
     if modes == 0 or count < 2:
@@ -275,7 +281,7 @@ def hold(array: np.ndarray, speed: float, derived: bool) -> np.ndarray:
     return array
 
 
-def given_wavenumbers(values, speed: float):
+def given_wavenumbers(values: Any, speed: float):
     """Return the wavenumbers that are given for a measurement, None where they are to follow from the frequencies.
 
     `values`, array_like or None, those of another measurement count as given only if they were given there; `speed`:

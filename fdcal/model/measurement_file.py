@@ -36,7 +36,7 @@ OPTIONAL = (
 )
 
 
-def save_measurement(measurement: Measurement, file, others: Mapping[str, np.ndarray] | None = None) -> None:
+def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, np.ndarray] | None = None) -> None:
     """Write a measurement as .npz; `load_measurement` lists the keys.
 
     `file`: Path or open binary file; `others`: stored under keys of their own, which `load_measurement` ignores.
@@ -57,7 +57,7 @@ def save_measurement(measurement: Measurement, file, others: Mapping[str, np.nda
         np.savez_compressed(file, **table)
 
 
-def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Measurement:
+def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") -> Measurement:
     """Return the measurement of an .npz file.
 
     Keys: `frequencies` (M,) Hz, `pressures` (M, N) complex, `sound_speed` m/s, `dimension`; optionally

@@ -8,10 +8,11 @@ import numpy as np
 
 from .gauge import GaugeFrame
 from .settings import Search
+from .types import Numbers
 from .validation import frozen_array
 
 
-def mode_power(pressures) -> np.ndarray:
+def mode_power(pressures: Numbers) -> np.ndarray:
     """Return the mean of abs(pressures)**2 over the microphones, mode by mode.
 
     `pressures` (..., M, N) complex128, pressures of M modes at N microphones, in any unit. Returns (..., M) float64,

@@ -76,7 +76,7 @@ def _reason(error: Exception) -> str:
     return " ".join(str(error).split(";")[0].split())
 
 
-def read_archive(file, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
+def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
     """Return the arrays of an .npz file whose names are wanted; no pickled objects are read.
 
     `file`: open binary file. Raises InputError: it unfolds to more than `LIMITS.unfolded` bytes, or a member is not an

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from .validation import LIMITS, InputError, Point, StorageError, require_choice, require_point, require_positive
+from .declared import Hertz, Metres, MetresPerSecond, Seconds, check
+from .validation import LIMITS, InputError, Point, StorageError, refusal, require_choice, require_point
 
 SUFFIX = ".mat"
 UNKNOWN_WALLS = "unknown"  # room.walls of a measured room
@@ -99,12 +100,12 @@ class Room:
 
     # lengths of a rectangle with a corner at the origin, metres. Three lengths make a box, whose field is
     # three-dimensional, has a closed form (`fdcal.acoustics.box_field`) and needs no cells
-    size: Point | None = None
+    size: tuple[Metres, ...] | None = None
     outline: tuple[Point, ...] | None = None  # corners of the floor in order, metres
     walls: str = ""  # one of WALLS, rigid unless given; UNKNOWN_WALLS of a measured room
     admittance: float = 0.0  # specific admittance rho c / Z of absorbing walls, dimensionless
-    sound_speed: float = 343.0  # c, m/s
-    cell: float | None = None  # float or None h, edge of one FDTD cell, metres; 0.02 unless given. A box has none.
+    sound_speed: MetresPerSecond = 343.0  # c
+    cell: Metres | None = None  # h, edge of one FDTD cell; 0.02 unless given. A box has none.
     # name or path of the response of a measured room (`fdcal.model.room`), whose field is of three dimensions.
     # In a scene file, `room = "NAME"` is short for a table with this key alone
     response: str | None = None
@@ -115,30 +116,24 @@ class Room:
         return cls(response=text)
 
     @staticmethod
-    def optional(table: dict) -> tuple[str, ...]:
+    def optional(table: dict[str, Any]) -> tuple[str, ...]:
         """Return the keys that a scene file may leave out."""
         if "response" in table:
             return "size", "outline", "admittance", "cell", "walls", "sound_speed"
         return "response", "size", "outline", "admittance", *(("cell",) if is_no_pair(table.get("size")) else ())
 
     def __post_init__(self):
-        require_positive("room.sound_speed", self.sound_speed, "m/s")
         if self.response is not None:
             require_no_walls(vars(self))
             object.__setattr__(self, "walls", UNKNOWN_WALLS)
+            check(self, "room.")
             return
         object.__setattr__(self, "walls", self.walls or "rigid")
         if self.dimension == 2:
             object.__setattr__(self, "cell", 0.02 if self.cell is None else self.cell)
-            require_positive("room.cell", self.cell_size, "m")
         elif self.cell is not None:
-            raise InputError(
-                f"room.cell = {self.cell:g} m has no meaning with a room.size of three lengths, whose field is known in"
-                " closed form",
-                "remove it",
-                key="room.cell",
-                value=self.cell,
-            )
+            why = "has no meaning with a room.size of three lengths, whose field is known in closed form"
+            raise refusal("room.cell", self.cell, why, "remove it", "m")
         self._check_outline()
         if self.dimension == 2:
             self._check_cells()
@@ -149,46 +144,32 @@ class Room:
             raise InputError("room needs either room.size or room.outline", "give exactly one", key="room.size")
         if self.size is not None:
             require_point("room.size", self.size, (2, 3))
-        for length in self.size or ():
-            require_positive("room.size", length, "m")
+        check(self, "room.")
         if self.outline is None:
             return
         for corner in self.outline:
             require_point("room.outline", corner, (2,))
         if len(self.outline) < 3 or self.area < self.cell_size**2:
-            raise InputError(
-                "room.outline encloses no area",
-                "give at least three corners [x, y], in order",
-                key="room.outline",
-                value=self.outline,
-            )
+            remedy = "give at least three corners [x, y], in order"
+            raise InputError("room.outline encloses no area", remedy, key="room.outline", value=self.outline)
 
     def _check_cells(self):
         cells = float(np.prod(np.abs(self.vertices).max(axis=0) / self.cell_size))  # the grid starts at the origin
         if cells > LIMITS.cells:
-            raise InputError(
-                f"room.cell = {self.cell:g} m divides the room into {cells:.3g} cells",
-                f"use a larger one ({LIMITS.cells:.0e} cells at most)",
-                key="room.cell",
-                value=self.cell,
-            )
+            remedy = f"use a larger one ({LIMITS.cells:.0e} cells at most)"
+            raise refusal("room.cell", self.cell, f"divides the room into {cells:.3g} cells", remedy, "m")
 
     def _check_walls(self):
         require_choice("room.walls", self.walls, WALLS)
         if self.walls == "absorbing" and not (math.isfinite(self.admittance) and self.admittance > 0):
-            raise InputError(
-                f"room.admittance = {self.admittance:g} cannot describe absorbing walls",
-                'give a number above zero (or set room.walls = "rigid")',
-                key="room.admittance",
-                value=self.admittance,
-            )
+            remedy = 'give a number above zero (or set room.walls = "rigid")'
+            raise refusal("room.admittance", self.admittance, "cannot describe absorbing walls", remedy)
         if self.walls != "absorbing" and self.admittance != 0:
-            raise InputError(
-                f'room.admittance = {self.admittance:g} has no meaning with room.walls = "{self.walls}"',
+            why, remedy = (
+                f'has no meaning with room.walls = "{self.walls}"',
                 'remove it or set room.walls = "absorbing"',
-                key="room.admittance",
-                value=self.admittance,
             )
+            raise refusal("room.admittance", self.admittance, why, remedy)
 
     @property
     def dimension(self) -> int:
@@ -237,16 +218,16 @@ class Source:
 
     position: Point | None = None  # its one place, metres; None where `positions` is given
     # low, high: band of the pulse, Hz; 20 and 3000 unless given. None with three coordinates
-    low: float | None = None
-    high: float | None = None
-    sample_rate: float | None = None  # float or None fs, Hz; 28590 unless given. None with three coordinates.
-    duration: float = 4.0  # duration of the recording, of each take, s
+    low: Hertz | None = None
+    high: Hertz | None = None
+    sample_rate: Hertz | None = None  # fs; 28590 unless given. None with three coordinates.
+    duration: Seconds = 4.0  # of the recording, of each take
     positions: tuple[Point, ...] = ()  # its places, one for each take, metres; none where `position` is given
 
     DEFAULTS: typing.ClassVar = Band(low=20.0, high=3000.0, sample_rate=28590.0)
 
     @classmethod
-    def optional(cls, table: dict) -> tuple[str, ...]:
+    def optional(cls, table: dict[str, Any]) -> tuple[str, ...]:
         """Return the keys that a scene file may leave out."""
         places = table.get("positions")
         first = places[0] if isinstance(places, list) and places else table.get("position")
@@ -255,21 +236,15 @@ class Source:
 
     def __post_init__(self):
         self._check_places()
-        require_positive("source.duration", self.duration, "s")
+        check(self, "source.")
         pulsed = self.dimension == 2
         for key, default in self.DEFAULTS._asdict().items():
             value = getattr(self, key)
             if not pulsed and value is not None:
-                raise InputError(
-                    f"source.{key} = {value:g} Hz has no meaning with a source of three coordinates, where no pulse is"
-                    " simulated",
-                    "remove it",
-                    key=f"source.{key}",
-                    value=value,
-                )
+                why = "has no meaning with a source of three coordinates, where no pulse is simulated"
+                raise refusal(f"source.{key}", value, why, "remove it", "Hz")
             if pulsed:
                 object.__setattr__(self, key, default if value is None else value)
-                require_positive(f"source.{key}", getattr(self, key), "Hz")
         if pulsed:
             self._check_band(self.band)
 
@@ -321,7 +296,7 @@ class Source:
         """Return one source for each place, as if it were the only one."""
         return tuple(replace(self, position=place, positions=()) for place in self.places)
 
-    def table(self) -> dict:
+    def table(self) -> dict[str, Any]:
         """Return the values as a dictionary, without `positions` where there are none: the key of a cache."""
         return {key: value for key, value in asdict(self).items() if key != "positions" or value}
 
@@ -348,11 +323,11 @@ class Source:
         return Band(self.low, self.high, self.sample_rate)
 
 
-def is_triple(values) -> bool:
+def is_triple(values: Any) -> bool:
     """Return whether `values`, of any type, is a list of three entries."""
     return isinstance(values, (list, tuple)) and len(values) == 3
 
 
-def is_no_pair(values) -> bool:
+def is_no_pair(values: Any) -> bool:
     """Return whether a value of a scene file is a list, but not of two entries: it cannot be a point of a plane."""
     return isinstance(values, list) and len(values) != 2

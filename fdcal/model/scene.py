@@ -15,11 +15,13 @@ Lengths are metres, frequencies hertz, speeds metres per second. `fdcal.model.sc
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from .array_layout import Array, Gauge
+from .declared import Seed, check
 from .room import Room, Source, is_no_pair
 from .settings import KNOWN_ROOM_SOLVERS, Faults, Search, Sensing, SolverSettings
-from .validation import LIMITS, InputError, require_point
+from .validation import LIMITS, InputError, refusal, require_point
 
 
 @dataclass(frozen=True)
@@ -52,11 +54,11 @@ class Scene:
     search: Search | None = None
     measurement: Sensing = field(default_factory=Sensing)
     solver: SolverSettings = field(default_factory=SolverSettings)
-    seed: int = 0
+    seed: Seed = 0
     faults: Faults = field(default_factory=Faults)
 
     @staticmethod
-    def optional(table: dict) -> tuple[str, ...]:
+    def optional(table: dict[str, Any]) -> tuple[str, ...]:
         """Return the keys that a scene file may leave out; `load_scene` takes name and title from the file's name.
 
         Parameters
@@ -93,8 +95,7 @@ class Scene:
         return tuple(replace(self, source=source) for source in self.source.each())
 
     def __post_init__(self):
-        if self.seed < 0:
-            raise InputError(f"seed = {self.seed} is negative", "use 0 or more", key="seed", value=self.seed)
+        check(self)
         self.faults.require_channels(self.array.number)
         self._check_source()
         self._check_dimensions()
@@ -121,30 +122,19 @@ class Scene:
             return
         key, position = self.emitter.keys[0], self.emitter.places[0]
         if len(position) != D:
-            raise InputError(
-                f"{key} = {list(position)} has {len(position)} numbers and the room has {D} lengths",
-                "give as many coordinates",
-                key=key,
-                value=position,
-            )
+            why = f"has {len(position)} numbers and the room has {D} lengths"
+            raise refusal(key, list(position), why, "give as many coordinates")
 
     def _check_dimensions(self):
         D = self.room.dimension
         if self.array.room_dimension != D:
             wanted = '"ball", "box", "plane", or "positions" of three' if D == 3 else "a geometry of two"
-            raise InputError(
-                f'array.geometry = "{self.array.geometry}" is of {self.array.room_dimension} dimensions and the room of'
-                f" {D}",
-                f"use {wanted} coordinates",
-                key="array.geometry",
-                value=self.array.geometry,
-            )
+            why = f"is of {self.array.room_dimension} dimensions and the room of {D}"
+            raise refusal("array.geometry", self.array.geometry, why, f"use {wanted} coordinates")
         if D == 3 and self.measurement.wavenumber != "continuous":
-            raise InputError(
-                f'measurement.wavenumber = "{self.measurement.wavenumber}" has no meaning without a grid',
-                'a room of three lengths needs "continuous"',
-                key="measurement.wavenumber",
-                value=self.measurement.wavenumber,
+            remedy = 'a room of three lengths needs "continuous"'
+            raise refusal(
+                "measurement.wavenumber", self.measurement.wavenumber, "has no meaning without a grid", remedy
             )
 
     def _check_search(self):

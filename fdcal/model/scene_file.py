@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .array_layout import Array, Gauge
-from .from_table import build
+from .declared import build
 from .measurement import Measurement
 from .measurement_file import load_measurement
 from .reading import parse_toml, read_bytes
@@ -33,7 +33,7 @@ class MeasuredScene(Scene):
     remark: str = ""  # what was measured, by whom, and under which licence: shown below the scene's name
 
     @staticmethod
-    def optional(table: dict) -> tuple[str, ...]:
+    def optional(table: dict[str, Any]) -> tuple[str, ...]:
         """Return the keys that the table of a measured scene may leave out."""
         return (*Scene.optional(table), "file", "remark")
 
@@ -109,7 +109,7 @@ def _array(measurement: Measurement, boxed: bool, d: int) -> Array:
     return Array("positions", positions=_rows(places))
 
 
-def _rows(values) -> tuple[tuple[float, ...], ...]:
+def _rows(values: Any) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in np.asarray(values).tolist())
 
 
@@ -160,8 +160,8 @@ def load_scene(path: str | Path) -> Scene:
     return load_measured_scene(table) if isinstance(table.get("measurement"), str) else build(Scene, table)
 
 
-def scene_table(path: str | Path) -> dict:
-    """Return the table of a scene's file, of `load_scene`'s argument, as `fdcal.model.from_table.build` takes it.
+def scene_table(path: str | Path) -> dict[str, Any]:
+    """Return the table of a scene's file, of `load_scene`'s argument, as `fdcal.model.declared.build` takes it.
 
     In place of the table `measurement` that of a measured scene has the path of its measurement.
     """
@@ -171,7 +171,7 @@ def scene_table(path: str | Path) -> dict:
     return _with_files_beside(table, path.resolve().parent)
 
 
-def _with_files_beside(table: dict, folder: Path) -> dict:
+def _with_files_beside(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return the table of a scene with the paths of a measurement and of a measured room's file.
 
     In the file they are relative to the scene's folder.

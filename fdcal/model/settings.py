@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 import typing
 from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from .validation import LIMITS, InputError, Point, require_choice, require_field_types, require_finite, require_positive
+from .declared import Count, Hertz, Metres, Positive, check, positive, within
+from .validation import LIMITS, InputError, Point, refusal, require_finite
 
 
 @dataclass(frozen=True)
@@ -21,44 +23,26 @@ class Sensing:
     # signal-to-noise ratio of each mode, dB; inf for no noise. The noise is added to the complex pressures
     snr_db: float = math.inf
     # lowest, highest: band in which modes are picked, Hz
-    lowest: float = 20.0
-    highest: float = 400.0
+    lowest: Hertz = 20.0
+    highest: Hertz = 400.0
     # height of a spectral peak above its surroundings, dB; 0 takes every frequency of the band, `resolution` apart
-    prominence_db: float = 1.0
-    resolution: float = 1.0  # smallest distance of two modes, Hz
-    wavenumber: str = "discrete"  # "discrete", of a wave on the grid of the simulation, or "continuous"
-    sound_speed_error: float = 0.0  # relative error of the sound speed given to the solvers, positive if it is too high
+    prominence_db: Annotated[float, within(0, LIMITS.largest, "dB")] = 1.0
+    resolution: Hertz = 1.0  # smallest distance of two modes, Hz
+    # "discrete": of a wave on the grid of the simulation
+    wavenumber: Literal["discrete", "continuous"] = "discrete"
+    # relative error of the sound speed given to the solvers, positive if it is too high: 0.01 for 1 %
+    sound_speed_error: Annotated[float, within(-LIMITS.sound_speed_error, LIMITS.sound_speed_error)] = 0.0
 
     OPTIONAL: typing.ClassVar = ("sound_speed_error",)
 
     def __post_init__(self):
         if not (abs(self.snr_db) <= LIMITS.decibels or self.snr_db == math.inf):
-            raise InputError(
-                f"measurement.snr_db = {self.snr_db:g} is out of range",
-                f"give a number of decibels from -{LIMITS.decibels:g} to {LIMITS.decibels:g}, or inf for no noise",
-                key="measurement.snr_db",
-                value=self.snr_db,
-            )
-        for key in ("lowest", "highest", "resolution"):
-            require_positive(f"measurement.{key}", getattr(self, key), "Hz")
-        if self.prominence_db != 0:
-            require_positive("measurement.prominence_db", self.prominence_db, "dB")
+            remedy = f"give decibels from -{LIMITS.decibels:g} to {LIMITS.decibels:g}, or inf for no noise"
+            raise refusal("measurement.snr_db", self.snr_db, "is out of range", remedy)
+        check(self, "measurement.")
         if not self.lowest < self.highest:
-            raise InputError(
-                f"measurement.lowest = {self.lowest:g} Hz must lie below measurement.highest = {self.highest:g} Hz",
-                "lower the one or raise the other",
-                key="measurement.lowest",
-                value=self.lowest,
-            )
-        most = LIMITS.sound_speed_error
-        if not abs(self.sound_speed_error) <= most:
-            raise InputError(
-                f"measurement.sound_speed_error = {self.sound_speed_error:g} is a fraction out of range",
-                f"use -{most:g} to {most:g}, for example 0.01 for 1 %",
-                key="measurement.sound_speed_error",
-                value=self.sound_speed_error,
-            )
-        require_choice("measurement.wavenumber", self.wavenumber, ("discrete", "continuous"))
+            why = f"must lie below measurement.highest = {self.highest:g} Hz"
+            raise refusal("measurement.lowest", self.lowest, why, "lower the one or raise the other", "Hz")
 
 
 DEAD_SHARE = 1e-6  # power of a dead channel, which is noise of its own, over that of the others
@@ -72,17 +56,13 @@ class Faults:
     dead: tuple[int, ...] = ()  # microphones without signal, which give noise of their own, 60 dB below the others
     # gain_db, phase_deg: standard deviation of the gains, decibels, and phases, degrees, of all channels, drawn by the
     # scene's seed
-    gain_db: float = 0.0
-    phase_deg: float = 0.0
+    gain_db: Annotated[float, within(0, 40, "dB")] = 0.0
+    phase_deg: Annotated[float, within(0, 180, "degrees")] = 0.0
 
     OPTIONAL: typing.ClassVar = ("inverted", "dead", "gain_db", "phase_deg")
 
     def __post_init__(self):
-        for key, most in (("gain_db", 40.0), ("phase_deg", 180.0)):
-            value = getattr(self, key)
-            if not 0 <= value <= most:
-                problem = f"faults.{key} = {value:g} is out of range"
-                raise InputError(problem, f"use 0 to {most:g}", key=f"faults.{key}", value=value)
+        check(self, "faults.")
         both = sorted(set(self.inverted) & set(self.dead))
         if both:
             problem = f"faults.inverted and faults.dead both name microphone {both[0]}"
@@ -126,39 +106,28 @@ class Search:
     """
 
     origin: Point
-    size: Point
-    step: float = 0.01
-    radius: float = 0.8
+    size: tuple[Metres, ...]
+    step: Metres = 0.01
+    radius: Metres = 0.8
 
     def __post_init__(self):
         if len(self.origin) != len(self.size):
-            raise InputError(
-                f"search.origin = {list(self.origin)} and search.size = {list(self.size)} differ in dimension",
-                "give both as many numbers as a position has",
-                key="search.size",
-                value=self.size,
-            )
+            why = f"and search.size = {list(self.size)} differ in dimension"
+            raise refusal("search.origin", list(self.origin), why, "give both as many numbers as a position has")
         require_finite("search.origin", self.origin)
-        for length in self.size:
-            require_positive("search.size", length, "m")
-        require_positive("search.step", self.step, "m")
-        require_positive("search.radius", self.radius, "m")
-
-        def refuse(problem: str, remedy: str, key: str = "search.step", value: object = self.step) -> typing.NoReturn:
-            raise InputError(problem, remedy, key=key, value=value)
-
-        step = f"search.step = {self.step:g} m"
+        check(self, "search.")
         if min(self.size) < self.step * (1 - 1e-9):
-            refuse(f"{step} is longer than search.size = {list(self.size)} m", "use a smaller step")
+            why = f"is longer than search.size = {list(self.size)} m"
+            raise refusal("search.step", self.step, why, "use a smaller step", "m")
         if math.prod(self.shape) > LIMITS.candidates:
             remedy = f"use a larger one ({LIMITS.candidates} candidates at most)"
-            refuse(f"{step} gives {float(math.prod(self.shape)):.3g} candidates", remedy)
+            raise refusal("search.step", self.step, f"gives {float(math.prod(self.shape)):.3g} candidates", remedy, "m")
         for length in self.size:
             steps = length / self.step
             if abs(steps - round(steps)) > 1e-6:
                 below, above = (f(steps) * self.step for f in (math.floor, math.ceil))
-                problem = f"search.size = {length:g} m is not a whole number of steps of {step}"
-                refuse(problem, f"use {below:g} or {above:g} m", "search.size", length)
+                why = f"is not a whole number of steps of search.step = {self.step:g} m"
+                raise refusal("search.size", length, why, f"use {below:g} or {above:g} m", "m")
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -233,23 +202,62 @@ class SolverSettings:
         given.
     """
 
+    # An option with `help` is one of `fdcal calibrate`, too (`fdcal.commands.options.solver_options`).
     name: str = "robust"
-    modes: int = ALL_MODES
-    first_modes: int = 3
-    order_offset: int = 2
-    ample_modes: int = 15
-    known_weight: float = 1000.0
-    weights: str = "unit"
-    max_sweeps: int = 20
-    start: str | None = None
-    noise: str = "reported"
-    known: str = "all"
-    room: Point | None = None
-    gains: str = "auto"
-    gain_sigma_db: float | None = None
-    phase_sigma_deg: float | None = None
-    known_sigma: float | None = None
-    sound_speed_sigma: float | None = None
+    modes: Count = ALL_MODES
+    first_modes: Count = 3
+    order_offset: Annotated[int, within(0)] = 2
+    ample_modes: Count = 15
+    known_weight: Positive = 1000.0
+    weights: Literal["unit", "raw"] = "unit"
+    max_sweeps: Count = 20
+    start: Annotated[
+        Literal["affine", "random"] | None,
+        within(solver="joint", help="Positions to begin with.  [default: the solver's own]"),
+    ] = None
+    noise: Annotated[
+        str,
+        within(
+            solver="joint",
+            help="SNR of each frequency that is assumed; auto estimates it, reported takes that of the measurement.",
+        ),
+    ] = "reported"
+    known: Annotated[
+        Literal["all", "minimal", "none"],
+        within(help="Which known microphones to use; minimal: one position, one direction, one side."),
+    ] = "all"
+    room: tuple[Metres, ...] | None = None
+    gains: Annotated[
+        Literal["auto", "fixed"],
+        within(solver="robust", help="Whether solver robust seeks gain and phase of every channel."),
+    ] = "auto"
+    gain_sigma_db: Annotated[float, positive("dB", solver="robust", with_gains=True)] | None = None
+    phase_sigma_deg: Annotated[float, positive("degrees", solver="robust", with_gains=True)] | None = None
+    known_sigma: (
+        Annotated[
+            float,
+            within(
+                0,
+                LIMITS.largest,
+                "m",
+                solver="robust",
+                help="One sigma of each given coordinate for solver robust, as 5mm; 0mm: exact."
+                "  [default: estimated, 3mm at most]",
+            ),
+        ]
+        | None
+    ) = None
+    sound_speed_sigma: (
+        Annotated[
+            float,
+            positive(
+                solver="robust",
+                help="One sigma of the sound speed for solver robust or joint, as 0.3%; it is then estimated."
+                "  [default: exact]",
+            ),
+        ]
+        | None
+    ) = None
 
     OPTIONAL: typing.ClassVar = (
         "modes", "start", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma",
@@ -259,31 +267,10 @@ class SolverSettings:
     def __post_init__(self):
         if self.noise == "told":  # the old spelling
             object.__setattr__(self, "noise", "reported")
-        require_field_types(self, "solver.")
-        for key in ("modes", "first_modes", "max_sweeps", "ample_modes", "known_weight"):
-            require_positive(f"solver.{key}", getattr(self, key))
+        check(self, "solver.")
         if self.first_modes > self.modes:
-            raise InputError(
-                f"solver.first_modes = {self.first_modes} is above solver.modes = {self.modes}",
-                "lower it",
-                key="solver.first_modes",
-                value=self.first_modes,
-            )
-        if self.order_offset < 0:
-            problem = f"solver.order_offset = {self.order_offset} is negative"
-            raise InputError(problem, "use 0 or more", key="solver.order_offset", value=self.order_offset)
-        require_choice("solver.weights", self.weights, ("unit", "raw"))
-        require_choice("solver.known", self.known, ("all", "minimal", "none"))
-        if self.start is not None:
-            require_choice("solver.start", self.start, ("affine", "random"))
-        for length in self.room or ():
-            require_positive("solver.room", length, "m")
-        require_choice("solver.gains", self.gains, ("auto", "fixed"))
-        units = {"gain_sigma_db": "dB", "phase_sigma_deg": "degrees", "known_sigma": "m", "sound_speed_sigma": ""}
-        for key, unit in units.items():
-            value = getattr(self, key)
-            if value is not None and not (key == "known_sigma" and value == 0):
-                require_positive(f"solver.{key}", value, unit)
+            why = f"is above solver.modes = {self.modes}"
+            raise refusal("solver.first_modes", self.first_modes, why, "lower it")
         _ = self.snr_db  # raises for a `noise` that is neither a choice nor a number
 
     @property
@@ -296,12 +283,8 @@ class SolverSettings:
         except ValueError:
             value = math.nan
         if not -LIMITS.decibels <= value <= LIMITS.decibels:
-            raise InputError(
-                f'solver.noise = "{self.noise}" is unknown',
-                'use "reported", "auto" or a number of decibels',
-                key="solver.noise",
-                value=self.noise,
-            )
+            remedy = 'use "reported", "auto" or a number of decibels'
+            raise refusal("solver.noise", self.noise, "is unknown", remedy)
         return value
 
 
@@ -313,7 +296,7 @@ CELLS = {2: 120, 3: 60}  # steps along the longest side, at most, by the number 
 STEPS = (1.0, 2.0, 5.0)  # digits of a step, m
 
 
-def search_round(positions) -> Search:
+def search_round(positions: Any) -> Search:
     """Return a search domain round positions.
 
     `positions` (N, D) float64, metres. Returns its step is 1, 2 or 5 times a power of ten. R is the distance from its

@@ -24,6 +24,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import platformdirs
@@ -77,13 +78,13 @@ def _move(temporary: Path, path: Path, force: bool) -> None:
         os.replace(temporary, path)
 
 
-def cached_arrays(kind: str, parts: list, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+def cached_arrays(kind: str, parts: list[Any], make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Return arrays by name from the cache, or those of `make()`, which are then stored.
 
     `kind`: keeps them apart from others; `parts`: all that determines them, of types that JSON has.
     """
 
-    def read(file) -> dict[str, np.ndarray]:
+    def read(file: Any) -> dict[str, np.ndarray]:
         with np.load(file) as archive:
             return dict(archive)
 
@@ -100,7 +101,7 @@ def cache_folder() -> Path:
     return Path(os.environ.get("FDCAL_CACHE") or platformdirs.user_cache_dir("fdcal"))
 
 
-def load_or_make(name: str, make, read, write):
+def load_or_make(name: str, make: Callable[..., Any], read: Callable[..., Any], write: Callable[..., Any]):
     """Return the value of a cache file, or that of `make()`, which is then stored.
 
     A cache that cannot be read or written never stops a run: it only logs a warning.
@@ -120,7 +121,7 @@ def load_or_make(name: str, make, read, write):
     return value
 
 
-def load_cached(name: str, read):
+def load_cached(name: str, read: Callable[..., Any]):
     """Return the value of a cache file; None where there is none that can be read."""
     path = cache_folder() / name
     try:
@@ -137,7 +138,7 @@ def load_cached(name: str, read):
     return None
 
 
-def _write_checked(path: Path, value, write) -> None:
+def _write_checked(path: Path, value: Any, write: Callable[..., Any]) -> None:
     """Write a cache file: the value, then the checksum of its bytes."""
     buffer = io.BytesIO()
     write(buffer, value)
@@ -146,7 +147,7 @@ def _write_checked(path: Path, value, write) -> None:
         file.write(_checksum(buffer.getbuffer()))
 
 
-def _checksum(content) -> bytes:
+def _checksum(content: Any) -> bytes:
     return hashlib.blake2b(content, digest_size=CHECKSUM).digest()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 from .validation import InputError
 
@@ -55,7 +56,7 @@ def parse_modes(text: str, count: int) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
-def modes_text(modes) -> str:
+def modes_text(modes: Any) -> str:
     """Return the shortest text that `parse` reads as `modes`, an iterable of int."""
     modes, parts = sorted(set(modes)), []
     while modes:

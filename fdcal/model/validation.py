@@ -6,15 +6,14 @@ Every message names the key, its value and the remedy, on one line. Beyond the l
 from __future__ import annotations
 
 import difflib
-import functools
 import re
 import reprlib
-import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from numbers import Integral, Real
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,7 @@ def shown_literal(value: object) -> str:
     return shown(repr(value) if isinstance(value, str) else value)
 
 
-def frozen_array(values, dtype) -> np.ndarray:
+def frozen_array(values: ArrayLike, dtype: DTypeLike) -> np.ndarray:
     """Return a copy of `values` as a C-contiguous array of `dtype` that cannot be written to."""
     array = np.array(values, dtype=dtype, order="C", copy=True)
     array.setflags(write=False)
@@ -182,7 +181,7 @@ KINDS = {
 }
 
 
-def require_array(key: str, values, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
+def require_array(key: str, values: Any, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
     """Return `values` as a read-only array of the given kind and shape.
 
     `key`: name of the argument or key, for the message; `values`, array-like, nothing is rounded or truncated to make
@@ -211,42 +210,10 @@ def require_array(key: str, values, kind: str, shape: tuple[int | None, ...], un
     return frozen_array(array, dtype)
 
 
-def require_number(key: str, value: object) -> None:
-    """Raise InputError unless `value` is a real number, of Python or NumPy."""
-    if not isinstance(value, Real) or isinstance(value, bool):
-        raise InputError(f"{key} = {shown_literal(value)} is no number", "give a number", key=key, value=value)
-
-
-def require_integer(key: str, value: object, least: int = 0, remedy: str = "") -> None:
-    """Raise InputError unless `value` is a whole number, not below `least`."""
-    remedy = remedy or f"use {least} or more"
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise InputError(f"{key} = {shown_literal(value)} is no whole number", remedy, key=key, value=value)
-    if value < least:
-        raise InputError(f"{key} = {value} is below {least}", remedy, key=key, value=value)
-
-
-def require_not_negative(key: str, value: float, unit: str = "") -> None:
-    """Raise InputError unless `value` is zero or as `require_positive` has it."""
-    require_number(key, value)
-    if value == 0:
-        return
-    if not 0 < value <= LIMITS.largest:
-        problem = f"{key} = {value:g}{unit and ' ' + unit} must be finite and not negative"
-        raise InputError(problem, f"use a number from 0 to {LIMITS.largest:g}", key=key, value=value)
-
-
-def require_positive(key: str, value: float, unit: str = "") -> None:
-    """Raise InputError unless `value` is above zero and a product of a few such values cannot overflow."""
-    require_number(key, value)
-    if not LIMITS.smallest <= value <= LIMITS.largest:
-        text = f"{value:g}" if isinstance(value, float) else str(value)
-        raise InputError(
-            f"{key} = {text}{unit and ' ' + unit} must be finite and above zero",
-            f"use a number from {LIMITS.smallest:g} to {LIMITS.largest:g}",
-            key=key,
-            value=value,
-        )
+def refusal(key: str, value: object, why: str, remedy: str = "", unit: str = "") -> InputError:
+    """Return the error for a value that cannot be: "room.cell = 0.04 m has no meaning"; the unit is optional."""
+    text = f"{value:g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else shown(value)
+    return InputError(f"{key} = {text}{unit and ' ' + unit} {why}", remedy, key=key, value=value)
 
 
 def require_choice(key: str, value: object, choices: Iterable[object]) -> None:
@@ -257,7 +224,7 @@ def require_choice(key: str, value: object, choices: Iterable[object]) -> None:
         raise InputError(f'{key} = "{shown(value)}" is unknown', remedy, key=key, value=value)
 
 
-def require_finite(key: str, values) -> None:
+def require_finite(key: str, values: Any) -> None:
     """Raise InputError if any entry of `values` is NaN or infinite."""
     bad = np.argwhere(~np.isfinite(np.asarray(values)))
     if len(bad):
@@ -265,7 +232,7 @@ def require_finite(key: str, values) -> None:
         raise InputError(f"{key}{list(index)} is not a finite number", "correct or remove that entry", key=key)
 
 
-def require_point(key: str, values, lengths: tuple[int, ...]) -> None:
+def require_point(key: str, values: Any, lengths: tuple[int, ...]) -> None:
     """Raise InputError unless `values` are finite coordinates, as many as one of `lengths`, which are 2 or 3."""
     if len(values) not in lengths:
         words = " or ".join({2: "two, along x and y", 3: "three, along x, y and z"}[n] for n in lengths)
@@ -276,31 +243,6 @@ def require_point(key: str, values, lengths: tuple[int, ...]) -> None:
         raise InputError(f"{key} = {list(values)} is too far away", remedy, key=key, value=values)
 
 
-def point_text(point) -> str:
+def point_text(point: Any) -> str:
     """Return the coordinates of a point for a message: "(1.25, 0.5) m"."""
     return f"({', '.join(f'{coordinate:.4g}' for coordinate in point)}) m"
-
-
-_hints = functools.cache(typing.get_type_hints)
-ANY_WHOLE_NUMBER = -(2**62)
-
-
-def require_field_types(record: object, prefix: str = "") -> None:
-    """Raise InputError unless every field of a dataclass that holds a text or a number is of its type.
-
-    `record`, dataclass, its fields of str, int, float, or one of these or None, are checked; `prefix`: put before a key
-    in messages, for example "solver.".
-    """
-    for name, hint in _hints(type(record)).items():
-        value, kinds = getattr(record, name), typing.get_args(hint) or (hint,)
-        if value is None and type(None) in kinds:
-            continue
-        if str in kinds and isinstance(value, str):
-            continue
-        if str in kinds and int not in kinds:
-            problem = f"{prefix}{name} = {shown_literal(value)} is no text"
-            raise InputError(problem, "give a text", key=prefix + name, value=value)
-        if int in kinds:
-            require_integer(prefix + name, value, ANY_WHOLE_NUMBER, "give a whole number")
-        if float in kinds and typing.get_origin(hint) is not tuple:
-            require_number(prefix + name, value)

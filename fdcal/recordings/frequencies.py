@@ -28,7 +28,8 @@ import numpy as np
 from ..acoustics.coherence import array_radius
 from ..acoustics.dictionary import f_max
 from ..acoustics.spectrum import fast_length
-from ..model.validation import InputError, require_positive
+from ..model.declared import require_positive
+from ..model.validation import InputError
 from .import_options import IMPORT_LIMITS, ImportOptions
 from .recording import Recording, channel_groups
 

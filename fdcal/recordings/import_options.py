@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..model.validation import InputError, require_choice, require_positive
+from ..model.declared import require_positive
+from ..model.validation import InputError, require_choice
 from .recording import KINDS, OLD_KINDS, sound_speed
 
 

@@ -22,7 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..model.validation import InputError, frozen_array, require_array, require_positive
+from ..model.declared import require_positive
+from ..model.validation import InputError, frozen_array, require_array
 
 KINDS = ("impulse", "stationary")
 OLD_KINDS = {"response": "impulse", "work": "stationary"}  # spellings that older files and scripts contain

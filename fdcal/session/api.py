@@ -6,8 +6,9 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from ..model.declared import check, convert, within
 from ..model.given_positions import MicrophonePositions, with_known, with_positions
 from ..model.measurement import Measurement
 from ..model.scene import Scene
@@ -15,9 +16,6 @@ from ..model.settings import SolverSettings
 from ..model.validation import (
     InputError,
     require_array,
-    require_field_types,
-    require_integer,
-    require_number,
     shown_literal,
     unexpected_argument,
 )
@@ -101,7 +99,7 @@ def _import_options(texts: Sequence[str], options: dict):
     if unknown:
         raise unexpected_argument("load", sorted(unknown)[0], [field.name for field in fields(ImportOptions)])
     found = ImportOptions(**options)
-    require_field_types(found)
+    check(found)
     return found
 
 
@@ -266,10 +264,7 @@ def lengths(key: str, values: Any) -> tuple[float, ...]:
     if isinstance(values, str) or not isinstance(values, Iterable):
         problem = f"{key} = {shown_literal(values)} is no list of lengths"
         raise InputError(problem, f"write <{key}> = (7.0, 6.0), metres", key=key, value=values)
-    listed = list(values)
-    for value in listed:
-        require_number(key, value)
-    return tuple(map(float, listed))
+    return convert(list(values), tuple[float, ...], key)
 
 
 def mode_numbers(modes: Any, count: int) -> list[int]:
@@ -277,12 +272,7 @@ def mode_numbers(modes: Any, count: int) -> list[int]:
     if isinstance(modes, str) or not isinstance(modes, Iterable):
         problem = f"modes = {shown_literal(modes)} is no list of modes"
         raise InputError(problem, "write <modes> = [1, 5, 9]", key="modes", value=modes)
-    listed = list(modes)
-    for mode in listed:
-        require_integer("modes", mode, 1)
-        if mode > count:
-            raise InputError(f"mode {mode} does not exist", f"give <modes> from 1 to {count}", key="modes", value=mode)
-    return [int(mode) for mode in listed]
+    return convert(list(modes), list[Annotated[int, within(1, count)]], "modes")
 
 
 def known_distance(values: Any) -> tuple[str, str, float] | None:
@@ -293,8 +283,7 @@ def known_distance(values: Any) -> tuple[str, str, float] | None:
     if len(parts) != 3:
         problem = f"distance = {shown_literal(values)} is not two microphones and a length"
         raise InputError(problem, "write <distance> = (0, 1, 0.25), metres", key="distance", value=values)
-    require_number("distance", parts[2])
-    return str(parts[0]), str(parts[1]), float(parts[2])
+    return str(parts[0]), str(parts[1]), convert(parts[2], float, "distance")
 
 
 def require_measurement(measurement: Any, function: str) -> None:
@@ -313,8 +302,7 @@ def require_settings(settings: Any) -> None:
 
 def require_truth_value(key: str, value: Any) -> None:
     """Raise InputError unless `value` is True or False."""
-    if not isinstance(value, bool):
-        raise InputError(f"{key} = {shown_literal(value)} is not True or False", "use one of them", key=key)
+    convert(value, bool, key)
 
 
 def require_callable(key: str, value: Callable | None) -> None:

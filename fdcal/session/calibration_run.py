@@ -17,12 +17,13 @@ from ..assessment.calibration import Calibration
 from ..assessment.findings import MIN_MODES, modes_below_limit
 from ..cost.reference_cost import reference_cost_of
 from ..model.channels import check_channels, microphone_index
+from ..model.declared import require_positive
 from ..model.gauge import move_to_frame, turn_to_frame
 from ..model.given_positions import with_search_domain
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.settings import SolverSettings, search_round
-from ..model.validation import InputError, frozen_array, require_positive
+from ..model.validation import InputError, frozen_array
 from ..solvers import load, run
 from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
 from ..solvers.requirements import check_solvable

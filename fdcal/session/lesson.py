@@ -18,7 +18,7 @@ from pathlib import Path
 from urllib.parse import parse_qsl
 
 from ..model.arrays import positions_of
-from ..model.from_table import build
+from ..model.declared import build
 from ..model.reading import parse_toml, read_bytes
 from ..model.scene import Scene
 from ..model.scene_file import load_scene

@@ -13,12 +13,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..model.from_table import build
+from ..model.declared import build
 from ..model.measurement import Measurement
 from ..model.scene import Scene
 from ..model.scene_file import MeasuredScene
 from ..model.settings import ALL_MODES
-from ..model.validation import InputError
+from ..model.validation import InputError, refusal
 
 
 @dataclass(frozen=True)
@@ -40,20 +40,11 @@ class OpenRequest:
 
     def __post_init__(self):
         if self.start_seed is not None and self.start_seed < 0:
-            raise InputError(
-                f"start_seed = {self.start_seed} must not be negative",
-                "use 0 or more",
-                key="start_seed",
-                value=self.start_seed,
-            )
+            raise refusal("start_seed", self.start_seed, "must not be negative", "use 0 or more")
         if self.index is not None and not 0 <= self.index < len(self.states):
             count = len(self.states)
-            raise InputError(
-                f"index = {self.index} is none of the {count} states",
-                f"use 0 to {count - 1}" if count else "give states, or no index",
-                key="index",
-                value=self.index,
-            )
+            remedy = f"use 0 to {count - 1}" if count else "give states, or no index"
+            raise refusal("index", self.index, f"is none of the {count} states", remedy)
 
     @property
     def seed(self) -> int:
@@ -71,7 +62,7 @@ def as_given(scene: Scene, measurement: Measurement) -> Measurement:
 def table_of(scene: Scene) -> dict[str, Any]:
     """Return the scene as tomllib reads it, without keys that are None : dict of texts, numbers, lists and dicts.
 
-    `fdcal.model.from_table.build(Scene, table)` makes the same scene of it.
+    `fdcal.model.declared.build(Scene, table)` makes the same scene of it.
     """
     table = plain(dataclasses.asdict(scene))
     if scene.solver.modes == ALL_MODES:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..model.from_table import build
+from ..model.declared import build
 from ..model.measurement_file import load_measurement, save_measurement
 from ..model.reading import parse_json, read_archive, require_regular
 from ..model.scene import Scene

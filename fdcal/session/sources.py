@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.channels import exclude_microphones
+from ..model.declared import Count, Seed, convert, declaration
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
 from ..model.scene_file import MeasuredScene
 from ..model.settings import ALL_MODES, SolverSettings
-from ..model.validation import InputError, require_integer
+from ..model.validation import InputError, refusal
 from ..solvers import load, with_mode_count
 
 if TYPE_CHECKING:
@@ -201,10 +202,6 @@ def check_scene(scene: Scene) -> None:
         make_grid(scene.room, scene.emitter.band.sample_rate)
 
 
-# of solver robust; joint takes the last one, too
-CHANNEL_SETTINGS = ("gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma", "sound_speed_sigma")
-
-
 def with_settings(
     inputs: CalibrationInput,
     solver: str | None = None,
@@ -220,23 +217,21 @@ def with_settings(
     given = {key: value for key, value in others.items() if value is not None}
     settings = replace(inputs.settings, **given)
     if seed is not None:
-        require_integer("seed", seed)
+        seed = convert(seed, Seed, "seed")
     if modes is not None:
-        require_integer("modes", modes, 1, f"use 1 to {len(inputs.measurement.frequencies)}")
-        settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
+        count = convert(modes, Count, "modes")
+        settings = replace(settings, modes=count, first_modes=min(settings.first_modes, count))
         inputs = replace(inputs, all_modes=False)
     settings = replace(settings, name=settings.name if solver is None else solver)
     traits = load(settings.name).TRAITS
-    remedies = dict.fromkeys(("noise", "start"), "joint") | dict.fromkeys(CHANNEL_SETTINGS, "robust")
-    for key, other in remedies.items():
-        ignored = traits.ignores(key) or (key == "start" and not traits.starts)
-        if key in given and ignored:
-            problem = f'{key} = "{given[key]}" does nothing with solver.name = "{settings.name}"'
-            raise InputError(problem, f"leave out <{key}>, or use <solver> {other}", key=key, value=given[key])
-    for key in ("gain_sigma_db", "phase_sigma_deg"):
-        if key in given and settings.gains == "fixed":
-            problem = f"{key} = {given[key]:g} does nothing with solver.gains = fixed"
-            raise InputError(problem, f"leave out <{key}>, or use <gains> auto", key=key, value=given[key])
+    for key, value in given.items():
+        option = declaration(SolverSettings, key)[1]
+        if "solver" in option and (traits.ignores(key) or (key == "start" and not traits.starts)):
+            why, other = f'does nothing with solver.name = "{settings.name}"', option["solver"]
+            raise refusal(key, value, why, f"leave out <{key}>, or use <solver> {other}")
+        if "with_gains" in option and settings.gains == "fixed":
+            why = "does nothing with solver.gains = fixed"
+            raise refusal(key, value, why, f"leave out <{key}>, or use <gains> auto")
     if traits.needs_room and inputs.scene is not None:
         from ..model.scene import require_rectangle
 

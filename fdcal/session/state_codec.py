@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from .. import solvers
-from ..model.from_table import build
+from ..model.declared import build
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
 from ..model.validation import LIMITS, InputError, frozen_array, shown, shown_literal

@@ -147,7 +147,9 @@ def _lattice(problem: Problem, order_offset: int) -> LatticeDictionary | SpaceLa
     return search_lattice(problem, order_offset)
 
 
-def _best_candidate(problem: Problem, lattice, state: State, n: int) -> tuple[np.ndarray, float]:
+def _best_candidate(
+    problem: Problem, lattice: LatticeDictionary | SpaceLattice, state: State, n: int
+) -> tuple[np.ndarray, float]:
     """Return the candidate of the lowest cost for microphone `n`, metres, and its cost."""
     x, centre, modes = state.positions, state.centre, state.modes
     if isinstance(lattice, SpaceLattice):
@@ -156,7 +158,7 @@ def _best_candidate(problem: Problem, lattice, state: State, n: int) -> tuple[np
     return best_candidate(problem, lattice, x, n, centre, modes, state.settings.known_weight)
 
 
-def _fits(problem: Problem, lattice, state: State, n: int, modes: slice):
+def _fits(problem: Problem, lattice: LatticeDictionary | SpaceLattice, state: State, n: int, modes: slice):
     """Return W (Eq. 4) of each of `modes`, and the fit of its pressures without microphone `n`."""
     W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[modes])
     weights = known_weights(problem, state.settings.known_weight)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..model.problem import Problem
+from ..model.types import Reals
 
 if TYPE_CHECKING:  # the likelihood loads SciPy, which a session does not need before its first step
     from ..acoustics.room_modes import RoomSymmetry
@@ -156,7 +157,7 @@ class RoomEstimate:
     images: tuple[RoomSymmetry, ...]  # symmetries of the room, the identity first
 
 
-def scale_sigma(positions: np.ndarray, covariances, healthy: np.ndarray) -> float:
+def scale_sigma(positions: np.ndarray, covariances: Sequence[Reals], healthy: np.ndarray) -> float:
     """Return one sigma of the least certain stretching or shearing of an array as a whole, relative.
 
     positions : (N, D) float64, metres; covariances : (N D, N D) float64, metres^2, of which the one that makes it

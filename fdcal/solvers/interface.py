@@ -31,7 +31,7 @@ import numpy as np
 
 from ..cost.channel_correction import ChannelCorrection
 from ..model.problem import Problem
-from ..model.settings import SolverSettings
+from ..model.settings import Search, SolverSettings
 from ..model.validation import LIMITS, InputError
 from .estimate import Estimate, RoomEstimate
 
@@ -138,10 +138,12 @@ class Solver(Protocol):
         """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from it."""
         ...
 
-    def landscape(self, problem: Problem, state: Any, n: int, modes: slice) -> np.ndarray:
-        """Return the cost of microphone `n` over the search lattice, mode by mode : (modes, ny, nx) float64.
+    def landscape(
+        self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None = None, /
+    ) -> np.ndarray:
+        """Return the cost of microphone `n` over a lattice, that of the problem unless given, mode by mode.
 
-        A fifth argument may be another `Search`.
+        (modes, ny, nx) float64.
         """
         ...
 
@@ -288,9 +290,11 @@ class Chain:
         """Return `state` with modes `first` to `last` in use (from 1, both included); its member continues."""
         return self.members[self._number(state)].use_modes(problem, state, first, last, automatic)
 
-    def landscape(self, problem: Problem, state: RunState, n: int, modes: slice, *search) -> np.ndarray:
+    def landscape(
+        self, problem: Problem, state: RunState, n: int, modes: slice, search: Search | None = None
+    ) -> np.ndarray:
         """Return the landscape of microphone `n` by the active member, mode by mode : (modes, ny, nx) float64."""
-        return self.members[self._number(state)].landscape(problem, state, n, modes, *search)
+        return self.members[self._number(state)].landscape(problem, state, n, modes, search)
 
     def result(self, problem: Problem, state: RunState) -> Estimate | RoomEstimate:
         """Return what the active member has found."""

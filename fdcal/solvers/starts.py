@@ -26,6 +26,7 @@ from ..cost.likelihood import FieldModel, isotropic_field, likelihood_terms
 from ..cost.noise import DIFFUSE_FLOOR, NoiseEstimate, estimate_noise
 from ..model.gauge import align, fixes_gauge
 from ..model.problem import Problem, mode_power
+from ..model.types import Complexes, Numbers, Reals
 from ..model.validation import InputError
 from .levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 
@@ -132,7 +133,7 @@ SCALES = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
 FIRST_NOISE = 0.1  # noise fraction of `metric_modes` modes at an affine image of the positions
 
 
-def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np.ndarray:
+def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowest: int) -> np.ndarray:
     """The shape of `singular_vectors` with the metric of greatest likelihood."""
     N, D = shape.shape
     k = np.real(problem.wavenumbers)
@@ -173,7 +174,7 @@ def _enough_modes(problem: Problem, modes: int) -> np.ndarray:
 NOISE_MODES = 24  # modes from which its noise is estimated
 
 
-def _noise_at(problem: Problem, positions, modes: int) -> NoiseEstimate:
+def _noise_at(problem: Problem, positions: Reals, modes: int) -> NoiseEstimate:
     """Noise and position error of an isotropic field, from a part of the lowest `modes`."""
     used = np.arange(modes)[:: max(1, -(-modes // NOISE_MODES))]
     p = problem.pressures[used] / np.sqrt(mode_power(problem.pressures[used]))[:, None]
@@ -181,7 +182,7 @@ def _noise_at(problem: Problem, positions, modes: int) -> NoiseEstimate:
     return estimate_noise(positions, p, field, DIFFUSE_FLOOR)
 
 
-def _noise_fractions(found: NoiseEstimate, problem: Problem, k) -> np.ndarray:
+def _noise_fractions(found: NoiseEstimate, problem: Problem, k: Reals) -> np.ndarray:
     """Unexplained share of the power of modes with wavenumbers k (M,)."""
     return np.minimum(found.noise_fraction + (k * found.spread) ** 2 / problem.dimension, 0.5)
 
@@ -191,7 +192,7 @@ METRIC_STEPS = 12
 METRIC_TOLERANCE = 3e-3
 
 
-def _fitted(positions, pressures, field: FieldModel, basis) -> np.ndarray:
+def _fitted(positions: Reals, pressures: Complexes, field: FieldModel, basis: Reals) -> np.ndarray:
     """Positions (N, D), metres, after damped steps along `basis` (N D, F), until the cost falls by less than 1."""
     x, damping = positions, FIRST_DAMPING
     max_step = float(np.ptp(x, axis=0).max()) / 2  # a huge array would need expansions of a huge order
@@ -218,7 +219,7 @@ def _fitted(positions, pressures, field: FieldModel, basis) -> np.ndarray:
 SUBSETS = 40  # of the given positions, on which an array is laid, at most
 
 
-def aligned(problem: Problem, x) -> np.ndarray:
+def aligned(problem: Problem, x: Reals) -> np.ndarray:
     """Return a blind array on the given positions: on the subset of D + 1 that leaves the least median error."""
     known, places, D = problem.known, problem.known_positions, x.shape[1]
     best, score = x, np.inf
@@ -230,7 +231,7 @@ def aligned(problem: Problem, x) -> np.ndarray:
     return best
 
 
-def onto(x, known, places) -> np.ndarray:
+def onto(x: Reals, known: np.ndarray, places: Reals) -> np.ndarray:
     """Return `x` moved, turned and mirrored as a whole so that microphones `known` come to `places`."""
     target = np.zeros_like(x)
     target[known] = places
@@ -249,7 +250,9 @@ ITERATIONS = 30  # of majorisation in a round
 MAX_RADIUS = 2.5  # distance from the middle over the median of all; a channel beyond starts in the middle
 
 
-def coherence_start(pressures, wavenumbers, noise: float | None, dimension: int, axes: int) -> np.ndarray:
+def coherence_start(
+    pressures: Complexes, wavenumbers: Numbers, noise: float | None, dimension: int, axes: int
+) -> np.ndarray:
     """Return positions (N, axes), metres, about the origin, that agree with the coherence of the pressures.
 
     pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) rad/m, the real parts count;
@@ -270,7 +273,7 @@ def coherence_start(pressures, wavenumbers, noise: float | None, dimension: int,
         weight = weight / (SCATTER**2 + misfit**2) / between**2
         weight = weight - np.diag(np.diag(weight))
         system = np.diag(weight.sum(axis=1)) - weight + weight.mean() / N  # the added constant holds the mean
-        inverse = np.linalg.inv(system)
+        inverse: Reals = np.linalg.inv(system)
         for _ in range(ITERATIONS):  # each lowers the weighted sum of (distance - |x_i - x_j|)^2
             ratio = weight * between / _distances(x)
             x = inverse @ (ratio.sum(axis=1)[:, None] * x - ratio @ x)
@@ -286,7 +289,7 @@ SHORTEST = 0.04
 LONGEST = 3.0
 
 
-def pair_distances(pressures, wavenumbers, noise: float, dimension: int) -> tuple[np.ndarray, float]:
+def pair_distances(pressures: Complexes, wavenumbers: Reals, noise: float, dimension: int) -> tuple[np.ndarray, float]:
     """Return the likeliest distance of every two microphones, metres, (N, N), and the sum of -log likelihood.
 
     pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64; noise : fraction
@@ -304,17 +307,17 @@ def pair_distances(pressures, wavenumbers, noise: float, dimension: int) -> tupl
     return distance, float(cost.min(axis=0).sum())
 
 
-def _distances(x) -> np.ndarray:
+def _distances(x: Reals) -> np.ndarray:
     return np.maximum(np.linalg.norm(x[:, None] - x[None], axis=-1), 1e-9)
 
 
-def _unfolded(distance, neighbours: int, axes: int) -> np.ndarray:
+def _unfolded(distance: Reals, neighbours: int, axes: int) -> np.ndarray:
     """Positions (N, axes) by classical scaling of the shortest paths over near neighbours."""
     N = len(distance)
     near = np.argsort(distance + np.diag(np.full(N, np.inf)), axis=1)[:, :neighbours]
     graph, rows = np.zeros((N, N)), np.arange(N)[:, None]
     graph[rows, near] = distance[rows, near]
-    path = shortest_path(np.maximum(graph, graph.T), directed=False)
+    path: Reals = shortest_path(np.maximum(graph, graph.T), directed=False)
     path = np.where(np.isfinite(path), path, distance)  # groups far from each other
     centre = np.eye(N) - 1 / N
     values, vectors = np.linalg.eigh(-0.5 * centre @ path**2 @ centre)

@@ -24,7 +24,7 @@ from fdcal.assessment.result_file import REQUIRED
         (["simulate", "tiny"], ["-o"]),
         (["simulate", "tiny", "-o", "tiny.mat"], ["tiny.mat", ".npz"]),
         (["simulate", "old.npz", "-o", "new.npz"], ["old.npz", "give a scene"]),
-        (["calibrate", "tiny", "--modes", "0"], ["modes = 0", "1 to"]),
+        (["calibrate", "tiny", "--modes", "0"], ["modes = 0", "use 1"]),
         (["calibrate", "tiny", "--modes", "10000"], ["solver.modes = 10000", "use at most"]),
         (["calibrate", "tiny", "--seed", "-4"], ["seed = -4", "0 or more"]),
         (
@@ -49,7 +49,7 @@ from fdcal.assessment.result_file import REQUIRED
         (["calibrate", "tiny", "--search", "0,0,1,1"], ["--search 0,0,1,1", "4 numbers", "give 5", "step"]),
         (["calibrate", "tiny", "--search", "0,0,1,1,fine"], ["--search", "no list of numbers"]),
         (["calibrate", "tiny", "--search", "0,0,1,-1,0.1"], ["search.size = -1 m", "above zero"]),
-        (["calibrate", "tiny", "--search", "0,0,nan,1,0.1"], ["search.size = nan", "finite"]),
+        (["calibrate", "tiny", "--search", "0,0,nan,1,0.1"], ["search.size = nan"]),
         (["calibrate", "tiny", "--radius", "-1"], ["search.radius = -1 m", "above zero"]),
         (
             ["calibrate", "tiny", "--solver", "descent", "--radius", "4"],

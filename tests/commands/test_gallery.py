@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import os
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from replays import Reader, contents, wait_for
 
+from fdcal import solvers
 from fdcal.commands import gallery_pages
 from fdcal.commands.cli import main
+from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.model.storage import folder_in_progress
+from fdcal.model.texts import parse_modes
 from fdcal.model.validation import InputError, StorageError
 
 PAGES = {
@@ -20,14 +24,41 @@ PAGES = {
 }  # fmt: skip
 
 
+FAULTY = """
+[faults]
+inverted = [11]
+gain_db = 1.0
+phase_deg = 5.0
+"""
+
+
+def small(show, faulty):
+    """A show of the gallery with scene `tiny`, whose simulation takes no time; in space it stays as it is."""
+    if show.scene == "ball3d":
+        return show
+    scene = faulty if show.name == "faults" else "tiny"
+    address = re.sub(r"microphone=\d+", "microphone=9", re.sub(r"modes=[\d-]+", "modes=9", show.address))
+    return replace(show, scene=str(scene), microphone=9, address=address)
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The gallery, as the command writes it."""
-    folder = tmp_path_factory.mktemp("site") / "gallery"
-    with pytest.raises(SystemExit) as left:
+    """The gallery, as the command writes it, of small scenes."""
+    folder, faulty = tmp_path_factory.mktemp("site") / "gallery", tmp_path_factory.mktemp("scene") / "faulty.toml"
+    faulty.write_text((scene_folder() / "tiny.toml").read_text(encoding="utf-8") + FAULTY, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as left:
+        patch.setattr(gallery_pages, "SHOWS", tuple(small(show, faulty) for show in gallery_pages.SHOWS))
         main(["gallery", "-o", str(folder)])
     assert not left.value.code
     return folder
+
+
+@pytest.mark.parametrize("show", gallery_pages.SHOWS, ids=lambda show: show.name)
+def test_what_a_show_names_is_in_its_scene(show):
+    scene, address = load_scene(show.scene), dict(part.split("=") for part in show.address.split("&"))
+    assert show.solver in solvers.names()
+    assert int(address["microphone"]) == show.microphone < scene.array.number
+    assert not address.get("modes") or parse_modes(address["modes"], scene.solver.modes)
 
 
 def test_the_site_is_complete_small_and_needs_no_network(site):

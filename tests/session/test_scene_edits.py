@@ -8,7 +8,7 @@ import pytest
 
 from fdcal.acoustics.measure import cached_recordings, measure
 from fdcal.model.arrays import positions_of
-from fdcal.model.from_table import build
+from fdcal.model.declared import build
 from fdcal.model.gauge import fixes_gauge
 from fdcal.model.scene_file import MeasuredScene, load_scene, scene_names
 from fdcal.model.validation import InputError

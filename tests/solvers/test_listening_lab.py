@@ -13,7 +13,7 @@ from fdcal.session.calibration_run import solve
 from fdcal.session.sources import scene_input
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_the_listening_lab_is_found_blind(seed):
     inputs = scene_input(dataclasses.replace(load_scene("listening_lab"), seed=seed))
     assert inputs.measurement.blind

@@ -83,6 +83,7 @@ def test_the_command_loads_only_what_a_calibration_needs(tiny_file):
     assert "verdict good" in printed[-2] and printed[-1] == "[]"
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_after_its_warmup():
     assert run(SEARCH) == "True []"
 
@@ -108,6 +109,7 @@ def test_a_warmup_reports_its_progress_and_ends(monkeypatch):
     assert made.close(60.0) and made.text == "", "a piece that fails ends it"
 
 
+@pytest.mark.slow  # all that is compiled, from nothing
 def test_warm_compiles_everything_and_tells_how_far_it_is(tmp_path):
     """On standard error; and a second time reads what the first has compiled."""
     command = [sys.executable, "-m", "fdcal", "warm"]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -17,17 +18,14 @@ from ...assessment.bound import Prior
 from ...model import measurement_checks
 from ...model.array_layout import Array
 from ...model.arrays import positions_of
+from ...model.declared import Metres, MetresPerSecond, Seconds, Seed, check, within
 from ...model.geometry import ball, box, circle, rectangle
 from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_names
 from ...model.validation import (
     InputError,
     frozen_array,
-    require_choice,
-    require_integer,
-    require_not_negative,
-    require_number,
-    require_positive,
+    refusal,
 )
 from ...recordings.formats.positions import READERS, read_positions
 
@@ -126,13 +124,9 @@ def require_layout(layout: Layout, most: int) -> None:
 
 def require_room(room: tuple[float, ...] | None, array_dimension: int) -> None:
     """Raise InputError unless a room has two or three lengths, and heights where the array has them."""
-    if room is None:
-        return
-    if len(room) not in (2, 3):
-        raise InputError(f"room = {list(room)} has {len(room)} lengths", "give <room> two or three", key="room")
-    for length in room:
-        require_positive("room", length, "m")
-    if len(room) < array_dimension:
+    if room is not None and len(room) not in (2, 3):
+        raise refusal("room", list(room), f"has {len(room)} lengths", "give <room> two or three")
+    if room is not None and len(room) < array_dimension:
         raise InputError("the array has heights and the room has none", "give <room> three lengths", key="room")
 
 
@@ -140,23 +134,9 @@ def require_given(known: tuple[int, ...], known_sigma: float, positions: np.ndar
     """Raise InputError for given microphones that do not exist, or a sigma of positions that are not given."""
     N, D = positions.shape
     measurement_checks.known(known, None, positions, N, D)
-    require_not_negative("known_sigma", known_sigma, "m")
     if known_sigma and not len(known):
-        problem = f"known_sigma = {known_sigma:g} m is of given positions, and none is given"
-        raise InputError(problem, "give <known>, or leave out <known_sigma>", key="known_sigma", value=known_sigma)
-
-
-def require_modes(modes: int | None, least: int) -> None:
-    """Raise InputError unless a number of frequencies is enough for a calibration."""
-    if modes is not None:
-        require_integer("modes", modes, least)
-
-
-def require_takes(takes: int, most: int) -> None:
-    """Raise InputError unless a number of takes is possible."""
-    require_integer("takes", takes, 1)
-    if takes > most:
-        raise InputError(f"takes = {takes} are too many", f"give <takes> from 1 to {most}", key="takes", value=takes)
+        why = "is of given positions, and none is given"
+        raise refusal("known_sigma", known_sigma, why, "give <known>, or leave out <known_sigma>", "m")
 
 
 @dataclass(frozen=True)
@@ -200,7 +180,6 @@ class Assumptions:
 
 ASSUMED = Assumptions()
 LEAST_FREQUENCIES = 3  # of a calibration
-SOLVERS = ("robust", "joint")  # that trials run
 
 
 @dataclass(frozen=True)
@@ -212,39 +191,35 @@ class PlanRequest:
 
     layout: Layout
     # (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
-    room: tuple[float, ...] | None = None
-    reverberation_time: float = 0.5  # s
+    room: tuple[Metres, ...] | None = None
+    reverberation_time: Seconds = 0.5
     snr_db: float = 30.0  # signal-to-noise ratio of each frequency
     # (2,) tuple of float, Hz; from 20 Hz to 0.7 times what the array can interpolate (Eq. 9) unless given. Of
     # frequencies above what it can interpolate none is used
     band: tuple[float, float] | None = None
     known: tuple[int, ...] = ()  # (A,) tuple of int, microphones whose positions are given
-    known_sigma: float = 0.0  # metres, one sigma of each of their coordinates; 0 for exact ones
-    gain_sigma_db: float = 0.0  # spread of the channels' gains; 0 for equal channels
-    sound_speed: float = 343.0  # m/s
-    accuracy: float = 0.01  # metres, that is wanted
-    seed: int = 0  # of sources, noise and gains
-    modes: int | None = None  # the lowest so many independent frequencies of the band; all of them unless given
-    takes: int = 1  # places of the source, each recorded by itself at `snr_db`; every take has all frequencies
-    # of the trials, one of SOLVERS; "robust" models all that a plan assumes of gains and given positions
-    solver: str = "robust"
+    # one sigma of each of their coordinates; 0 for exact ones
+    known_sigma: Annotated[float, within(0, 1e12, "m")] = 0.0
+    # spread of the channels' gains; 0 for equal channels
+    gain_sigma_db: Annotated[float, within(0, 1e12, "dB")] = 0.0
+    sound_speed: MetresPerSecond = 343.0
+    accuracy: Metres = 0.01  # that is wanted
+    seed: Seed = 0  # of sources, noise and gains
+    # the lowest so many independent frequencies of the band; all of them unless given
+    modes: Annotated[int, within(LEAST_FREQUENCIES)] | None = None
+    # places of the source, each recorded by itself at `snr_db`; every take has all frequencies
+    takes: Annotated[int, within(1, LIMITS.most_takes)] = 1
+    # of the trials; "robust" models all that a plan assumes of gains and given positions
+    solver: Literal["robust", "joint"] = "robust"
 
     def __post_init__(self):
         require_layout(self.layout, LIMITS.most_microphones)
-        units = {"reverberation_time": "s", "sound_speed": "m/s", "accuracy": "m"}
-        for key, unit in units.items():
-            require_positive(key, getattr(self, key), unit)
-        require_number("snr", self.snr_db)
+        check(self, names={"snr_db": "snr", "band": "frequencies"})
         if not 0 < self.snr_db <= LIMITS.most_snr_db:
             remedy = f"use more than 0 and at most {LIMITS.most_snr_db:g}"
-            raise InputError(f"snr = {self.snr_db:g} dB is out of range", remedy, key="snr", value=self.snr_db)
+            raise refusal("snr", self.snr_db, "is out of range", remedy, "dB")
         require_room(self.room, self.layout.positions.shape[1])
         require_given(self.known, self.known_sigma, self.layout.positions)
-        require_not_negative("gain_sigma_db", self.gain_sigma_db, "dB")
-        require_integer("seed", self.seed)
-        require_modes(self.modes, LEAST_FREQUENCIES)
-        require_takes(self.takes, LIMITS.most_takes)
-        require_choice("solver", self.solver, SOLVERS)
         if len(self.frequencies) < LEAST_FREQUENCIES:
             low, high = self.limits
             problem = f"{low:g} to {high:.0f} Hz with a reverberation time of {self.reverberation_time:g} s hold"

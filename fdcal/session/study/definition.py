@@ -11,13 +11,13 @@ from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from ...model.from_table import build
+from ...model.declared import Count, Seconds, Seed, build, check, within
 from ...model.reading import parse_toml, read_bytes
 from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_table
-from ...model.validation import InputError, require_positive, shown
+from ...model.validation import InputError, shown
 from ..scene_edits import SceneParameters
 
 PACKAGE = Path(__file__).parents[2]
@@ -81,7 +81,7 @@ class Drawn:
     """What is drawn for every calibration, in addition to noise, random microphones and the solver's start."""
 
     source: bool = False  # whether the source is at a random place of the room, the same for one draw at all points
-    least_distance: float = 0.7  # metres, of such a source from every microphone
+    least_distance: Annotated[float, within(0, 1e12, "m")] = 0.7  # of such a source from every microphone
 
     OPTIONAL = ("source", "least_distance")
 
@@ -91,19 +91,18 @@ class Study:
     """Calibrations over the product of some axes."""
 
     title: str
-    draws: int  # calibrations at every point, each with a seed of its own
+    draws: Count  # calibrations at every point, each with a seed of its own
     axes: dict  # at most a few thousand points
     scene: str = ""  # name or path of a scene's file; left out where the axis "scene" names several
-    seed: int = 0  # of the first draw
+    seed: Seed = 0  # of the first draw
     fixed: dict | None = None
     drawn: Drawn = Drawn()
-    time_limit: float = 60.0  # seconds of processor time of one calibration
+    time_limit: Seconds = 60.0  # processor time of one calibration
 
     OPTIONAL = ("title", "scene", "seed", "fixed", "drawn", "time_limit")
 
     def __post_init__(self):
-        require_positive("draws", self.draws)
-        require_positive("time_limit", self.time_limit, "s")
+        check(self)
         for key, values in self.axes.items():
             if not isinstance(values, list) or not values:
                 remedy = f'write it as "{shown(key)}" = [...]'

@@ -25,6 +25,7 @@ from functools import lru_cache
 import numpy as np
 
 from ...model.problem import Problem
+from ...model.types import Integers, Reals
 from ...model.validation import frozen_array
 
 NU = 3.0  # degrees of freedom of a residual
@@ -82,7 +83,9 @@ class Arrivals:
     # from which the fit begins: positions near by have one near by; None to begin without one, far slower
     start: Source | None = None
 
-    def terms(self, positions, log_speed: float = 0.0, derivatives: bool = True, delays=None) -> ArrivalTerms:
+    def terms(
+        self, positions: Reals, log_speed: float = 0.0, derivatives: bool = True, delays: Reals | None = None
+    ) -> ArrivalTerms:
         """Return the term at positions (N, D) and delays (N,), metres; without derivatives its cost alone."""
         (N, D), T = positions.shape, len(self.paths)
         z = self._padded(positions - positions.mean(axis=0))
@@ -126,22 +129,22 @@ class Arrivals:
         """Arrivals of each take beyond the unknowns of its source."""
         return np.sum(self.used, axis=1) - (self.dimension + 1.0)
 
-    def _median(self, r) -> np.ndarray:
+    def _median(self, r: Reals) -> np.ndarray:
         """Median (T,) of the absolute values of (T, N) where there are arrivals."""
         size, count = np.sort(np.where(self.used, np.abs(r), np.inf), axis=1), self.used.sum(axis=1)
         take = np.arange(len(r))
         return (size[take, (count - 1) // 2] + size[take, count // 2]) / 2
 
-    def _padded(self, z) -> np.ndarray:
+    def _padded(self, z: Reals) -> np.ndarray:
         return np.pad(z, ((0, 0), (0, self.dimension - z.shape[1])))
 
-    def _costs(self, r) -> np.ndarray:
+    def _costs(self, r: Reals) -> np.ndarray:
         return (NU + 1) / 2 * np.log1p(r**2 / (NU * self.sigma[:, None] ** 2)).sum(axis=1)
 
-    def _weights(self, r) -> np.ndarray:
+    def _weights(self, r: Reals) -> np.ndarray:
         return self.used * ((NU + 1) / (NU * self.sigma[:, None] ** 2 + r**2))
 
-    def _residuals(self, paths, z, source: Source) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _residuals(self, paths: Reals, z: Reals, source: Source) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals r, 0 where there is no arrival, path differences g, both metres, and s : (T, N) each."""
         q, b = source.inverse[:, None], source.direction @ z.T
         a = q * (z**2).sum(axis=1)
@@ -149,7 +152,7 @@ class Arrivals:
         g = (a - 2 * b) / (1 + s)
         return self.used * (paths - source.emission[:, None] - g), g, s
 
-    def _jacobian(self, z, source: Source, g, s) -> np.ndarray:
+    def _jacobian(self, z: Reals, source: Source, g: Reals, s: Reals) -> np.ndarray:
         """Derivative (T, N, K) of the residuals by the tangents of u, by q and by b, of all microphones."""
         J = np.empty((*s.shape, z.shape[1] + 1))
         np.divide(z @ _tangents(source.direction), s[..., None], out=J[..., :-2])
@@ -157,12 +160,12 @@ class Arrivals:
         J[..., -1] = -1.0
         return J
 
-    def _at_bound(self, slope, r, inverse) -> np.ndarray:
+    def _at_bound(self, slope: Reals, r: Reals, inverse: Reals) -> np.ndarray:
         """Which sources are as far, or as near, as they may be, and would be farther, or nearer : (T,) bool."""
         gradient = (slope * r).sum(axis=1)
         return ((inverse <= 0) & (gradient > 0)) | ((inverse >= 1 / NEAREST) & (gradient < 0))
 
-    def _sources(self, paths, z) -> Source:
+    def _sources(self, paths: Reals, z: Reals) -> Source:
         """The likeliest source of each take, from several distances."""
         radius = float(np.sqrt(np.mean(np.sum(z**2, axis=1)))) or 1.0
         direction, emission = self._plane_waves(paths, z)
@@ -174,7 +177,7 @@ class Arrivals:
         best = np.argmin(cost.reshape(-1, T) + 1e-9 * np.arange(len(starts))[:, None], axis=0) * T + np.arange(T)
         return Source(found.direction[best], found.inverse[best], found.emission[best])
 
-    def _plane_waves(self, paths, z) -> tuple[np.ndarray, np.ndarray]:
+    def _plane_waves(self, paths: Reals, z: Reals) -> tuple[np.ndarray, np.ndarray]:
         """Directions (T, dimension) and emissions (T,), metres, by least squares that weigh outliers down."""
         A = np.column_stack([z, np.ones(len(z))])
         flat = np.linalg.svd(z, full_matrices=False)[2][-1]  # the direction of which a plane array shows least
@@ -194,7 +197,7 @@ class Arrivals:
         u = u / np.maximum(size, 1.0)[:, None] + rest[:, None] * flat
         return u / np.linalg.norm(u, axis=1, keepdims=True), fit[:, -1]
 
-    def _consensus(self, paths, A) -> np.ndarray:
+    def _consensus(self, paths: Reals, A: Reals) -> np.ndarray:
         """Fit (T, K) of paths by A (N, K) of the least median residual, over small subsets of the microphones.
 
         P. Rousseeuw, "Least Median of Squares Regression", J. Am. Stat. Assoc. 79, 1984: up to half may be outliers.
@@ -209,7 +212,7 @@ class Arrivals:
         middle = np.sort(size, axis=-1)[:, np.arange(len(paths)), np.sum(self.used, axis=1) // 2]
         return fits[np.argmin(middle, axis=0), np.arange(len(paths))]
 
-    def _fitted(self, paths, z, source: Source) -> tuple[Source, np.ndarray]:
+    def _fitted(self, paths: Reals, z: Reals, source: Source) -> tuple[Source, np.ndarray]:
         """The source of each take at the nearest minimum, and its cost (T,), by damped Gauss-Newton steps."""
         damping, diagonal = np.full(len(paths), DAMPING), np.arange(z.shape[1] + 1)
         r, g, s = self._residuals(paths, z, source)
@@ -262,7 +265,7 @@ def _subsets(used: bytes, takes: int, microphones: int) -> np.ndarray:
     return frozen_array(np.argsort(np.random.default_rng(0).random((SUBSETS, *missing.shape)) + missing), np.int64)
 
 
-def _tangents(u) -> np.ndarray:
+def _tangents(u: Reals) -> np.ndarray:
     """Orthonormal bases (T, dimension, dimension - 1) across unit vectors (T, dimension), by reflection."""
     v = np.array(u)
     v[:, 0] += np.where(u[:, 0] < 0, -1.0, 1.0)
@@ -271,7 +274,7 @@ def _tangents(u) -> np.ndarray:
     return reflected
 
 
-def _bases(J) -> np.ndarray:
+def _bases(J: Reals) -> np.ndarray:
     """Orthonormal bases (T, N, K) of the columns of matrices (T, N, K); columns of what is undetermined are 0."""
     U, values, _ = np.linalg.svd(J / np.maximum(np.linalg.norm(J, axis=1, keepdims=True), 1e-300), full_matrices=False)
     return U * (values > 1e-7)[:, None]
@@ -316,7 +319,7 @@ ROUNDS = 15  # of positions and sigma before the arrivals count
 
 
 def near_positions(
-    arrivals: Arrivals, positions: np.ndarray, spread: float, constrained
+    arrivals: Arrivals, positions: np.ndarray, spread: float, constrained: Integers
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the positions (N, D) that fit the arrivals best, and the sigma (T,) of these, metres.
 

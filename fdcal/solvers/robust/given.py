@@ -28,6 +28,7 @@ from scipy.special import chdtrc
 from ...cost.likelihood import Terms
 from ...model.gauge import align, fixes_gauge, rigid_motions
 from ...model.problem import Problem
+from ...model.types import Bools, Integers, Reals
 from ...model.validation import frozen_array
 from .. import starts
 from ..estimate import GivenHypothesis
@@ -271,7 +272,7 @@ class Hypothesis:
     positions: np.ndarray  # (N, D) float64, metres, the array in the frame of the given positions
 
 
-def hypotheses(found: FreeArray, known, places, stated: float | None, sized: bool) -> list[Hypothesis]:
+def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float | None, sized: bool) -> list[Hypothesis]:
     """Return the hypotheses on `places` (A, D), metres, given of `known` (A,) int64, the likeliest first.
 
     stated : metres, sigma of a given coordinate that the user states; sized : whether the sound speed may be wrong
@@ -291,7 +292,7 @@ def hypotheses(found: FreeArray, known, places, stated: float | None, sized: boo
 EXAMINED = 7
 
 
-def _subsets(found: FreeArray, known, places) -> list[np.ndarray]:
+def _subsets(found: FreeArray, known: Integers, places: Reals) -> list[np.ndarray]:
     """Which given positions may be right: any of few; of many, those that fit best and ever fewer of them."""
     A, D = places.shape
     if A <= EXAMINED:
@@ -301,7 +302,7 @@ def _subsets(found: FreeArray, known, places) -> list[np.ndarray]:
     return [~np.isin(np.arange(A), worst[:count]) for count in range(A - D + 1)]
 
 
-def _exchanges(found: FreeArray, known, places) -> list[np.ndarray]:
+def _exchanges(found: FreeArray, known: Integers, places: Reals) -> list[np.ndarray]:
     """Orders with two positions exchanged; of many, of those that fit least."""
     A, orders = len(known), []
     if A <= places.shape[1]:
@@ -318,7 +319,7 @@ def _exchanges(found: FreeArray, known, places) -> list[np.ndarray]:
 SUBSETS = 40
 
 
-def _away(found: FreeArray, known, places) -> np.ndarray:
+def _away(found: FreeArray, known: Integers, places: Reals) -> np.ndarray:
     """Distance (A,) of the given positions from an array that lies on the subset of least median error."""
     x, D = found.unknowns.positions[known], places.shape[1]
     best = np.full(len(known), np.inf)
@@ -328,7 +329,9 @@ def _away(found: FreeArray, known, places) -> np.ndarray:
     return best
 
 
-def _weighed(found: FreeArray, known, places, right, order, scale: bool, stated: float | None) -> Hypothesis:
+def _weighed(
+    found: FreeArray, known: Integers, places: Reals, right: Bools, order: Integers, scale: bool, stated: float | None
+) -> Hypothesis:
     """One hypothesis, with the likelier one of the two mirror images."""
     x, D = found.unknowns.positions, places.shape[1]
     ordered, constrained = places[order], known[right]
@@ -351,7 +354,7 @@ WRONG = 0.05
 SIZES = 0.1
 
 
-def _log_prior(right, order, scale: bool) -> float:
+def _log_prior(right: Bools, order: Integers, scale: bool) -> float:
     """Logarithm of the probability that these given positions are wrong or exchanged, or the sound speed."""
     A, wrong = len(right), np.sum(~right)
     prior = wrong * np.log(WRONG) + (A - wrong) * np.log1p(-WRONG)
@@ -360,7 +363,17 @@ def _log_prior(right, order, scale: bool) -> float:
     return float(prior + (np.log(WRONG / SIZES) if scale else 0.0))
 
 
-def _placed(found: FreeArray, known, places, right, columns, index, spectrum, stated: float | None, mirror: bool):
+def _placed(
+    found: FreeArray,
+    known: Integers,
+    places: Reals,
+    right: Bools,
+    columns: Reals,
+    index: Integers,
+    spectrum: tuple[Reals, Reals],
+    stated: float | None,
+    mirror: bool,
+):
     """Log evidence, sigma and positions of one image of the array, and its last motion with one sigma."""
     x = found.unknowns.positions
     turn, centre, target = _turn(x[known[right]], places[right], mirror)
@@ -387,7 +400,7 @@ def _placed(found: FreeArray, known, places, right, columns, index, spectrum, st
 DECADES = 1e3
 
 
-def _of_wrong(away, sigma: float) -> float:
+def _of_wrong(away: Reals, sigma: float) -> float:
     """Log density of wrong positions at `away` (W, D), metres, from where they should be."""
     D = away.shape[1]
     distance = np.sqrt(np.sum(away**2, axis=1) + sigma**2)
@@ -395,7 +408,7 @@ def _of_wrong(away, sigma: float) -> float:
     return float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DECADES))))
 
 
-def _turn(x, places, mirror: bool):
+def _turn(x: Reals, places: Reals, mirror: bool):
     """The motion y = (x - centre) turn + target of least squares; `mirror` takes the other image."""
     centre, target = x.mean(axis=0), places.mean(axis=0)
     U, _, Vt = np.linalg.svd((x - centre).T @ (places - target))

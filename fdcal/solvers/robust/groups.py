@@ -14,12 +14,15 @@ frequencies. The noise counts as larger by what a pose may be away from the righ
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.optimize import minimize
 
 from ...cost.kernels import diffuse_kernel
 from ...cost.likelihood import FieldModel, likelihood_terms
+from ...model.types import Complexes, Integers, Reals
 from ..interface import check_deadline
 from .state import SUSPICIOUS
 
@@ -27,7 +30,7 @@ GAP = 0.35  # distance between two groups at least, over the shortest wavelength
 MIN_GROUP = 6  # microphones of a group at least; those of a smaller one belong to the nearest
 
 
-def groups(positions, wavelength: float) -> list[np.ndarray]:
+def groups(positions: Reals, wavelength: float) -> list[np.ndarray]:
     """Return the microphones of each group, (G,) int64 each; one group if there are no gaps.
 
     `positions` (N, 2) float64, metres; `wavelength`: metres, the shortest.
@@ -50,7 +53,7 @@ MAX_POSES = 3  # poses that are tried after one end at most
 MAX_GROUPS = 4  # groups that are posed at most, the largest but one first
 
 
-def other_poses(positions, pressures, field: FieldModel) -> list[np.ndarray]:
+def other_poses(positions: Reals, pressures: Complexes, field: FieldModel) -> list[np.ndarray]:
     """Return arrays with one group in another pose that may be the right one, the likeliest first.
 
     `positions` (N, 2) float64, metres; `pressures` (M, N) complex128, divided by the responses of the channels, any one
@@ -60,7 +63,7 @@ def other_poses(positions, pressures, field: FieldModel) -> list[np.ndarray]:
     wavelength = 2 * np.pi / float(field.wavenumbers.max())
     found = groups(positions, wavelength)
     healthy = field.channel_noise < SUSPICIOUS
-    results = []
+    results: list[tuple[float, Reals]] = []
     for group in sorted(found, key=len)[:-1][-MAX_GROUPS:]:
         rest = np.setdiff1d(np.arange(len(positions)), group)
         if min(np.sum(healthy[group]), np.sum(healthy[rest])) >= MIN_GROUP:
@@ -78,7 +81,9 @@ ANGLES = 12  # turns of a group, each with its mirror image
 EVALUATIONS = 40  # of the likelihood in each of these rounds
 
 
-def _refined(x, q, field: FieldModel, group, rest) -> list[tuple[float, np.ndarray]]:
+def _refined(
+    x: Reals, q: Complexes, field: FieldModel, group: Integers, rest: Integers
+) -> list[tuple[float, np.ndarray]]:
     """Cost of poses of `group` over that of the present one, and the positions (N, 2), metres, with each."""
     healthy = field.channel_noise < SUSPICIOUS
     inside, outside = group[healthy[group]], rest[healthy[rest]]
@@ -86,13 +91,13 @@ def _refined(x, q, field: FieldModel, group, rest) -> list[tuple[float, np.ndarr
     used = np.unique(np.linspace(0, len(q) - 1, min(len(q), REFINED_MODES)).astype(int))
     wavelength = 2 * np.pi / float(field.wavenumbers.max())
 
-    def cost(y, blur: float) -> float:
+    def cost(y: Reals, blur: float) -> float:
         k, power = field.wavenumbers[used], field.power[used]
         noise = field.noise[used] + power * (k * blur) ** 2 / field.dimension
         blurred = FieldModel(k, power, noise, field.channel_noise[few], field.dimension)
         return likelihood_terms(y[few], q[np.ix_(used, few)], blurred, derivatives=False).cost
 
-    present, results = cost(x, BLURS[-1] * wavelength), []
+    present, results = cost(x, BLURS[-1] * wavelength), list[tuple[float, Reals]]()
     for turn, place in _searched(x, q, field, inside, outside):
         shape, pose, least = (x[group] - x[inside].mean(axis=0)) @ turn.T, np.append(place / wavelength, 0.0), np.inf
         for blur in BLURS:
@@ -106,11 +111,13 @@ def _refined(x, q, field: FieldModel, group, rest) -> list[tuple[float, np.ndarr
     return results
 
 
-def _placing(cost, x, group, shape, blur: float, wavelength: float):
+def _placing(
+    cost: Callable[[Reals, float], float], x: Reals, group: Integers, shape: Reals, blur: float, wavelength: float
+):
     return lambda pose: cost(_moved(x, group, shape, pose, wavelength), blur * wavelength)
 
 
-def _moved(x, group, shape, pose, wavelength: float) -> np.ndarray:
+def _moved(x: Reals, group: Integers, shape: Reals, pose: Reals, wavelength: float) -> np.ndarray:
     """Return `x` with the group at `shape` (G, 2), metres, in a `pose` (3,): middle, wavelengths, and turn, radians."""
     y = np.array(x)
     y[group] = pose[:2] * wavelength + shape @ _turn(pose[2]).T
@@ -121,7 +128,7 @@ def _turn(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-def _spread(x, count: int) -> np.ndarray:
+def _spread(x: Reals, count: int) -> np.ndarray:
     """At most `count` of the positions (N, 2), each the farthest from those before : int64."""
     chosen = [int(np.argmax(np.linalg.norm(x - x.mean(axis=0), axis=1)))]
     away = np.linalg.norm(x - x[chosen[0]], axis=1)
@@ -137,7 +144,9 @@ CELL = 1 / 6  # of the lattice, over the shortest wavelength of the lowest modes
 REFINED_POSES = 16  # poses that are refined
 
 
-def _searched(x, q, field: FieldModel, inside, outside) -> list[tuple[np.ndarray, np.ndarray]]:
+def _searched(
+    x: Reals, q: Complexes, field: FieldModel, inside: Integers, outside: Integers
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Turn (2, 2) and place (2,) of the likeliest poses of microphones `inside`, no two of them alike."""
     low = slice(0, LOWEST_MODES)
     k, middle = field.wavenumbers[low], x[inside].mean(axis=0)
@@ -152,7 +161,7 @@ def _searched(x, q, field: FieldModel, inside, outside) -> list[tuple[np.ndarray
     for row, turn in zip(cost, turns, strict=True):
         check_deadline()
         row[:] = _costs(x[far], (x[near] - middle) @ turn.T, q[low][:, far], q[low][:, near], pair, places)
-    kept = []
+    kept: list[tuple[Reals, Reals, Reals]] = []
     for turn, place in zip(*np.unravel_index(np.argsort(cost, axis=None), cost.shape), strict=True):
         shape = places[place] + (x[inside] - middle) @ turns[turn].T
         if all(np.sqrt(np.mean(np.sum((shape - one) ** 2, axis=1))) > cell for *_, one in kept):
@@ -162,7 +171,7 @@ def _searched(x, q, field: FieldModel, inside, outside) -> list[tuple[np.ndarray
     return [one[:2] for one in kept]
 
 
-def _lattice(inside, outside, wavelengths, cell: float) -> np.ndarray:
+def _lattice(inside: Reals, outside: Reals, wavelengths: Reals, cell: float) -> np.ndarray:
     """Places (G, 2) of the middle of a group about the others: as far as the low modes cohere."""
     radii = [np.linalg.norm(one - one.mean(axis=0), axis=1).max() for one in (inside, outside)]
     extent = min(1.2 * sum(radii) + 0.5 * float(wavelengths.min()), float(wavelengths.max()))
@@ -171,7 +180,9 @@ def _lattice(inside, outside, wavelengths, cell: float) -> np.ndarray:
     return outside.mean(axis=0) + grid[np.linalg.norm(grid, axis=1) <= max(extent, cell)]
 
 
-def _costs(far, near, q_far, q_near, field: FieldModel, places) -> np.ndarray:
+def _costs(
+    far: Reals, near: Reals, q_far: Complexes, q_near: Complexes, field: FieldModel, places: Reals
+) -> np.ndarray:
     """Cost (G,) of the group at `near` (n, 2) moved to each of `places` (G, 2), given the pressures of the others."""
     across = np.linalg.norm(places[:, None, None] + near[None, None] - far[:, None], axis=-1)
     total = np.zeros(len(places))
@@ -185,7 +196,7 @@ def _costs(far, near, q_far, q_near, field: FieldModel, places) -> np.ndarray:
     return total
 
 
-def _whitened(x, q, k, field: FieldModel, m: int) -> tuple[np.ndarray, np.ndarray]:
+def _whitened(x: Reals, q: Complexes, k: float, field: FieldModel, m: int) -> tuple[np.ndarray, np.ndarray]:
     """Inverse (N, N) of the Cholesky factor of the covariance, and real and imaginary parts (N, 2) it whitens."""
     between = np.linalg.norm(x[:, None] - x[None], axis=-1)
     K = diffuse_kernel(between.ravel(), np.array([k]), field.dimension, slope=False)[0].reshape(between.shape)

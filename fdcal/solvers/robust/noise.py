@@ -18,6 +18,7 @@ from ...cost.noise import (
     updated_power,
 )
 from ...model.problem import Problem
+from ...model.types import Bools, Integers, Reals
 from ...model.validation import frozen_array
 from ..estimate import scale_sigma
 from . import arrivals as direct_sound
@@ -56,7 +57,7 @@ from .state import (
 )
 
 
-def with_power(state: State, used, chosen: FieldModel, terms: Terms) -> State:
+def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -> State:
     """Return `state` with power and channel noise after one round of their fixed point."""
     power = np.array(state.model.power)
     power[used] = updated_power(chosen, terms)
@@ -140,7 +141,7 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
         e = state.gains[:, column] - state.offsets[:, column]
         fresh = _updated_sigma(sigma, e, variance[:, D + column], 1, MIN_SPREAD)
         sigmas.append(fresh if stated[column] is None else sigma)
-    filters = []
+    filters: list[float] = []
     for column, sigma in enumerate((model.delay_sigma, model.corner_sigma)):
         expected = PRIOR_FILTER[column]
         if sigma > 0:
@@ -187,7 +188,7 @@ def with_filters(problem: Problem, state: State) -> State:
     return replace(state, model=replace(state.model, delay_sigma=found[0][1], corner_sigma=found[1][1]))
 
 
-def _likeliest_spread(gradient, matrix, rest, filters, c: int) -> tuple[float, float]:
+def _likeliest_spread(gradient: Reals, matrix: Reals, rest: Bools, filters: Bools, c: int) -> tuple[float, float]:
     """Evidence for a spread of filters, nats over none, and the likeliest one; rest, filters : (F,) bool."""
     across = matrix[np.ix_(filters, rest)] @ scaled_inverse(matrix[np.ix_(rest, rest)])
     values, vectors = np.linalg.eigh(matrix[np.ix_(filters, filters)] - across @ matrix[np.ix_(rest, filters)])
@@ -203,7 +204,7 @@ def with_arrivals(problem: Problem, state: State) -> State:
     arrivals = direct_sound.arrivals_of(problem, None)
     if arrivals is None:
         return state
-    constrained = objective_of(problem, state, slice(0)).priors.constrained
+    constrained = objective_of(problem, state, np.arange(0)).priors.constrained
     x, sigma = direct_sound.near_positions(arrivals, state.positions, state.model.spread, constrained)
     return _with_sigma_of(problem, replace(state, positions=frozen_array(x, float)), sigma)
 
@@ -221,7 +222,7 @@ def with_arrival_sigma(problem: Problem, state: State, trial: ChannelStep) -> St
     return _with_sigma_of(problem, state, direct_sound.updated_sigma(arrivals, terms, covariance[np.ix_(index, index)]))
 
 
-def _with_sigma_of(problem: Problem, state: State, sigma) -> State:
+def _with_sigma_of(problem: Problem, state: State, sigma: Reals) -> State:
     """`state` with a sigma for each take that has enough arrivals."""
     assert problem.arrivals is not None and problem.arrival_sigma is not None
     every = problem.sound_speed * np.array(problem.arrival_sigma)
@@ -229,7 +230,9 @@ def _with_sigma_of(problem: Problem, state: State, sigma) -> State:
     return replace(state, model=replace(state.model, arrival_sigma=frozen_array(every, float)))
 
 
-def _updated_sigma(sigma: float, deviation, variance, components: int, floor: float, maximum: float = np.inf) -> float:
+def _updated_sigma(
+    sigma: float, deviation: Reals, variance: Reals, components: int, floor: float, maximum: float = np.inf
+) -> float:
     """Spread of a prior: squared deviations over how many the data determine.
 
     deviation : (K,) root of the sum of squares of the components; variance : (K,) posterior, per component
@@ -332,7 +335,7 @@ def last_kernel(problem: Problem, state: State) -> KernelName:
 DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 
-def with_directions(problem: Problem, state: State, used, updates: int) -> State:
+def with_directions(problem: Problem, state: State, used: Integers, updates: int) -> State:
     """Return `state` with the power of the field by direction learned a little further, where its kernel has one."""
     model = state.model
     if model.kernel not in DIRECTIONAL:

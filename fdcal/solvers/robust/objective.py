@@ -26,6 +26,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from ...cost.likelihood import Conditional, FieldModel, Terms, likelihood_terms,
 from ...model.gauge import align, rigid_motions
 from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
+from ...model.types import Bools, Integers, Reals
 from ...model.validation import frozen_array
 from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 from .arrivals import Arrivals, ArrivalTerms, Source, arrivals_of
@@ -123,7 +125,7 @@ class Priors:
         """Whether no given position holds the array."""
         return not len(self.known)
 
-    def of_known(self, positions) -> tuple[float, np.ndarray, np.ndarray]:
+    def of_known(self, positions: Reals) -> tuple[float, np.ndarray, np.ndarray]:
         """Return the cost of the given positions, their deviations (A, D), metres, and their stiffness (A,), 1/m^2."""
         e, nu = positions[self.known] - self.places, self.known_tail
         square, D, sigma = np.sum(e**2, axis=1), e.shape[1], max(self.known_sigma, EXACT)
@@ -135,7 +137,7 @@ class Priors:
         return replace(self, known=self.known[:0], places=self.places[:0])
 
 
-def spring(square, sigma: float, components: int, freedom: float = NU):
+def spring(square: Any, sigma: float, components: int, freedom: float = NU):
     """Stiffness of the Student t prior at the squared deviation `square`."""
     return (freedom + components) / (freedom * sigma**2 + square)
 
@@ -213,12 +215,12 @@ def _with_speed(unknowns: Unknowns, terms: Terms) -> tuple[np.ndarray, np.ndarra
     return np.append(gradient.ravel(), direction @ gradient.ravel()), matrix
 
 
-def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
+def _add_priors(unknowns: Unknowns, priors: Priors, gradient: Reals, matrix: Reals) -> float:
     """Cost of the priors; gradient and matrix, where they are not empty, are added to in place."""
     D, channels, known = unknowns.positions.shape[1], unknowns.channels, priors.known
     P, every, cost = D + unknowns.gains * channels.shape[1], np.arange(len(unknowns.positions)), 0.0
 
-    def add(index, slope, stiffness) -> None:
+    def add(index: Integers | int, slope: Reals | float, stiffness: Reals | float) -> None:
         if len(gradient):
             gradient[index] += slope
             matrix[index, index] += stiffness
@@ -246,7 +248,7 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
     return float(cost)
 
 
-def _add_arrivals(unknowns: Unknowns, arrivals: Arrivals, gradient, matrix) -> ArrivalTerms:
+def _add_arrivals(unknowns: Unknowns, arrivals: Arrivals, gradient: Reals, matrix: Reals) -> ArrivalTerms:
     """Terms of the arrivals; gradient and matrix, where they are not empty, are added to in place."""
     terms = arrivals.terms(unknowns.positions, unknowns.log_speed, len(gradient) > 0, unknowns.delays)
     if len(gradient):
@@ -374,14 +376,14 @@ def field_wavenumbers(problem: Problem, state: State) -> np.ndarray:
     return np.real(k) if state.model.kernel in UNDAMPED else k.astype(complex)
 
 
-def corrected(problem: Problem, state: State, used) -> np.ndarray:
+def corrected(problem: Problem, state: State, used: Integers | slice) -> np.ndarray:
     """Pressures of the modes `used` divided by the responses of the channels."""
     k, filters = np.real(wavenumbers(problem, state)[used]), state.model.filters
     channels = np.hstack([state.gains, filters]) if np.any(filters) else state.gains
     return problem.pressures[used] * np.exp(-log_response(channels, k)[0])
 
 
-def field_of(problem: Problem, state: State, used) -> FieldModel:
+def field_of(problem: Problem, state: State, used: Integers) -> FieldModel:
     """What is assumed of the modes `used`."""
     model = state.model
     return FieldModel(
@@ -403,7 +405,7 @@ CONDITIONAL_POWER = 50.0  # factor on the power of the field in the conditional 
 CONDITIONAL_WEIGHT = {2: 0.3, 3: 0.1}
 
 
-def _conditional(problem: Problem, state: State, used) -> Conditional | None:
+def _conditional(problem: Problem, state: State, used: Integers) -> Conditional | None:
     """The conditional likelihood of the last stage, where the array can do without the other."""
     model = state.model
     if not model.conditional or model.kernel == "near" or state.progress.stage != FINAL:
@@ -414,7 +416,7 @@ def _conditional(problem: Problem, state: State, used) -> Conditional | None:
     )
 
 
-def objective_of(problem: Problem, state: State, used) -> Objective:
+def objective_of(problem: Problem, state: State, used: Integers) -> Objective:
     """What the stage minimises."""
     stage, model = STAGES[state.progress.stage], state.model
     known_sigma = model.known_sigma
@@ -456,7 +458,9 @@ class ChannelStep:
     source: Source | None = None  # Source of the arrivals there; None without any
 
 
-def free_directions(unknowns: Unknowns, constrained, deformations=None, speed: bool = False) -> np.ndarray:
+def free_directions(
+    unknowns: Unknowns, constrained: Integers, deformations: Reals | None = None, speed: bool = False
+) -> np.ndarray:
     """Return the directions in which the unknowns may move.
 
     constrained : microphones whose coordinates never move, (A,) int64; deformations : (N D, F) float64 or None,
@@ -468,7 +472,7 @@ def free_directions(unknowns: Unknowns, constrained, deformations=None, speed: b
     N, D = unknowns.positions.shape
     size = unknowns.vector.size
     index = np.arange(size - 1).reshape(N, -1)
-    freed = []
+    freed: list[Integers] = []
     if unknowns.gains:
         freed.append(index[:, D : D + 2].T.ravel())
         filters = unknowns.channels[:, 2:]
@@ -521,7 +525,12 @@ def interpolation(positions: np.ndarray, constrained: np.ndarray) -> np.ndarray:
 
 
 def channel_step(
-    unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, max_step=np.inf, blind: bool = False
+    unknowns: Unknowns,
+    objective: Objective,
+    free: np.ndarray,
+    damping: float,
+    max_step: float = np.inf,
+    blind: bool = False,
 ) -> ChannelStep:
     """Return one damped Gauss-Newton step; max_step in metres, `blind` where given positions do not hold the array."""
     try:
@@ -669,7 +678,7 @@ def is_converged(problem: Problem, state: State) -> bool:
     return bool(np.all(np.abs(step[healthy]) <= CONVERGED_SIGMAS * there.sigma[healthy]))
 
 
-def without_motion(problem: Problem, positions, step, healthy, priors: Priors) -> np.ndarray:
+def without_motion(problem: Problem, positions: Reals, step: Reals, healthy: Bools, priors: Priors) -> np.ndarray:
     """Return a step without the motion of the array as a whole, which given positions have settled (`given.anchored`).
 
     They say more of it than the pressures do; where they are exact they leave no such motion.

@@ -20,6 +20,7 @@ from scipy.linalg import solve_triangular
 from ...cost.kernels import diffuse_kernel
 from ...cost.likelihood import log_response
 from ...model.problem import Problem
+from ...model.types import Complexes, Reals
 from ...model.validation import frozen_array
 from ..interface import check_deadline
 from .noise import with_noise
@@ -99,7 +100,7 @@ FILTER_NATS = 8.0  # by which a filter must be likelier than a place and a gain 
 COHERENT = 0.75  # share of the power that it must explain
 
 
-def _best(p, e, V, k, cut):
+def _best(p: Complexes, e: Complexes, V: Reals, k: Reals, cut: Reals):
     """Cost, candidate, log gain and filter, where a channel p (M,) with the filter `cut` (2,) fits best."""
     response = log_response(np.array([[0.0, 0.0, *cut]]), k)[0][:, 0]
     cost, value = _fitted(p * np.exp(-response), e, V)
@@ -115,14 +116,16 @@ def _best(p, e, V, k, cut):
 CANDIDATES = 1500  # at most, a cap of memory
 
 
-def _lattice(x, spacing: float) -> np.ndarray:
+def _lattice(x: Reals, spacing: float) -> np.ndarray:
     low, high = x.min(axis=0) - 2 * spacing, x.max(axis=0) + 2 * spacing
     spacing = max(spacing, float((np.prod(high - low) / CANDIDATES) ** (1 / x.shape[1])))
     axes = [np.arange(a, b + spacing, spacing) for a, b in zip(low, high, strict=True)]
     return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, x.shape[1])
 
 
-def _predicted(x, q, candidates, k, power, noise, tau, dimension: int):
+def _predicted(
+    x: Reals, q: Complexes, candidates: Reals, k: Reals, power: Reals, noise: Reals, tau: Reals, dimension: int
+):
     """Prediction (M, C) at candidates (C, D) by microphones at x (N, D) of pressures q (M, N), and its variance."""
     between = np.linalg.norm(x[:, None] - x[None], axis=-1)
     across = np.linalg.norm(x[:, None] - candidates[None], axis=-1)
@@ -147,7 +150,7 @@ GROSS_GAIN_SIGMA = 0.05
 MAX_GAIN = 1.5
 
 
-def _fitted(p, e, V):
+def _fitted(p: Complexes, e: Complexes, V: Reals):
     """Cost (C,) and log gain (C,) complex128 of a channel p (M,) of which e (M, C) is predicted with variance V."""
     gain = np.sum(np.conj(e) * p[:, None] / V, axis=0) / (np.sum(np.abs(e) ** 2 / V, axis=0) + 1e-6)
     value = np.log(np.where(np.abs(gain) < 1e-6, 1e-6, gain))

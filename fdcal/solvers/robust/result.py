@@ -28,6 +28,7 @@ from ...cost.likelihood import Terms
 from ...model.gauge import GaugeFrame, rigid_motions
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
+from ...model.types import Reals
 from ..estimate import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, PositionSpread, TriedOptimum
 from . import given, noise
 from .objective import (
@@ -99,7 +100,9 @@ def result(problem: Problem, state: State) -> Estimate:
     )
 
 
-def estimate_at(problem: Problem, settings: SolverSettings, positions, modes: slice, converged: bool) -> Estimate:
+def estimate_at(
+    problem: Problem, settings: SolverSettings, positions: Reals, modes: slice, converged: bool
+) -> Estimate:
     """Return the estimate of positions (N, D), metres, that a solver of another cost has found.
 
     Channels count as matched and given positions as exact; the noise is all that the likelihood leaves unexplained.
@@ -161,7 +164,7 @@ def _spread(
     if not len(problem.known):  # sound speed and size of a blind array are one
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
-    influences = []
+    influences: list[Reals] = []
     by_take = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")  # neighbours are of one take
     for parts in (slopes, _grouped(slopes[by_take])):
         parts = np.concatenate([parts, timed])
@@ -202,18 +205,18 @@ def _shift(problem: Problem, state: State, here: Unknowns, objective: Objective)
     return (1.0 if model.conditional else LEARNED) * step
 
 
-def _grouped(slopes) -> np.ndarray:
+def _grouped(slopes: Reals) -> np.ndarray:
     """Sums of the gradients (M, F) of neighbouring modes."""
     count = max(1, len(slopes) // max(1, min(NEIGHBOURS, len(slopes) // MIN_GROUPS)))
     return np.array([part.sum(axis=0) for part in np.array_split(slopes, count)])
 
 
-def _about_zero(slopes) -> np.ndarray:
+def _about_zero(slopes: Reals) -> np.ndarray:
     """Gradients about their mean, which is zero at the minimum; it takes a share 1 / G off their squares."""
     return (slopes - slopes.mean(axis=0)) * np.sqrt(len(slopes) / max(len(slopes) - 1, 1))
 
 
-def _gauge(problem: Problem, positions) -> np.ndarray:
+def _gauge(problem: Problem, positions: Reals) -> np.ndarray:
     """Projection (N D, N D) that takes rigid motions off: onto the frame, or onto no motion on average."""
     size = positions.size
     if len(problem.known):
@@ -226,7 +229,7 @@ def _gauge(problem: Problem, positions) -> np.ndarray:
     return np.eye(size) - R @ np.linalg.solve(fixed @ R, fixed)
 
 
-def _frame_rows(frame: GaugeFrame, positions) -> np.ndarray:
+def _frame_rows(frame: GaugeFrame, positions: Reals) -> np.ndarray:
     """Linear functions of the positions (F, N D) that the frame fixes: the first point, then what is across."""
     N, D = positions.shape
     first = positions[frame.microphones[0]]

@@ -12,13 +12,14 @@ theta   all unknowns in one array: positions (N D) and, of the exact model, sour
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...acoustics.room_modes import DiffuseModel, point_source_model, room_pressures
 from ...model.problem import mode_power
+from ...model.types import Complexes, Numbers, Reals
 from ..estimate import SizeFit
 from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, Step, damped_step
 
@@ -36,13 +37,13 @@ def degrees_of_freedom(modes: int, count: int, D: int) -> float:
     return max(modes * (count - 1) - (count * D + D + 2) / 2, 1.0)
 
 
-def field_power(pressures, noise) -> np.ndarray:
+def field_power(pressures: Complexes, noise: Reals) -> np.ndarray:
     """Return s (M,) of the diffuse model: the power of the pressures less that of the noise."""
     whole = mode_power(pressures)
     return np.maximum(whole - noise, 1e-3 * whole)
 
 
-def diffuse_terms(theta, pressures, noise, model: DiffuseModel) -> NewtonTerms:
+def diffuse_terms(theta: Reals, pressures: Complexes, noise: Reals, model: DiffuseModel) -> NewtonTerms:
     """Return -log of the probability density by the diffuse model at positions `theta` (N D,), and its derivatives.
 
     It is known up to a constant. The noise includes the power of position errors.
@@ -53,7 +54,7 @@ def diffuse_terms(theta, pressures, noise, model: DiffuseModel) -> NewtonTerms:
     cost, gradient, H = 0.0, np.zeros((N, D)), np.zeros((N, D, N, D))
     for p, s, v, w in zip(pressures, field_power(pressures, noise), noise, model.weights, strict=True):
         C = s * (W * w) @ W.T + v * np.eye(N)
-        inverse = np.linalg.inv(C)
+        inverse: Reals = np.linalg.inv(C)
         u = inverse @ p
         cost += np.linalg.slogdet(C)[1] + float(np.real(p.conj() @ u))
         g = s * (dW * w) @ (W.T @ u)  # (D, N), slopes of the field that fits
@@ -93,7 +94,14 @@ DIFFERENCE = 1e-6  # of the admittance or of a relative length, for a derivative
 
 
 @np.errstate(all="ignore")
-def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Exact:
+def exact(
+    theta: Reals,
+    pressures: Complexes,
+    noise: Reals,
+    wavenumbers: Numbers,
+    size: Sequence[float] | Reals,
+    slopes: bool = True,
+) -> Exact:
     """Return the exact model's residual, and its Jacobian if `slopes`; without it the Jacobian has no rows.
 
     Values without bound, as far outside of a room of another size, give a cost that no step is taken to.
@@ -115,7 +123,7 @@ def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Ex
     if not slopes:
         return Exact(theta, prior, residual, A * g, jacobian)
 
-    def slope(size, beta: complex) -> np.ndarray:
+    def slope(size: Sequence[float] | Reals, beta: complex) -> np.ndarray:
         changed = point_source_model(size, wavenumbers, beta)
         return (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / DIFFERENCE
 
@@ -134,7 +142,13 @@ def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Ex
 
 
 def bounded_step(
-    theta, terms: NewtonTerms, cost: Cost, bounds: tuple, coordinates: int, damping: float, max_step: float
+    theta: Reals,
+    terms: NewtonTerms,
+    cost: Cost,
+    bounds: tuple[np.ndarray | float, np.ndarray | float],
+    coordinates: int,
+    damping: float,
+    max_step: float,
 ) -> Step:
     """Return one damped Gauss-Newton step of unknowns `theta` (P,), clipped to their lower and upper `bounds`.
 
@@ -156,7 +170,14 @@ def bounded_inverse(curvature: np.ndarray) -> np.ndarray:
     return (vectors / np.maximum(values, MIN_CURVATURE * values[-1])) @ vectors.T
 
 
-def fitted_size(theta, pressures, noise, wavenumbers, size, residual: float) -> SizeFit:
+def fitted_size(
+    theta: Reals,
+    pressures: Complexes,
+    noise: Reals,
+    wavenumbers: Numbers,
+    size: Sequence[float] | Reals,
+    residual: float,
+) -> SizeFit:
     """Return the lengths of the room that fit best, everything else adapting to them.
 
     It starts at the solution `theta` with the given size. Where its reduced chi-square `residual` is small, one step is

@@ -13,11 +13,13 @@ positions (N, D), points (C, D) and lengths of the room are in metres.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...acoustics.room_modes import DiffuseModel, PointSourceModel, diffuse_model, point_source_model, room_pressures
+from ...model.types import Complexes, Numbers, Reals
 from ...model.validation import frozen_array
 from ..interface import check_deadline
 from .fit import diffuse_terms, field_power
@@ -45,20 +47,20 @@ POINTS_PER_WAVE = 8  # lattice points in the shortest wavelength
 MAX_POINTS = 8000  # points of a lattice; it is coarser otherwise
 
 
-def lattice_step(wavenumbers, size) -> float:
+def lattice_step(wavenumbers: Numbers, size: Sequence[float] | Reals) -> float:
     """Return the step of the lattice of an array search, metres."""
     fine = 2 * np.pi / float(np.real(wavenumbers).max()) / POINTS_PER_WAVE
     return max(fine, float(np.prod(size) / MAX_POINTS) ** (1 / len(size)))
 
 
-def lattice(size, step: float) -> tuple[list[np.ndarray], np.ndarray]:
+def lattice(size: Sequence[float] | Reals, step: float) -> tuple[list[np.ndarray], np.ndarray]:
     """Return coordinates along each axis, about `step` apart, and every point (C, D), the last coordinate fastest."""
     counts = [max(2, round(length / step)) for length in size]
     axes = [(np.arange(n) + 0.5) * length / n for n, length in zip(counts, size, strict=True)]
     return axes, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
-def noise_with_errors(noise, wavenumbers, D: int, error: float) -> np.ndarray:
+def noise_with_errors(noise: Reals, wavenumbers: Numbers, D: int, error: float) -> np.ndarray:
     """Return the noise (M,) and the power that position errors of `error` metres add to it."""
     return noise + np.minimum((np.real(wavenumbers) * error) ** 2 / D, 0.5)
 
@@ -68,13 +70,15 @@ LATTICE_ERROR = 0.6  # lattice steps that a microphone may be from its lattice p
 PLACED_AGAIN = 3  # of those, arrays whose microphones are placed again
 
 
-def find_arrays(pressures, noise, wavenumbers, size) -> list[ArrayCandidate]:
+def find_arrays(
+    pressures: Complexes, noise: Reals, wavenumbers: Numbers, size: Sequence[float] | Reals
+) -> list[ArrayCandidate]:
     """Return array candidates, the likeliest first."""
     p, k = pressures[:SEARCH_MODES], wavenumbers[:SEARCH_MODES]
     step = lattice_step(k, size)
     noise = noise_with_errors(noise[:SEARCH_MODES], k, len(size), LATTICE_ERROR * step)
     everywhere, part = (lattice(np.asarray(size) / parts, step)[1] for parts in (1, 2))
-    found = []
+    found: list[tuple[float, float, Reals, LatticePoints]] = []
     for width in WIDTHS:
         points = LatticePoints(everywhere, p, noise, diffuse_model(size, k, width))
         found += [(points.cost(x), width, x, points) for x in points.arrays(part)]
@@ -95,17 +99,17 @@ MAX_PASSES = 3  # in which the microphones of an array are placed again
 class LatticePoints:
     """Points (C, D), and what the diffuse model gives at them for any array."""
 
-    def __init__(self, points: np.ndarray, pressures, noise, model: DiffuseModel):
+    def __init__(self, points: np.ndarray, pressures: Complexes, noise: Reals, model: DiffuseModel):
         self.points, self.p, self.noise, self.model = points, pressures, noise, model
         self.weights = field_power(pressures, noise)[:, None] * model.weights  # (M, E)
         self.shapes = model.shapes(points)
         self.own = self.weights @ self.shapes.T**2 + noise[:, None]  # (M, C)
 
-    def cost(self, positions) -> float:
+    def cost(self, positions: Reals) -> float:
         """Return the cost of an array (N, D) by the diffuse model."""
         return diffuse_terms(positions.ravel(), self.p, self.noise, self.model).cost
 
-    def arrays(self, part) -> list[np.ndarray]:
+    def arrays(self, part: Reals) -> list[np.ndarray]:
         """Return the likeliest arrays (N, D) with the loudest microphone at a point of `part` (B, D)."""
         first = int(np.argmax(np.sum(np.abs(self.p) ** 2 / self.weights.sum(axis=1)[:, None], axis=0)))
         blocks = [self._others(part[start : start + BLOCK], first) for start in range(0, len(part), BLOCK)]
@@ -115,7 +119,7 @@ class LatticePoints:
         arrays[:, first] = part[likeliest]
         return list(arrays)
 
-    def _others(self, assumed, first: int) -> tuple[np.ndarray, np.ndarray]:
+    def _others(self, assumed: Reals, first: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest costs (B,) with microphone `first` at each of `assumed` (B, D), and all points (B, N)."""
         check_deadline()
         here, squares = self.model.shapes(assumed), np.abs(self.p) ** 2
@@ -130,7 +134,7 @@ class LatticePoints:
         costs[first] = np.sum(np.log(mine) + loud / mine, axis=0)
         return costs.min(axis=2).sum(axis=0), costs.argmin(axis=2).T
 
-    def costs(self, positions, n: int, max_others: int | None = None) -> np.ndarray:
+    def costs(self, positions: Reals, n: int, max_others: int | None = None) -> np.ndarray:
         """Return -log of the probability density of microphone `n` at each point, given the others : (M, C)."""
         check_deadline()
         others = np.delete(np.arange(len(positions)), n)
@@ -145,7 +149,7 @@ class LatticePoints:
         predicted = (t @ self.p[:, others, None])[..., 0]
         return np.log(variance) + np.abs(self.p[:, n, None] - predicted) ** 2 / variance
 
-    def placed_again(self, positions) -> np.ndarray:
+    def placed_again(self, positions: Reals) -> np.ndarray:
         """Return `positions` with one microphone after the other put where the others predict it : (N, D)."""
         positions = np.array(positions)
         for _ in range(MAX_PASSES):
@@ -163,7 +167,9 @@ SOURCES = 4  # places of the source that are returned
 MIN_DISTANCE = 2.0  # lattice steps between two of them
 
 
-def find_sources(positions, pressures, wavenumbers, size) -> list[SourceCandidate]:
+def find_sources(
+    positions: Reals, pressures: Complexes, wavenumbers: Numbers, size: Sequence[float] | Reals
+) -> list[SourceCandidate]:
     """Return places of the source, some lattice steps apart, the likeliest first."""
     step = lattice_step(wavenumbers, size) / FINER
     axes, points = lattice(size, step)
@@ -182,7 +188,7 @@ def find_sources(positions, pressures, wavenumbers, size) -> list[SourceCandidat
 UNEXPLAINED = 0.05  # fraction of the power that a lattice leaves unexplained
 
 
-def _source_costs(room: PointSourceModel, positions, pressures, axes) -> np.ndarray:
+def _source_costs(room: PointSourceModel, positions: Reals, pressures: Complexes, axes: Sequence[Reals]) -> np.ndarray:
     """Return the cost of the residual with a source of any strength at each point of a lattice : (C,) float64."""
     shapes, along = room.shapes(positions), _along(room, axes)
     cost = np.zeros(np.prod([len(axis) for axis in axes]))
@@ -200,7 +206,9 @@ def _source_costs(room: PointSourceModel, positions, pressures, axes) -> np.ndar
 BETTER = 0.3  # a microphone is relocated to where it leaves less than this part of its residual power
 
 
-def relocate(positions, walls, pressures, wavenumbers, size) -> np.ndarray:
+def relocate(
+    positions: Reals, walls: Reals, pressures: Complexes, wavenumbers: Numbers, size: Sequence[float] | Reals
+) -> np.ndarray:
     """Return `positions` with each microphone that fits far better elsewhere put there : (N, D).
 
     `walls` (D + 2,) holds the source, metres, and the admittance, real and imaginary part.
@@ -218,13 +226,13 @@ def relocate(positions, walls, pressures, wavenumbers, size) -> np.ndarray:
     return np.where(better[:, None], points[costs.argmin(axis=0)], positions)
 
 
-def _along(room: PointSourceModel, axes) -> list[np.ndarray]:
+def _along(room: PointSourceModel, axes: Sequence[Reals]) -> list[np.ndarray]:
     """Return the eigenfunctions along each axis at the coordinates of a lattice: D arrays (M, C_a, n_a)."""
     middle, number = np.asarray(room.size) / 2, np.arange(len(axes))
     return [room.shapes(np.where(number == a, axis[:, None], middle))[a] for a, axis in enumerate(axes)]
 
 
-def _everywhere(T, along, m: int) -> np.ndarray:
+def _everywhere(T: Numbers, along: Sequence[Numbers], m: int) -> np.ndarray:
     """Return sums over the eigenfunctions of mode m, with weights `T` (X, n_1, ..., n_D), at each point : (X, C)."""
     check_deadline()
     for shape in along:  # each contraction takes the first of the axes left and puts the points last

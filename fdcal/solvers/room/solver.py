@@ -27,6 +27,7 @@ import numpy as np
 from ...acoustics.room_modes import TRUNCATION, diffuse_model, nearest_symmetry, room_symmetries
 from ...model.problem import Problem, mode_power
 from ...model.settings import Search, SolverSettings
+from ...model.types import Complexes, Numbers, Reals
 from ...model.validation import InputError, frozen_array
 from ..estimate import RoomEstimate
 from ..interface import RunState, Traits
@@ -197,7 +198,7 @@ MARGIN = 1e-3  # metres, least distance between a microphone and a wall
 MAX_ADMITTANCE = 0.2  # of the walls
 
 
-def _fitted(state: State, p, noise, k) -> tuple[State, float]:
+def _fitted(state: State, p: Complexes, noise: Reals, k: Numbers) -> tuple[State, float]:
     """Return the state after one damped step with the model of its phase, and how far a coordinate moved, metres."""
     size, name, max_step = state.size, state.phase.name, search.lattice_step(k, state.size)
     N, D = state.positions.shape
