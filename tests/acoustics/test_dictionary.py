@@ -1,4 +1,4 @@
-"""The dictionaries in a plane and in space: Jacobi-Anger and Rayleigh, the diffuse kernel, and their special functions."""
+"""The dictionaries in a plane and in space: Jacobi-Anger, Rayleigh, the diffuse kernel, and special functions."""
 
 from __future__ import annotations
 
