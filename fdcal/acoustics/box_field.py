@@ -36,12 +36,12 @@ from .spectrum import SPECTRUM, ModalPressures, pick_peaks, wavenumber_continuou
 
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
 ROUGH = 10.0  # likewise, for finding the peaks alone
-MOST_TERMS = 40_000
+MAX_TERMS = 40_000
 BLOCK_VALUES = 65_536  # terms of microphones and wavenumbers in one batch: 1 MB an array
 LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line with this decay, times duration
 POINTS = 6  # points of the spectrum in the width of a line
 STEPS = 4.0  # continuation steps from a rigid to an absorbing wall, times |h| l; each takes a few Newton iterations
-MOST_STEPS = 100
+MAX_STEPS = 100
 
 
 def modal_pressures(room: Room, source: Source, positions, sensing: Sensing, progress=None) -> ModalPressures:
@@ -88,13 +88,12 @@ def require_affordable(source: Source, sensing: Sensing, microphones: int) -> No
     values = microphones * band * source.duration * POINTS / LINE_WIDTH
     if values > LIMITS.field_values:
         most = LIMITS.field_values * LINE_WIDTH / POINTS / microphones / band
-        raise InputError(
+        problem = (
             f"source.duration = {source.duration:g} s resolves {values:.3g} values of the spectrum from"
-            f" {sensing.lowest:g} Hz to {sensing.highest:g} Hz at {microphones} microphones",
-            f"use at most {most:.3g} s, a narrower band or fewer microphones",
-            key="source.duration",
-            value=source.duration,
+            f" {sensing.lowest:g} Hz to {sensing.highest:g} Hz at {microphones} microphones"
         )
+        remedy = f"use at most {most:.3g} s, a narrower band or fewer microphones"
+        raise InputError(problem, remedy, key="source.duration", value=source.duration)
 
 
 def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: float = EXACT) -> np.ndarray:
@@ -130,7 +129,7 @@ def eigenfunction_numbers(lengths, reach: float, k: float, n: int) -> tuple[np.n
     """Return the numbers (T,) of the eigenfunctions along the two axes whose gamma is below `reach`, 1/m."""
     furthest = math.hypot(reach, k)
     counts = furthest * lengths[:2] / np.pi
-    if np.prod(counts + 1) > MOST_TERMS:
+    if np.prod(counts + 1) > MAX_TERMS:
         problem = f"source.position is too close to microphone {n} for a sum over modes"
         raise InputError(problem, "move it further away", key="source.position")
     first, second = np.meshgrid(*(np.arange(math.ceil(count) + 1) for count in counts), indexing="ij")
@@ -180,7 +179,7 @@ def _absorbed(rigid: np.ndarray, length: float, h: complex) -> np.ndarray:
     kappa = rigid.astype(complex)
     kappa[:1] = np.sqrt(2 * h / steps / length)
     residual = np.full(len(kappa), np.inf)
-    for part in h * np.arange(1, steps + 1) / steps if steps <= MOST_STEPS else ():
+    for part in h * np.arange(1, steps + 1) / steps if steps <= MAX_STEPS else ():
         for _ in range(12):
             sin, cos = np.sin(kappa * half), np.cos(kappa * half)
             residual = np.where(odd, kappa * cos + part * sin, kappa * sin - part * cos)

@@ -54,12 +54,12 @@ def compiled_parallel(function: Callable[P, Found]) -> Callable[P, Found]:
     return compiled(function, parallel=True)
 
 
-MOST_THREADS = 4
+MAX_THREADS = 4
 
 
 @functools.cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1), "fdcal-modes")
+    return ThreadPoolExecutor(min(MAX_THREADS, os.cpu_count() or 1), "fdcal-modes")
 
 
 def shut_down_threads() -> None:

@@ -55,21 +55,13 @@ def make_grid(room: Room, sample_rate: float) -> Grid:
     dimensions, and as `cell_mask` does.
     """
     if room.dimension != 2:
-        raise InputError(
-            f"room.size = {list(room.size or ())} has three lengths, and the grid has two",
-            "compute its field with fdcal.acoustics.box_field",
-            key="room.size",
-            value=room.size,
-        )
+        problem = f"room.size = {list(room.size or ())} has three lengths, and the grid has two"
+        raise InputError(problem, "compute its field with fdcal.acoustics.box_field", key="room.size", value=room.size)
     courant = room.sound_speed / (sample_rate * room.cell_size)
     if courant > math.sqrt(0.5) * (1 + 1e-12):
         least = math.ceil(math.sqrt(2) * room.sound_speed / room.cell_size)
-        raise InputError(
-            f"source.sample_rate = {sample_rate:g} Hz breaks the CFL limit for room.cell = {room.cell:g} m",
-            f"use at least {least} Hz",
-            key="source.sample_rate",
-            value=sample_rate,
-        )
+        problem = f"source.sample_rate = {sample_rate:g} Hz breaks the CFL limit for room.cell = {room.cell:g} m"
+        raise InputError(problem, f"use at least {least} Hz", key="source.sample_rate", value=sample_rate)
     mask = cell_mask(room)
     neighbours = neighbour_sum(mask.astype(float)) * mask
     faces = 4 * mask - neighbours
@@ -120,12 +112,8 @@ def _check_walls(room: Room) -> None:
         cells = value / h
         if abs(cells - round(cells)) > FACE_TOLERANCE:
             below, above = (f(cells) * h for f in (math.floor, math.ceil))
-            raise InputError(
-                f"{key} has a wall at {value:g} m, which is not a whole number of cells of room.cell = {h:g} m",
-                f"use {below:g} or {above:g} m, or a cell that divides it",
-                key=key,
-                value=value,
-            )
+            problem = f"{key} has a wall at {value:g} m, which is not a whole number of cells of room.cell = {h:g} m"
+            raise InputError(problem, f"use {below:g} or {above:g} m, or a cell that divides it", key=key, value=value)
 
 
 def neighbour_sum(p: np.ndarray) -> np.ndarray:
@@ -265,12 +253,9 @@ def _check_length(source: Source, samples: int, receivers: int) -> None:
         raise InputError(problem, "use a shorter one", key="source.duration", value=source.duration)
     taps = pulse_length(source)
     if samples < taps:
-        raise InputError(
-            f"{duration} is shorter than the pulse",
-            f"use at least {math.ceil(1000 * taps / source.band.sample_rate) / 1000:g} s, or a higher source.low",
-            key="source.duration",
-            value=source.duration,
-        )
+        problem = f"{duration} is shorter than the pulse"
+        remedy = f"use at least {math.ceil(1000 * taps / source.band.sample_rate) / 1000:g} s, or a higher source.low"
+        raise InputError(problem, remedy, key="source.duration", value=source.duration)
 
 
 def advance(grid: Grid, p_old: np.ndarray, p: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:

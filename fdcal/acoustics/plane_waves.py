@@ -101,13 +101,12 @@ def require_rendered(response: SdmResponse, sensing: Sensing) -> None:
             value=sensing.highest,
         )
     if sensing.resolution * response.duration < 1 - 1e-2:
-        raise InputError(
+        problem = (
             f"measurement.resolution = {sensing.resolution:g} Hz is finer than that of a response of"
-            f" {response.duration:.3g} s",
-            f"use at least {math.ceil(10 / response.duration) / 10:g} Hz",
-            key="measurement.resolution",
-            value=sensing.resolution,
+            f" {response.duration:.3g} s"
         )
+        remedy = f"use at least {math.ceil(10 / response.duration) / 10:g} Hz"
+        raise InputError(problem, remedy, key="measurement.resolution", value=sensing.resolution)
 
 
 def modal_pressures(

@@ -39,7 +39,7 @@ from ..model.types import Numbers, Reals
 from ..model.validation import InputError
 
 RESONANCE_WIDTH = 2.2  # times 1 / T60, Hz
-MOST_FREQUENCIES = 1_000_000  # of a band: more are a mistake, and fill the memory
+MAX_FREQUENCIES = 1_000_000  # of a band: more are a mistake, and fill the memory
 
 
 def decay_rate(reverberation_time: float) -> float:
@@ -68,7 +68,7 @@ def independent_frequencies(
 
     `low`, `high`: band, Hz; `reverberation_time`: t60, s; `sound_speed`: m/s; `size` (2,) or (3,) float, lengths of the
     room, metres; without them resonances are taken to overlap everywhere. Returns (M,) float64, ascending. Raises
-    InputError: the band holds more than MOST_FREQUENCIES.
+    InputError: the band holds more than MAX_FREQUENCIES.
     """
     grid = np.linspace(low, high, 4000)
     count = (grid - low) * reverberation_time / RESONANCE_WIDTH
@@ -76,7 +76,7 @@ def independent_frequencies(
         slope = np.gradient(mode_count(size, grid, sound_speed), grid)
         rate = np.minimum(slope, reverberation_time / RESONANCE_WIDTH)
         count = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(grid))])
-    if count[-1] > MOST_FREQUENCIES:
+    if count[-1] > MAX_FREQUENCIES:
         problem = f"{low:g} to {high:g} Hz with a reverberation time of {reverberation_time:g} s hold {count[-1]:.2g}"
         remedy = "use a narrower band (<frequencies>) or a shorter reverberation time"
         raise InputError(f"{problem} independent frequencies", remedy, key="frequencies", value=(low, high))

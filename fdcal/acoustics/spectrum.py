@@ -134,13 +134,12 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
         decibels, height=-SPECTRUM.range_db, prominence=prominence_db, distance=max(1.0, resolution / step)
     )[0]
     if len(peaks) == 0:
-        raise InputError(
+        problem = (
             f"no mode stands out by measurement.prominence_db = {prominence_db:g} dB between measurement.lowest ="
-            f" {lowest:g} Hz and measurement.highest = {lowest + step * (len(power) - 1):g} Hz",
-            "widen the band or lower the prominence",
-            key="measurement.prominence_db",
-            value=prominence_db,
+            f" {lowest:g} Hz and measurement.highest = {lowest + step * (len(power) - 1):g} Hz"
         )
+        remedy = "widen the band or lower the prominence"
+        raise InputError(problem, remedy, key="measurement.prominence_db", value=prominence_db)
     left, top, right = decibels[peaks - 1], decibels[peaks], decibels[peaks + 1]
     vertex = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -1e-300)  # of the parabola through three points
     return lowest + (peaks + vertex) * step
@@ -205,11 +204,9 @@ def wavenumber_discrete(frequencies: np.ndarray, s: float, sound_speed: float, c
             z = z - change
             if np.all(np.abs(change) <= 1e-14 * np.abs(z)):
                 return z / cell
-    raise InputError(
-        f"measurement.highest is above the frequencies that propagate with room.cell = {cell:g} m",
-        'lower it, use a smaller cell, or set measurement.wavenumber = "continuous"',
-        key="measurement.highest",
-    )
+    problem = f"measurement.highest is above the frequencies that propagate with room.cell = {cell:g} m"
+    remedy = 'lower it, use a smaller cell, or set measurement.wavenumber = "continuous"'
+    raise InputError(problem, remedy, key="measurement.highest")
 
 
 class ModalPressures(NamedTuple):

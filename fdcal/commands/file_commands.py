@@ -2,41 +2,41 @@
 
 from __future__ import annotations
 
+import typing
+from dataclasses import fields
+
 import click
 
 from ..model.validation import InputError
+from ..recordings.import_options import ImportOptions
 from .options import OPTIONS, files_options, force_option, output_option, output_path
 from .parameter_types import RecordingKind
+
+
+def _import_options(command):
+    """Add an option for each field of `ImportOptions` that has a help text."""
+    types = typing.get_type_hints(ImportOptions)
+    for field in reversed([field for field in fields(ImportOptions) if "help" in field.metadata]):
+        choices = field.metadata["choices"]
+        kind = next(
+            (one for one in (int, float) if one in (types[field.name], *typing.get_args(types[field.name]))), str
+        )
+        command = click.option(
+            f"--{field.name.replace('_', '-')}",
+            type=RecordingKind(choices) if field.name == "kind" else click.Choice(choices) if choices else kind,
+            default=str(field.default) if choices else field.default,
+            show_default=field.default is not None,
+            metavar=field.metadata["metavar"],
+            help=field.metadata["help"],
+        )(command)
+    return command
 
 
 @click.command("import")
 @click.argument("sources", nargs=-1, required=True, metavar="INPUT...")
 @output_option("FILE.npz")
 @files_options
-@click.option("--frequencies", default="auto", show_default=True, metavar="auto|LO:HI", help="Band to choose from, Hz.")
-@click.option("--most", type=int, metavar="M", help="Greatest number of rows of all takes.  [default: 400]")
-@click.option(
-    "--kind",
-    type=RecordingKind(["auto", "impulse", "stationary"]),
-    default="auto",
-    show_default=True,
-    help="impulse: an impulse response, from silence to silence; stationary: a continuous sound.",
-)
-@click.option("--window", default="auto", show_default=True, metavar="auto|none|RATE", help="Exponential window, 1/s.")
-@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; gives the sound speed.")
-@click.option("--sound-speed", type=float, metavar="M/S", help="Instead of a temperature.")
-@click.option("--dimension", type=click.Choice(["2", "3"]), default="3", show_default=True, help="Of the sound field.")
-@click.option("--plane", metavar="z=Z", help="Use the microphones in a plane only, by the positions in the file.")
-@click.option("--subset", metavar="N|I,J,...", help="Use N microphones drawn at random, or those in a list.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Random seed of --subset.")
-@click.option("--leave-out", metavar="NAMES|bad", help="Leave out these channels, or all that are faulty.")
-@click.option(
-    "--known", metavar="NAMES|corners|FILE.csv", help="Known microphones; a table has the columns name,x,y[,z]."
-)
-@click.option("--reference", metavar="FILE.wav", help="Signal that the source emitted, for deconvolution.")
-@click.option("--reference-microphone", metavar="NAME", help="Take cross-spectra against this channel.")
-@click.option("--array", metavar="FILE.csv", help="Positions to render a measured room at: name,x,y,z from its centre.")
-@click.option("--array-radius", type=float, metavar="R", help="Metres; determines the highest usable frequency.")
+@_import_options
 @force_option
 def import_(sources, output, files, number, dimension, force, **options):
     """Turn recordings or impulse responses into a measurement.
@@ -50,7 +50,6 @@ def import_(sources, output, files, number, dimension, force, **options):
     path = output_path(output, ".npz", force, *sources, options["reference"])
     from ..model.measurement_file import save_measurement
     from ..model.storage import write_atomically
-    from ..recordings.import_options import ImportOptions
     from ..recordings.import_report import import_summary
     from ..recordings.importer import import_recording
 

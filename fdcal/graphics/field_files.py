@@ -71,12 +71,9 @@ def _write_png(path: Path, field: FieldMap) -> None:
 
     count = len(field.frequencies)
     if count > MAX_ROWS:
-        raise InputError(
-            f"{count} frequencies are too many for a picture",
-            f"give at most {MAX_ROWS} <frequencies>, or write .npz",
-            key="frequencies",
-            value=count,
-        )
+        problem = f"{count} frequencies are too many for a picture"
+        remedy = f"give at most {MAX_ROWS} <frequencies>, or write .npz"
+        raise InputError(problem, remedy, key="frequencies", value=count)
     layer = (..., len(field.axes[2]) // 2) if len(field.axes) == 3 else ...
     figure = Figure(figsize=(13.5, 3.9 * count), dpi=110, layout="constrained")
     panels = figure.subplots(count, 3, squeeze=False)

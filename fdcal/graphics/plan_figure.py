@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..session.planning.plan import Plan, plan_lines
-from .calibration_figure import enlarged_ellipses
-from .landscape import figure_bytes
+from .calibration_figure import enlarged_ellipses, html_table, png_uri
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
 from .primitives import fractions
 
@@ -144,24 +142,20 @@ STYLE = (
 
 def plan_html(plan: Plan) -> str:
     """Return the page; it needs no network."""
-    picture = base64.b64encode(figure_bytes(draw_plan(plan), "png")).decode()
     name = escape(plan.request.layout.name)
     lines = "".join(f"<li>{escape(line)}</li>" for line in plan_lines(plan))
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Plan: {name}</title><style>{STYLE}</style>'
         f"<h1>Plan: {name}</h1><ul>{lines}</ul>"
-        f'<img alt="bound of each microphone, maps and trials" src="data:image/png;base64,{picture}">'
+        f'<img alt="bound of each microphone, maps and trials" src="{png_uri(draw_plan(plan))}">'
         f"{_table(plan)}</html>\n"
     )
 
 
 def _table(plan: Plan) -> str:
     x, layout = plan.request.layout.positions, plan.request.layout
-    heads = ["microphone", *(f"{axis} (m)" for axis in "xyz"[: x.shape[1]]), "least one sigma (mm)"]
     rows = []
     for n, name in enumerate(layout.names):
         sigma = f"{1e3 * plan.bound.sigma[n]:.2f}" if plan.bound.free[n] else "given"
-        cells = [escape(name), *(f"{value:.4f}" for value in x[n]), sigma]
-        rows.append(f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
-    head = "".join(f"<th>{text}</th>" for text in heads)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+        rows.append([name, *(f"{value:.4f}" for value in x[n]), sigma])
+    return html_table(["microphone", *(f"{axis} (m)" for axis in "xyz"[: x.shape[1]]), "least one sigma (mm)"], rows)

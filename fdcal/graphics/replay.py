@@ -11,7 +11,7 @@ packed     arrays as one text that the page unpacks (`replay_page/unpack.js`). I
 map_data   what the browser needs to compute the cost of moving any microphone, at any state, from any modes
            (`replay_page/eq7.js`): the pressures, as 16-bit numbers of each mode and channel, and what a solver
            estimates of the channels. Only modes that the microphones can carry at the order of
-           `fdcal.cost.reference_cost` are held; of more than MOST_PRESSURES numbers the highest modes are left out
+           `fdcal.cost.reference_cost` are held; of more than MAX_PRESSURES numbers the highest modes are left out
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def _planes(values: np.ndarray) -> bytes:
     return flat.view(np.uint8).reshape(len(flat), -1).T.tobytes()
 
 
-MOST_PRESSURES = 200_000  # complex numbers, 0.8 MB before compression
+MAX_PRESSURES = 200_000  # complex numbers, 0.8 MB before compression
 LEVELS = 32767  # of a real or imaginary part, of the largest of its mode: 96 dB below it
 
 
@@ -98,7 +98,7 @@ def map_data(problem: Problem) -> tuple[dict, dict[str, np.ndarray]] | None:
     if reference_cost is None or problem.search is None:
         return None
     carried = carried_modes(problem, reference_cost.order_offset)
-    kept = slice(0, max(1, MOST_PRESSURES // problem.pressures.shape[1]))
+    kept = slice(0, max(1, MAX_PRESSURES // problem.pressures.shape[1]))
     modes, search = carried.modes[kept], problem.search
     data = {
         "origin": list(search.origin[:2]),
@@ -148,7 +148,7 @@ def channel_arrays(states: Sequence) -> dict[str, np.ndarray]:
 
 MAX_BYTES = 4_500_000  # of a file; of a longer run fewer states are kept, evenly spaced
 STATE_NUMBERS = ("step", "sweep", "stage", "moved", "first", "last")  # of a state, in the file as they are called here
-MOST_COSTS = 400  # states whose cost is computed, evenly spaced
+MAX_COSTS = 400  # states whose cost is computed, evenly spaced
 BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
 POSITION_LEVELS = 2**28  # of a coordinate, of the largest distance from the middle of the array
 PAGE = Path(__file__).with_name("replay_page")
@@ -286,8 +286,8 @@ def _state_data(
 
 
 def _costs(states: Sequence, reference_cost: ReferenceCost) -> np.ndarray:
-    """Cost of each state, dB; of a long run that of MOST_COSTS states, and straight lines between them."""
-    computed = np.unique(np.linspace(0, len(states) - 1, min(len(states), MOST_COSTS)).round().astype(int))
+    """Cost of each state, dB; of a long run that of MAX_COSTS states, and straight lines between them."""
+    computed = np.unique(np.linspace(0, len(states) - 1, min(len(states), MAX_COSTS)).round().astype(int))
     costs = np.array([reference_cost.of(states[i]) for i in computed])
     finite = np.isfinite(costs)
     return np.interp(np.arange(len(states)), computed[finite], costs[finite]) if finite.any() else np.zeros(len(states))

@@ -67,12 +67,9 @@ def require_size(size: Sequence[int]) -> None:
     """Raise InputError unless `size` is (width, height) of a usable image, pixels."""
     if len(size) != 2 or not all(MIN_EDGE <= length <= MAX_EDGE for length in size):
         text = "x".join(str(length) for length in size)
-        raise InputError(
-            f"size = {text} pixels is not usable",
-            f"give <size> as two lengths from {MIN_EDGE} to {MAX_EDGE}, as in 1280x800",
-            key="size",
-            value=size,
-        )
+        problem = f"size = {text} pixels is not usable"
+        remedy = f"give <size> as two lengths from {MIN_EDGE} to {MAX_EDGE}, as in 1280x800"
+        raise InputError(problem, remedy, key="size", value=size)
 
 
 MIN_LINE_WIDTH = 0.75  # pixels

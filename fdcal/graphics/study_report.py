@@ -8,6 +8,7 @@ write_report  all of these in a folder
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from dataclasses import dataclass
 from html import escape
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MOST_PANELS = 8
-MOST_COLUMNS = 4
-LEAST_WIDTH = 7.5  # inches, of a figure, so that its legend has room
+MAX_PANELS = 8
+MAX_COLUMNS = 4
+MIN_WIDTH = 7.5  # inches, of a figure, so that its legend has room
 FRAME = 0.8  # inches, for the legend and the name of the x axis
 NOISE_AXIS = "snr_db"  # along x unless another is chosen
 LABELS = {
@@ -63,7 +64,7 @@ class StudyPanels:
         from matplotlib.figure import Figure
 
         rows = -(-len(self.panels) // self.columns)
-        wide = max(width * self.columns, LEAST_WIDTH)
+        wide = max(width * self.columns, MIN_WIDTH)
         figure = Figure(figsize=(wide, FRAME + rows * max(height, 0.45 * wide / self.columns)), dpi=100)
         figure.set_layout_engine("constrained")
         cells = list(figure.subplots(rows, self.columns, squeeze=False, sharex=True, sharey=True).flat)
@@ -83,12 +84,12 @@ def study_panels(axes: dict[str, list], names: tuple[str, str] | None = None) ->
     y, x = names or _usual(axes)
     others = [name for name, values in axes.items() if name not in (y, x) and len(values) > 1]
     kept = list(others)
-    while _count(axes, kept) > MOST_PANELS:
+    while math.prod(len(axes[name]) for name in kept) > MAX_PANELS:
         kept.pop()
     kept.sort(key=lambda name: len(axes[name]))  # the longest fills the rows
     combinations = itertools.product(*(axes[name] for name in kept))
     panels = tuple(dict(zip(kept, values, strict=True)) for values in combinations)
-    columns = len(axes[kept[-1]]) if len(kept) > 1 else min(len(panels), MOST_COLUMNS)
+    columns = len(axes[kept[-1]]) if len(kept) > 1 else min(len(panels), MAX_COLUMNS)
     return StudyPanels(y, x, panels, columns, tuple(name for name in others if name not in kept))
 
 
@@ -98,13 +99,6 @@ def _usual(axes: dict[str, list]) -> tuple[str, str]:
     x = NOISE_AXIS if NOISE_AXIS in several else (numbers or several)[-1]
     rest = [name for name in numbers if name != x] or [name for name in several if name != x]
     return rest[-1] if rest else "", x
-
-
-def _count(axes: dict[str, list], names: list[str]) -> int:
-    count = 1
-    for name in names:
-        count *= len(axes[name])
-    return count
 
 
 def label_of(name: str) -> str:

@@ -48,7 +48,7 @@ def with_display_domain(measurement: Measurement, positions) -> Measurement:
 Box = tuple[float, float, float, float]
 
 PLANE_WALLS = 0.12  # height of the walls of a plane room, of its longer side
-LEAST_SOURCE = 0.012  # quarter of the mark of a source in space, of the room's longer side: seen in the whole room
+MIN_SOURCE = 0.012  # quarter of the mark of a source in space, of the room's longer side: seen in the whole room
 QUIET_SOURCE = 0.5  # size of the marks of the sources that are not of the chosen take, of those that are
 EMPTY_MARGIN = 0.1  # m around the microphones where there is no search domain
 
@@ -136,7 +136,7 @@ def room_and_source(
     several = len(places) > 1
     extent = float(np.ptp(scene.room.vertices, axis=0).max())
     seen_whole = several or scene.room.dimension == 3  # in a room that is far larger than the array
-    radius = max(marker_radius, LEAST_SOURCE * extent) if seen_whole else marker_radius
+    radius = max(marker_radius, MIN_SOURCE * extent) if seen_whole else marker_radius
     labels = []
     for number, place in enumerate(places):
         chosen = take in (None, number)

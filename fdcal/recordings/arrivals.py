@@ -35,10 +35,10 @@ class ArrivalRules:
 
     fine: int = 16  # points per sample
     first: float = 0.4  # share of the greatest value that the direct sound has at least
-    # before, after: of the window about a peak, in samples, but at least `least_window` seconds each
+    # before, after: of the window about a peak, in samples, but at least `min_window` seconds each
     before: float = 4.0
     after: float = 4.0
-    least_window: float = 2.5e-4  # seconds
+    min_window: float = 2.5e-4  # seconds
     taper: float = 0.5  # share of the window, at either end, over which it rises and falls
     quiet: float = 2.0  # ratio of amplitudes by which the peak exceeds what precedes it
     alike: float = 0.7  # least correlation with the template
@@ -46,7 +46,6 @@ class ArrivalRules:
     rounds: int = 4  # of template and times
     shifted: float = 0.4  # a above; 0.3 mm of 1.1 in rooms of image sources, 0.4 of 1.3 on a measured array
     min_sigma: float = 3e-4  # metres, over the sound speed: what no recording is better than
-    most_samples: int = 20_000_000  # of a recording that is searched; longer ones are no impulse responses
     speed: float = 343.0  # m/s, of `min_sigma` and `span`
 
 
@@ -67,7 +66,7 @@ def first_arrivals(recording: Recording) -> tuple[np.ndarray, float] | None:
     `recording`: impulse responses of all channels, at the same time. Returns (N,) float64, seconds, from the first of
     them on; NaN where there is none. Seconds.
     """
-    if recording.modelled or recording.samples > DIRECT_SOUND.most_samples:
+    if recording.modelled:
         return None
     return arrivals_of(read_samples(recording, 0, recording.samples), recording.sample_rate)
 
@@ -77,14 +76,14 @@ def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] 
     N, T = responses.shape
     peak = np.abs(responses).max(axis=1)
     first = np.array([np.argmax(np.abs(h) > DIRECT_SOUND.first * top) for h, top in zip(responses, peak, strict=True)])
-    margin = int(rate * max(DIRECT_SOUND.least_window, 1e-3)) + 40
+    margin = int(rate * max(DIRECT_SOUND.min_window, 1e-3)) + 40
     low = max(0, int(np.median(first)) - int(rate * DIRECT_SOUND.span) - margin)
     high = min(T, int(np.median(first)) + int(rate * DIRECT_SOUND.span) + margin)
     fine = resample_poly(responses[:, low:high], DIRECT_SOUND.fine, 1, axis=1)
     step = 1 / (DIRECT_SOUND.fine * rate)
     at = np.array([_first_peak(h, top) for h, top in zip(fine, peak, strict=True)])
     before, after = (
-        int(max(n / rate, DIRECT_SOUND.least_window) / step) for n in (DIRECT_SOUND.before, DIRECT_SOUND.after)
+        int(max(n / rate, DIRECT_SOUND.min_window) / step) for n in (DIRECT_SOUND.before, DIRECT_SOUND.after)
     )
     window = _window(before, after)
     found = np.isfinite(at) & (at > before) & (at < fine.shape[1] - after - 1)

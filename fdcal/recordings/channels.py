@@ -146,12 +146,11 @@ def require_usable_channels(recording: Recording, health: ChannelHealth) -> None
         if words == "copied":
             n = int(np.flatnonzero(flags)[0])
             listed += f" (the first is the same as channel {recording.names[health.copy_of[n]]})"
-        raise InputError(
+        problem = (
             f"{recording.path}: {'channel' if len(names) == 1 else 'channels'} {listed}"
-            f" {'is' if len(names) == 1 else 'are'} {words}",
-            "record again, or leave out the faulty channels: <leave_out> bad",
-            key="leave_out",
+            f" {'is' if len(names) == 1 else 'are'} {words}"
         )
+        raise InputError(problem, "record again, or leave out the faulty channels: <leave_out> bad", key="leave_out")
 
 
 PLANE_TOLERANCE = 1e-3  # m: microphones this close to a plane lie in it
@@ -168,12 +167,8 @@ def select_plane(recording: Recording, plane: str) -> Recording:
     axis = axis.strip().lower() or "z"
     positions = recording.positions
     if positions is None or positions.shape[1] != 3:
-        raise InputError(
-            f"plane = {plane} needs positions in space, which {recording.path} does not contain",
-            "leave out <plane>",
-            key="plane",
-            value=plane,
-        )
+        problem = f"plane = {plane} needs positions in space, which {recording.path} does not contain"
+        raise InputError(problem, "leave out <plane>", key="plane", value=plane)
     try:
         height = float(value)
     except ValueError:
@@ -184,12 +179,8 @@ def select_plane(recording: Recording, plane: str) -> Recording:
     inside = np.flatnonzero(np.abs(along - height) < PLANE_TOLERANCE)
     if not len(inside):
         near = along[np.argmin(np.abs(along - height))]
-        raise InputError(
-            f"plane = {plane}: no microphone lies there; the nearest plane is {axis}={near:g}",
-            "give <plane> as that one",
-            key="plane",
-            value=plane,
-        )
+        problem = f"plane = {plane}: no microphone lies there; the nearest plane is {axis}={near:g}"
+        raise InputError(problem, "give <plane> as that one", key="plane", value=plane)
     kept = [a for a in range(3) if a != "xyz".index(axis)]
     return replace(select_channels(recording, inside), positions=positions[inside][:, kept])
 
@@ -203,21 +194,14 @@ def select_subset(recording: Recording, text: str, seed: int) -> Recording:
     try:
         numbers = _listed(text, recording.count)
     except ValueError:
-        raise InputError(
-            f'subset = "{text}" is no number and no list',
-            "write <subset> as 200, or 0,3,8:12",
-            key="subset",
-            value=text,
-        ) from None
+        problem = f'subset = "{text}" is no number and no list'
+        raise InputError(problem, "write <subset> as 200, or 0,3,8:12", key="subset", value=text) from None
     if len(numbers) == 1 and "," not in text and ":" not in text:
         return _drawn(recording, numbers[0], seed)
     wrong = [n for n in numbers if not 0 <= n < recording.count]
     if wrong or len(set(numbers)) < len(numbers) or not numbers:
-        raise InputError(
-            f"subset = {text} must name microphones of 0 to {recording.count - 1}, each at most once",
-            key="subset",
-            value=text,
-        )
+        problem = f"subset = {text} must name microphones of 0 to {recording.count - 1}, each at most once"
+        raise InputError(problem, key="subset", value=text)
     return select_channels(recording, numbers)
 
 
@@ -232,12 +216,8 @@ def _listed(text: str, count: int) -> list[int]:
 
 def _drawn(recording: Recording, number: int, seed: int) -> Recording:
     if not 1 <= number <= recording.count:
-        raise InputError(
-            f"subset = {number} cannot be drawn from {recording.count} microphones",
-            "give a smaller <subset>",
-            key="subset",
-            value=number,
-        )
+        problem = f"subset = {number} cannot be drawn from {recording.count} microphones"
+        raise InputError(problem, "give a smaller <subset>", key="subset", value=number)
     if seed < 0:
         raise InputError(f"seed = {seed} must not be negative", "use 0 or more", key="seed", value=seed)
     drawn = np.random.default_rng(seed).choice(recording.count, number, replace=False)

@@ -32,8 +32,7 @@ import numpy as np
 from ..acoustics.spectrum import fast_length, rfft
 from ..model.problem import mode_power
 from ..model.validation import InputError
-from . import frequencies
-from .impulse_response import Pressures
+from .frequencies import ROWS, SELECTION, NothingAboveNoise, Pressures, Spacing, choose_frequencies, spread_over_band
 from .recording import Recording, in_memory, read_samples
 
 
@@ -105,7 +104,7 @@ class SegmentSettings:
 class RankSettings:
     """When an eigenvector besides the dominant one is a row of its own."""
 
-    most: int = 8  # rows of one frequency
+    max_rows: int = 8  # of one frequency
     over_noise: float = 2.0  # eigenvalue relative to the largest that noise alone has
     over_leakage: float = 4.0  # relative to the one that a single source has by the window
 
@@ -130,7 +129,7 @@ def stationary_pressures(
     recording: Recording,
     band: tuple[float, float],
     sound_speed: float,
-    most: int = frequencies.ROWS.most,
+    most: int = ROWS.max_rows,
     reference: int | None = None,
 ) -> Pressures:
     """Return the pressures of a recording of a stationary source, or of several.
@@ -146,7 +145,7 @@ def stationary_pressures(
     spacing = room_spacing(powers, window)
     power = powers.mean(axis=0)
     spare = max(20, min(2 * most, SEGMENTS.max_matrix // recording.count**2))  # some will prove too noisy
-    chosen = frequencies.choose_frequencies(grid, power, np.zeros(len(grid)), spacing.step, spare)
+    chosen = choose_frequencies(grid, power, np.zeros(len(grid)), spacing.step, spare)
     number = np.round(grid[chosen] * length / recording.sample_rate).astype(int)
     C, seen = cross_spectra(recording, number, length, starts)
     independent = SEGMENTS.independence * len(starts)
@@ -155,9 +154,9 @@ def stationary_pressures(
         row, p, noise, snr = eigenvectors(C, independent, leakage)
     else:
         row, (p, noise, snr) = np.arange(len(C)), against(C, reference)
-    keep = np.flatnonzero(snr * independent >= 10 ** (frequencies.SELECTION.min_snr / 10))
+    keep = np.flatnonzero(snr * independent >= 10 ** (SELECTION.min_snr / 10))
     if not len(keep):
-        raise frequencies.NothingAboveNoise(
+        raise NothingAboveNoise(
             f"{recording.path}: the microphones are not coherent at any frequency between {band[0]:g} and"
             f" {band[1]:g} Hz",
             "record one source only, louder than the noise",
@@ -182,7 +181,7 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int
     used = np.flatnonzero(counts)
     used = used[np.argsort(seen[used], kind="stable")]
     wanted = max(1, int(most * len(used) / len(keep)))
-    kept = used[frequencies.spread_over_band(seen[used], band, wanted, apart)]
+    kept = used[spread_over_band(seen[used], band, wanted, apart)]
     while counts[kept].sum() > most and len(kept) > 1:  # few frequencies with many rows
         kept = np.delete(kept, np.argmax(counts[kept]))
     chosen = keep[np.isin(row[keep], kept)]
@@ -224,7 +223,7 @@ def channel_powers(recording: Recording, band, length: int, starts) -> tuple[np.
     return np.arange(first, last + 1) * fs / length, total / len(starts)
 
 
-def room_spacing(powers: np.ndarray, window: float) -> frequencies.Spacing:
+def room_spacing(powers: np.ndarray, window: float) -> Spacing:
     """Return how close frequencies are worth taking, from the power of the channels over frequency.
 
     The field of a room that decays evenly decorrelates as |r|^2 = 1 / (1 + (x / h)^2) over a distance of x Hz, and so
@@ -243,7 +242,7 @@ def room_spacing(powers: np.ndarray, window: float) -> frequencies.Spacing:
     half = lags[below[0]] * step if near > 0 and len(below) else 0.0
     half = half if half > lags[min(1, len(lags) - 1)] * step else 0.0  # no wider than the window
     decorrelation = max(float(np.pi * half), window)
-    return frequencies.Spacing(max(decorrelation / ROOM.oversampling, window), decorrelation)
+    return Spacing(max(decorrelation / ROOM.oversampling, window), decorrelation)
 
 
 def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np.ndarray, np.ndarray]:
@@ -294,7 +293,7 @@ def eigenvectors(
     count = C.shape[1]
     edge = RANK.over_noise * (1 + np.sqrt(count / independent)) ** 2
     rank = np.ones(len(C), dtype=np.int64)
-    for k in range(1, min(RANK.most, count // 2)):
+    for k in range(1, min(RANK.max_rows, count // 2)):
         noise = values[:, k + 1 :].mean(axis=1)
         more = (values[:, k] > edge * noise) & (values[:, k] > RANK.over_leakage * leakage * values[:, 0])
         rank[more & (rank == k)] += 1

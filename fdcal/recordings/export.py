@@ -83,12 +83,8 @@ def export_positions(
     """Write the positions of a result, and return them as written; see `Calibration.export`."""
     path, given = Path(path), None if original is None else str(original)
     if path.suffix.lower() not in formats.suffixes("write"):
-        raise InputError(
-            f'"{path}" ends in no suffix of a format for positions',
-            f"use one of {', '.join(formats.suffixes('write'))}",
-            key="output",
-            value=str(path),
-        )
+        problem = f'"{path}" ends in no suffix of a format for positions'
+        raise InputError(problem, f"use one of {', '.join(formats.suffixes('write'))}", key="output", value=str(path))
     if given is not None and path.suffix.lower() != ".sofa":
         problem = f"original = {given} is for files of SOFA"
         raise InputError(problem, f"leave out <original> for {path.suffix}", key="original", value=given)
@@ -145,12 +141,12 @@ def measurement_of_pyfar(data, coordinates=None, **options: Any) -> Measurement:
     positions = None if coordinates is None else np.asarray(coordinates.cartesian, float).reshape(-1, 3)
     if isinstance(data, pyfar.Signal):
         from .import_options import ImportOptions
-        from .importer import measurement_of_recording  # brings the signal library, which an export does not need
+        from .importer import measurement_of_takes  # brings the signal library, which an export does not need
         from .recording import recording_of
 
         samples = data.time.reshape(-1, data.n_samples)
         recording = recording_of("the signal", None, data.sampling_rate, samples, positions=positions)
-        return measurement_of_recording(recording, ImportOptions(**options))[0]
+        return measurement_of_takes([recording], ImportOptions(**options))[0]
     if not isinstance(data, pyfar.FrequencyData):
         raise InputError(f"{type(data).__name__} is no FrequencyData and no Signal of pyfar", "give one of them")
     if positions is not None and options.get("dimension", 3) == 2:

@@ -49,34 +49,34 @@ SELECTION = SelectionThresholds()
 class RowLimits:
     """How many rows are taken, and how close."""
 
-    # most, usual_count: rows of all takes together, by default, of so many microphones, which take some 5 s of one
+    # max_rows, usual_count: rows of all takes together, by default, of so many microphones, which take some 5 s of one
     # processor. The time of a row grows with the square of their number
-    most: int = 400
+    max_rows: int = 400
     usual_count: int = 32
-    # least_of_array, most_of_array, least_of_take: rows that the default leaves however many microphones or takes there
+    # min_of_array, max_of_array, min_of_take: rows that the default leaves however many microphones or takes there
     # are, and however few
-    least_of_array: int = 112
-    most_of_array: int = 1600
-    least_of_take: int = 20
+    min_of_array: int = 112
+    max_of_array: int = 1600
+    min_of_take: int = 20
     unexplained: float = 1e-4  # power relative to that of the response that no model of the field explains
 
 
 ROWS = RowLimits()
 
 
-def default_most(microphones: int, takes: int = 1) -> int:
+def default_max_rows(microphones: int, takes: int = 1) -> int:
     """Return how many rows of each take are used at most unless their number is given.
 
     The limit is one of computing time alone. Takes share it, since rows of another take say more than closer ones.
 
     Examples
     --------
-    >>> default_most(32), default_most(32, takes=8), default_most(128)
+    >>> default_max_rows(32), default_max_rows(32, takes=8), default_max_rows(128)
     (400, 50, 112)
     """
-    affordable = int(ROWS.most * (ROWS.usual_count / microphones) ** 2)
-    every = min(max(ROWS.least_of_array, affordable), ROWS.most_of_array)
-    return max(ROWS.least_of_take, every // takes)
+    affordable = int(ROWS.max_rows * (ROWS.usual_count / microphones) ** 2)
+    every = min(max(ROWS.min_of_array, affordable), ROWS.max_of_array)
+    return max(ROWS.min_of_take, every // takes)
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,19 @@ class Spacing:
     step: float  # least distance of two frequencies
     # bandwidth over which the pressures decorrelate, 1 / T_eq; frequencies that are closer are not independent
     decorrelation: float
+
+
+@dataclass(frozen=True)
+class Pressures:
+    """Pressures taken from a recording, whatever its kind."""
+
+    frequencies: np.ndarray  # (M,) float64, Hz, ascending
+    wavenumbers: np.ndarray  # (M,) complex128 rad/m.
+    pressures: np.ndarray  # (M, N) complex128
+    # (M,) float64 or None, in the unit of abs(pressures)**2; None where it cannot be estimated
+    noise_power: np.ndarray | None
+    how: str  # the method, in words
+    spacing: Spacing  # of the frequencies
 
 
 def spacing_of(energy: np.ndarray, noise: np.ndarray, interval: float) -> Spacing:
@@ -118,7 +131,7 @@ class NothingAboveNoise(InputError):
 
 
 def choose_frequencies(
-    frequencies: np.ndarray, power: np.ndarray, noise: np.ndarray, resolution: float, most: int = ROWS.most
+    frequencies: np.ndarray, power: np.ndarray, noise: np.ndarray, resolution: float, most: int = ROWS.max_rows
 ) -> np.ndarray:
     """Return the indices of the frequencies to use: in equal parts of the band the one nearest to the middle.
 
@@ -267,12 +280,8 @@ def frequency_band(
             key="frequencies",
         )
     if not 0 < low < high <= top:
-        raise InputError(
-            f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold",
-            f"use 0 < LO < HI <= {top:g} Hz",
-            key="frequencies",
-            value=options.frequencies,
-        )
+        problem = f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold"
+        raise InputError(problem, f"use 0 < LO < HI <= {top:g} Hz", key="frequencies", value=options.frequencies)
     return low, high
 
 
@@ -285,7 +294,7 @@ def _usual_bottom(found: FrequencyLimit, speed: float) -> float:
     """
     if found.limit is None or not found.radius:
         return IMPORT_LIMITS.low
-    return max(IMPORT_LIMITS.low, IMPORT_LIMITS.least_phase * speed / (2 * np.pi * found.radius))
+    return max(IMPORT_LIMITS.low, IMPORT_LIMITS.min_phase * speed / (2 * np.pi * found.radius))
 
 
 def _usual_top(found: FrequencyLimit, options: ImportOptions, speed: float) -> float:

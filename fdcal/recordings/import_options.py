@@ -1,8 +1,9 @@
-"""The options of an import: `ImportOptions`, plain data, checked by `check_options`, and the sound speed."""
+"""The options of an import, each declared once: in Python, on the command line and in the documentation."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from ..model.declared import require_positive
 from ..model.validation import InputError, require_choice
@@ -18,7 +19,7 @@ class ImportLimits:
     high: float = 500.0
     phase: float = 7.0  # largest k R of the default band of a small array, radians, which the solvers resolve
     # least k R of the default band, radians. Below it the pressures differ by less than the responses of channels do
-    least_phase: float = 0.13
+    min_phase: float = 0.13
     min_periods: float = 4.0  # periods of the lowest frequency in a recording, by default
     max_frequency: float = 0.45  # relative to the sampling rate
     celsius: float = 20.0  # default temperature
@@ -35,7 +36,12 @@ class ImportLimits:
 IMPORT_LIMITS = ImportLimits()
 
 
-@dataclass(frozen=True)
+def _option(default: Any, text: str, metavar: str | None = None, choices: tuple[str, ...] | None = None) -> Any:
+    """Return a field that is an option of `fdcal import`, with its help, placeholder and choices."""
+    return field(default=default, metadata={"help": text, "metavar": metavar, "choices": choices})
+
+
+@dataclass(frozen=True, kw_only=True)
 class ImportOptions:
     """How a recording is imported; None leaves a choice to the file or to fdcal.
 
@@ -48,7 +54,7 @@ class ImportOptions:
     kind : str
         "auto", or one of `fdcal.recordings.recording.KINDS`.
     most : int or None
-        Greatest number of rows of all takes together; `fdcal.recordings.frequencies.default_most` unless given.
+        Greatest number of rows of all takes together; `fdcal.recordings.frequencies.default_max_rows` unless given.
     temperature : float or None
         Degrees Celsius; gives the sound speed.
     sound_speed : float or None
@@ -75,97 +81,72 @@ class ImportOptions:
         Table (.csv) with name,x,y,z of the array that is rendered in the field of a measured room, metres.
     """
 
-    frequencies: str = "auto"
-    window: str = "auto"
-    kind: str = "auto"
-    most: int | None = None
-    temperature: float | None = None
-    sound_speed: float | None = None
+    # In the order in which `fdcal import --help` lists them; `files_options` of the command line adds the last three.
+    frequencies: str = _option("auto", "Band to choose from, Hz.", "auto|LO:HI")
+    most: int | None = _option(None, "Greatest number of rows of all takes.  [default: 400]", "M")
+    kind: str = _option(
+        "auto",
+        "impulse: an impulse response, from silence to silence; stationary: a continuous sound.",
+        choices=("auto", *KINDS),
+    )
+    window: str = _option("auto", "Exponential window, 1/s.", "auto|none|RATE")
+    temperature: float | None = _option(None, "Of the air, degrees Celsius; gives the sound speed.", "C")
+    sound_speed: float | None = _option(None, "Instead of a temperature.", "M/S")
+    dimension: int = _option(3, "Of the sound field.", choices=("2", "3"))
+    plane: str | None = _option(None, "Use the microphones in a plane only, by the positions in the file.", "z=Z")
+    subset: str | None = _option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")
+    seed: int = _option(0, "Random seed of --subset.", "S")
+    leave_out: str | None = _option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
+    known: str | None = _option(
+        None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|corners|FILE.csv"
+    )
+    reference: str | None = _option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")
+    reference_microphone: str | None = _option(None, "Take cross-spectra against this channel.", "NAME")
+    array: str | None = _option(None, "Positions to render a measured room at: name,x,y,z from its centre.", "FILE.csv")
+    array_radius: float | None = _option(None, "Metres; determines the highest usable frequency.", "R")
     source: int | str | None = None
     files: str = "auto"
     split: float | None = None
-    dimension: int = 3
-    plane: str | None = None
-    subset: str | None = None
-    seed: int = 0
-    leave_out: str | None = None
-    known: str | None = None
-    reference: str | None = None
-    reference_microphone: str | None = None
-    array_radius: float | None = None
-    array: str | None = None
 
     def __post_init__(self):
         object.__setattr__(self, "kind", OLD_KINDS.get(self.kind, self.kind))
 
+    def refusal(self, key: str, problem: str, remedy: str = "") -> InputError:
+        """Return the error of the option `key`."""
+        return InputError(problem, remedy, key=key, value=getattr(self, key))
+
 
 def check_options(options: ImportOptions) -> None:
     """Raise InputError for options that are out of range or contradict each other."""
+    limits, celsius, speed = IMPORT_LIMITS, options.temperature, options.sound_speed
     require_choice("kind", options.kind, ("auto", *KINDS))
     require_choice("files", options.files, ("auto", "takes", "channels"))
-    _check_takes(options)
+    if isinstance(options.source, str) and options.source != "all":
+        raise options.refusal("source", f'source = "{options.source}" is no source', "use a number from 0, or all")
+    if options.split is not None:
+        require_positive("split", options.split, "s")
+        if options.kind == "impulse" or options.reference is not None or options.array is not None:
+            what = "kind impulse" if options.kind == "impulse" else "a reference" if options.reference else "an array"
+            problem = f"split = {options.split:.3g} s cuts a stationary recording, and {what} is given"
+            raise options.refusal("split", problem, "leave out <split>, or record each take on its own")
     if options.dimension not in (2, 3):
         raise InputError(f"dimension = {options.dimension} is unknown", "use one of 2, 3", key="dimension")
-    if options.most is not None and not 1 <= options.most <= IMPORT_LIMITS.max_count:
-        raise InputError(
-            f"most = {options.most} is out of range",
-            f"use 1 to {IMPORT_LIMITS.max_count}",
-            key="most",
-            value=options.most,
-        )
-    if options.temperature is not None and options.sound_speed is not None:
-        raise InputError(
-            "a temperature and a sound speed say the same",
-            "give one of <temperature> and <sound_speed>",
-            key="sound_speed",
-        )
-    if (
-        options.temperature is not None
-        and not IMPORT_LIMITS.min_celsius <= options.temperature <= IMPORT_LIMITS.max_celsius
-    ):
-        raise InputError(
-            f"temperature = {options.temperature:g} must be in degrees Celsius, {IMPORT_LIMITS.min_celsius:g} to"
-            f" {IMPORT_LIMITS.max_celsius:g}",
-            key="temperature",
-            value=options.temperature,
-        )
-    if options.sound_speed is not None:
-        require_positive("sound_speed", options.sound_speed, "m/s")
-        if not IMPORT_LIMITS.min_sound_speed <= options.sound_speed <= IMPORT_LIMITS.max_sound_speed:
-            raise InputError(
-                f"sound_speed = {options.sound_speed:g} m/s is that of no medium",
-                "air at 20 degrees Celsius has 343 m/s",
-                key="sound_speed",
-                value=options.sound_speed,
-            )
+    if options.most is not None and not 1 <= options.most <= limits.max_count:
+        raise options.refusal("most", f"most = {options.most} is out of range", f"use 1 to {limits.max_count}")
+    if celsius is not None and speed is not None:
+        remedy = "give one of <temperature> and <sound_speed>"
+        raise InputError("a temperature and a sound speed say the same", remedy, key="sound_speed")
+    if celsius is not None and not limits.min_celsius <= celsius <= limits.max_celsius:
+        span = f"{limits.min_celsius:g} to {limits.max_celsius:g}"
+        raise options.refusal("temperature", f"temperature = {celsius:g} must be in degrees Celsius, {span}")
+    if speed is not None:
+        require_positive("sound_speed", speed, "m/s")
+        if not limits.min_sound_speed <= speed <= limits.max_sound_speed:
+            problem = f"sound_speed = {speed:g} m/s is that of no medium"
+            raise options.refusal("sound_speed", problem, "air at 20 degrees Celsius has 343 m/s")
     if options.reference is not None and options.reference_microphone is not None:
-        raise InputError(
-            "a reference signal and a reference microphone exclude each other",
-            "give one of <reference> and <reference_microphone>",
-            key="reference",
-        )
-
-
-def _check_takes(options: ImportOptions) -> None:
-    """Raise InputError where sources, parts or a reference contradict each other."""
-    if isinstance(options.source, str) and options.source != "all":
-        raise InputError(
-            f'source = "{options.source}" is no source',
-            "use a number from 0, or all",
-            key="source",
-            value=options.source,
-        )
-    if options.split is None:
-        return
-    require_positive("split", options.split, "s")
-    if options.kind == "impulse" or options.reference is not None or options.array is not None:
-        what = "kind impulse" if options.kind == "impulse" else "a reference" if options.reference else "an array"
-        raise InputError(
-            f"split = {options.split:.3g} s cuts a stationary recording, and {what} is given",
-            "leave out <split>, or record each take on its own",
-            key="split",
-            value=options.split,
-        )
+        remedy = "give one of <reference> and <reference_microphone>"
+        raise InputError("a reference signal and a reference microphone exclude each other", remedy, key="reference")
 
 
 def sound_speed_of(in_file: float | None, options: ImportOptions) -> tuple[float, str]:

@@ -11,7 +11,7 @@ from ..model.measurement import Measurement
 from ..model.problem import mode_power
 from ..model.validation import word_arguments
 from ..solvers.requirements import min_microphones
-from .impulse_response import Pressures
+from .frequencies import Pressures
 from .recording import Recording
 
 LOWEST = 3  # frequencies of the lowest signal-to-noise ratio that are named

@@ -1,4 +1,10 @@
-"""From files with recordings to a measurement: what `fdcal import` does, without its command line."""
+"""From files with recordings to a measurement: what `fdcal import` does, without its command line.
+
+read_takes             the takes in one or several files, which hold takes or the channels of one take; a take is one
+                       recording of all microphones with the source at one place
+import_recording       their measurement, and a report on how it was taken
+measurement_of_takes   the same of recordings that are in memory
+"""
 
 from __future__ import annotations
 
@@ -10,22 +16,37 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.validation import InputError
-from . import channels, formats
+from . import formats
 from .arrivals import with_arrivals
-from .channels import ChannelHealth, inspect_channels, require_usable_channels
+from .channels import (
+    PLANE_TOLERANCE,
+    exclude_channels,
+    inspect_channels,
+    known_microphones,
+    require_usable_channels,
+    select_plane,
+    select_subset,
+)
 from .cross_spectra import min_duration, stationary_pressures
 from .formats.positions import read_table
-from .frequencies import NothingAboveNoise, coordinate_count, default_most, frequency_band, highest_frequency
+from .frequencies import (
+    NothingAboveNoise,
+    Pressures,
+    coordinate_count,
+    default_max_rows,
+    frequency_band,
+    highest_frequency,
+)
 from .import_options import IMPORT_LIMITS, ImportOptions, check_options, sound_speed_of
 from .import_report import ImportReport
-from .impulse_response import MAX_SAMPLES, Pressures, deconvolve, impulse_response_pressures, require_quiet_end
+from .impulse_response import MAX_SAMPLES, deconvolve, impulse_response_pressures, require_quiet_end
 from .recording import TAKE_TOLERANCES, Recording, join_channels, split
 from .reverberation import segment_levels
 
 DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
 ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
 MAX_WINDOW_NEPERS = 50.0  # by how much an exponential window may attenuate the end of a recording
-DEFAULTS = ImportOptions()
+DEFAULTS = ImportOptions()  # of an import
 
 Noise = Callable[[np.ndarray], np.ndarray]
 
@@ -62,12 +83,11 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
         return [join_channels(read)]
     other = next((one for one in read if one.count != counts[0]), None)
     if other is not None:
-        raise InputError(
+        problem = (
             f"{read[0].path} has {_channels(counts[0])} and {other.path} {_channels(other.count)}: files are takes if"
-            " all have the same channels, or channels of one take",
-            "give takes of one array, or <channels> for one take",
-            key="files",
+            " all have the same channels, or channels of one take"
         )
+        raise InputError(problem, "give takes of one array, or <channels> for one take", key="files")
     _require_one_array(read)
     return read
 
@@ -94,11 +114,8 @@ def _require_one_array(takes: Sequence[Recording]) -> None:
     first = takes[0]
     for one in takes[1:]:
         if one.sample_rate != first.sample_rate:
-            raise InputError(
-                f"{first.path} has {first.sample_rate:g} Hz and {one.path} {one.sample_rate:g} Hz",
-                "convert one of them to the sampling rate of the other",
-                key="sample_rate",
-            )
+            problem = f"{first.path} has {first.sample_rate:g} Hz and {one.path} {one.sample_rate:g} Hz"
+            raise InputError(problem, "convert one of them to the sampling rate of the other", key="sample_rate")
         if one.names != first.names:
             problem = f"{first.path} and {one.path} have channels of other names or in another order"
             raise InputError(problem, "give takes of one array", key="names")
@@ -110,13 +127,6 @@ def _require_one_array(takes: Sequence[Recording]) -> None:
             raise InputError(problem, "give takes of one array that does not move", key="positions")
 
 
-def measurement_of_recording(
-    recording: Recording, options: ImportOptions = DEFAULTS
-) -> tuple[Measurement, ImportReport]:
-    """Return the measurement of a recording, and a report on how it was taken; see `import_recording`."""
-    return measurement_of_takes([recording], options)
-
-
 def measurement_of_takes(
     recordings: Sequence[Recording], options: ImportOptions = DEFAULTS
 ) -> tuple[Measurement, ImportReport]:
@@ -124,20 +134,16 @@ def measurement_of_takes(
     check_options(options)
     recordings, left_out = _selected(recordings, options)
     if recordings[0].count < 2:
-        raise InputError(
-            f"{recordings[0].path} gives one channel, and an array needs two microphones at least",
-            "give the files of all channels",
-        )
+        problem = f"{recordings[0].path} gives one channel, and an array needs two microphones at least"
+        raise InputError(problem, "give the files of all channels")
     takes = [_flattened(one, options) for one in recordings]
     if options.split is not None:
         takes = [part for one in takes for part in _split(one, options.split, options)]
-    most = options.most or default_most(takes[0].count, len(takes))
-    if options.most is not None and len(takes) > 1:
-        most = max(1, options.most // len(takes))
-    options, done, skipped = replace(options, most=most), [], []
+    most = max(1, options.most // len(takes)) if options.most else default_max_rows(takes[0].count, len(takes))
+    done, skipped = [], []
     for one in takes:
         try:
-            done.append(_measurement_of_take(one, options, left_out))
+            done.append(_measurement_of_take(one, options, most, left_out))
         except NothingAboveNoise as error:
             skipped.append(one.path)
             if options.split is None or len(skipped) == len(takes):  # of parts, some may be pauses
@@ -162,18 +168,21 @@ def _split(recording: Recording, seconds: float, options: ImportOptions) -> list
 
 
 def _measurement_of_take(
-    recording: Recording, options: ImportOptions, left_out: dict[str, str]
+    recording: Recording, options: ImportOptions, most: int, left_out: dict[str, str]
 ) -> tuple[Measurement, ImportReport]:
-    """Return the measurement of one take, and a report on it."""
+    """Return the measurement of one take of at most `most` rows, and a report on it."""
     known, known_positions = np.zeros(0, int), None
     if options.known is not None:
-        known, known_positions = channels.known_microphones(recording, options.known)
+        known, known_positions = known_microphones(recording, options.known)
     speed, speed_from = sound_speed_of(recording.sound_speed, options)
     found = highest_frequency(recording, options, known_positions, speed)
     band = frequency_band(recording, options, found, speed)
     taken = recording
     recording, kind, noise = _classified(taken, options, band)
-    pressures = _pressures(recording, kind, options, band, speed, noise)
+    if kind == "stationary":
+        pressures = stationary_pressures(recording, band, speed, most, _reference_channel(recording, options))
+    else:
+        pressures = impulse_response_pressures(recording, band, speed, _window_rate(recording, options), most, noise)
     measurement = _measurement(recording, options, known, known_positions, pressures, speed)
     if kind == "impulse":
         measurement = with_arrivals(measurement, recording if options.reference is None else _responses(taken, options))
@@ -192,24 +201,20 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
             require_usable_channels(one, state)
         return chosen, left_out
     for one, state in zip(chosen, health, strict=True):
-        left_out |= _faults(one, state)
+        left_out |= {one.names[n]: state.fault(n, one.names) for n in state.bad}
     bad = np.unique(np.concatenate([state.bad for state in health]))
-    return [channels.exclude_channels(one, "bad", bad) for one in chosen], left_out
+    return [exclude_channels(one, "bad", bad) for one in chosen], left_out
 
 
 def _chosen(recording: Recording, options: ImportOptions, listed: list[str]) -> Recording:
     """Return the channels in the plane or subset that is asked for, without those listed."""
     if options.plane is not None:
-        recording = channels.select_plane(recording, options.plane)
+        recording = select_plane(recording, options.plane)
     if options.subset is not None:
-        recording = channels.select_subset(recording, options.subset, options.seed)
+        recording = select_subset(recording, options.subset, options.seed)
     if listed:  # before the samples are read, since these channels may hold what cannot be read
-        recording = channels.exclude_channels(recording, ",".join(listed), np.zeros(0, int))
+        recording = exclude_channels(recording, ",".join(listed), np.zeros(0, int))
     return recording
-
-
-def _faults(recording: Recording, health: ChannelHealth) -> dict[str, str]:
-    return {recording.names[n]: health.fault(n, recording.names) for n in health.bad}
 
 
 def _flattened(recording: Recording, options: ImportOptions) -> Recording:
@@ -217,13 +222,9 @@ def _flattened(recording: Recording, options: ImportOptions) -> Recording:
     positions = recording.positions
     if positions is None or positions.shape[1] <= options.dimension:
         return recording
-    if np.ptp(positions[:, 2]) > channels.PLANE_TOLERANCE:
-        raise InputError(
-            "dimension = 2 needs microphones of one height",
-            "choose them with <plane> z=HEIGHT",
-            key="dimension",
-            value=options.dimension,
-        )
+    if np.ptp(positions[:, 2]) > PLANE_TOLERANCE:
+        problem = "dimension = 2 needs microphones of one height"
+        raise options.refusal("dimension", problem, "choose them with <plane> z=HEIGHT")
     return replace(recording, positions=positions[:, :2])
 
 
@@ -257,37 +258,15 @@ def _decays(recording: Recording, band: tuple[float, float]) -> bool:
     return bool(level[-2:].mean() <= level.max() * 10 ** (-DECAYED_DB / 10))
 
 
-def _pressures(
-    recording: Recording,
-    kind: str,
-    options: ImportOptions,
-    band: tuple[float, float],
-    speed: float,
-    noise: Noise | None,
-) -> Pressures:
-    most = options.most or default_most(recording.count)
-    if kind == "stationary":
-        return stationary_pressures(recording, band, speed, most, _reference_channel(recording, options))
-    return impulse_response_pressures(recording, band, speed, _window_rate(recording, options), most, noise)
-
-
 def _reference_channel(recording: Recording, options: ImportOptions) -> int | None:
     """Return the index of the reference microphone, None without one."""
     if options.window != "auto":
-        raise InputError(
-            f"window = {options.window} is for impulse responses; a stationary source needs none",
-            "leave out <window>, or give <kind> impulse",
-            key="window",
-            value=options.window,
-        )
+        problem = f"window = {options.window} is for impulse responses; a stationary source needs none"
+        raise options.refusal("window", problem, "leave out <window>, or give <kind> impulse")
     name = options.reference_microphone
     if name is not None and name not in recording.names:
-        raise InputError(
-            f'reference_microphone = "{name}" is no channel',
-            "use a name or number of one",
-            key="reference_microphone",
-            value=name,
-        )
+        problem = f'reference_microphone = "{name}" is no channel'
+        raise options.refusal("reference_microphone", problem, "use a name or number of one")
     return None if name is None else recording.names.index(name)
 
 
@@ -300,12 +279,8 @@ def _window_rate(recording: Recording, options: ImportOptions) -> float | None:
     except ValueError:
         rate = -1.0
     if not 0 <= rate * recording.duration <= MAX_WINDOW_NEPERS:
-        raise InputError(
-            f'window = "{options.window}" must be auto, none or a rate up to'
-            f" {MAX_WINDOW_NEPERS / recording.duration:.3g} per second",
-            key="window",
-            value=options.window,
-        )
+        most = f"{MAX_WINDOW_NEPERS / recording.duration:.3g} per second"
+        raise options.refusal("window", f'window = "{options.window}" must be auto, none or a rate up to {most}')
     return rate
 
 
@@ -319,12 +294,8 @@ def _measurement(
 ) -> Measurement:
     axes = coordinate_count(recording, options, known_positions)
     if known_positions is not None and known_positions.shape[1] != axes:
-        raise InputError(
-            f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}",
-            f"give {axes} coordinates",
-            key="known",
-            value=options.known,
-        )
+        problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
+        raise options.refusal("known", problem, f"give {axes} coordinates")
     return Measurement(
         frequencies=taken.frequencies,
         pressures=taken.pressures,

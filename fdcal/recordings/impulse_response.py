@@ -25,7 +25,7 @@ import numpy as np
 
 from ..acoustics.spectrum import SPECTRUM, fast_length, irfft, laplace_transform, rfft, wavenumber_continuous
 from ..model.validation import InputError
-from . import frequencies
+from .frequencies import ROWS, Pressures, Spacing, choose_frequencies, spacing_of, spacing_of_decay
 from .recording import Recording, channel_groups, read_samples, recording_of
 from .reverberation import DECAY, Decay, estimate_decay, extend_to_last_mode, segment_levels, whitened_levels
 
@@ -34,25 +34,12 @@ GRID = 6  # points of the spectrum per least distance of two frequencies
 MAX_SAMPLES = 20_000_000  # of an impulse response: longer recordings are of a stationary source
 
 
-@dataclass(frozen=True)
-class Pressures:
-    """Pressures taken from a recording."""
-
-    frequencies: np.ndarray  # (M,) float64, Hz, ascending
-    wavenumbers: np.ndarray  # (M,) complex128 rad/m.
-    pressures: np.ndarray  # (M, N) complex128
-    # (M,) float64 or None, in the unit of abs(pressures)**2; None where it cannot be estimated
-    noise_power: np.ndarray | None
-    how: str  # the method, in words
-    spacing: frequencies.Spacing  # of the frequencies
-
-
 def impulse_response_pressures(
     recording: Recording,
     band: tuple[float, float],
     sound_speed: float,
     window: float | None = None,
-    most: int = frequencies.ROWS.most,
+    most: int = ROWS.max_rows,
     noise: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Pressures:
     """Return the pressures of an impulse response; what follows once the sound is below the noise is left out.
@@ -63,11 +50,8 @@ def impulse_response_pressures(
     response, or silent.
     """
     if recording.samples > MAX_SAMPLES:
-        raise InputError(
-            f"{recording.path} lasts {recording.duration:.0f} s, which is too long for an impulse response",
-            "give <kind> stationary",
-            key="kind",
-        )
+        problem = f"{recording.path} lasts {recording.duration:.0f} s, which is too long for an impulse response"
+        raise InputError(problem, "give <kind> stationary", key="kind")
     if recording.modelled:
         return _complete_pressures(recording, band, sound_speed, most)
     decay = extend_to_last_mode(recording, band, estimate_decay(recording, band), noise)
@@ -80,7 +64,7 @@ def impulse_response_pressures(
     grid, power = mean_power(used, band, s, spacing.step / GRID)
     gain = used.sample_rate * -np.expm1(-2 * s * used.duration) / (2 * s) if s > 0 else used.samples
     density = np.zeros(len(grid)) if noise is None else noise(grid) * gain
-    chosen = frequencies.choose_frequencies(grid, power, density, spacing.step, most)
+    chosen = choose_frequencies(grid, power, density, spacing.step, most)
     f = grid[chosen]
     pressures = np.empty((len(f), used.count), dtype=complex)
     for channels, samples in channel_groups(used):
@@ -98,7 +82,7 @@ def _spacing(
     s: float,
     noise: Callable[[np.ndarray], np.ndarray] | None,
     rate: float,
-) -> frequencies.Spacing:
+) -> Spacing:
     """Return how close frequencies are worth taking, from the energy of a few channels over time in the band.
 
     A sweep lasts longer than the response of the room, whose decay then counts.
@@ -116,8 +100,8 @@ def _spacing(
         spectrum = taper * rfft(row * weight, padded)[bins]
         energy += np.abs(np.fft.ifft(spectrum)[: len(times)]) ** 2 / len(channels)
     share = 0.0 if noise is None else np.mean(taper**2 * noise(bins * fs / padded)) * interval * fs
-    found = frequencies.spacing_of(energy, share * np.exp(-2 * s * times), interval)
-    even = frequencies.spacing_of_decay(rate + s)
+    found = spacing_of(energy, share * np.exp(-2 * s * times), interval)
+    even = spacing_of_decay(rate + s)
     step = max(found.step, even.step, 1 / recording.duration)
     return replace(found, step=step, decorrelation=max(found.decorrelation, even.decorrelation))
 
@@ -156,13 +140,12 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
         count = len(even) // DECAY.segments
         rises = bool(even[-2 * count :].max() > RISE * even[min(top * count, len(even) - 2) :].min())
     if rises:
-        raise InputError(
+        problem = (
             f"{recording.path}: the sound has decayed and rises again by {10 * np.log10(end / max(lowest, 1e-300)):.0f}"
             f" dB before the end of {recording.duration:.3g} s: the response wraps round, as after a circular"
-            " deconvolution, or another sound begins",
-            "move that part to the beginning (numpy.roll), or cut it off",
-            key="kind",
+            " deconvolution, or another sound begins"
         )
+        raise InputError(problem, "move that part to the beginning (numpy.roll), or cut it off", key="kind")
 
 
 def mean_power(recording: Recording, band: tuple[float, float], s: float, step: float) -> tuple[np.ndarray, np.ndarray]:
@@ -174,11 +157,8 @@ def mean_power(recording: Recording, band: tuple[float, float], s: float, step: 
     padded = fast_length(int(max(SPECTRUM.padding * samples, fs / step)))
     first, last = int(np.ceil(band[0] * padded / fs)), int(np.floor(band[1] * padded / fs))
     if last - first < 2:
-        raise InputError(
-            f"{recording.path} lasts {recording.duration:g} s, too short for {band[0]:g} to {band[1]:g} Hz",
-            "record longer or widen <frequencies>",
-            key="frequencies",
-        )
+        problem = f"{recording.path} lasts {recording.duration:g} s, too short for {band[0]:g} to {band[1]:g} Hz"
+        raise InputError(problem, "record longer or widen <frequencies>", key="frequencies")
     weight = np.exp(-s / fs * np.arange(samples))
     power = np.zeros(last - first + 1)
     for _, values in channel_groups(recording):
@@ -241,17 +221,11 @@ def deconvolve(
     differ, or the reference has several channels or is silent in the band.
     """
     if reference.sample_rate != recording.sample_rate:
-        raise InputError(
-            f"{reference.path} has {reference.sample_rate:g} Hz and {recording.path} {recording.sample_rate:g} Hz",
-            "convert one of them to the sampling rate of the other",
-            key="reference",
-        )
+        problem = f"{reference.path} has {reference.sample_rate:g} Hz and {recording.path} {recording.sample_rate:g} Hz"
+        raise InputError(problem, "convert one of them to the sampling rate of the other", key="reference")
     if reference.count != 1:
-        raise InputError(
-            f"{reference.path} has {reference.count} channels",
-            "give a reference signal of one channel",
-            key="reference",
-        )
+        problem = f"{reference.path} has {reference.count} channels"
+        raise InputError(problem, "give a reference signal of one channel", key="reference")
     fs, samples = recording.sample_rate, min(recording.samples, DECONVOLUTION.max_samples)
     emitted = min(reference.samples, samples)
     padded = fast_length(samples + emitted)
@@ -259,11 +233,8 @@ def deconvolve(
         rfft(read_samples(reference, 0, emitted)[0], padded), np.arange(padded // 2 + 1) * fs / padded, band
     )
     if inverse is None:
-        raise InputError(
-            f"{reference.path} is silent between {band[0]:g} and {band[1]:g} Hz",
-            "choose another band: <frequencies>",
-            key="frequencies",
-        )
+        problem = f"{reference.path} is silent between {band[0]:g} and {band[1]:g} Hz"
+        raise InputError(problem, "choose another band: <frequencies>", key="frequencies")
     lead = int(DECONVOLUTION.lead * fs)
     length = min(int(DECONVOLUTION.length * fs), padded)
     responses, outside = np.empty((recording.count, length)), np.zeros(padded // 2 + 1)

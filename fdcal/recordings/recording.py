@@ -95,12 +95,11 @@ class Recording:
     def _require_size(self) -> None:
         limits = RECORDING_LIMITS
         if not limits.min_sample_rate <= self.sample_rate <= limits.max_sample_rate:
-            raise InputError(
+            problem = (
                 f"{self.path}: sampling rate = {self.sample_rate:g} Hz must be between {limits.min_sample_rate:g} Hz"
-                f" and {limits.max_sample_rate / 1e6:g} MHz",
-                key="sample_rate",
-                value=self.sample_rate,
+                f" and {limits.max_sample_rate / 1e6:g} MHz"
             )
+            raise InputError(problem, key="sample_rate", value=self.sample_rate)
         if not 1 <= self.count <= limits.max_channels:
             problem, remedy = f"{self.path}: {self.count} channels cannot be used", f"give 1 to {limits.max_channels}"
             raise InputError(problem, remedy, key="count")
@@ -163,12 +162,9 @@ def read_samples(recording: Recording, start: int, stop: int, channels=None) -> 
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         name, sample = recording.names[channels[bad[0][0]]], start + int(bad[0][1])
-        raise InputError(
-            f'{recording.path}: sample {sample} of channel "{name}" is not a finite number',
-            f"repair the file, or leave out the channel: <leave_out> {name}",
-            key="leave_out",
-            value=name,
-        )
+        problem = f'{recording.path}: sample {sample} of channel "{name}" is not a finite number'
+        remedy = f"repair the file, or leave out the channel: <leave_out> {name}"
+        raise InputError(problem, remedy, key="leave_out", value=name)
     return values
 
 
@@ -225,12 +221,11 @@ def join_channels(files: Sequence[Recording]) -> Recording:
             key="sample_rate",
         )
     if shortest.samples < (1 - TAKE_TOLERANCES.length) * longest.samples:
-        raise InputError(
+        problem = (
             f"{shortest.path} lasts {shortest.duration:.3g} s and {longest.path} {longest.duration:.3g} s: they are not"
-            " channels of one take",
-            "give files that were recorded at the same time, of one length",
-            key="files",
+            " channels of one take"
         )
+        raise InputError(problem, "give files that were recorded at the same time, of one length", key="files")
     owner = np.repeat(np.arange(len(files)), [one.count for one in files])
     local = np.concatenate([np.arange(one.count) for one in files])
 

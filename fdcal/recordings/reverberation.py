@@ -118,11 +118,8 @@ def _decay_by_level(recording: Recording, band: tuple[float, float]) -> Decay:
     """Return the decay in a band by the level of a few channels in equal segments of the recording."""
     level = segment_levels(recording, band)
     if not level.max() > 0:
-        raise InputError(
-            f"{recording.path} is silent between {band[0]:g} and {band[1]:g} Hz",
-            "choose another band: <frequencies>",
-            key="frequencies",
-        )
+        problem = f"{recording.path} is silent between {band[0]:g} and {band[1]:g} Hz"
+        raise InputError(problem, "choose another band: <frequencies>", key="frequencies")
     nepers = np.log(np.maximum(level, 1e-30 * level.max()))
     quiet = _floor_level(level)
     noisy = bool(quiet > DECAY.min_power * level.max())

@@ -58,7 +58,7 @@ def floor(scene):
 
 
 @pytest.fixture(scope="module")
-def drawn(require_gl, scene, measurement, estimate, floor):
+def drawn(painted, scene, measurement, estimate, floor):
     """Function (view, dark) -> picture and its image, drawn once each."""
     images = {}
 
@@ -66,7 +66,7 @@ def drawn(require_gl, scene, measurement, estimate, floor):
         if (view, dark) not in images:
             selected = 5 if dark else None  # its name may cover a neighbour
             picture = compose(scene, measurement, estimate, selected, floor, "Tiny", dark)
-            images[view, dark] = picture, decode(snapshot.render_png(picture, SIZE, view))
+            images[view, dark] = picture, painted(picture, SIZE, view)
         return images[view, dark]
 
     return draw
@@ -144,14 +144,14 @@ def test_in_space_the_whole_search_domain_is_in_the_image(view, size):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_in_space_each_known_microphone_is_a_blue_square_at_its_height(require_gl, view):
+def test_in_space_each_known_microphone_is_a_blue_square_at_its_height(painted, view):
     scene = load_scene("ball3d")
     places = np.array([[1.6, 1.3, 0.9], [2.2, 1.3, 1.2], [1.9, 1.9, 1.4], [1.6, 1.75, 1.7], [2.25, 1.8, 1.0]])
     measurement = Measurement(
         np.array([100.0]), np.ones((1, 5), complex), 343.0, 3, positions=places, known=np.arange(4), search=scene.search
     )
     picture = compose(scene, measurement)
-    image = decode(snapshot.render_png(picture, SIZE, view))
+    image = painted(picture, SIZE, view)
     above = places[:4] + [0, 0, layer_height(Layer.KNOWN, picture.marker_radius)]
     for pixel in pixels_of(picture, SIZE, view, above):
         assert nearest(image, pixel, KNOWN, reach=0) < 10

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from fdcal.graphics.study_report import MOST_PANELS, study_panels
+from fdcal.graphics.study_report import MAX_PANELS, study_panels
 
 STUDIES = {
     "one": {"snr_db": [20, 40]},
@@ -26,7 +26,7 @@ def test_each_calibration_is_in_one_panel(name):
     rows, shown = pandas.DataFrame(points), study_panels(axes)
     parts = [rows_of(rows, values) for values in shown.panels]
     assert sorted(itertools.chain.from_iterable(part.index for part in parts)) == list(rows.index)
-    assert len(shown.panels) <= MOST_PANELS and shown.columns <= len(shown.panels)
+    assert len(shown.panels) <= MAX_PANELS and shown.columns <= len(shown.panels)
     assert len(axes[shown.x]) > 1 and (shown.y == "" or len(axes[shown.y]) > 1)
     named = {shown.x, shown.y, *shown.averaged, *shown.panels[0]}
     assert {key for key, values in axes.items() if len(values) > 1} <= named

@@ -1,10 +1,7 @@
 """Isosurfaces and slices of a cost in space: where they lie, their colours, and how both renderers draw them."""
 
-import io
-
 import numpy as np
 import pytest
-from PIL import Image
 
 from fdcal.graphics import paraview, snapshot
 from fdcal.graphics.camera import project
@@ -12,7 +9,6 @@ from fdcal.graphics.heatmap import to_rgb
 from fdcal.graphics.legend import legend_of
 from fdcal.graphics.overlays import with_volume
 from fdcal.graphics.picture import static_picture
-from fdcal.graphics.snapshot import render_png
 from fdcal.graphics.volume import faded, isosurface, levels_of, slice_of, volume_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search
@@ -102,18 +98,18 @@ def picture():
     return static_picture(None, measurement)
 
 
-def image_of(picture, view):
+def image_of(painted, picture, view):
     size = (640, 480)
-    pixels = np.asarray(Image.open(io.BytesIO(render_png(picture, size, view))))[..., :3].astype(int)
+    pixels = painted(picture, size, view)
     return pixels, lambda place: project(snapshot.camera_of(picture, size, view), size, place)[0].round().astype(int)
 
 
-def test_the_png_shows_surfaces_slice_and_the_lowest_cost_in_their_places(picture, require_gl):
+def test_the_png_shows_surfaces_slice_and_the_lowest_cost_in_their_places(picture, painted):
     low, middle = 0.3, float(CENTRE[2])
     volume = volume_of(cost(), SEARCH, True, minima=[CENTRE])
     surfaces = with_volume(picture, volume)
-    bare, at = image_of(with_volume(picture, None), "top")
-    drawn, at = image_of(surfaces, "top")
+    bare, at = image_of(painted, with_volume(picture, None), "top")
+    drawn, at = image_of(painted, surfaces, "top")
     column, row = at(CENTRE + [(volume.levels[-1] + 40) / 50 * 0.9, 0, 0])
     inside = drawn[row, column]
     assert np.abs(inside - bare[row, column]).sum() > 20, "the outermost isosurface is not there"
@@ -121,7 +117,9 @@ def test_the_png_shows_surfaces_slice_and_the_lowest_cost_in_their_places(pictur
     np.testing.assert_allclose(drawn[row, column], 255, atol=2)
     values = np.full((20, 20), 10 ** (volume.bar.high / 10))
     plate = slice_of(values, 2, 3.38, DOMAIN, volume.bar, True)
-    sliced, at = image_of(with_volume(picture, type(volume)(volume.surface, plate, volume.bar, volume.levels)), "top")
+    sliced, at = image_of(
+        painted, with_volume(picture, type(volume)(volume.surface, plate, volume.bar, volume.levels)), "top"
+    )
     column, row = at([CENTRE[0] + low + 0.1, CENTRE[1] + 0.25, 3.38])
     np.testing.assert_allclose(sliced[row, column], to_rgb(np.array(1.0)), atol=6)
 

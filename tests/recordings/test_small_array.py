@@ -34,8 +34,12 @@ def responses(points: np.ndarray) -> np.ndarray:
     f = np.fft.rfftfreq(samples, 1 / FS)
     band = np.sin(np.pi / 2 * np.clip((f - 5) / 80, 0, 1) * np.clip((0.48 * FS - f) / 600, 0, 1)) ** 2
     d = np.linalg.norm(points[:, None] - places, axis=2)
-    p = [np.exp(-2j * np.pi * f[:, None] * one / SPEED) @ (amplitudes / one) for one in d]
-    return np.roll(np.fft.irfft(np.array(p) * band, samples, axis=1), int(0.1 * FS), axis=1)
+    p = np.empty((len(points), len(f)), complex)
+    for row, one in zip(p, d, strict=True):
+        phase = np.exp(-2j * np.pi * f[1] * one / SPEED) * np.ones((len(f), 1))
+        phase[0] = 1.0
+        row[:] = np.cumprod(phase, axis=0) @ (amplitudes / one)  # exp(-2 pi j f d / c), f in equal steps
+    return np.roll(np.fft.irfft(p * band, samples, axis=1), int(0.1 * FS), axis=1)
 
 
 @pytest.fixture(scope="module")

@@ -51,10 +51,8 @@ def _read_npz(path: Path, source: int | None = None) -> Recording:
     except OSError as error:
         raise error if error.strerror else InputError(f"{path} is not a .npz file: {error}") from error
     except MemoryError:
-        raise InputError(
-            f"{path} holds more than fits into memory, and an .npz file is read as a whole",
-            "give WAV, W64, FLAC or HDF5",
-        ) from None
+        problem = f"{path} holds more than fits into memory, and an .npz file is read as a whole"
+        raise InputError(problem, "give WAV, W64, FLAC or HDF5") from None
     except Exception as error:
         raise InputError(
             f"{path} is not an .npz file that can be read ({type(error).__name__})", "write it again"
@@ -95,12 +93,8 @@ def _read_meshrir(path: Path, source: int | None = None) -> Recording:
     places, sources = (_positions(path / name) for name in ("pos_mic.npy", "pos_src.npy"))
     source = 0 if source is None else source
     if not 0 <= source < len(sources):
-        raise InputError(
-            f"source = {source} does not exist",
-            f"{path} has sources 0 to {len(sources) - 1}",
-            key="source",
-            value=source,
-        )
+        problem = f"source = {source} does not exist"
+        raise InputError(problem, f"{path} has sources 0 to {len(sources) - 1}", key="source", value=source)
     missing = [n for n in range(len(places)) if not (path / f"ir_{n}.npy").exists()]
     if missing:
         raise InputError(

@@ -37,12 +37,8 @@ def read_positions(path: str | PathLike[str]) -> MicrophonePositions:
     """
     path = Path(path)
     if path.suffix.lower() not in READERS:
-        raise InputError(
-            f'"{path}" ends in no suffix of a file of positions',
-            f"give <positions> as {', '.join(sorted(READERS))}",
-            key="positions",
-            value=str(path),
-        )
+        problem = f'"{path}" ends in no suffix of a file of positions'
+        raise InputError(problem, f"give <positions> as {', '.join(sorted(READERS))}", key="positions", value=str(path))
     names, positions = READERS[path.suffix.lower()](path)
     return MicrophonePositions(tuple(names), positions, frame=path.name)
 
@@ -133,12 +129,8 @@ def _metres(path: str | Path, element: tree.Element, axis: str, row: int) -> flo
     text = element.get(axis, "0" if axis == "z" else "")
     value = float(text) if NUMBER.fullmatch(text.strip()) else math.nan
     if not math.isfinite(value):
-        raise InputError(
-            f'{path}: {axis} = "{shown(text)}" of microphone {row} is no number',
-            "give metres",
-            key="positions",
-            value=text,
-        )
+        problem = f'{path}: {axis} = "{shown(text)}" of microphone {row} is no number'
+        raise InputError(problem, "give metres", key="positions", value=text)
     return value
 
 

@@ -21,11 +21,8 @@ from . import Format
 def _read(path: Path, source: int | None = None) -> Recording:
     """Raise InputError: the file has no channels."""
     load_sdm_response(path)  # a damaged file is reported first
-    raise InputError(
-        f"{path} is an impulse response at one point, with directions, and has no channels",
-        "import it with <array>, the positions at which to render them",
-        key="array",
-    )
+    problem = f"{path} is an impulse response at one point, with directions, and has no channels"
+    raise InputError(problem, "import it with <array>, the positions at which to render them", key="array")
 
 
 def _render(path: Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:

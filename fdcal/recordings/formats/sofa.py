@@ -92,17 +92,22 @@ def cartesian(file, path: Path, name: str) -> np.ndarray:
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), radius * np.sin(elevation)], axis=1)
 
 
+def positions_of(file, path: Path, name: str, count: int) -> np.ndarray:
+    """Return `cartesian` for each of `count`."""
+    return each_of(cartesian(file, path, name), path, name, count)
+
+
 def receiver_positions(file, path: Path, measurements: int, receivers: int) -> np.ndarray:
     """Return where each receiver stood in each measurement : (M, R, 3) float64, metres."""
-    listener = each_of(cartesian(file, path, "ListenerPosition"), path, "ListenerPosition", measurements)
+    listener = positions_of(file, path, "ListenerPosition", measurements)
     local = cartesian(file, path, "ReceiverPosition")
     if local.ndim == 2:
         local = local[:, :, None]
     local = each_of(local, path, "ReceiverPosition", receivers)
     local = each_of(np.moveaxis(local, 2, 0), path, "ReceiverPosition", measurements)  # (M, R, 3)
     if "ListenerView" in file.variables and "ListenerUp" in file.variables:
-        view = each_of(cartesian(file, path, "ListenerView"), path, "ListenerView", measurements)
-        up = each_of(cartesian(file, path, "ListenerUp"), path, "ListenerUp", measurements)
+        view = positions_of(file, path, "ListenerView", measurements)
+        up = positions_of(file, path, "ListenerUp", measurements)
         side = np.cross(up, view)
         axes = np.stack([view, side, np.cross(view, side)], axis=1)
         length = np.linalg.norm(axes, axis=2, keepdims=True)
@@ -121,7 +126,7 @@ def each_of(values: np.ndarray, path: Path, name: str, count: int) -> np.ndarray
 
 def sources_of(file, path: Path, measurements: int) -> np.ndarray:
     """Return the place of the source of each measurement : (M,) int64; places count in the order of the file."""
-    places = each_of(cartesian(file, path, "SourcePosition"), path, "SourcePosition", measurements)
+    places = positions_of(file, path, "SourcePosition", measurements)
     firsts: list[int] = []
     member = np.zeros(measurements, np.int64)
     for m in range(measurements):
@@ -268,12 +273,9 @@ def _blank(sofar, count: int):
 def _copied(sofar, original: str):
     """Return the content of the original file, to be written elsewhere."""
     if Path(original).suffix.lower() not in (".sofa",):
-        raise InputError(
-            f"original = {original} is no SOFA file",
-            "give the .sofa file that the result was calibrated from as <original>",
-            key="original",
-            value=original,
-        )
+        problem = f"original = {original} is no SOFA file"
+        remedy = "give the .sofa file that the result was calibrated from as <original>"
+        raise InputError(problem, remedy, key="original", value=original)
     try:
         with open(original, "rb"):
             pass
@@ -348,12 +350,8 @@ def _require_one_order(sofa, repetition: np.ndarray, original: str | None) -> No
     positions = np.concatenate(columns, axis=1)
     spreads = [np.ptp(positions[repetition == one], axis=0).max() for one in np.unique(repetition)]
     if max(spreads) > SOFA_TOLERANCES.same_position:
-        raise InputError(
-            f"{original} has sources whose receiver positions are in different orders",
-            "leave out <original>",
-            key="original",
-            value=original,
-        )
+        problem = f"{original} has sources whose receiver positions are in different orders"
+        raise InputError(problem, "leave out <original>", key="original", value=original)
 
 
 def _in_channel_order(placed: MicrophonePositions) -> np.ndarray:

@@ -25,7 +25,7 @@ from ..sources import CalibrationInput
 from .bounds import field_of, wavenumbers_of
 from .request import PlanRequest
 
-MOST_FREQUENCIES = 120  # of a simulated calibration: more take longer and hardly change the answer
+MAX_FREQUENCIES = 120  # of a simulated calibration: more take longer and hardly change the answer
 FOUND_BOUNDS = 3.0  # times the bound: an array whose error is below was found
 LEAST_FOUND_M = 0.005  # likewise: half of the accuracy that is wanted by default
 TRIALS_PER_WORKER = 5  # at least, which take longer than the start of a process
@@ -88,7 +88,7 @@ def run_trials(
     this needs the guard `if __name__ == "__main__"` that `multiprocessing` asks for. Raises InputError: a worker has
     ended early, which happens where the memory does not suffice.
     """
-    used = len(request.spaced(MOST_FREQUENCIES)) / len(request.frequencies)
+    used = len(request.spaced(MAX_FREQUENCIES)) / len(request.frequencies)
     bound = position_bound(information.scaled(used), request.prior)
     done: list[Outcome] = []
     with _mapping(workers) as mapped:
@@ -155,7 +155,7 @@ def draw_measurement(request: PlanRequest, trial: int) -> Measurement:
     Each take is the field of another source, with noise of its own; the microphones and their gains are those of all.
     """
     rng = np.random.default_rng([request.seed, 7, trial])
-    frequencies, x = request.spaced(MOST_FREQUENCIES), request.layout.positions
+    frequencies, x = request.spaced(MAX_FREQUENCIES), request.layout.positions
     clean = field_of(request, frequencies, rng)
     noise = 10 ** (-request.snr_db / 10)
     gain = 10 ** (request.gain_sigma_db / 20 * rng.normal(size=len(x)))
