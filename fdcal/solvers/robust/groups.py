@@ -165,7 +165,7 @@ def _searched(
         row[:] = _costs(x[far], (x[near] - middle) @ turn.T, q[low][:, far], q[low][:, near], pair, places)
     kept: list[tuple[Reals, Reals, Reals]] = []
     for number in np.argsort(cost, axis=None).tolist():
-        turn, place = divmod(number, len(places))
+        turn, place = divmod(int(number), len(places))
         shape = places[place] + (x[inside] - middle) @ turns[turn].T
         if all(np.sqrt(np.sum((shape - one) ** 2, axis=1).mean()) > cell for *_, one in kept):
             kept.append((turns[turn], places[place], shape))
