@@ -14,8 +14,7 @@ from fdcal.model.gauge import position_errors
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.session import Session
-from fdcal.solvers import descent as descent
-from fdcal.solvers import joint as joint
+from fdcal.solvers import descent, joint
 
 TRUTH = np.random.default_rng(5).uniform(-0.4, 0.4, (24, 2)) + [2.61, 2.31]
 SEARCH = Search((2.01, 1.71), (1.2, 1.2), 0.04, 0.6)
