@@ -101,7 +101,10 @@ def pytest_collection_modifyitems(items) -> None:
     items.sort(key=lambda item: "browser" not in getattr(item, "fixturenames", ()))
     for item in items:
         if "PYTEST_XDIST_WORKER" in os.environ and "browser" in getattr(item, "fixturenames", ()):
-            item._nodeid += BROWSER  # as xdist does for its groups
+            if hasattr(item, "_id"):  # since pytest 9.2
+                item._id = type(item._id).parse(item.nodeid + BROWSER)
+            else:
+                item._nodeid += BROWSER  # as xdist does for its groups
 
 
 def _missing(reason: str) -> None:
