@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -18,7 +20,7 @@ from fdcal.model.scene_file import scene_folder
 from fdcal.solvers.warmup import warmup_calls
 
 ROOT = Path(__file__).parent.parent
-BROWSER = "@browser"  # ends the identity of a test with a browser, for the scheduler
+BROWSER = re.compile(r"def \w+\([^)]*\bbrowser\b")  # a test or a fixture that takes the browser
 CHROMIUM = ("/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome")
 
 
@@ -83,11 +85,18 @@ def _edit(text: str, changes: dict[str, str | None]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@functools.cache
+def has_browser(path: Path) -> bool:
+    """Whether a test of a file needs a browser."""
+    return BROWSER.search(path.read_text(encoding="utf-8")) is not None
+
+
 class OneBrowser(LoadFileScheduling):
-    """Each file's tests on one worker, and all that need a browser on the same one."""
+    """Each file's tests on one worker, and those of all files that need a browser on the same one."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return "browser" if nodeid.endswith(BROWSER) else super()._split_scope(nodeid)
+        file = super()._split_scope(nodeid)
+        return "browser" if has_browser(self.config.rootpath / file) else file
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -98,13 +107,7 @@ def pytest_xdist_make_scheduler(config, log):
 
 def pytest_collection_modifyitems(items) -> None:
     """Begin with the browser tests, which take the longest together; the other files follow in their order."""
-    items.sort(key=lambda item: "browser" not in getattr(item, "fixturenames", ()))
-    for item in items:
-        if "PYTEST_XDIST_WORKER" in os.environ and "browser" in getattr(item, "fixturenames", ()):
-            if hasattr(item, "_id"):  # since pytest 9.2
-                item._id = type(item._id).parse(item.nodeid + BROWSER)
-            else:
-                item._nodeid += BROWSER  # as xdist does for its groups
+    items.sort(key=lambda item: not has_browser(item.path))
 
 
 def _missing(reason: str) -> None:

@@ -70,7 +70,7 @@ def _by_few(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -
 
     waves : (M, Q, N) over the square root of the channels' noise; p : (M, N) over sqrt(s), likewise; mu : (M, 1), v / s
     """
-    W, q = waves * np.sqrt(S)[..., None], np.arange(waves.shape[1])
+    W, q = waves * np.sqrt(S)[..., None], np.arange(int(waves.shape[1]))
     WH = np.conj(W)
     A = WH @ W.swapaxes(1, 2)
     A[:, q, q] += mu
@@ -81,7 +81,7 @@ def _by_few(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -
 
 def _by_many(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """The same of more waves than microphones."""
-    W, n = waves * np.sqrt(S)[..., None], np.arange(waves.shape[2])
+    W, n = waves * np.sqrt(S)[..., None], np.arange(int(waves.shape[2]))
     C = W.swapaxes(1, 2) @ np.conj(W)
     C[:, n, n] += mu
     X = triangular_inverses(np.linalg.cholesky(C))
@@ -92,7 +92,7 @@ def _by_many(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) 
 
 def _by_pairs(waves: Reals, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """The same of undamped waves in opposite pairs, in real arithmetic; `waves` (M, N, Q) float64."""
-    (M, N, Q), n = waves.shape, np.arange(waves.shape[1])
+    (M, N, Q), n = waves.shape, np.arange(int(waves.shape[1]))
     half, w = Q // 2, wave_directions(dimension, Q)[1]
     C = np.empty((M, N, N), complex)
     pair_covariance(waves, *pair_powers(S, dimension), C)

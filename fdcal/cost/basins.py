@@ -154,7 +154,7 @@ class Basins:
 
     # (ny, nx) int64, number of the minimum where descent from each place ends, or OUTSIDE; of a volume, (nz, ny, nx)
     labels: np.ndarray
-    minima: np.ndarray  # (K, 2) int64, those of `local_minima`; of a volume (K, 3)
+    minima: Integers  # (K, 2) int64, those of `local_minima`; of a volume (K, 3)
 
     @property
     def shares(self) -> np.ndarray:
@@ -171,7 +171,7 @@ class Basins:
     @property
     def outside(self) -> float:
         """Share of the map from which descent ends at its edge."""
-        return float(np.mean(self.labels == OUTSIDE))
+        return float((self.labels == OUTSIDE).mean())
 
 
 def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:

@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..model.types import Reals
+
 
 @dataclass(frozen=True)
 class ChannelCorrection:
@@ -23,7 +25,7 @@ class ChannelCorrection:
     """
 
     gains: np.ndarray  # (N,) complex128, dimensionless
-    noise: np.ndarray  # (N,) float64, noise power of the corrected pressures over that of a healthy channel
+    noise: Reals  # (N,) float64, noise power of the corrected pressures over that of a healthy channel
 
     def corrected(self, pressures: ArrayLike) -> np.ndarray:
         """Return pressures (..., N) divided by the gains."""
@@ -43,7 +45,7 @@ def equalised(pressures: ArrayLike, channels: ChannelCorrection | None) -> tuple
     """
     pressures = np.asarray(pressures)
     if channels is None:
-        return pressures, np.ones(pressures.shape[-1])
+        return pressures, np.ones(int(pressures.shape[-1]))
     return channels.corrected(pressures) * channels.scale, channels.scale
 
 

@@ -78,8 +78,8 @@ def landscape(
 class LeaveOneOutFit:
     """The fit of one mode to all microphones but one; the symbols are those of the module's docstring."""
 
-    Z: np.ndarray  # (K, K) complex128, Z Z^H is the inverse of W_-n^H W_-n; K = 2L + 1
-    alpha: np.ndarray  # (K,) complex128, coefficients, unit of the pressures
+    Z: Complexes  # (K, K) complex128, Z Z^H is the inverse of W_-n^H W_-n; K = 2L + 1
+    alpha: Complexes  # (K,) complex128, coefficients, unit of the pressures
     r0: float  # squared residual of the other microphones
     p_n: complex  # complex, pressure of the microphone left out
 
@@ -108,7 +108,7 @@ def leave_one_out_fits(
     (N,) float64 or None, of the squared residual of each microphone; that of `n` counts as 1. Raises InputError: a mode
     has more functions than there are microphones left.
     """
-    others = np.arange(pressures.shape[1]) != n
+    others = np.arange(int(pressures.shape[1])) != n
     scale = np.ones(np.count_nonzero(others)) if weights is None else np.sqrt(weights[others])
     fits: dict[int, LeaveOneOutFit] = {}
     widths = np.array([W.shape[1] for W in dictionaries])

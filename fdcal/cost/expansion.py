@@ -40,8 +40,8 @@ NEGLIGIBLE = 1e-16  # Chebyshev coefficient that is left out; the functions are 
 class CarriedModes:
     """The modes of a problem that its microphones can carry at a fixed order, and their orders."""
 
-    modes: np.ndarray  # (K,) int64, counted from 0, ascending
-    orders: np.ndarray  # (K,) int64, L of each
+    modes: Integers  # (K,) int64, counted from 0, ascending
+    orders: Integers  # (K,) int64, L of each
     order_offset: int  # added to ceil(k R)
 
 

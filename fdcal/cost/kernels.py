@@ -117,9 +117,9 @@ def circular_waves(
     return W, (_circular_slopes(C, S, factor * np.asarray(k)[:, None] / 2) if slopes else None)
 
 
-def _circular_slopes(C: np.ndarray, S: np.ndarray, half: np.ndarray) -> np.ndarray:
+def _circular_slopes(cosines: np.ndarray, sines: np.ndarray, half: np.ndarray) -> np.ndarray:
     """dW from J_l cos(l theta) and J_l sin(l theta), l = 0..L+1; `half` (M, L + 1) is k / 2 times the factor."""
-    C, S = C.swapaxes(0, 1), S.swapaxes(0, 1)
+    C, S = cosines.swapaxes(0, 1), sines.swapaxes(0, 1)
     L, half = half.shape[1] - 1, half[:, :, None]
     dW = np.empty((2, len(C), 2 * L + 1, C.shape[2]), C.dtype)
     for a, zero in enumerate((C, S)):
@@ -276,7 +276,7 @@ def series_kernel(
     centre, orders, gains = expansion_about(x, k, dimension, near, about)
     K, D = np.empty((M, N, N), complex), np.empty((axes, M, N, N), complex) if slope else None
     if dimension == 3:
-        l = np.arange(gains.shape[1])  # noqa: E741
+        l = np.arange(int(gains.shape[1]))  # noqa: E741
         excess = np.where(l <= orders[:, None], (2 * l + 1) * (gains**2 - 1), 0.0)
         for m in blocks(M, 2 * N * N):
             K[m] = _isotropic(x - centre, k[m], None if D is None else D[:, m])
@@ -362,14 +362,14 @@ def _pair_slopes(
     both = np.concatenate([towards, towards], axis=1).T
     factors = np.ascontiguousarray(parts[..., None] * both).view(float)  # (M, Q, 2 D)
     g = np.matmul(waves, factors).view(complex) * k[:, None, None]
-    R, X = np.matmul(np.real(P).copy(), waves), np.matmul(np.imag(P).copy(), waves)
-    R = waves[..., :half] * R[..., half:] - waves[..., half:] * R[..., :half]
-    R *= a[:, None]
-    X *= waves
-    X = X[..., :half] + X[..., half:]
-    X *= b[:, None]
-    R -= X
-    traced = np.matmul(R, towards.T) * k[:, None, None]
+    real, imag = np.matmul(np.real(P).copy(), waves), np.matmul(np.imag(P).copy(), waves)
+    turned = waves[..., :half] * real[..., half:] - waves[..., half:] * real[..., :half]
+    turned *= a[:, None]
+    imag *= waves
+    mixed = imag[..., :half] + imag[..., half:]
+    mixed *= b[:, None]
+    turned -= mixed
+    traced = np.matmul(turned, towards.T) * k[:, None, None]
     return np.moveaxis(g, 2, 0), np.moveaxis(traced, 2, 0)
 
 

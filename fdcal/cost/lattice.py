@@ -134,7 +134,7 @@ class SpaceLattice:
             points, total = self._place(index), np.zeros(len(index))
             for group in self._expansion.groups(numbers[part]):
                 for number, rows in zip(group, self._expansion.rows(points, centre, group), strict=True):
-                    total += fits[number - numbers[0]].cost_of(rows)
+                    total += fits[int(number - numbers[0])].cost_of(rows)
             return total
 
         everything, stride = np.arange(len(numbers)), self._stride(float(self._k[numbers].max()))
@@ -150,7 +150,7 @@ class SpaceLattice:
 
     def _coarse(self, cost: Callable[..., np.ndarray], stride: int, modes: np.ndarray) -> np.ndarray:
         """Return the indices of the best coarse candidates : (S, 3) int64."""
-        index = _grid([np.unique(np.append(np.arange(0, count, stride), count - 1)) for count in self._shape])
+        index = _grid([np.unique(np.append(np.arange(0, count, stride), count - 1)) for count in self._shape.tolist()])
         total = np.zeros(len(index))
         for part in np.array_split(modes, min(QUARTERS, len(modes))):
             if len(index) > MIN_KEPT and part[0] > 0:

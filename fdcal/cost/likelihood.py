@@ -83,7 +83,7 @@ class Conditional:
     power: float  # beta
     weight: float  # of the likelihood of a random field beside it
     damped: bool  # whether the imaginary part of the wavenumbers counts in it
-    reference: np.ndarray  # (M, N) or (1, N) complex128, log g_0
+    reference: Complexes  # (M, N) or (1, N) complex128, log g_0
 
 
 @dataclass(frozen=True)
@@ -91,18 +91,18 @@ class FieldModel:
     """What is assumed of the sound field and of the noise."""
 
     # (M,) float64 or complex128, rad/m; complex ones take the series, real ones the diffuse kernel
-    wavenumbers: np.ndarray
+    wavenumbers: Reals
     # power, noise: (M,) float64, s and v, in the unit of abs(pressures)**2
-    power: np.ndarray
-    noise: np.ndarray
-    channel_noise: np.ndarray  # (N,) float64, tau
+    power: Reals
+    noise: Reals
+    channel_noise: Reals  # (N,) float64, tau
     dimension: int  # 2 or 3, of the sound field
     near: bool = False  # whether a source may be close to the array; with the series only
     # (N, D) float64, metres, or None: positions that give the centre of the series, those of the microphones unless
     # given; the gradient takes it as fixed
-    about: np.ndarray | None = None
+    about: Reals | None = None
     # (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.angular_spectrum`)
-    directions: np.ndarray | None = None
+    directions: Reals | None = None
     conditional: Conditional | None = None
 
 
@@ -110,7 +110,7 @@ def isotropic_field(pressures: Numbers, wavenumbers: Numbers, noise: Reals, dime
     """Return a diffuse field whose power is that of the pressures (M, N) less the noise (M,), alike in all channels."""
     measured = mode_power(pressures)
     power = np.maximum(measured - noise, MIN_FIELD_SHARE * measured)
-    return FieldModel(np.real(wavenumbers), power, np.asarray(noise), np.ones(np.shape(pressures)[1]), dimension)
+    return FieldModel(np.real(wavenumbers), power, np.asarray(noise), np.ones(int(pressures.shape[1])), dimension)
 
 
 @dataclass(frozen=True)
@@ -118,13 +118,13 @@ class Terms:
     """The cost at one set of parameters, and what follows from the same factorisation."""
 
     cost: float
-    costs: np.ndarray  # (M,) float64, of every mode
-    gradient: np.ndarray | None  # (N, P) float64, by the parameters of every microphone; None for the cost alone
-    curvature: np.ndarray | None  # (N, P, N, P) float64, Gauss-Newton; None for the cost alone
+    costs: Reals  # (M,) float64, of every mode
+    gradient: Reals | None  # (N, P) float64, by the parameters of every microphone; None for the cost alone
+    curvature: Reals | None  # (N, P, N, P) float64, Gauss-Newton; None for the cost alone
     weighted: np.ndarray  # (M, N) complex128, u = C^-1 q
-    precision: np.ndarray  # (M, N) float64, d, the diagonal of C^-1
+    precision: Reals  # (M, N) float64, d, the diagonal of C^-1
     corrected: np.ndarray  # (M, N) complex128, q
-    slopes: np.ndarray | None = None  # (M, N, P) float64, gradient of every mode; None for the cost alone
+    slopes: Reals | None = None  # (M, N, P) float64, gradient of every mode; None for the cost alone
 
     def newton(self) -> tuple[np.ndarray, np.ndarray]:
         """Return gradient and curvature. Raises ValueError where the cost alone was computed."""
@@ -266,7 +266,7 @@ def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
 
     def rule(m: slice, derivatives: bool) -> _Block:
         W, dW = waves(m, derivatives)
-        W, p, mu, columns = W * weight, q[m] * weight, v[m] / s[m], np.arange(W.shape[1])
+        W, p, mu, columns = W * weight, q[m] * weight, v[m] / s[m], np.arange(int(W.shape[1]))
         WH = np.conj(W) if np.iscomplexobj(W) else W
         A = WH @ W.swapaxes(1, 2)
         A[:, columns, columns] += mu[:, None]
@@ -286,7 +286,9 @@ def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
             g = np.array([joined_columns(slope.swapaxes(1, 2) @ parts) for slope in along])
             return g, np.array([_real_products(slope, T) for slope in along])
 
-        rows = lambda n, i: FH[n, i] @ F[n]  # noqa: E731
+        def rows(n: slice, i: slice) -> np.ndarray:
+            return FH[n, i] @ F[n]
+
         costs = misfit / v[m] + log_det + jacobian[m]
         return _Block(costs, left / v[m, None], d, weight, rows, 1 / v[m], slopes)
 

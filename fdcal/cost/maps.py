@@ -33,7 +33,7 @@ from scipy.special import jv
 from ..acoustics.dictionary import fourier_bessel, max_order
 from ..model.problem import Problem
 from ..model.settings import Search
-from ..model.types import Complexes, Reals
+from ..model.types import Complexes, Integers, Reals
 from ..model.validation import InputError
 from .channel_correction import ChannelCorrection, SolverState, equalised
 from .eq7 import LeaveOneOutFit, coefficients, known_weights, leave_one_out_fits
@@ -68,7 +68,7 @@ def node_counts(
     of wavenumber 2 k that is left out.
     """
     low, high = area(search, dimension)
-    counts = []
+    counts: list[int] = []
     for half in (high - low) / 2:
         z = 2 * wavenumber * half
         degrees = np.arange(int(z) + 1, int(1.5 * z) + 60)  # beyond l = z the coefficients J_l(z) decrease
@@ -97,8 +97,8 @@ def _from_nodes(domain: Search, places: np.ndarray, axis: int, count: int) -> np
     low, high = area(domain, len(domain.origin))[:, axis]
     weight = np.full(count, 2.0 / count)
     weight[0] /= 2
-    there = chebvander((2 * places - low - high) / (high - low), count - 1)
-    return (there * weight) @ chebvander(_nodes(count), count - 1).T
+    there = np.asarray(chebvander(np.asarray((2 * places - low - high) / (high - low)), count - 1))
+    return (there * weight) @ np.asarray(chebvander(_nodes(count), count - 1)).T
 
 
 @functools.lru_cache(maxsize=128)
@@ -130,7 +130,7 @@ class NodeTerms:
     """What one mode adds to the cost: its fit without the microphone, and h, Re f and Im f at the nodes."""
 
     fit: LeaveOneOutFit
-    values: np.ndarray  # (3, [nz,] ny, nx) float64
+    values: Reals  # (3, [nz,] ny, nx) float64
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -148,11 +148,11 @@ class MovedMicrophone:
 
     problem: Problem
     expansion: FieldExpansion  # of the order
-    positions: np.ndarray  # (N, D) float64, metres
+    positions: Reals  # (N, D) float64, metres
     n: int
-    centre: np.ndarray  # (D,) float64, metres, of the expansion
-    pressures: np.ndarray  # (M, N) complex128, of all modes of the problem, times `scale`
-    scale: np.ndarray  # (N,) float64, root of the weight of each microphone
+    centre: Reals  # (D,) float64, metres, of the expansion
+    pressures: Complexes  # (M, N) complex128, of all modes of the problem, times `scale`
+    scale: Reals  # (N,) float64, root of the weight of each microphone
 
     @property
     def domain(self) -> Search:
@@ -261,9 +261,11 @@ class CostVolume:
     ) -> np.ndarray | None:
         """Return the cost at all points (x, y, z) of a lattice, metres : (nz, ny, nx); None once cancelled."""
         places = [np.atleast_1d(np.asarray(axis, float)) for axis in (x, y, z)]
-        onto = functools.cache(
-            lambda counts: [_from_nodes(self.domain, *one) for one in zip(places, range(3), counts, strict=True)]
-        )
+
+        @functools.cache
+        def onto(counts: tuple[int, ...]) -> list[np.ndarray]:
+            return [_from_nodes(self.domain, *one) for one in zip(places, range(3), counts, strict=True)]
+
         total = np.zeros([len(axis) for axis in places[::-1]])
         for terms in self.modes:
             if cancelled():
@@ -286,7 +288,7 @@ def cost_volume(
     if len(moved.domain.origin) != 3 or len(moved.centre) != 3:
         dimension = len(moved.centre)
         raise InputError("the array is in a plane", "use a map of two dimensions", key="dimension", value=dimension)
-    found = []
+    found: list[NodeTerms] = []
     for _, terms in moved.at_nodes(modes, 3, negligible):
         if cancelled():
             return None
@@ -341,8 +343,12 @@ def likelihood_maps(
     orders = max_order(field.wavenumbers, float(reach), EXTRA_ORDERS)
     few = problem.dimension == 2 and 2 * orders.max(initial=0) + 1 <= MAX_FUNCTIONS * len(x)
     between = _distances(others, others)
-    to_nodes = functools.cache(lambda counts: _distances(others, node_points(domain, counts, x[n, 2:])))
-    maps = []
+
+    @functools.cache
+    def to_nodes(counts: tuple[int, ...]) -> Reals:
+        return _distances(others, node_points(domain, counts, x[n, 2:]))
+
+    maps: list[np.ndarray] = []
     for m, (k, s, v) in enumerate(zip(field.wavenumbers.tolist(), field.power, field.noise, strict=True)):
         counts, rest = node_counts(domain, k), np.delete(p[m], n)
         if few:
@@ -450,8 +456,8 @@ class PartialSum:
     """The map of some modes."""
 
     modes: tuple[int, ...]  # in the order in which they were added, counted from 1
-    cost: np.ndarray  # (ny, nx) float64, of Eq. 7 relative to the power of the pressures of these modes
-    minima: np.ndarray  # (K, 2) int64, rows and columns of its local minima, the lowest first
+    cost: Reals  # (ny, nx) float64, of Eq. 7 relative to the power of the pressures of these modes
+    minima: Integers  # (K, 2) int64, rows and columns of its local minima, the lowest first
 
 
 def partial_sums(

@@ -17,7 +17,6 @@ An inverse gamma prior adds so many observations of an expected value to the num
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -56,12 +55,16 @@ def estimate_noise(positions: Reals, corrected: Numbers, field: FieldModel, min_
         return float(np.sum(np.log(spectrum) + along / spectrum))
 
     top = float(slope.max())
-    bounds = [(np.log(min_share), np.log(max_share)), (np.log(min_share / top), np.log(max_share / top))]
-    grid = [np.linspace(*bound, 8) for bound in bounds]
+    shares, variances = ((float(np.log(min_share / x)), float(np.log(max_share / x))) for x in (1.0, top))
+    grid: list[list[float]] = [np.linspace(low, high, 8).tolist() for low, high in (shares, variances)]
     start = min(((a, b) for a in grid[0] for b in grid[1]), key=cost)
     options = {"xatol": 0.05, "fatol": 0.1}
-    best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options)
-    alone: Any = minimize_scalar(lambda log: cost((log, bounds[1][0])), bounds=bounds[0], method="bounded")
+    best = minimize(cost, start, method="Nelder-Mead", bounds=[shares, variances], options=options)
+
+    def without_spread(log: float) -> float:
+        return cost((log, variances[0]))
+
+    alone = minimize_scalar(without_spread, bounds=shares, method="bounded")
     noise, variance = np.exp(best.x)
     return NoiseEstimate(float(noise), float(np.sqrt(variance)), float(np.exp(alone.x)), float(best.fun))
 

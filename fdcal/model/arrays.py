@@ -171,7 +171,7 @@ def positions_3d(scene: Scene) -> np.ndarray:
     """
     positions = _geometry_3d(scene.array, np.random.default_rng([scene.seed, 0])) + (scene.array.center or 0.0)
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1) + np.eye(len(positions))
-    first, second = np.unravel_index(distance.argmin(), distance.shape)
+    first, second = divmod(int(distance.argmin()), len(distance))
     if distance[first, second] < CLEARANCE:
         problem = f"array puts microphones {first} and {second} in one place"
         raise InputError(problem, "move one of them", key="array")

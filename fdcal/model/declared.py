@@ -149,7 +149,7 @@ def check(record: Any, prefix: str = "", names: Mapping[str, str] = MappingProxy
             convert(getattr(record, field.name), kind, prefix + names.get(field.name, field.name))
 
 
-def build(cls, table: dict, prefix: str = "", whole: str = "scene"):
+def build(cls: Any, table: dict[str, Any], prefix: str = "", whole: str = "scene") -> Any:
     """Return a dataclass with the values of a table; its `check` is left to the class.
 
     Defaults apply in Python alone. A table must give every field except those that the class lists in OPTIONAL, or in

@@ -56,7 +56,7 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
     side only those where it turns left.
     """
     ordered = np.unique(np.asarray(points, dtype=float), axis=0)
-    sides = []
+    sides: list[np.ndarray] = []
     for row in (ordered, ordered[::-1]):
         side: list[np.ndarray] = []
         for point in row:
@@ -116,7 +116,7 @@ def rectangle_plus_random(
     """
     regular = cells_of(rectangle(shape, size) + center, cell)
     low, high = regular.min(axis=0), regular.max(axis=0)
-    x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
+    x, y = np.meshgrid(*(np.arange(float(low[a]), float(high[a]) + 1) for a in (0, 1)))
     taken = {tuple(index) for index in regular.tolist()}
     free = [index for index in zip(x.ravel().tolist(), y.ravel().tolist(), strict=True) if index not in taken]
     if extra > len(free):
@@ -177,9 +177,9 @@ def random_source(
     microphone, metres; `allowed`: whether a place, (2 or 3,) float64, is possible otherwise. Returns (2 or 3,) float64
     or None, none where no place was found.
     """
-    size = np.asarray(size, float)
+    lengths = np.asarray(size, float)
     for _ in range(DRAWS):
-        place = np.round(WALL_DISTANCE_M + rng.random(len(size)) * (size - 2 * WALL_DISTANCE_M), 3)
+        place = np.round(WALL_DISTANCE_M + rng.random(len(lengths)) * (lengths - 2 * WALL_DISTANCE_M), 3)
         away = np.linalg.norm(microphones - place[: microphones.shape[1]], axis=1).min()
         if away > clearance and allowed(place):
             return place

@@ -493,7 +493,8 @@ def _joined_arrivals(each: Sequence[Measurement]) -> dict[str, np.ndarray]:
     """Arrivals of all takes, and their sigma, as arguments of a measurement; NaN for those without."""
     if all(one.arrivals is None for one in each):
         return {}
-    times, sigma = [], []
+    times: list[np.ndarray] = []
+    sigma: list[np.ndarray] = []
     for one in each:
         rows = _take_rows(one)
         none = np.full((rows, one.count), np.nan), np.full(rows, checks.ARRIVALS.sigma / one.sound_speed)

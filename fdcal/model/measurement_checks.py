@@ -57,9 +57,9 @@ def pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None
     array = np.asarray(values)
     if array.ndim == 2 and array.dtype.kind in "fc":  # the first microphone with NaN is named, unless all have it
         bad = np.flatnonzero(~np.all(np.isfinite(array), axis=0))
-        labels = np.arange(array.shape[1]) if labels is None else labels
-        if 0 < len(bad) < array.shape[1] and len(labels) == array.shape[1]:
-            name = labels[bad[0]]
+        named = list(range(array.shape[1])) if labels is None else list(labels)
+        if 0 < len(bad) < array.shape[1] and len(named) == array.shape[1]:
+            name = named[int(bad[0])]
             raise InputError(
                 f'pressures of microphone "{name}" are not all finite numbers',
                 f"correct them, or leave the microphone out: <exclude> {name}",

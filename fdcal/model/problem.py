@@ -53,4 +53,4 @@ class Problem:
     @property
     def free(self) -> np.ndarray:
         """(N - A,) int64, the microphones to be found, ascending."""
-        return np.setdiff1d(np.arange(self.pressures.shape[1]), self.known)
+        return np.setdiff1d(np.arange(int(self.pressures.shape[1])), self.known)

@@ -93,7 +93,7 @@ def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
             "write it with numpy.savez, which does not compress",
         )
     file.seek(0)
-    table, key = {}, ""
+    table, key = dict[str, Any](), ""
     with np.load(file, allow_pickle=False) as archive:
         for key in filter(wanted, archive.files):
             try:

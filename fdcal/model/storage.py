@@ -88,10 +88,13 @@ def cached_arrays(kind: str, parts: list[Any], make: Callable[[], dict[str, np.n
         with np.load(file) as archive:
             return dict(archive)
 
-    return load_or_make(f"{cache_key(kind, *parts)}.npz", make, read, lambda file, table: np.savez(file, **table))
+    def write(file: Any, table: dict[str, Any]) -> None:
+        np.savez(file, **table)
+
+    return load_or_make(f"{cache_key(kind, *parts)}.npz", make, read, write)
 
 
-def cache_key(*parts) -> str:
+def cache_key(*parts: Any) -> str:
     """Return the hash of all that determines a cached value, of types that JSON has."""
     return hashlib.sha256(json.dumps([SCHEME, *parts], sort_keys=True).encode()).hexdigest()
 

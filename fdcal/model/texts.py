@@ -58,7 +58,7 @@ def parse_modes(text: str, count: int) -> tuple[int, ...]:
 
 def modes_text(modes: Any) -> str:
     """Return the shortest text that `parse` reads as `modes`, an iterable of int."""
-    modes, parts = sorted(set(modes)), []
+    modes, parts = sorted(set(modes)), list[str]()
     while modes:
         end = 0
         while end + 1 < len(modes) and modes[end + 1] == modes[end] + 1:

@@ -1,14 +1,14 @@
-"""Types of arrays by what they hold; shapes and units stand in the docstrings."""
+"""Types of arrays by what they hold; their shapes and units stand in the docstrings, or beside the fields."""
 
 from __future__ import annotations
 
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Reals: TypeAlias = NDArray[np.float64]
-Complexes: TypeAlias = NDArray[np.complex128]
-Numbers: TypeAlias = NDArray[np.float64 | np.complex128]  # as wavenumbers, which are complex where waves are damped
-Integers: TypeAlias = NDArray[np.int64]
-Bools: TypeAlias = NDArray[np.bool_]
+Reals: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+Complexes: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
+# as wavenumbers, which are complex where waves are damped
+Numbers: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.float64 | np.complex128]]
+Integers: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+Bools: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]

@@ -191,7 +191,7 @@ class SolverRun:
 
     @property
     def running(self) -> bool:
-        """Whether there is a reached that has not been reached."""
+        """Whether steps are being taken."""
         return self._reached is not None
 
     def guarded(self, function: Callable, *arguments) -> None:

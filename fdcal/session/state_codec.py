@@ -93,7 +93,7 @@ class StateReader:
 
     def _composed(self, key: str, kind: str, inner: Any, option: Any) -> Any:
         """A value that is more than one JSON value, of the type `option`; None if it is not of that type."""
-        if kind == "array" and option is np.ndarray:
+        if kind == "array" and np.ndarray in (option, typing.get_origin(option)):
             return self._array(key, inner)
         if kind == "settings" and option is SolverSettings:
             there = isinstance(inner, int) and 0 <= inner < len(self._settings)

@@ -28,6 +28,7 @@ from ..cost.maps import descent_maps
 from ..model.gauge import fixes_gauge
 from ..model.problem import Problem
 from ..model.settings import Search, SolverSettings
+from ..model.types import Reals
 from ..model.validation import InputError, frozen_array
 from . import starts
 from .estimate import Estimate
@@ -56,7 +57,7 @@ class State(RunState):
 
     solver: ClassVar[str] = "descent"
 
-    centre: np.ndarray  # (D,) float64, metres, centre of the expansion, read-only
+    centre: Reals  # (D,) float64, metres, centre of the expansion, read-only
     turn: int = 0  # steps taken in the present sweep, 0 to the number of free microphones less 1
     stage_sweeps: int = 0  # sweeps completed in the present stage
     changed: bool = False  # whether a microphone has moved in the present sweep

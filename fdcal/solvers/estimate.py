@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.problem import Problem
-from ..model.types import Reals
+from ..model.types import Bools, Complexes, Reals
 
 if TYPE_CHECKING:  # the likelihood loads SciPy, which a session does not need before its first step
     from ..acoustics.room_modes import RoomSymmetry
@@ -25,11 +25,11 @@ class ChannelEstimate:
     gain_sigma: np.ndarray
     # filters, filter_sigma: (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times, 2
     # pi / c; 0 for a channel without
-    filters: np.ndarray
-    filter_sigma: np.ndarray
+    filters: Reals
+    filter_sigma: Reals
     # (2,) float64, of the gains, nepers, and phases, radians, of all channels that are not grossly wrong
-    spread: np.ndarray
-    noise: np.ndarray  # (N,) float64, noise of each channel over that of a healthy one
+    spread: Reals
+    noise: Reals  # (N,) float64, noise of each channel over that of a healthy one
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class FieldEstimate:
 
     noise_fraction: float  # noise over the mean power of the pressures
     # power, noise: (M,) float64, of the field and of a healthy channel; modes have unit power
-    power: np.ndarray
-    noise: np.ndarray
+    power: Reals
+    noise: Reals
     # Terms of the likelihood with a weaker prior of an isotropic field: what the others predict of each channel
     terms: Terms
 
@@ -48,7 +48,7 @@ class FieldEstimate:
 class PositionSpread:
     """What the covariance of the positions is made of. Nothing here depends on the way that led to the optimum."""
 
-    newton: np.ndarray  # (N D, N D) float64, metres^2, inverse of the Gauss-Newton matrix of cost and priors
+    newton: Reals  # (N D, N D) float64, metres^2, inverse of the Gauss-Newton matrix of cost and priors
     # (G, N D) float64 each, metres, of single modes and of groups of neighbouring modes: moves of the positions by the
     # gradient of each
     influences: tuple[np.ndarray, ...]
@@ -57,7 +57,7 @@ class PositionSpread:
     sigma: np.ndarray
     # (N, D) float64, metres, Newton step from here to the minimum of the likelihood of an isotropic random field: how
     # far what is assumed of the field moves the positions
-    shift: np.ndarray
+    shift: Reals
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class GivenHypothesis:
     """What is likeliest where given positions and pressures contradict each other."""
 
     # (N, D) float64, metres, of an array that the pressures alone shape and these given positions place
-    positions: np.ndarray
-    sigma: np.ndarray  # (A,) float64, metres, one sigma of the shape at the microphones given
-    noise: np.ndarray  # (A,) float64, noise of their channels there over that of a healthy one
-    wrong: np.ndarray  # (A,) bool, which given positions are not those of their microphones
+    positions: Reals
+    sigma: Reals  # (A,) float64, metres, one sigma of the shape at the microphones given
+    noise: Reals  # (A,) float64, noise of their channels there over that of a healthy one
+    wrong: Bools  # (A,) bool, which given positions are not those of their microphones
     # log_speed, log_speed_sigma: logarithm of the sound speed with which the given positions agree, over that of the
     # problem, and one sigma; 0 where that is not what is wrong
     log_speed: float
@@ -82,7 +82,7 @@ class GivenEstimate:
 
     sigma: float  # metres, one sigma of each coordinate; 0 where they are exact
     expected_sigma: float  # metres, the same as stated or usual
-    stiffness: np.ndarray  # (A,) float64, 1/m^2, curvature of the prior of each
+    stiffness: Reals  # (A,) float64, 1/m^2, curvature of the prior of each
     carry_scale: bool  # whether the pressures hardly show the size of the array, so that these positions must
     # of which given positions count (A,) bool, returns the probability of a disagreement with the pressures as large by
     # chance
@@ -95,7 +95,7 @@ class GivenEstimate:
 class TriedOptimum:
     """Another optimum of the search."""
 
-    positions: np.ndarray  # (N, D) float64, metres
+    positions: Reals  # (N, D) float64, metres
     score: float  # -log evidence, up to a constant
     regrouped: bool  # whether its restart began from another optimum
     same_frame: bool  # whether the same given positions hold it as the estimate
@@ -107,7 +107,7 @@ class Estimate:
 
     problem: Problem  # with modes of unit power
     modes: slice  # slice, the modes in use
-    positions: np.ndarray  # (N, D) float64, metres
+    positions: Reals  # (N, D) float64, metres
     converged: bool  # whether the solver ended at a minimum
     # channels, field, spread, given: as of their classes
     channels: ChannelEstimate
@@ -141,9 +141,9 @@ class RoomEstimate:
     converged: bool
     # pressures, leave_one_out_errors: (M, N) complex128, of the modes in use with unit RMS, and what the others do not
     # predict of them
-    pressures: np.ndarray
-    leave_one_out_errors: np.ndarray
-    covariance: np.ndarray  # (N, D, D) float64, metres^2, with source, walls and loudness unknown
+    pressures: Complexes
+    leave_one_out_errors: Complexes
+    covariance: Reals  # (N, D, D) float64, metres^2, with source, walls and loudness unknown
     residual: float  # reduced chi-square
     # (N,) float64, squared residual of each channel over the variance of the noise, summed over modes
     channel_residual: np.ndarray
@@ -152,7 +152,7 @@ class RoomEstimate:
     noise_given: bool
     size: tuple[float, ...]  # metres
     better_size: SizeFit
-    source: np.ndarray  # (D,) float64, metres
+    source: Reals  # (D,) float64, metres
     admittance: complex  # of the walls
     images: tuple[RoomSymmetry, ...]  # symmetries of the room, the identity first
 

@@ -32,6 +32,7 @@ import numpy as np
 from ..cost.channel_correction import ChannelCorrection
 from ..model.problem import Problem
 from ..model.settings import Search, SolverSettings
+from ..model.types import Reals
 from ..model.validation import LIMITS, InputError
 from .estimate import Estimate, RoomEstimate
 
@@ -46,7 +47,7 @@ class RunState:
 
     solver: ClassVar[str]  # name of the solver that continues from this state; of a chain, of the active member
 
-    positions: np.ndarray  # (N, D) float64, metres, read-only
+    positions: Reals  # (N, D) float64, metres, read-only
     settings: SolverSettings
     seed: int  # of whatever the solver draws
     # step, sweep, stage: steps taken, sweeps completed, stages completed
@@ -263,7 +264,7 @@ class Chain:
             starts=each[0].starts,
             draws_order=any(traits.draws_order for traits in each),
             takes_positions=each[0].takes_positions,
-            settings=frozenset().union(*settings) if len(settings) == len(each) else None,
+            settings=frozenset[str]().union(*settings) if len(settings) == len(each) else None,
             uses_likelihood=any(traits.uses_likelihood for traits in each),
         )
 

@@ -171,7 +171,7 @@ def _check_line(problem: Problem, modes: int) -> None:
     powers = powers[:, powers.sum(axis=0) <= (LINE_DEGREE if D == 2 else 2)]
     if 2 * powers.shape[1] > N:
         return
-    terms = np.prod(first[:, :, None] ** powers, axis=1)
+    terms = np.asarray(np.prod(first[:, :, None] ** powers, axis=1))
     left = last - terms @ np.linalg.lstsq(terms, last, rcond=None)[0]
     polynomial = np.sum(left**2) < (1 - LINE_EXPLAINED) * np.sum(last**2)
     if polynomial and values[-1] < LINE_FLATNESS * values[0]:

@@ -273,7 +273,7 @@ def coherence_start(
         weight = weight / (SCATTER**2 + misfit**2) / between**2
         weight = weight - np.diag(np.diag(weight))
         system = np.diag(weight.sum(axis=1)) - weight + weight.mean() / N  # the added constant holds the mean
-        inverse: Reals = np.linalg.inv(system)
+        inverse = np.linalg.inv(np.asarray(system))
         for _ in range(ITERATIONS):  # each lowers the weighted sum of (distance - |x_i - x_j|)^2
             ratio = weight * between / _distances(x)
             x = inverse @ (ratio.sum(axis=1)[:, None] * x - ratio @ x)
@@ -298,7 +298,7 @@ def pair_distances(pressures: Complexes, wavenumbers: Reals, noise: float, dimen
     i, j = np.triu_indices(N, 1)
     power = np.abs(pressures) ** 2
     both, cross = power[:, i] + power[:, j], 2 * np.real(np.conj(pressures[:, i]) * pressures[:, j])
-    candidates = np.geomspace(SHORTEST / k.max(), LONGEST / k.min(), DISTANCES)
+    candidates = np.geomspace(SHORTEST / float(k.max()), LONGEST / float(k.min()), DISTANCES)
     kappa = diffuse_kernel(candidates, k, dimension, slope=False)[0] * (1 - max(noise, NOISE_FRACTIONS[0]))
     det = 1 - kappa**2  # the determinant and the quadratic form of two channels of unit power
     cost = (1 / det).T @ both - (kappa / det).T @ cross + np.log(det).sum(axis=0)[:, None]

@@ -42,29 +42,24 @@ def apply_setting(setting: Setting, tabs: Tabs, place_all: Callable[[str], None]
     the cameras of all browsers to a view; `restarted`: whether the session is at its start, or will be when it has
     executed its queued commands. Raises InputError: the setting names modes that were not measured.
     """
-    setting = setting.unfolded()
+    setting, modes = setting.unfolded(), tabs.binding.modes
     _drive(setting, tabs, restarted)
-    if setting.microphone is not None:
-        tabs.map.pick(setting.microphone)
-    if setting.follow is not None:
-        tabs.map.follow_solver(setting.follow)
-    if setting.map is not None:
-        tabs.map.show_as(KINDS[setting.map])
-    if setting.map_modes is not None:
-        text = setting.map_modes
-        tabs.map.choose_modes(None if text == IN_USE else parse_modes(text, tabs.binding.modes))
-    if setting.quantity is not None:
-        tabs.map.show_quantity(QUANTITIES[setting.quantity])
-    if setting.order_offset is not None:
-        tabs.map.set_order(setting.order_offset)
-    if setting.scale is not None:
-        tabs.map.scale_as(SCALES[setting.scale])
-    if setting.minima is not None:
-        tabs.map.mark_minima(setting.minima)
-    drawn = {name: getattr(setting, name) for name in ("trails", "ellipses")}
-    tabs.view.draw(**{name: value for name, value in drawn.items() if value is not None})
-    if setting.view is not None:
-        place_all(setting.view)
+    effects: dict[str, Callable[[Any], object]] = {
+        "microphone": tabs.map.pick,
+        "follow": tabs.map.follow_solver,
+        "map": lambda name: tabs.map.show_as(KINDS[name]),
+        "map_modes": lambda text: tabs.map.choose_modes(None if text == IN_USE else parse_modes(text, modes)),
+        "quantity": lambda name: tabs.map.show_quantity(QUANTITIES[name]),
+        "order_offset": tabs.map.set_order,
+        "scale": lambda name: tabs.map.scale_as(SCALES[name]),
+        "minima": tabs.map.mark_minima,
+        "trails": lambda drawn: tabs.view.draw(trails=drawn),
+        "ellipses": lambda drawn: tabs.view.draw(ellipses=drawn),
+        "view": place_all,
+    }
+    for name, act in effects.items():
+        if getattr(setting, name) is not None:
+            act(getattr(setting, name))
 
 
 def _drive(setting: Setting, tabs: Tabs, restarted: bool) -> None:

@@ -94,7 +94,7 @@ class SessionPicture:
         if choices.ellipses and uncertainty is not None:
             picture = self._with_ellipses(picture, positions, uncertainty, floor, choices.ellipse_scale)
         if uncertainty is not None and uncertainty.channels is not None:
-            picture = with_odd_channels(picture, positions, self._odd(uncertainty), floor)
+            picture = with_odd_channels(picture, positions, self._faulty(uncertainty), floor)
         if choices.cut is not None:
             picture = with_cut(picture, choices.cut, floor)
         return with_comparison(picture, {run.name: run.positions for run in runs}, self._run.problem.free, floor)
@@ -121,10 +121,10 @@ class SessionPicture:
     def _sought(self, found: PositionUncertainty) -> np.ndarray:
         """Return the microphones sought that have a sound channel, else all : (K,) int64."""
         every = np.arange(len(found.sigma))
-        sought = np.setdiff1d(every, [*self._run.problem.known, *self._odd(found)])
+        sought = np.setdiff1d(every, [*self._run.problem.known, *self._faulty(found)])
         return sought if len(sought) else every
 
-    def _odd(self, found: PositionUncertainty) -> list[int]:
+    def _faulty(self, found: PositionUncertainty) -> list[int]:
         """Return the microphones with a faulty channel."""
         names = set() if found.channels is None else {fault.name for fault in found.channels.faults}
         return [n for n, name in enumerate(self._measurement.names) if name in names]

@@ -298,3 +298,16 @@ def test_the_server_encodes_by_it(server):
     handle = server.scene.add_image("/test_encoding", np.zeros((4, 4, 3), np.uint8), 1.0, 1.0, format="png")
     assert Image.open(io.BytesIO(handle._data)).size == (4, 4)
     handle.remove()
+
+
+def test_messages_that_no_page_sends_are_not_handled():
+    server = hardening.open_server("127.0.0.1", 0)
+    try:
+        handled = {kind.__name__ for kind in server._websock_server._incoming_handlers}
+        assert handled == {
+            "GuiUpdateMessage", "GuiButtonHoldMessage", "CommandTriggerMessage", "SceneNodeClickMessage",
+            "SceneNodeDragMessage", "ScenePointerMessage",
+        }  # fmt: skip
+        assert _messages.FileTransferStartUpload not in server._websock_server._incoming_handlers
+    finally:
+        server.stop()

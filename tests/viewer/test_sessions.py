@@ -301,3 +301,29 @@ def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
     with pytest.raises(OSError):
         preparing.prepare_run(OpenRequest(scene), preparing.PreparationProgress())
     until(lambda: names()["fdcal-warmup"] <= before)
+
+
+ENDING = """
+import os, signal, sys, threading, time
+from fdcal.session.request import OpenRequest
+from fdcal.model.scene_file import load_scene
+from fdcal.viewer import serve
+def ready(url):
+    def interrupt():
+        while not any(thread.name == "fdcal-map" for thread in threading.enumerate()):
+            time.sleep(0.1)  # until there is a session on the page
+        time.sleep(0.5)
+        os.kill(os.getpid(), signal.SIGINT)
+    threading.Thread(target=interrupt, daemon=True, name="finger").start()
+serve(OpenRequest(load_scene(sys.argv[1]), play=True), "127.0.0.1", 0, ready)
+print(*(thread.name for thread in threading.enumerate() if thread is not threading.main_thread()), sep="|")
+"""
+
+
+def test_ctrl_c_leaves_no_thread(edited):
+    """Of a solver whose steps are short; one that is in the middle of a long one ends with the process."""
+    command = [sys.executable, "-c", ENDING, str(edited({"solver.name": '"descent"'}))]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT, env=os.environ)
+    assert run.returncode == 0 and "Traceback" not in run.stderr, run.stderr
+    left = [name for name in run.stdout.strip().split("|") if name]
+    assert not [name for name in left if name.startswith("fdcal")], left

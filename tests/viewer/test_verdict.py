@@ -93,17 +93,23 @@ def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_aga
 
 
 def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_them(browser):
-    long = found("model_mismatch", "the residual of 10 of 63 microphones is large: " + "one cause, or another; " * 20)
-    page = browser.new_page(viewport={"width": 340, "height": 720})
-    heights = []
-    for shown in (None, found("good", "short"), long):
-        page.set_content(f"<div id='box'>{verdict_html(shown, pending=True)}</div>")
+    words = "the residual of 10 of 63 microphones is large: " + "one cause, or another; " * 20
+    faulty = Channels(*np.zeros((5, 50)), (ChannelFault("20", "inverted"),))
+    shown = [
+        None,
+        found("good", "short"),
+        found("model_mismatch", words, evidence=Evidence(1.0, leave_one_out_db=-9.0)),
+    ]
+    shown += [found("model_mismatch", words, evidence=Evidence(1.0, leave_one_out_db=-9.0), channels=faulty)]
+    page, heights = browser.new_page(viewport={"width": 340, "height": 720}), []
+    for one in shown:
+        page.set_content(f"<div id='box'>{verdict_html(one, pending=True)}</div>")
         heights.append(page.locator("#box").bounding_box()["height"])
     page.locator("summary").click()
-    heights.append(page.locator("#box").bounding_box()["height"])
-    assert long.verdict_text in page.locator("summary").inner_text() + " "
+    assert words.strip() in page.locator("summary").inner_text() and page.get_by_text("-9.0 dB").is_visible()
+    opened = page.locator("#box").bounding_box()["height"]
     page.close()
-    assert heights[0] == heights[1] == heights[2] < heights[3] - 100, heights
+    assert np.ptp(heights) < 1 and opened > heights[0] + 100, heights
 
 
 def test_the_names_of_two_odd_channels_are_seen_without_a_click(browser):

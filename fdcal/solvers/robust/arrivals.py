@@ -25,7 +25,7 @@ from functools import lru_cache
 import numpy as np
 
 from ...model.problem import Problem
-from ...model.types import Integers, Reals
+from ...model.types import Bools, Integers, Reals
 from ...model.validation import frozen_array
 
 NU = 3.0  # degrees of freedom of a residual
@@ -48,13 +48,13 @@ class ArrivalTerms:
     # (T, F) float64, of each take, by the N D coordinates, the N delays, if there are any, and the logarithm of the
     # sound speed
     gradient: np.ndarray
-    matrix: np.ndarray  # (F, F) float64, Gauss-Newton matrix of all takes
+    matrix: Reals  # (F, F) float64, Gauss-Newton matrix of all takes
     # residual, weight: (T, N) float64, metres and 1/m^2; 0 where there is no arrival
-    residual: np.ndarray
-    weight: np.ndarray
+    residual: Reals
+    weight: Reals
     # (T, N, F) float64, of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
-    slopes: np.ndarray
-    count: np.ndarray  # (T,) float64, arrivals beyond those that fix the source
+    slopes: Reals
+    count: Reals  # (T,) float64, arrivals beyond those that fix the source
     source: Source  # the likeliest
 
 
@@ -74,11 +74,11 @@ STARTS = (0.0, 0.6)
 class Arrivals:
     """Arrivals of the takes that have enough of them."""
 
-    paths: np.ndarray  # (T, N) float64, metres, times by the sound speed of the measurement; 0 where there is none
-    used: np.ndarray  # (T, N) bool
+    paths: Reals  # (T, N) float64, metres, times by the sound speed of the measurement; 0 where there is none
+    used: Bools  # (T, N) bool
     # sigma, stated: (T,) float64, metres, of an arrival, assumed and as measured
-    sigma: np.ndarray
-    stated: np.ndarray
+    sigma: Reals
+    stated: Reals
     dimension: int  # of the space of the sources
     # from which the fit begins: positions near by have one near by; None to begin without one, far slower
     start: Source | None = None
@@ -119,17 +119,17 @@ class Arrivals:
         """Return a robust standard deviation (T,) of the residuals at positions (N, D), metres."""
         paths, z = self.paths * np.exp(log_speed), self._padded(positions - positions.mean(axis=0))
         u, b = self._plane_waves(paths, z)
-        wide = replace(self, sigma=np.hypot(self.stated, 1.4826 * self._median(paths + u @ z.T - b[:, None])))
+        wide = replace(self, sigma=np.hypot(self.stated, 1.4826 * self.median(paths + u @ z.T - b[:, None])))
         for _ in range(2):  # now with the curvature of the front
             r = wide._residuals(paths, z, wide._sources(paths, z))[0]
-            wide = replace(wide, sigma=np.hypot(self.stated, 1.4826 * self._median(r)))
+            wide = replace(wide, sigma=np.hypot(self.stated, 1.4826 * self.median(r)))
         return wide.sigma
 
     def _count(self) -> np.ndarray:
         """Arrivals of each take beyond the unknowns of its source."""
         return np.sum(self.used, axis=1) - (self.dimension + 1.0)
 
-    def _median(self, r: Reals) -> np.ndarray:
+    def median(self, r: Reals) -> np.ndarray:
         """Median (T,) of the absolute values of (T, N) where there are arrivals."""
         size, count = np.sort(np.where(self.used, np.abs(r), np.inf), axis=1), self.used.sum(axis=1)
         take = np.arange(len(r))
@@ -167,7 +167,7 @@ class Arrivals:
 
     def _sources(self, paths: Reals, z: Reals) -> Source:
         """The likeliest source of each take, from several distances."""
-        radius = float(np.sqrt(np.mean(np.sum(z**2, axis=1)))) or 1.0
+        radius = float(np.sqrt(np.sum(z**2, axis=1).mean())) or 1.0
         direction, emission = self._plane_waves(paths, z)
         (T, _), starts = paths.shape, np.array(STARTS)
         take = np.tile(np.arange(T), len(starts))
@@ -184,7 +184,7 @@ class Arrivals:
         fit = self._consensus(paths, A)
         for _ in range(3):
             r = paths - fit @ A.T
-            scale = np.maximum(1.4826 * self._median(r), self.stated)[:, None]
+            scale = np.maximum(1.4826 * self.median(r), self.stated)[:, None]
             weight = self.used / (NU + (r / scale) ** 2)
             weighted = weight[:, :, None] * A
             inverse = np.linalg.pinv(np.swapaxes(weighted, 1, 2) @ A, rcond=1e-6, hermitian=True)
@@ -204,10 +204,10 @@ class Arrivals:
         """
         chosen = _subsets(self.used.tobytes(), *paths.shape)[..., : A.shape[1] + 1]
         few = A[chosen]
-        H = np.swapaxes(few, -1, -2) @ few
+        H = np.asarray(np.swapaxes(few, -1, -2) @ few)
         H += 1e-9 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(A.shape[1])
         right = np.swapaxes(few, -1, -2) @ paths[np.arange(len(paths))[:, None], chosen][..., None]
-        fits = np.linalg.solve(H, right)[..., 0]
+        fits = np.asarray(np.linalg.solve(np.asarray(H), np.asarray(right)))[..., 0]
         size = np.where(self.used, np.abs(paths - fits @ A.T), np.inf)
         middle = np.sort(size, axis=-1)[:, np.arange(len(paths)), np.sum(self.used, axis=1) // 2]
         return fits[np.argmin(middle, axis=0), np.arange(len(paths))]
@@ -357,7 +357,7 @@ def updated_sigma(arrivals: Arrivals, terms: ArrivalTerms, covariance: np.ndarra
     covariance : (F, F) float64, of what the arrivals depend on, after a step
     """
     r, used = np.abs(terms.residual), arrivals.used
-    inside = used & (r <= OUTLIER * np.maximum(1.4826 * arrivals._median(r), arrivals.stated)[:, None])
+    inside = used & (r <= OUTLIER * np.maximum(1.4826 * arrivals.median(r), arrivals.stated)[:, None])
     part = np.sum(inside, axis=1) / np.sum(used, axis=1)
     fitted = np.einsum("tnf,fg,tng,tn->t", terms.slopes, covariance, terms.slopes, inside)
     determined = np.clip(part * terms.count - fitted, 0.0, terms.count)

@@ -230,7 +230,7 @@ class FreeArray:
     """An array up to a rigid motion and a mirror image."""
 
     unknowns: Unknowns  # of which the positions (N, D) are in a frame of their own, metres
-    covariance: np.ndarray  # (N D, N D) float64, metres^2, without rigid motions
+    covariance: Reals  # (N D, N D) float64, metres^2, without rigid motions
 
 
 def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, Terms] | None = None) -> FreeArray:
@@ -261,15 +261,15 @@ class Hypothesis:
     """What may be right of the given positions."""
 
     log_evidence: float
-    right: np.ndarray  # (A,) bool, which given positions hold the array
-    order: np.ndarray  # (A,) int64, the positions given in the order in which they belong to the microphones
+    right: Bools  # (A,) bool, which given positions hold the array
+    order: Integers  # (A,) int64, the positions given in the order in which they belong to the microphones
     scale: bool  # whether the sound speed is wrong
     # size, size_sigma: of the array in the frame of the given positions over that of the pressures, and one sigma; 1
     # and, 0 but where the sound speed is wrong
     size: float
     size_sigma: float
     sigma: float  # metres, of every given coordinate
-    positions: np.ndarray  # (N, D) float64, metres, the array in the frame of the given positions
+    positions: Reals  # (N, D) float64, metres, the array in the frame of the given positions
 
 
 def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float | None, sized: bool) -> list[Hypothesis]:
@@ -304,7 +304,7 @@ def _subsets(found: FreeArray, known: Integers, places: Reals) -> list[np.ndarra
 
 def _exchanges(found: FreeArray, known: Integers, places: Reals) -> list[np.ndarray]:
     """Orders with two positions exchanged; of many, of those that fit least."""
-    A, orders = len(known), []
+    A, orders = len(known), list[np.ndarray]()
     if A <= places.shape[1]:
         return orders
     suspects = np.sort(np.argsort(-_away(found, known, places))[:EXAMINED]) if A > EXAMINED else range(A)
@@ -373,7 +373,7 @@ def _placed(
     spectrum: tuple[Reals, Reals],
     stated: float | None,
     mirror: bool,
-):
+) -> tuple[float, float, np.ndarray, tuple[float, float]]:
     """Log evidence, sigma and positions of one image of the array, and its last motion with one sigma."""
     x = found.unknowns.positions
     turn, centre, target = _turn(x[known[right]], places[right], mirror)
@@ -382,8 +382,8 @@ def _placed(
     r, G = vectors.T @ (b[right] - x[known[right]]).ravel(), vectors.T @ columns[index]
     sigmas, log_prior = sigma_grid(stated)
     inverse = 1 / (values + sigmas[:, None] ** 2)
-    W = np.einsum("sn,na,nb->sab", inverse, G, G)
-    g = np.einsum("sn,na,n->sa", inverse, G, r)
+    W = np.asarray(np.einsum("sn,na,nb->sab", inverse, G, G))
+    g = np.asarray(np.einsum("sn,na,n->sa", inverse, G, r))
     t = np.linalg.solve(W, g[..., None])[..., 0]
     chi = inverse @ r**2 - np.sum(g * t, axis=1)
     logs = log_prior - (chi - np.log(inverse).sum(axis=1) + np.linalg.slogdet(W)[1]) / 2
@@ -392,7 +392,7 @@ def _placed(
     moved = x + (columns @ t[best] + found.covariance[:, index] @ pull).reshape(x.shape)
     evidence = logs[best] - (r.size - columns.shape[1]) / 2 * np.log(2 * np.pi)
     evidence += _of_wrong(b[~right] - moved[known[~right]], sigmas[best])
-    last = float(t[best, -1]), float(np.sqrt(np.linalg.inv(W[best])[-1, -1]))
+    last = float(t[best, -1]), float(np.sqrt(np.linalg.inv(np.asarray(W[best]))[-1, -1]))
     return float(evidence), float(sigmas[best]), (moved - centre) @ turn + target, last
 
 

@@ -113,7 +113,7 @@ def _refined(
 
 def _placing(
     cost: Callable[[Reals, float], float], x: Reals, group: Integers, shape: Reals, blur: float, wavelength: float
-):
+) -> Callable[[Reals], float]:
     return lambda pose: cost(_moved(x, group, shape, pose, wavelength), blur * wavelength)
 
 
@@ -156,15 +156,18 @@ def _searched(
     pair = FieldModel(k, field.power[low], blurred, field.channel_noise, field.dimension)
     places = _lattice(x[inside], x[outside], 2 * np.pi / k, cell)
     mirror = np.diag([-1.0, 1.0])
-    turns = [_turn(angle) @ one for one in (np.eye(2), mirror) for angle in 2 * np.pi * np.arange(ANGLES) / ANGLES]
+    turns: list[np.ndarray] = [
+        _turn(angle) @ one for one in (np.eye(2), mirror) for angle in 2 * np.pi * np.arange(ANGLES) / ANGLES
+    ]
     cost = np.empty((len(turns), len(places)))
     for row, turn in zip(cost, turns, strict=True):
         check_deadline()
         row[:] = _costs(x[far], (x[near] - middle) @ turn.T, q[low][:, far], q[low][:, near], pair, places)
     kept: list[tuple[Reals, Reals, Reals]] = []
-    for turn, place in zip(*np.unravel_index(np.argsort(cost, axis=None), cost.shape), strict=True):
+    for number in np.argsort(cost, axis=None).tolist():
+        turn, place = divmod(int(number), len(places))
         shape = places[place] + (x[inside] - middle) @ turns[turn].T
-        if all(np.sqrt(np.mean(np.sum((shape - one) ** 2, axis=1))) > cell for *_, one in kept):
+        if all(np.sqrt(np.sum((shape - one) ** 2, axis=1).mean()) > cell for *_, one in kept):
             kept.append((turns[turn], places[place], shape))
         if len(kept) == REFINED_POSES:
             break
@@ -175,7 +178,8 @@ def _lattice(inside: Reals, outside: Reals, wavelengths: Reals, cell: float) -> 
     """Places (G, 2) of the middle of a group about the others: as far as the low modes cohere."""
     radii = [np.linalg.norm(one - one.mean(axis=0), axis=1).max() for one in (inside, outside)]
     extent = min(1.2 * sum(radii) + 0.5 * float(wavelengths.min()), float(wavelengths.max()))
-    axis = np.arange(-np.ceil(extent / cell), np.ceil(extent / cell) + 1) * cell
+    reach = int(np.ceil(extent / cell))
+    axis = np.arange(-reach, reach + 1) * cell
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     return outside.mean(axis=0) + grid[np.linalg.norm(grid, axis=1) <= max(extent, cell)]
 
@@ -192,7 +196,7 @@ def _costs(
         S = np.swapaxes(inverse[0] @ C.reshape(across.shape) @ inverse[1].T, 1, 2)
         G = np.eye(len(near)) - S @ np.swapaxes(S, 1, 2)
         e = y[1] - S @ y[0]
-        total += np.linalg.slogdet(G)[1] + np.sum(e * np.linalg.solve(G, e), axis=(1, 2))
+        total += np.linalg.slogdet(G)[1] + np.sum(e * np.linalg.solve(np.asarray(G), np.asarray(e)), axis=(1, 2))
     return total
 
 
@@ -200,5 +204,5 @@ def _whitened(x: Reals, q: Complexes, k: float, field: FieldModel, m: int) -> tu
     """Inverse (N, N) of the Cholesky factor of the covariance, and real and imaginary parts (N, 2) it whitens."""
     between = np.linalg.norm(x[:, None] - x[None], axis=-1)
     K = diffuse_kernel(between.ravel(), np.array([k]), field.dimension, slope=False)[0].reshape(between.shape)
-    inverse = np.linalg.inv(np.linalg.cholesky(field.power[m] * K + field.noise[m] * np.eye(len(x))))
+    inverse = np.linalg.inv(np.linalg.cholesky(np.asarray(field.power[m] * K + field.noise[m] * np.eye(len(x)))))
     return inverse, inverse @ np.column_stack([q.real, q.imag])

@@ -136,7 +136,7 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
     variance = np.zeros(trial.unknowns.vector.size)
     variance[trial.free] = np.diag(np.linalg.inv(H + 1e-12 * np.diag(np.diag(H))))
     variance = variance[:-1].reshape(N, -1)
-    stated, sigmas = (state.settings.gain_sigma_db, state.settings.phase_sigma_deg), []
+    stated, sigmas = (state.settings.gain_sigma_db, state.settings.phase_sigma_deg), list[float]()
     for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
         e = state.gains[:, column] - state.offsets[:, column]
         fresh = _updated_sigma(sigma, e, variance[:, D + column], 1, MIN_SPREAD)
@@ -313,7 +313,7 @@ DAMPED = 0.1  # (Im k R)^2 over the noise from which the imaginary part of k cou
 def isotropic_kernel(problem: Problem, state: State) -> KernelName:
     """Return the kernel of an isotropic field that the noise left calls for."""
     k = problem.wavenumbers[state.modes]
-    radius = float(np.sqrt(np.mean(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1))))
+    radius = float(np.sqrt(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1).mean()))
     return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > DAMPED * state.model.share else "diffuse"
 
 

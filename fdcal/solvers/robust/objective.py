@@ -61,8 +61,8 @@ EXACT = 1e-6  # metres: a stated sigma below it means that the given positions n
 class Unknowns:
     """What a step moves."""
 
-    positions: np.ndarray  # (N, D) float64, metres
-    channels: np.ndarray  # (N, 2) or (N, 4) float64, log gain, nepers, phase, radians, delay, metres, corner, rad/m
+    positions: Reals  # (N, D) float64, metres
+    channels: Reals  # (N, 2) or (N, 4) float64, log gain, nepers, phase, radians, delay, metres, corner, rad/m
     log_speed: float = 0.0  # logarithm of the sound speed over that of the measurement
     gains: bool = True  # whether the channels are among the unknowns
     filters: bool = False  # whether the delays and corners of all channels are free, else those that are not 0
@@ -102,12 +102,12 @@ class Priors:
     # gain_sigma, phase_sigma: nepers and radians
     gain_sigma: float
     phase_sigma: float
-    known: np.ndarray  # (A,) int64, microphones whose position is given, at `places` (A, D), metres
+    known: Integers  # (A,) int64, microphones whose position is given, at `places` (A, D), metres
     places: np.ndarray
     known_sigma: float  # metres, of every coordinate; 0 where they are exact
     # (N, 2) float64, nepers and radians, about which the gains lie: 0, or of a channel whose gain is grossly different
     # (inverted polarity)
-    offsets: np.ndarray
+    offsets: Reals
     speed_sigma: float = 0.0  # of the logarithm of the sound speed; 0 for one that is fixed
     # degrees of freedom of the prior of the given positions; of many a wrong one is not outvoted
     known_tail: float = NU
@@ -285,9 +285,9 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
     M, N = problem.pressures.shape
     gain, phase = settings.gain_sigma_db, settings.phase_sigma_deg
     return Model(
-        power=np.ones(M),
+        power=np.ones(int(M)),
         noise=0.1 * np.ones(M),
-        channel_noise=np.ones(N),
+        channel_noise=np.ones(int(N)),
         share=0.1,
         spread=0.0,
         gain_sigma=GAIN_SIGMA if gain is None else gain * np.log(10) / 20,
@@ -454,7 +454,7 @@ class ChannelStep:
     moved: float  # metres, greatest change of a coordinate
     free: np.ndarray  # see `free_directions`
     terms: Terms | None = None  # Terms at the point from which the step was taken; None where a covariance is singular
-    matrix: np.ndarray | None = None  # (F, F) float64, Gauss-Newton matrix in the free directions; None with `terms`
+    matrix: Reals | None = None  # (F, F) float64, Gauss-Newton matrix in the free directions; None with `terms`
     source: Source | None = None  # Source of the arrivals there; None without any
 
 
@@ -518,8 +518,8 @@ def interpolation(positions: np.ndarray, constrained: np.ndarray) -> np.ndarray:
     Kriging with the covariance (1 + r / l) exp(-r / l), l the radius of the array: far from them nothing moves.
     """
     x = positions
-    radius = np.sqrt(np.mean(np.sum((x - x.mean(axis=0)) ** 2, axis=1)))
-    r = np.linalg.norm(x[:, None] - x[constrained], axis=-1) / radius
+    radius = np.sqrt(np.sum((x - x.mean(axis=0)) ** 2, axis=1).mean())
+    r = np.asarray(np.linalg.norm(x[:, None] - x[constrained], axis=-1) / radius)
     K = (1 + r) * np.exp(-r)
     return K @ np.linalg.pinv(K[constrained], hermitian=True)
 

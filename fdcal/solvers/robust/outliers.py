@@ -118,7 +118,7 @@ CANDIDATES = 1500  # at most, a cap of memory
 
 def _lattice(x: Reals, spacing: float) -> np.ndarray:
     low, high = x.min(axis=0) - 2 * spacing, x.max(axis=0) + 2 * spacing
-    spacing = max(spacing, float((np.prod(high - low) / CANDIDATES) ** (1 / x.shape[1])))
+    spacing = max(spacing, float(((high - low).prod() / CANDIDATES) ** (1 / x.shape[1])))
     axes = [np.arange(a, b + spacing, spacing) for a, b in zip(low, high, strict=True)]
     return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, x.shape[1])
 

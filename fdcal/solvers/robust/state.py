@@ -18,6 +18,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ...cost.channel_correction import ChannelCorrection
+from ...model.types import Bools, Reals
 from ...model.validation import InputError
 from ..interface import RunState
 
@@ -87,9 +88,9 @@ DIRECTIONAL: tuple[KernelName, ...] = ("directional", "damped_directional")
 class Model:
     """Field, noise and spreads that are assumed; updated by maximum likelihood while the solver runs."""
 
-    power: np.ndarray  # (M,) float64, of the field; every mode of the problem has a mean power of 1
-    noise: np.ndarray  # (M,) float64, of a healthy channel, likewise
-    channel_noise: np.ndarray  # (N,) float64, noise of each channel over that, tau
+    power: Reals  # (M,) float64, of the field; every mode of the problem has a mean power of 1
+    noise: Reals  # (M,) float64, of a healthy channel, likewise
+    channel_noise: Reals  # (N,) float64, noise of each channel over that, tau
     share: float  # noise as a part of the mean power
     spread: float  # metres, error of the positions that, with the noise, explains the residual
     # gain_sigma, phase_sigma: nepers and radians
@@ -98,13 +99,13 @@ class Model:
     known_sigma: float  # metres; 0 for exact given positions, which never move
     kernel: KernelName  # "diffuse", "series", "near", "directional", or "damped_directional" of complex wavenumbers
     # (A, D) float64, metres, of the microphones whose position is given; two that were exchanged put right
-    places: np.ndarray
-    contradicted: np.ndarray  # (A,) bool, which of them hold nothing, since the pressures contradict them
+    places: Reals
+    contradicted: Bools  # (A,) bool, which of them hold nothing, since the pressures contradict them
     # (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times 2 pi / c, of each channel
-    filters: np.ndarray
+    filters: Reals
     log_speed: float = 0.0  # logarithm of the sound speed over that of the measurement
     # (M, Q) float64, power of the field by direction, mean 1; of the directional kernels only
-    directions: np.ndarray | None = None
+    directions: Reals | None = None
     # kernel of the conditional likelihood that the last stage minimises; "" for that of a random field
     conditional: Literal["", "diffuse", "series"] = ""
     deflation: float = 1.0  # of the noise that is assumed, by which the residual is larger
@@ -160,13 +161,13 @@ class State(RunState):
     # plane alone, where they are few
     quick: ClassVar[bool] = False
 
-    gains: np.ndarray  # (N, 2) float64, logarithm of the gain, nepers, and phase, radians, of each channel
+    gains: Reals  # (N, 2) float64, logarithm of the gain, nepers, and phase, radians, of each channel
     # (N, 2) float64, likewise, about which the gains scatter: 0 but for a channel with a gross fault
-    offsets: np.ndarray
+    offsets: Reals
     model: Model
     progress: Progress
     # (N, D) float64, metres, positions at the beginning of the stage, which fix the deformations and the centre
-    shape: np.ndarray
+    shape: Reals
     optima: tuple[LocalOptimum, ...]  # of the restarts so far
 
     @property

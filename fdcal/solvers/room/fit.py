@@ -53,10 +53,10 @@ def diffuse_terms(theta: Reals, pressures: Complexes, noise: Reals, model: Diffu
     W, dW = model.shapes(x), model.slopes(x)
     cost, gradient, H = 0.0, np.zeros((N, D)), np.zeros((N, D, N, D))
     for p, s, v, w in zip(pressures, field_power(pressures, noise), noise, model.weights, strict=True):
-        C = s * (W * w) @ W.T + v * np.eye(N)
-        inverse: Reals = np.linalg.inv(C)
+        C = np.asarray(s * (W * w) @ W.T + v * np.eye(N))
+        inverse = np.linalg.inv(C)
         u = inverse @ p
-        cost += np.linalg.slogdet(C)[1] + float(np.real(p.conj() @ u))
+        cost += float(np.linalg.slogdet(C)[1]) + float((p.conj() @ u).real)
         g = s * (dW * w) @ (W.T @ u)  # (D, N), slopes of the field that fits
         widening = s * np.einsum("dne,en->nd", dW * w, W.T @ inverse)
         gradient += 2 * widening - 2 * np.real(u.conj() * g).T
@@ -69,10 +69,10 @@ class Exact:
     """The exact model's residual at `theta`."""
 
     # theta, prior: (P,) float64; prior is 1 / standard deviation of the admittance, 0 for the other unknowns
-    theta: np.ndarray
-    prior: np.ndarray
-    residual: np.ndarray  # (M, N) complex128, in standard deviations of the noise
-    fitted: np.ndarray  # (M, N) complex128, A_m g_m, in the unit of the pressures
+    theta: Reals
+    prior: Reals
+    residual: Complexes  # (M, N) complex128, in standard deviations of the noise
+    fitted: Complexes  # (M, N) complex128, A_m g_m, in the unit of the pressures
     # (M N, P) complex128, of the residual by Kaufman's approximation: the derivative of A_m is left out
     jacobian: np.ndarray
 

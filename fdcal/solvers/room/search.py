@@ -83,7 +83,7 @@ def find_arrays(
         points = LatticePoints(everywhere, p, noise, diffuse_model(size, k, width))
         found += [(points.cost(x), width, x, points) for x in points.arrays(part)]
     found.sort(key=lambda one: one[0])
-    better = {}
+    better: dict[bytes, tuple[float, ArrayCandidate]] = {}
     for _, width, x, points in found[:PLACED_AGAIN]:
         x = points.placed_again(x)
         better[x.tobytes()] = points.cost(x), ArrayCandidate(width, frozen_array(x, float))
@@ -182,7 +182,7 @@ def find_sources(
         if len(chosen) == SOURCES:
             break
     best = costs.argmin(axis=0)
-    return [SourceCandidate(frozen_array(points[c], float), ADMITTANCES[best[c]]) for c in chosen]
+    return [SourceCandidate(frozen_array(points[c], float), ADMITTANCES[int(best[c])]) for c in chosen]
 
 
 UNEXPLAINED = 0.05  # fraction of the power that a lattice leaves unexplained

@@ -72,8 +72,8 @@ class Phase:
 class LocalOptimum:
     """Where a restart has ended."""
 
-    positions: np.ndarray  # (N, D) float64, metres
-    walls: np.ndarray  # (D + 2,) float64, as of `State`
+    positions: Reals  # (N, D) float64, metres
+    walls: Reals  # (D + 2,) float64, as of `State`
     cost: float
     settled: bool  # whether it ended because no microphone moved
 
@@ -110,7 +110,7 @@ class State(RunState):
     phase: Phase
     attempts: Restarts
     noise: MeasurementNoise
-    walls: np.ndarray  # (D + 2,) float64, source, metres, and admittance of the walls, real and imaginary part
+    walls: Reals  # (D + 2,) float64, source, metres, and admittance of the walls, real and imaginary part
     width: float  # rad/m, half the width of a resonance, of the diffuse model
 
     @property
@@ -205,10 +205,17 @@ def _fitted(state: State, p: Complexes, noise: Reals, k: Numbers) -> tuple[State
     if name == "diffuse":
         v = search.noise_with_errors(noise, k, D, LATTICE_ERRORS[state.phase.spread] * max_step)
         model, theta = diffuse_model(size, k, state.width), state.positions.ravel()
-        terms, cost = diffuse_terms(theta, p, v, model), lambda y: diffuse_terms(y, p, v, model).cost
+        terms = diffuse_terms(theta, p, v, model)
+
+        def cost(y: Reals) -> float:
+            return diffuse_terms(y, p, v, model).cost
     else:
         v, theta = noise + ROUGH_NOISE * (name != "exact"), state.theta
-        terms, cost = exact(theta, p, v, k, size).terms, lambda y: exact(y, p, v, k, size, False).cost
+        terms = exact(theta, p, v, k, size).terms
+
+        def cost(y: Reals) -> float:
+            return exact(y, p, v, k, size, False).cost
+
     low = np.concatenate([np.full(N * D + D, MARGIN), [0.0, -np.inf]])[: len(theta)]
     high = np.tile(np.asarray(size) - MARGIN, N + 1)
     high = np.concatenate([high, [MAX_ADMITTANCE, np.inf]])[: len(theta)]
@@ -305,7 +312,7 @@ def _finished(problem: Problem, state: State, best: LocalOptimum, left: float) -
     if len(problem.known):
         image = nearest_symmetry(x[problem.known], problem.known_positions, size)
     else:
-        image = min(room_symmetries(size), key=lambda image: tuple(np.round(image.apply(x).mean(axis=0), 9)))
+        image = min(room_symmetries(size), key=lambda image: list(image.apply(x).mean(axis=0).round(9)))
     noise = state.noise.power if state.noise.given else state.noise.power * left
     return replace(
         state,

@@ -180,32 +180,35 @@ def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tupl
     return tuple(int(mode) for mode in carried if mode <= last)
 
 
-def shown_modes(count: int, most: int = MAX_PANELS) -> np.ndarray:
+def shown_modes(count: int, max_count: int = MAX_PANELS) -> np.ndarray:
     """Return which of `count` maps are drawn one by one, evenly spaced : indices."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+    return np.unique(np.linspace(0, count - 1, min(count, max_count)).round().astype(int))
 
 
 def fine_panels(
-    run: PreparedRun, request: CostMapRequest, cancelled: Callable[[], bool] = lambda: False, most: int = MAX_PANELS
+    run: PreparedRun,
+    request: CostMapRequest,
+    cancelled: Callable[[], bool] = lambda: False,
+    max_count: int = MAX_PANELS,
 ) -> ModePanels | None:
     """Return the maps of a request on a lattice as fine as the screen, computed mode by mode; None once cancelled.
 
-    `cancelled`: tells whether the maps are no longer wanted; `most`: maps of single modes that are kept. Raises
+    `cancelled`: tells whether the maps are no longer wanted; `max_count`: maps of single modes that are kept. Raises
     InputError: there is no search domain, or a mode cannot be shown at the order of the request.
     """
     problem, modes, offset = run.problem, request.modes, request.order_offset
     if problem.search is None:
         raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
-    search, shown = refined(problem.search), set(shown_modes(len(modes), most).tolist())
-    share = np.ones(len(modes)) if offset is None else power_shares(problem, request.state, modes)
+    search, shown = refined(problem.search), set(shown_modes(len(modes), max_count).tolist())
+    fraction = np.ones(len(modes)) if offset is None else power_shares(problem, request.state, modes)
     total, kept = np.zeros(1), []
     for i, mode in enumerate(modes):
         if cancelled():
             return None
         cost = cost_maps(problem, run.solver, request.state, request.microphone, (mode,), offset, search)[0]
-        total = total + share[i] * cost
+        total = total + fraction[i] * cost
         if i in shown:
-            kept.append(share[i] * cost)
+            kept.append(fraction[i] * cost)
     return ModePanels(tuple(modes[i] for i in sorted(shown)), np.stack(kept), total, search)
 
 

@@ -72,11 +72,11 @@ class SweepFrame:
     numbers: np.ndarray  # (ny, nx) uint8, the image: numbers of colours
 
 
-def stops_of(count: int, most: int) -> tuple[int, ...]:
-    """Return how many of `count` modes the maps of a sweep are the sums of: all numbers, or `most` at most."""
-    if count <= most:
+def stops_of(count: int, max_count: int) -> tuple[int, ...]:
+    """Return how many of `count` modes the maps of a sweep are the sums of: all numbers, or `max_count` at most."""
+    if count <= max_count:
         return tuple(range(1, count + 1))
-    return tuple(int(n) for n in np.unique(np.geomspace(1, count, most).round()))
+    return tuple(int(n) for n in np.unique(np.geomspace(1, count, max_count).round()))
 
 
 def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:

@@ -79,7 +79,7 @@ class VerdictWorker:
         return view.state.finished and not view.running and not done
 
     def sought(self, view: SessionView, found: Assessment | None) -> np.ndarray:
-        """Return the microphones whose errors count; once the verdict on a run names odd channels, without these.
+        """Return the microphones whose errors count; once the verdict on a run names faulty channels, without these.
 
         `found`: the assessment of its state, or None.
         """

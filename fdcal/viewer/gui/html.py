@@ -159,13 +159,13 @@ def status(
 # On a light page and on a dark one.
 GOOD, DOUBTFUL = "light-dark(#1a7f37, #4cc26b)", "light-dark(#c2410c, #fb923c)"
 LINE_LENGTH = 50  # characters of the words that fit into a line at least
-MAX_LINES = 2  # of the words that are shown before a click shows all of them; one more where channels are odd
+MAX_LINES = 2  # of the words that are shown before a click shows all of them; one more where channels are faulty
 GREY, PENDING = "#808894", "Assessing the result ..."
 VERDICT_LINE = 1.35  # height of a line of the verdict, em
 VERDICT_STYLE = (
     "<style>.fdcal-verdict summary {list-style: none; cursor: pointer}"
     ".fdcal-verdict summary::-webkit-details-marker {display: none}"
-    ".fdcal-verdict[open] .fdcal-more {display: none}"
+    ".fdcal-verdict[open] .fdcal-more, .fdcal-verdict:not([open]) .fdcal-cut {display: none}"
     ".fdcal-verdict:not([open]) summary div:first-child {display: -webkit-box; -webkit-box-orient: vertical;"
     " overflow: hidden}</style>"
 )
@@ -174,11 +174,11 @@ VERDICT_STYLE = (
 def verdict_html(found: Assessment | None, pending: bool = False) -> str:
     """Return the code, the words, which name one sigma and faulty channels, and the leave-one-out error.
 
-    Long words are cut, and a verdict that is `pending` has its room already, so that no button moves away below a
-    pointer; "show all" shows all words. "" where there is neither.
+    Long words are cut, faulty channels take the line of the figures, and a verdict that is `pending` has its room
+    already, so that no button moves away below a pointer; a click shows all. "" where there is neither.
     """
     card = f"<div style='{CARD} font-size: 0.8em; line-height: {VERDICT_LINE}; padding-bottom: 0.5em'>"
-    height = f"padding-left: 0.6em; min-height: {VERDICT_LINE * (MAX_LINES + 2):.2f}em"  # with faults and figures
+    height = f"padding-left: 0.6em; min-height: {VERDICT_LINE * (MAX_LINES + 1):.2f}em"
     if found is None:
         waiting = f"{card}<div style='border-left: 4px solid {GREY}; {height}; opacity: 0.75'>{PENDING}</div></div>"
         return waiting if pending else ""
@@ -186,9 +186,10 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
     error = found.evidence.leave_one_out_db
     figures = "" if error is None else f"leave-one-out error {error:.1f} dB"
     text = f"<b>{escape(verdict_word(found.verdict))}</b>: {escape(found.verdict_text)}"
-    lines = MAX_LINES + bool(found.channels is not None and found.channels.faults)
+    faults = bool(found.channels is not None and found.channels.faults)
+    lines, kind = MAX_LINES + faults, " class='fdcal-cut'" if faults else ""
     more = "<u class='fdcal-more'>show all</u>" if figures and len(text) > LINE_LENGTH * lines else ""
-    rest = f"<div style='opacity: 0.85'>{' &ensp;'.join(filter(None, (figures, more)))}</div>" if figures else ""
+    rest = f"<div{kind} style='opacity: 0.85'>{' &ensp;'.join(filter(None, (figures, more)))}</div>" if figures else ""
     return (
         f"{VERDICT_STYLE}{card}<div style='border-left: 4px solid {colour}; {height}'><details class='fdcal-verdict'>"
         f"<summary title='Click to read all of it'>"

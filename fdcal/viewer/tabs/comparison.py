@@ -158,9 +158,9 @@ def curve_columns(summaries: tuple[RunSummary, ...], measurement: Measurement) -
     title = "Mean deviation from nominal (mm)" if measurement.nominal else "Mean position error (mm)"
     curves = {title: [np.maximum(error, MIN_ERROR) for error in errors]} if errors else {}
     curves[cost_title(measurement)] = [summary.costs for summary in summaries]
-    held = [np.maximum(np.searchsorted(run.times, axis, side="right") - 1, 0) for run in summaries]
+    rows = [np.maximum(np.searchsorted(run.times, axis, side="right") - 1, 0) for run in summaries]
     return {
-        title: (axis, *(values[at] for values, at in zip(runs, held, strict=True))) for title, runs in curves.items()
+        title: (axis, *(values[at] for values, at in zip(runs, rows, strict=True))) for title, runs in curves.items()
     }
 
 

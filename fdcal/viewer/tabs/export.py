@@ -108,7 +108,7 @@ def _errors(snapshot: ViewSnapshot) -> str:
 def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
     """Maps as fine as the screen, of the modes of the map on the page, `count` of them at most, and their sum."""
     run, request = snapshot.run, map_request(snapshot)
-    panels = fine_panels(run, request, most=count)
+    panels = fine_panels(run, request, max_count=count)
     if panels is None:
         raise ValueError("maps that nobody cancels are complete")
     f, modes = run.measurement.frequencies, len(request.modes)

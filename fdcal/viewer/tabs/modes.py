@@ -73,8 +73,8 @@ class SpectrumPlot:
         what = "at the microphones" if self.has_spectrum else f"of the {row_word(self._measurement)}s"
         whole, takes = self._curve_of(None), np.unique(self._measurement.takes[: self._modes]).tolist()
         edge = 0.02 * float(whole.x[-1] - whole.x[0]) + (0.0 if self.has_spectrum else 1.0)
-        least = min(self._curve_of(take).peaks.min() for take in (None, *(takes if len(takes) > 1 else ())))
-        lowest = 10 * float(np.floor((least - BELOW) / 10))
+        min_level = min(self._curve_of(take).peaks.min() for take in (None, *(takes if len(takes) > 1 else ())))
+        lowest = 10 * float(np.floor((min_level - BELOW) / 10))
         return gui.add_uplot(
             data=self.columns((), np.inf),
             series=self._series(),

@@ -35,7 +35,7 @@ class PlannedArray:
     # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last; empty after an error
     axes: np.ndarray
     lines: tuple[str, ...] = ()  # the summary in words
-    most: int = 0  # number of frequencies that the array can use
+    max_frequencies: int = 0  # number of frequencies that the array can use
     error: str = ""  # why there is no bound, "" if there is
 
 
@@ -95,7 +95,7 @@ class Ranges:
     """Between which bounds the controls can be set."""
 
     snr_db: tuple[int, int] = (1, 60)  # dB
-    least_frequencies: int = 3  # number of frequencies
+    min_frequencies: int = 3  # number of frequencies
     gain_sigma_db: tuple[float, float] = (0.0, 6.0)  # dB
     takes: tuple[int, int] = (1, 16)  # places of the source
 
@@ -107,7 +107,7 @@ class PlanTab(Tab):
     """Owns the controls of the tab, of which a measurement has none, and the thread of the bound."""
 
     def __init__(self, binding: Binding):
-        self._binding, self._most, self._possible = binding, 0, can_plan(binding.run)
+        self._binding, self._max, self._possible = binding, 0, can_plan(binding.run)
         if not self._possible:
             binding.gui.add_html(html.remark(MEASURED))
             return
@@ -125,13 +125,13 @@ class PlanTab(Tab):
             ),
             lambda value: choose(snr_db=float(value)),
         )  # fmt: skip
-        low = RANGES.least_frequencies
+        low = RANGES.min_frequencies
         self.frequencies = on(
             gui.add_slider(
                 "Frequencies", low, low + 1, 1, low + 1, visible=False,
                 hint="The lowest so many of the independent ones",
             ),
-            lambda value: choose(frequencies=None if value >= self._most else value),  # the end stands for all
+            lambda value: choose(frequencies=None if value >= self._max else value),  # the end stands for all
         )  # fmt: skip
         self.known = on(
             gui.add_slider(
@@ -179,16 +179,16 @@ class PlanTab(Tab):
             self.summary.content = ""
         elif planned is not None:
             self.summary.content = summary(planned)
-            self._show_most(planned.most)
+            self._limit_frequencies(planned.max_frequencies)
 
-    def _show_most(self, most: int) -> None:
+    def _limit_frequencies(self, count: int) -> None:
         """Let the slider end at the number of frequencies that the array can use."""
-        if most == self._most or most <= RANGES.least_frequencies:
+        if count == self._max or count <= RANGES.min_frequencies:
             return
-        self._most, chosen = most, self._binding.choices.plan.frequencies
+        self._max, chosen = count, self._binding.choices.plan.frequencies
         self.frequencies.visible = True
-        self.frequencies.max = most
-        self.frequencies.value = most if chosen is None else min(chosen, most)
+        self.frequencies.max = count
+        self.frequencies.value = count if chosen is None else min(chosen, count)
 
 
 def initial_plan(binding: Binding) -> PlanChoices:

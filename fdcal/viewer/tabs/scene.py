@@ -37,7 +37,7 @@ class Ranges:
 
 
 RANGES = Ranges()
-MOST_TYPED = 1e5  # m: a radius in millimetres still arrives and gets a message; a larger number is dropped
+MAX_TYPED = 1e5  # m: a radius in millimetres still arrives and gets a message; a larger number is dropped
 RADIUS = f"{RANGES.radius[0]:g} to {RANGES.radius[1]:g} m"
 # In place of keys of the scene's file, which the page does not have.
 SMALLER = 'change "Array radius (m)", "Microphones" or "Scene seed"'
@@ -65,7 +65,7 @@ class SceneTab(Tab):
         self.microphones = on(gui.add_slider("Microphones", *RANGES.microphones, 1, low), self._limit_known)
         self.radius = on(
             gui.add_number(
-                "Array radius (m)", 1.0, min=0.0, max=MOST_TYPED, step=0.01,
+                "Array radius (m)", 1.0, min=0.0, max=MAX_TYPED, step=0.01,
                 hint=f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it",
             ),
             lambda _: self._check_radius(),
