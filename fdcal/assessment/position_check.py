@@ -1,12 +1,12 @@
-"""Two sets of points matched by their shape: which point of one is which of the other, in whatever place and order.
+"""Positions found compared with a list of them: swapped channels, another order or size, another array.
+
+The two sets of points are matched by their shape, in whatever place and order, in the first part.
 
 A base of D points far apart is laid onto every group of D points of the other set that has the same distances. Each
 such group gives a rigid motion, and a mirror image of it. The motions under which most points lie close to one of the
 other set are refined in turns: the best assignment for the motion, then the best motion for the assignment, which is
 iterative closest point with the Hungarian method. Several disjoint bases are tried, so that a few wrong points do no
 harm.
-
-Positions found compared with a list of them: swapped channels, another order or size, another array.
 """
 
 from __future__ import annotations
@@ -340,7 +340,7 @@ def _aligned(match: Match, given: np.ndarray) -> PositionCheck:
 
 CLOSE = 0.5  # median distance of a list in its own order, of the spacing of the microphones, at most
 CLOSE_EXCHANGED = 0.25  # the same of a list in which most are exchanged; unrelated arrays of 16 reach 0.28, of 32 0.34
-FREEDOM = 12  # number of microphones beyond D + 1 from which `found` holds; of fewer it is less in proportion
+FREEDOM = 12  # number of microphones beyond D + 1 from which CLOSE_EXCHANGED holds; of fewer it is less in proportion
 
 
 def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> PositionCheck:

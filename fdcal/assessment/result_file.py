@@ -1,9 +1,7 @@
-"""The JSON file of a calibration: its keys with their types and shapes, and how they are written, read and checked.
+"""A calibration as text: the JSON of a result file, CSV of positions and of gains; and as a table of pandas.
 
 `Keys` declares every key with its type and its shape. Files that older versions wrote lack some of those that are not
 required; keys that are not declared are ignored.
-
-Microphones and channels as tables: CSV of positions, CSV of gains, and a calibration as a table of pandas.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The waves that make up a sound field over an array: circular waves about a centre, and plane waves.
+"""The waves of a sound field over an array, the covariance that they make between microphones, and its slope.
 
 circular   J_0, sqrt(2) J_l cos(l theta), sqrt(2) J_l sin(l theta): the columns of Eq. 4 after a unitary map, which
            leaves W W^H unchanged, and real for a real wavenumber
@@ -6,9 +6,7 @@ plane      sqrt(w_q S_q) exp(-j k x . u_q), directions u_q of a quadrature of th
 
 With an ample order, or enough directions of equal power, W W^H is the covariance of a diffuse field of unit power,
 J_0(k r) or sin(k r) / (k r). Matrices are kept transposed, (modes, waves, microphones): the microphones are next to
-each other in memory.
-
-Spatial covariance of a sound field of unit power between microphones, and its slope, for every mode at once.
+each other in memory. For every mode at once
 
     K_m[i, j]    = covariance of the field at microphones i and j
     D_ma[i, j]   = derivative of K_m[i, j] with respect to coordinate a of microphone i

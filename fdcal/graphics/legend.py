@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .glyphs import polygons, stars
-from .markers import CUT, ELLIPSE, ESTIMATE, KNOWN, LOWEST, ODD, TRAIL, TRUE, solver_mark
+from .markers import CUT, ELLIPSE, ESTIMATE, FAULTY, KNOWN, LOWEST, TRAIL, TRUE, solver_mark
 from .overlays import ELLIPSE_TEXT
 from .primitives import Area, Colour, Lines, Mesh, Picture, Theme
 
@@ -79,7 +79,7 @@ MARKS = {
         Entry("trails", "trail", (LEVEL,), TRAIL, 0.24, halo=False),
         Entry("ellipses", ELLIPSE_TEXT, (_ring(0.8, 0.5),), ELLIPSE, 0.24, halo=False),
         Entry("cut", "cut from A to B", (LEVEL,), CUT, 0.24, halo=False),
-        Entry("microphones/odd", "odd channel", (_ring(0.66), ((-0.47, 0.47), (0.47, -0.47))), ODD, 0.2),
+        Entry("microphones/faulty", "odd channel", (_ring(0.66), ((-0.47, 0.47), (0.47, -0.47))), FAULTY, 0.2),
     )
 }
 

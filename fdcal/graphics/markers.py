@@ -21,7 +21,7 @@ from .primitives import Colour, Floor, Lines, Mesh, Theme
 
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
 LOWEST = (255, 176, 0)
-TRAIL, ELLIPSE, ODD = (240, 130, 200), (255, 110, 60), (120, 40, 170)
+TRAIL, ELLIPSE, FAULTY = (240, 130, 200), (255, 110, 60), (120, 40, 170)
 CUT = (0, 95, 95)
 HALO_WIDTH = 0.34  # of a mark of microphones, in radii of a marker, on both sides together
 
@@ -40,7 +40,7 @@ class Layer(enum.IntEnum):
     ELLIPSE = 7
     ESTIMATE = 8
     MINIMUM = 9
-    ODD = 9
+    FAULTY = 9
     SELECTED_TRUE = 10
     SELECTED = 12
     CUT = 13

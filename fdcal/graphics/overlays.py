@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from . import glyphs
-from .markers import CUT, ELLIPSE, LOWEST, ODD, TRAIL, Layer, drape, lines, on_layer, solver_mark, strokes
+from .markers import CUT, ELLIPSE, FAULTY, LOWEST, TRAIL, Layer, drape, lines, on_layer, solver_mark, strokes
 from .primitives import Floor, Label, Picture
 from .volume import AXES, Volume
 
@@ -22,7 +22,7 @@ NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn
 SMALL_ELLIPSE = 0.5  # of the radius of a marker: half axis below which an ellipse is hidden by the marks
 VISIBLE = 0.03  # of the extent: half axis to which the median ellipse is enlarged
 CUT_RADIUS, CUT_PIECES = 1.3, 80  # of the ring at an end, radii of a marker; pieces of the line over a relief
-ODD_RADIUS, ODD_SIDES = 2.4, 24  # of the circle around an odd channel, radii of a marker
+FAULTY_RADIUS, FAULTY_SIDES = 2.4, 24  # of the circle around an odd channel, radii of a marker
 
 
 def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
@@ -95,21 +95,21 @@ def with_ellipses(
     return replace(picture, lines=(*picture.lines, lines("ellipses", pieces, ELLIPSE, 2.5)), captions=captions)
 
 
-def with_odd_channels(picture: Picture, positions, odd, floor: Floor | None = None) -> Picture:
-    """Return the picture with a barred circle around each microphone whose channel, or given position, is odd.
+def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | None = None) -> Picture:
+    """Return the picture with a barred circle around each microphone whose channel, or given position, is faulty.
 
-    `positions` (N, D) float64, metres; `odd`: numbers of the microphones; `floor`: a map in relief, on which the
+    `positions` (N, D) float64, metres; `faulty`: numbers of the microphones; `floor`: a map in relief, on which the
     microphones stand, or None.
     """
-    if not len(odd):
+    if not len(faulty):
         return picture
     radius = picture.marker_radius
-    places = drape(np.asarray(positions, float)[list(odd)], floor, radius)
-    centres = on_layer(places, picture.z_range[0], radius, Layer.ODD)
-    reach = ODD_RADIUS * radius * np.sqrt(0.5) * np.array([1.0, -1.0, 0.0])
+    places = drape(np.asarray(positions, float)[list(faulty)], floor, radius)
+    centres = on_layer(places, picture.z_range[0], radius, Layer.FAULTY)
+    reach = FAULTY_RADIUS * radius * np.sqrt(0.5) * np.array([1.0, -1.0, 0.0])
     bars = np.stack([centres - reach, centres + reach], axis=1)
-    segments = np.concatenate([glyphs.polygons(centres, ODD_RADIUS * radius, ODD_SIDES), bars])
-    return replace(picture, meshes=picture.meshes + strokes("microphones/odd", segments, radius, ODD, 0.34))
+    segments = np.concatenate([glyphs.polygons(centres, FAULTY_RADIUS * radius, FAULTY_SIDES), bars])
+    return replace(picture, meshes=picture.meshes + strokes("microphones/faulty", segments, radius, FAULTY, 0.34))
 
 
 def with_comparison(
@@ -166,7 +166,7 @@ def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:
     first, last = np.asarray(ends, float)
     points = drape(np.linspace(first, last, pieces + 1), floor)
     points = on_layer(points, picture.z_range[0], radius, Layer.CUT)
-    rings = glyphs.polygons(points[[0, -1]], CUT_RADIUS * radius, ODD_SIDES)
+    rings = glyphs.polygons(points[[0, -1]], CUT_RADIUS * radius, FAULTY_SIDES)
     segments = np.concatenate([np.stack([points[:-1], points[1:]], axis=1), rings])
     labels = tuple(
         Label(f"cut_ends/{name}", name, (float(at[0]), float(at[1] + 2.2 * CUT_RADIUS * radius), float(at[2])), CUT)

@@ -3,6 +3,7 @@
 RunState    base class of the solvers' states
 Traits      properties of a solver that others ask for
 Solver      protocol of a solver: a module with these functions, or a chain of such modules
+Chain       solvers in sequence: each begins at the positions at which the one before has ended
 
 The order of a field's expansion, and with it memory and time of a step, grows with the wavenumber times the extent of
 the array. `N` microphones resolve orders up to about N / 2 (Eq. 8), so positions beyond `max_radius` are no answer: the
@@ -11,8 +12,6 @@ solver has diverged.
 One step may take many trials. Loops inside a step call `check_deadline`, so a calibration ends soon after its time
 limit and not after the step. A deadline holds in the thread that has set it: calibrations in other threads, and the
 page's session, have their own or none.
-
-Solvers in sequence: each begins at the positions at which the one before has ended.
 
 A chain is used like any solver. Its states are those of its members; step, sweep and stage are counted on. The name in
 a state (`RunState.solver`) says which member continues from it.
@@ -70,7 +69,7 @@ class RunState:
 
     @property
     def best_positions(self) -> np.ndarray:
-        """The best positions (N, D) so far, metres, for a run that ends early; a solver with several attempts says."""
+        """The best positions (N, D) so far, metres, for a run that ends early; of restarts those of the likeliest."""
         return self.positions
 
     @property

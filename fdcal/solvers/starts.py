@@ -130,7 +130,7 @@ def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) ->
 METRIC_MODES = 28  # modes that the metric is first fitted to; then all
 # factors of the first guess that are tried: a field that is not quite affine makes the guess too large
 SCALES = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
-FIRST_NOISE = 0.1  # noise fraction of `metric_modes` modes at an affine image of the positions
+FIRST_NOISE = 0.1  # noise fraction of METRIC_MODES modes at an affine image of the positions
 
 
 def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowest: int) -> np.ndarray:

@@ -21,7 +21,7 @@ from ..graphics.overlays import (
     with_comparison,
     with_cut,
     with_ellipses,
-    with_odd_channels,
+    with_faulty_channels,
     with_trails,
     with_volume,
 )
@@ -94,7 +94,7 @@ class SessionPicture:
         if choices.ellipses and uncertainty is not None:
             picture = self._with_ellipses(picture, positions, uncertainty, floor, choices.ellipse_scale)
         if uncertainty is not None and uncertainty.channels is not None:
-            picture = with_odd_channels(picture, positions, self._faulty(uncertainty), floor)
+            picture = with_faulty_channels(picture, positions, self._faulty(uncertainty), floor)
         if choices.cut is not None:
             picture = with_cut(picture, choices.cut, floor)
         return with_comparison(picture, {run.name: run.positions for run in runs}, self._run.problem.free, floor)

@@ -1,7 +1,14 @@
-"""The closed form of a box-shaped room: laws of the field, and an image-source sum as a second opinion."""
+"""The closed form of a box-shaped room: laws of the field, and an image-source sum as a second opinion.
+
+A room of three dimensions that would be computed for days is refused at once, as one of two is.
+"""
+
+from __future__ import annotations
 
 import dataclasses
 import math
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +16,13 @@ from fields import rigid_room
 
 from fdcal.acoustics import box_field
 from fdcal.acoustics.box_field import modal_pressures, point_source_pressures
+from fdcal.acoustics.measure import measure
 from fdcal.acoustics.spectrum import SPECTRUM
 from fdcal.model.room import Room, Source
+from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
+from fdcal.session.sources import check_scene
 
 SIZE = (2.3, 1.9, 1.6)
 SOURCE = np.array([2.1, 1.75, 1.45])
@@ -200,3 +210,35 @@ def test_pyroomacoustics_agrees(monkeypatch):
         expected[:, n] = np.exp(-(s + 2j * np.pi * frequencies[:, None]) * t) @ response / (4 * np.pi)
     found = point_source_pressures(Room(size=size), source, places, (2 * np.pi * frequencies - 1j * s) / c)
     np.testing.assert_allclose(found, expected, rtol=0.005)
+
+
+@pytest.fixture
+def ball():
+    return load_scene("ball3d")
+
+
+@pytest.mark.parametrize("call", [measure, check_scene])
+def test_a_duration_of_days_is_refused_at_once(call, ball):
+    scene = replace(ball, source=replace(ball.source, duration=1e6))
+    began = time.process_time()
+    with pytest.raises(InputError, match=r"source\.duration = 1e\+06 s .* use at most [\d.]+ s"):
+        call(scene)
+    assert time.process_time() - began < 0.1
+
+
+def test_the_longest_duration_that_is_named_is_accepted(ball):
+    with pytest.raises(InputError) as caught:
+        check_scene(replace(ball, source=replace(ball.source, duration=1e6)))
+    most = float(str(caught.value).split("use at most ")[1].split(" s")[0])
+    check_scene(replace(ball, source=replace(ball.source, duration=0.99 * most)))
+
+
+def test_ten_thousand_microphones_are_refused_at_once(tmp_path):
+    text = (scene_folder() / "ball3d.toml").read_text(encoding="utf-8")
+    lines = [f"count = {10_000}" if line.startswith("count") else line for line in text.splitlines()]
+    path = tmp_path / "many.toml"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    began = time.process_time()
+    with pytest.raises(InputError, match="array has 10000 microphones; use at most 2000"):
+        load_scene(path)
+    assert time.process_time() - began < 0.1

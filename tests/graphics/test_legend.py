@@ -16,7 +16,7 @@ from fdcal.graphics.overlays import (
     with_comparison,
     with_cut,
     with_ellipses,
-    with_odd_channels,
+    with_faulty_channels,
     with_trails,
     with_volume,
 )
@@ -72,7 +72,7 @@ def full(scene, measurement, estimate, floor):
     picture = with_trails(picture, np.stack([estimate, estimate + 0.05]))
     picture = with_ellipses(picture, estimate, np.tile(0.02 * np.eye(2), (8, 1, 1)))
     picture = with_cut(picture, [[0.5, 0.4], [0.9, 0.8]], floor)
-    picture = with_odd_channels(picture, estimate, [4])
+    picture = with_faulty_channels(picture, estimate, [4])
     return with_comparison(picture, {"joint": estimate}, np.arange(2, 8))
 
 

@@ -1,4 +1,13 @@
-"""The picture holds what it was given: positions, colours, extents. No renderer takes part."""
+"""The picture holds what it was given: positions, colours, extents. No renderer takes part.
+
+A picture without a search domain shows all microphones.
+
+The name of a microphone stands beside it, inside the picture, and hides as few other marks as it can.
+
+Shapes of markers, walls and grids: their areas and lengths, and where they lie.
+"""
+
+from __future__ import annotations
 
 import dataclasses
 
@@ -7,12 +16,14 @@ import pytest
 import trimesh
 
 from fdcal import solvers
+from fdcal.graphics import glyphs
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE, solver_mark
 from fdcal.graphics.overlays import with_comparison, with_ellipses, with_trails
-from fdcal.graphics.picture import compose, static_picture, with_estimate
-from fdcal.graphics.surroundings import z_range_of
+from fdcal.graphics.picture import HEIGHT, LETTER, compose, name_place, static_picture, with_estimate
+from fdcal.graphics.primitives import Mesh
+from fdcal.graphics.surroundings import with_display_domain, z_range_of
 from fdcal.graphics.units import error_summary
 from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import Measurement
@@ -314,3 +325,123 @@ def test_a_solver_that_is_added_has_a_mark_of_its_own(monkeypatch):
     marks = {solver_mark(name) for name in solvers.names()}
     assert len({mark.shape for mark in marks}) == len({mark.colour for mark in marks}) == 4
     assert solver_mark("from another machine") in SOLVER_MARKS
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("known", [0, 4])
+def test_the_frame_holds_every_microphone_and_the_known_ones(dimension, known):
+    rng = np.random.default_rng(dimension)
+    places = rng.uniform(-3, 2, (12, dimension))
+    measured = Measurement(
+        frequencies=np.linspace(100, 300, 4),
+        pressures=np.exp(1j * rng.uniform(0, 6, (4, 12))),
+        sound_speed=343.0,
+        known=np.arange(known),
+        known_positions=places[:known],
+        dimension=dimension,
+        array_dimension=dimension,
+    )
+    drawn = with_display_domain(measured, places + 0.2)
+    x0, y0, x1, y1 = compose(None, drawn, places + 0.2).focus
+    for points in (places + 0.2, places[:known]):
+        assert ((points[:, :2] > [x0, y0]) & (points[:, :2] < [x1, y1])).all()
+    assert measured.search is None and with_display_domain(drawn, places) is drawn
+    assert dataclasses.replace(drawn, search=None).count == measured.count
+
+
+def test_microphones_with_equal_estimates_have_a_frame_too():
+    measured = Measurement(frequencies=np.array([100.0]), pressures=np.ones((1, 5), complex), sound_speed=343.0)
+    x0, y0, x1, y1 = compose(None, with_display_domain(measured, np.zeros((5, 2)))).focus
+    assert x1 - x0 > 0.1 and y1 - y0 > 0.1
+
+
+FOCUS, RADIUS, TEXT = (0.0, 0.0, 1.0, 1.0), 0.0125, "microphone 12"
+
+
+def box_of(place, anchor):
+    """What the text covers, by the meaning of its anchor."""
+    vertical, horizontal = anchor.split("-")
+    width, height = LETTER * len(TEXT) * RADIUS, HEIGHT * RADIUS
+    x = place[0] - width * {"left": 0, "center": 0.5, "right": 1}[horizontal]
+    y = place[1] - height * {"bottom": 0, "center": 0.5, "top": 1}[vertical]
+    return x, y, x + width, y + height
+
+
+def covered(box, marks):
+    x, y = np.reshape(marks, (-1, 2)).T
+    return int(((x > box[0]) & (x < box[2]) & (y > box[1]) & (y < box[3])).sum())
+
+
+@pytest.mark.parametrize("place", [(x, y) for x in (0.02, 0.5, 0.98) for y in (0.02, 0.5, 0.98)])
+def test_a_name_stays_inside_the_picture_and_off_its_microphone(place):
+    box = box_of(*name_place(TEXT, place, [], FOCUS, RADIUS))
+    assert box[0] >= 0 and box[1] >= 0 and box[2] <= 1 and box[3] <= 1
+    assert not covered((box[0] - RADIUS, box[1] - RADIUS, box[2] + RADIUS, box[3] + RADIUS), [place])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_name_covers_no_mark_where_one_side_is_free(seed):
+    marks = np.random.default_rng(seed).uniform(0, 1, (25, 2))
+    place = (0.5, 0.5)
+    chosen = covered(box_of(*name_place(TEXT, place, marks, FOCUS, RADIUS)), marks)
+    assert chosen <= covered(box_of((0.5 + 2.6 * RADIUS, 0.5), "center-left"), marks)
+    ring = [(0.5 + 0.1 * np.cos(a), 0.5 + 0.1 * np.sin(a)) for a in np.linspace(-2.2, 2.2, 30)]  # open on the left
+    assert not covered(box_of(*name_place(TEXT, place, ring, FOCUS, RADIUS)), ring)
+
+
+def test_without_other_marks_it_stands_on_the_right():
+    assert name_place(TEXT, (0.4, 0.5), [], FOCUS, RADIUS)[1] == "center-left"
+
+
+def triangle_area(solid) -> float:
+    corner = solid.vertices[solid.faces].astype(float)
+    return np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2
+
+
+def test_areas_of_markers():
+    """A ring of many corners, a bar and a square have the areas of the textbook."""
+    centres = np.array([[0.0, 0.0, 0.0], [3.0, 1.0, 0.0]])
+    for triangles, expected in (
+        (glyphs.annuli(centres, 2.0, 0.2, corners=400), 2 * np.pi * (2.1**2 - 1.9**2)),
+        (glyphs.squares(centres, 0.3), 2 * 0.09),
+        (glyphs.strokes(centres[None], 0.1, extension=0.5), 0.1 * (np.sqrt(10) + 1.0)),
+    ):
+        solid = Mesh("x", *triangles, (0, 0, 0))
+        assert triangle_area(solid) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_bar_of_no_length_is_drawn_without_a_fault():
+    vertices, faces = glyphs.strokes(np.zeros((1, 2, 3)), 0.1)
+    assert np.isfinite(vertices).all() and len(faces) == 2
+
+
+@pytest.mark.parametrize("name", ["tiny", "lshape", "array1_circle"])
+def test_walls_are_a_closed_band_of_the_right_area(name):
+    scene = load_scene(name)
+    vertices = scene.room.vertices
+    mesh = trimesh.Trimesh(*glyphs.walls(vertices, 0.5), process=False)
+    perimeter = np.linalg.norm(vertices - np.roll(vertices, -1, axis=0), axis=1).sum()
+    assert mesh.area == pytest.approx(0.5 * perimeter)
+    assert len(mesh.faces) == 2 * len(vertices)
+
+
+def test_the_floor_grid_stays_inside_the_outline():
+    corner = [(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)]
+    grid = glyphs.floor_grid(corner, 0.5, 0.0)
+    middles = grid.mean(axis=1)
+    assert not ((middles[:, 0] > 2) & (middles[:, 1] > 2)).any()
+    lengths = np.linalg.norm(grid[:, 1] - grid[:, 0], axis=1)
+    assert lengths.sum() == pytest.approx(2 * (3 * 4 + 4 * 2))  # 0.5, 1, 1.5 are long, 2 to 3.5 short, both ways
+
+
+def test_positions_in_space_keep_their_height():
+    lifted = glyphs.lift([[1.0, 2.0, 0.7]], 0.1)
+    np.testing.assert_allclose(lifted, [[1.0, 2.0, 0.8]])
+
+
+def test_bars_in_space_keep_their_width_and_length():
+    ends = np.array([[[0, 0, 0], [1, 2, 2]], [[0, 0, 0], [0, 0, 1]], [[0, 0, 0], [1, 0, 0]]], float)
+    vertices, _ = glyphs.strokes(ends, 0.1, extension=0.5)
+    corners = vertices.reshape(3, 4, 3)
+    np.testing.assert_allclose(np.linalg.norm(corners[:, 0] - corners[:, 3], axis=1), 0.1)
+    np.testing.assert_allclose(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1), [4, 2, 2])

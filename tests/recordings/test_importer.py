@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import zipfile
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from scipy.signal import chirp, fftconvolve
 
 from fdcal.acoustics.dictionary import f_max
 from fdcal.commands.cli import main
+from fdcal.commands.file_commands import import_
 from fdcal.commands.options import OPTIONS
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.validation import InputError
@@ -448,6 +450,12 @@ def test_an_option_out_of_range_is_refused(options, words, code, folder, tmp_pat
     assert err.count("\n") == 1
     assert out == ""
     assert list(tmp_path.iterdir()) == [], "nothing is left half-written"
+
+
+def test_every_option_of_an_import_is_on_the_command_line_and_documented():
+    names = {field.name for field in fields(ImportOptions)}
+    assert names - {"source"} <= {option.name for option in import_.params}, "--source is number there"
+    assert all(re.search(rf"\b{name}\b", str(ImportOptions.__doc__)) for name in names)
 
 
 def test_positions_in_degrees_are_refused(folder, tmp_path):

@@ -16,7 +16,7 @@ import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
-from fdcal.graphics.overlays import with_odd_channels
+from fdcal.graphics.overlays import with_faulty_channels
 from fdcal.graphics.picture import static_picture
 from fdcal.model.settings import SolverSettings
 from fdcal.session.blas_threads import one_blas_thread
@@ -195,12 +195,12 @@ def test_given_positions_stand_beside_those_found_the_most_corrected_first(shown
 def test_odd_microphones_have_a_mark_of_their_own_at_their_place():
     measurement = fdcal.load("tiny")
     picture = static_picture(None, measurement)
-    marked = with_odd_channels(picture, measurement.positions, [INVERTED])
-    (mark,) = [mesh for mesh in marked.meshes if mesh.name == "microphones/odd"]
+    marked = with_faulty_channels(picture, measurement.positions, [INVERTED])
+    (mark,) = [mesh for mesh in marked.meshes if mesh.name == "microphones/faulty"]
     assert np.allclose(
         mark.vertices[:, :2].mean(axis=0), measurement.positions[INVERTED], atol=picture.marker_radius / 4
     )
-    assert with_odd_channels(picture, measurement.positions, []) is picture
+    assert with_faulty_channels(picture, measurement.positions, []) is picture
 
 
 def test_the_uncertainty_on_the_page_is_that_of_the_calibration():

@@ -58,7 +58,7 @@ from .state import (
 )
 
 EXACT_SIGMA = 1e-3  # metres, one sigma of a coordinate of positions that are given as exact, where these are examined
-# that sigma over the expected one from which all given positions are inaccurate; without it the error of, 1 of 32
+# that sigma over the expected one from which all given positions are inaccurate; without it the error of 1 of 32
 # arrays with wrong given positions grows from 9 to 19 mm
 INACCURATE = 2.0
 
@@ -347,7 +347,7 @@ def _weighed(
     return Hypothesis(evidence, right, order, scale, size, size_sigma, sigma, positions)
 
 
-# probability that a given position is wrong, that two are exchanged, or that the sound speed is wrong; with, 0.2 the
+# probability that a given position is wrong, that two are exchanged, or that the sound speed is wrong; with 0.2 the
 # errors of 2 of 32 arrays grow from 5 to 11 mm
 WRONG = 0.05
 # range of relative errors of the sound speed; with 1 the error of one array grows from 34 to 55 mm

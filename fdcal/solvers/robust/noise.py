@@ -243,7 +243,7 @@ def _updated_sigma(
     return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, maximum))
 
 
-# change of the logarithm of a spread that does not count; without it an array without noise ends at, 0.011 instead of
+# change of the logarithm of a spread that does not count; without it an array without noise ends at 0.011 instead of
 # 0.004 mm
 SAME_SPREAD = 0.2
 

@@ -14,7 +14,8 @@ e the deviation, d its number of components. One wrong entry is outvoted, and a 
 nothing. In the Gauss-Newton matrix such a prior is a spring of stiffness w = (NU + d) / (NU sigma^2 + e^2). Positions
 that are given exactly have no prior: their coordinates are not free (`free_directions`).
 
-One Levenberg-Marquardt step of everything that is free, and how far it leaves the solver from its minimum.
+After the objective: one Levenberg-Marquardt step of everything that is free, and how far it leaves the solver from the
+minimum, by the quadratic of the objective there.
 
     H d = -g,   sigma_i^2 = (H^-1)_ii
 

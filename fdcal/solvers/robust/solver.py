@@ -2,7 +2,7 @@
 
     step     one damped Gauss-Newton step of everything that is free, then one round of the fixed point of the field's
              power, the channels' noise and the spreads of the gains
-    stage    one of `rules.STAGES`: deformations of the whole array, every microphone, then the gains as well
+    stage    one of `state.STAGES`: deformations of the whole array, every microphone, then the gains as well
     restart  the stages from one start (`fdcal.solvers.starts.plan`); the likeliest of several optima is refined
 
 The likelihood: `fdcal.cost.likelihood`. What a stage minimises: `objective`. What follows a stage: `schedule`.

@@ -138,7 +138,7 @@ class Progress:
     """Where the solver is."""
 
     restart: int  # number of the start in `fdcal.solvers.starts.plan`; -1 for positions that the run was begun with
-    stage: int  # index into `rules.STAGES`
+    stage: int  # index into STAGES
     rounds: int  # of this stage so far
     steps: int  # in this stage
     damping: float  # of the next step

@@ -227,7 +227,7 @@ def _fitted(state: State, p: Complexes, noise: Reals, k: Numbers) -> tuple[State
 
 
 CONFIRMED = 1.5  # times the reported noise: a local optimum that leaves less needs no restart
-REJECTED = 6.0  # times `rough` and noise: a local optimum that leaves more has no phase "exact"
+REJECTED = 6.0  # times ROUGH_NOISE and noise: a local optimum that leaves more has no phase "exact"
 EXACT_DAMPING = 1e-2  # of the first step of the exact model
 
 

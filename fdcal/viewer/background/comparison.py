@@ -6,8 +6,8 @@ Callbacks queue a command (`toggle`, `reset`, `stop`); the main loop executes it
 from __future__ import annotations
 
 import collections
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
 
 import numpy as np
 
@@ -66,8 +66,6 @@ def drawn_states(view: SessionView) -> list[RunState]:
 
 INTERVAL = 0.2  # s between two looks at the runs
 
-Command = Literal["toggle", "reset", "stop", "release", "adopt"]
-
 
 @dataclass(frozen=True)
 class PausedComparison:
@@ -90,7 +88,7 @@ class ComparisonWorker:
 
     def __init__(self, run: PreparedRun, threads: Threads):
         self.run = run
-        self._commands: collections.deque[tuple[Command, Any]] = collections.deque()
+        self._commands: collections.deque[Callable[[], object]] = collections.deque()
         self._preparation = threads.start(self._prepare, "fdcal-comparison")
         self._curves = threads.start(self._compute_curves, "fdcal-comparison-curves")
         self._points: dict[str, dict[int, tuple[float, float]]] = {}  # of each run, by step: its error and cost
@@ -106,23 +104,23 @@ class ComparisonWorker:
 
     def toggle(self, setup: ComparisonSetup) -> None:
         """Start the comparison, pause it, or resume it. Any thread."""
-        self._commands.append(("toggle", setup))
+        self._commands.append(lambda: self._toggle(setup))
 
     def reset(self) -> None:
         """Take all runs back to their start. Any thread."""
-        self._commands.append(("reset", None))
+        self._commands.append(self._reset)
 
     def stop(self) -> None:
         """End the comparison. Any thread."""
-        self._commands.append(("stop", None))
+        self._commands.append(self._end)
 
     def release(self) -> None:
         """Pause the comparison and let it go, so that it stays when this worker ends. Any thread."""
-        self._commands.append(("release", None))
+        self._commands.append(self._release)
 
     def adopt(self, other: ComparisonWorker) -> None:
         """Show the comparison that another worker, or this one, has released, if there is one. Any thread."""
-        self._commands.append(("adopt", other))
+        self._commands.append(lambda: self._adopt(other))
 
     # Below: the main loop, except for _prepare and _compute_curves.
 
@@ -141,28 +139,26 @@ class ComparisonWorker:
     def update(self, now: float) -> tuple[RunSummary, ...]:
         """Execute the commands that wait, and return the runs as they are at the time `now`, s."""
         while self._commands:
-            self._execute(*self._commands.popleft())
+            self.error = ""
+            self._commands.popleft()()
         self._take_prepared()
         if self._comparison is not None and now - self._updated > INTERVAL:
             self._updated = now
             self._summarise(self._comparison)
         return self.summaries
 
-    def _execute(self, command: Command, setup: Any) -> None:
-        comparison, self.error = self._comparison, ""
-        if command == "release":
-            self._release()
-        if command == "adopt":
-            self._adopt(setup)
-        if command == "stop" or (command == "toggle" and comparison is not None and setup != self._setup):
+    def _toggle(self, setup: ComparisonSetup) -> None:
+        if self._comparison is not None and setup != self._setup:
             self._end()
-        if command == "toggle" and self._comparison is None and self._pending is None:
+        if self._comparison is not None:
+            (self._comparison.pause if self._comparison.running else self._comparison.play)()
+        elif self._pending is None:
             self._pending = setup
             self._preparation.request(setup)
-        elif command == "toggle" and self._comparison is not None:
-            (self._comparison.pause if self._comparison.running else self._comparison.play)()
-        elif command == "reset" and comparison is not None:
-            comparison.reset()
+
+    def _reset(self) -> None:
+        if self._comparison is not None:
+            self._comparison.reset()
 
     def _take_prepared(self) -> None:
         """Start the comparison that is ready."""

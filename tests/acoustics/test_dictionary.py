@@ -1,0 +1,222 @@
+"""The dictionaries in a plane and in space: Jacobi-Anger, Rayleigh, the diffuse kernel, and special functions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fields import bessel_kernel, plane_wave, plane_wave_coefficients
+from scipy.special import jv, spherical_jn
+
+from fdcal.acoustics.dictionary import array_f_max, degrees, f_max, fourier_bessel, max_order, spherical_bessel
+from fdcal.acoustics.lattice_dictionary import LatticeDictionary, bessel_orders
+from fdcal.acoustics.special_functions import bessel, complex_sinc, sinc
+from fdcal.model.settings import Search
+
+POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.0, 1.0]
+CENTRE = np.array([2.1, 0.9])
+WAVENUMBERS = [0.5, 5.0, 7.3 - 0.02j]
+
+
+@pytest.mark.parametrize("k", WAVENUMBERS)
+def test_plane_wave_is_the_jacobi_anger_sum(k):
+    W = fourier_bessel(POINTS, k, 30, CENTRE)
+    expected = plane_wave(POINTS, k, 0.7)
+    np.testing.assert_allclose(W @ plane_wave_coefficients(k, 0.7, 30, CENTRE), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("k", WAVENUMBERS)
+def test_each_atom_solves_helmholtz(k):
+    h, L = 1e-3, 5
+    fields = [fourier_bessel(POINTS + d, k, L, CENTRE) for d in ([0, 0], [h, 0], [-h, 0], [0, h], [0, -h])]
+    laplacian = (sum(fields[1:]) - 4 * fields[0]) / h**2
+    np.testing.assert_allclose(laplacian, -(k**2) * fields[0], atol=abs(k) ** 4 * h**2)
+
+
+def test_gram_matrix_is_the_diffuse_field_kernel_whatever_the_centre():
+    """Graf's addition theorem: W W^H tends to J_0(k d) for real k."""
+    for centre in (CENTRE, [1.8, 1.3]):
+        W = fourier_bessel(POINTS, 7.0, 40, centre)
+        np.testing.assert_allclose(W @ W.conj().T, bessel_kernel(POINTS, 7.0), atol=1e-12)
+
+
+def test_order_follows_eq_3():
+    np.testing.assert_array_equal(max_order(np.array([0.5, 5.0, 5.01 - 2j]), 0.8), [1, 4, 5])
+    assert max_order(5.0, 0.8, offset=2) == 6
+
+
+def test_f_max_is_the_papers():
+    """Section 5: 4950 Hz for array 1, R = 0.35 m, c = 340 m/s."""
+    assert f_max(65, 0.35, 340.0) == pytest.approx(4950, rel=1e-3)
+    assert f_max(2, 0.35, 340.0) == pytest.approx(340 / (4 * np.pi * 0.35)), "few microphones follow the same rule"
+
+
+def test_f_max_in_space_is_the_order_with_as_many_functions_as_microphones():
+    k_of = lambda f: 2 * np.pi * f / 343.0  # noqa: E731
+    for order in (1, 3, 7):
+        assert k_of(f_max((order + 1) ** 2, 0.7, 343.0, 3)) * 0.7 == pytest.approx(order)
+        assert k_of(f_max((order + 1) * (order + 2) // 2, 0.7, 343.0, 3, planar=True)) * 0.7 == pytest.approx(order)
+
+
+def test_f_max_of_an_array_takes_its_radius_about_the_centre_of_mass():
+    square = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.4], [0.0, 0.4]]) + 3.0
+    radius = 0.2 * np.sqrt(2)
+    assert array_f_max(square, 343.0, 2) == pytest.approx(f_max(4, radius, 343.0))
+    assert array_f_max(square, 343.0, 3) == pytest.approx(f_max(4, radius, 343.0, 3, planar=True))
+    assert array_f_max(np.ones((4, 2)), 343.0, 2) == np.inf
+
+
+@pytest.mark.parametrize("order", [0, 1, 7, 30])
+def test_downward_recurrence_agrees_with_the_library(order):
+    z = np.concatenate([[0.0, 1e-8, 1e-3], np.linspace(0.01, 40, 200) * (1 - 0.01j)])
+    np.testing.assert_allclose(bessel_orders(z, order), jv(np.arange(order + 1), z[:, None]), rtol=1e-9, atol=1e-14)
+
+
+def test_lattice_table_is_the_dictionary_of_its_points():
+    search = Search((1.5, 0.4), (1.0, 0.8), 0.1, 0.7)
+    k = np.array([0.5, 6.0 - 0.05j])
+    orders = max_order(k, search.radius, 2)
+    lattice = LatticeDictionary(search, k, orders)
+    assert lattice.points.shape == (11 * 9, 2)
+    for centre in (lattice.points[0], lattice.nearest([2.03, 0.77]), lattice.points[-1]):
+        for m, W in enumerate(lattice.dictionary(lattice.points, centre, [0, 1])):
+            np.testing.assert_allclose(W, fourier_bessel(lattice.points, k[m], orders[m], centre), atol=1e-13)
+        mixed = np.concatenate([lattice.points[[3, 50]], [[1.77, 0.66], [0.0, 5.0]]])
+        for m, W in zip([1, 0], lattice.dictionary(mixed, centre, [1, 0]), strict=True):
+            np.testing.assert_allclose(W, fourier_bessel(mixed, k[m], orders[m], centre), rtol=1e-10, atol=1e-13)
+
+
+CENTRE_3D = np.array([2.1, 0.9, 1.2])
+POINTS_3D = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 3)) + CENTRE_3D + [0.1, -0.05, 0.02]
+PLANE = POINTS_3D[:, :2]
+WAVENUMBERS_3D = [0.5, 5.0, 7.3 - 0.02j]
+DIRECTION = np.array([0.36, -0.48, 0.8])
+
+
+def plane_wave_3d(points, k, direction=DIRECTION):
+    return np.exp(-1j * k * (points @ direction))
+
+
+def plane_wave_coefficients_3d(k, order, centre):
+    """exp(-j k d.x) = 4 pi sum (-j)^l j_l(k r) Y_lm(x) conj(Y_lm(d)); W at d is sqrt(4 pi) j_l Y_lm(d)."""
+    l, _ = degrees(order)  # noqa: E741
+    Y = spherical_bessel(DIRECTION[None], 3.3, order, np.zeros(3))[0] / spherical_jn(l, 3.3)
+    return (-1j) ** l * Y.conj() * plane_wave_3d(centre, k)
+
+
+@pytest.mark.parametrize("k", WAVENUMBERS_3D)
+def test_a_plane_wave_is_rayleighs_sum(k):
+    W = spherical_bessel(POINTS_3D, k, 22, CENTRE_3D)
+    np.testing.assert_allclose(
+        W @ plane_wave_coefficients_3d(k, 22, CENTRE_3D), plane_wave_3d(POINTS_3D, k), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("k", WAVENUMBERS_3D)
+def test_each_atom_solves_helmholtz_to_second_order(k):
+    """The error of the finite differences falls with the square of their step."""
+
+    def fault(h):
+        sums = -6 * spherical_bessel(POINTS_3D, k, 5, CENTRE_3D)
+        for d in h * np.concatenate([np.eye(3), -np.eye(3)]):
+            sums = sums + spherical_bessel(POINTS_3D + d, k, 5, CENTRE_3D)
+        return np.abs(sums / h**2 + k**2 * spherical_bessel(POINTS_3D, k, 5, CENTRE_3D)).max(axis=0)
+
+    coarse, fine = fault(0.1), fault(0.05)
+    assert coarse.max() > 1e-4 * abs(k) ** 4, "nothing was measured"
+    np.testing.assert_allclose(coarse / fine, 4.0, rtol=0.08)
+
+
+def test_at_the_centre_all_functions_but_the_first_are_zero():
+    W = spherical_bessel(CENTRE_3D[None], 5.0 - 0.1j, 4, CENTRE_3D)[0]
+    np.testing.assert_allclose(W, np.eye(25)[0], atol=1e-15)
+
+
+@pytest.mark.parametrize("centre", [CENTRE_3D, CENTRE_3D + [-0.2, 0.1, 0.25]], ids=["middle", "aside"])
+@pytest.mark.parametrize("D", [2, 3])
+def test_gram_matrix_in_space_is_the_diffuse_field_kernel_whatever_the_centre(centre, D):
+    """The addition theorem: W W^H tends to sin(k d) / (k d) for real k, in space and on a plane."""
+    points = POINTS_3D[:, :D]
+    W = spherical_bessel(points, 7.0, 26, centre[:D])
+    distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    np.testing.assert_allclose(W @ W.conj().T, np.sinc(7.0 * distance / np.pi), atol=1e-12)
+
+
+@pytest.mark.parametrize("k", WAVENUMBERS_3D)
+def test_on_a_plane_the_even_functions_are_all_there_is(k):
+    flat = np.column_stack([PLANE, np.full(len(PLANE), CENTRE_3D[2])])
+    W = spherical_bessel(flat, k, 7, CENTRE_3D)
+    l, m = degrees(7)  # noqa: E741
+    even = (l + m) % 2 == 0
+    np.testing.assert_allclose(spherical_bessel(PLANE, k, 7, CENTRE_3D[:2]), W[:, even], atol=1e-14)
+    np.testing.assert_allclose(W[:, ~even], 0.0, atol=1e-14)
+    np.testing.assert_array_equal(np.stack(degrees(7, planar=True)), np.stack([l, m])[:, even])
+
+
+def test_planar_functions_span_the_field_on_a_plane_and_those_of_a_plate_do_not():
+    k, R = 4.0, 0.8
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-0.5, 0.5, (300, 2))
+    directions = rng.standard_normal((12, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    field = sum(plane_wave_3d(np.column_stack([points, np.zeros(300)]), k, d) for d in directions)
+
+    def left(W):
+        return np.linalg.norm(field - W @ np.linalg.lstsq(W, field)[0]) / np.linalg.norm(field)
+
+    L = int(max_order(k, R))
+    errors = [left(spherical_bessel(points, k, L + more, (0.0, 0.0))) for more in (0, 2, 4, 6)]
+    assert errors[0] < 0.05 and errors[-1] < 1e-6 and np.all(np.diff(np.log10(errors)) < -1)
+    assert left(fourier_bessel(points, k, L + 8, (0.0, 0.0))) > 0.05
+
+
+@pytest.mark.parametrize("planar", [False, True])
+@pytest.mark.parametrize("L", [0, 1, 5])
+def test_number_of_functions(L, planar):
+    l, m = degrees(L, planar)  # noqa: E741
+    assert len(set(zip(l.tolist(), m.tolist(), strict=True))) == ((L + 1) * (L + 2) // 2 if planar else (L + 1) ** 2)
+    assert l.max() == L and np.all(np.abs(m) <= l)
+    W = spherical_bessel(POINTS_3D[:, : 2 if planar else 3], 3.0, L, CENTRE_3D[: 2 if planar else 3])
+    assert W.shape == (40, len(l))
+
+
+ARGUMENTS = [0.0, 1e-9, 0.03, 0.1999, 0.2001, 1.0, 4.7, 23.0, 60.0]
+
+
+def test_sine_over_z_and_its_slope_are_the_spherical_bessel_functions():
+    z = np.concatenate([[0.0], np.geomspace(1e-9, 1e3, 4001), np.pi / 4 * np.arange(1, 400)])
+    value, slope = sinc(z)
+    np.testing.assert_allclose(value, spherical_jn(0, z), rtol=0, atol=4e-15)
+    np.testing.assert_allclose(slope * z, -spherical_jn(1, z), rtol=0, atol=2e-14)
+    assert (value[0], slope[0]) == (1.0, pytest.approx(-1 / 3))
+    assert sinc(z[:6].reshape(2, 3))[1].shape == (2, 3)
+    assert np.isnan(sinc(np.array([np.nan, 1.0]))[0][0])
+
+
+def test_sine_over_z_of_a_complex_square_does_not_depend_on_the_root():
+    size = np.concatenate([np.geomspace(1e-5, 30, 301), np.linspace(0.0199, 0.0201, 21)])
+    z = np.multiply.outer(size, np.exp(1j * np.linspace(-np.pi, np.pi, 17))).ravel()
+    growth = np.exp(np.abs(z.imag))
+    value, slope = complex_sinc(z * z)
+    assert np.max(np.abs(value - spherical_jn(0, z)) / growth) < 2e-14
+    assert np.max(np.abs(slope * z + spherical_jn(1, z)) / growth) < 1e-12, "SciPy loses digits near 0"
+    value, slope = complex_sinc(np.array([0.0, -4.0]))
+    assert value == pytest.approx([1.0, np.sinh(2) / 2]), "the square of a damped wave may be negative"
+    assert slope == pytest.approx([-1 / 3, -(np.cosh(2) - np.sinh(2) / 2) / 4])
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+@pytest.mark.parametrize("top", [1, 6, 40, 150])
+def test_bessel_functions_of_all_orders_are_scipy_s(damping, top):
+    z = np.array([z for z in ARGUMENTS if z <= top + 25])  # the orders in use always reach beyond the argument
+    z = z - 1j * damping if damping else z
+    J = bessel(z, top)
+    assert J.dtype == z.dtype
+    np.testing.assert_allclose(J, jv(np.arange(top + 1)[:, None], z), rtol=1e-10, atol=1e-14)
+
+
+@pytest.mark.parametrize("top", [0, 1, 6, 40, 150])
+def test_spherical_bessel_functions_are_scipy_s(top):
+    z = np.array([complex(z, -loss) for z in ARGUMENTS[1:] if z <= top + 25 for loss in (0.0, 0.3)])
+    j = bessel(z.reshape(2, -1), top, spherical=True)
+    expected = spherical_jn(np.arange(top + 1)[:, None, None], z.reshape(2, -1))
+    np.testing.assert_allclose(j, expected, rtol=1e-9, atol=1e-13)
