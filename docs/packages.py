@@ -12,7 +12,7 @@ from pathlib import Path
 
 DOCS = Path(__file__).parent
 PACKAGE, DRAWING = DOCS.parent / "fdcal", DOCS / "packages.svg"
-CELL, LEFT, TOP, WIDTH = 34, 110, 40, 1010  # pixels
+CELL, LEFT, TOP, WIDTH = 34, 110, 40, 1040  # pixels
 
 
 def imported(package: Path) -> set[str]:

@@ -11,7 +11,7 @@ import signal
 import sys
 from types import FrameType
 
-LEAST_ADDRESS_SPACE = 1500 * 2**20  # bytes; a small calibration takes half of it, the compiler the rest
+MIN_ADDRESS_SPACE = 1500 * 2**20  # bytes; a small calibration takes half of it, the compiler the rest
 
 
 def main() -> None:
@@ -32,8 +32,8 @@ def _require_address_space() -> None:
     except ImportError:  # not on Windows, which has no such limit
         return
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if limit != resource.RLIM_INFINITY and limit < LEAST_ADDRESS_SPACE:
-        have, need = limit // 2**20, LEAST_ADDRESS_SPACE // 2**20
+    if limit != resource.RLIM_INFINITY and limit < MIN_ADDRESS_SPACE:
+        have, need = limit // 2**20, MIN_ADDRESS_SPACE // 2**20
         print(
             f"error: ulimit -v leaves {have} MB of address space, and fdcal needs {need} MB; raise it", file=sys.stderr
         )

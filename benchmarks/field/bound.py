@@ -28,10 +28,10 @@ def bound(case: Case) -> float:
     return float(np.sqrt(np.trace(covariance) / len(free)))
 
 
-def fisher(positions, wavenumbers, noise_share: float, dimension: int) -> np.ndarray:
+def fisher(positions, wavenumbers, noise_fraction: float, dimension: int) -> np.ndarray:
     """Return the Fisher information of positions (N, D), metres, in a diffuse field : (N D, N D) float64, 1/m^2.
 
-    wavenumbers : (M,) float64, rad/m; noise_share : noise power over total power; dimension : of the sound field
+    wavenumbers : (M,) float64, rad/m; noise_fraction : noise power over total power; dimension : of the sound field
     """
     count, coordinates = positions.shape
     difference = positions[:, None] - positions[None]
@@ -40,8 +40,8 @@ def fisher(positions, wavenumbers, noise_share: float, dimension: int) -> np.nda
     total = np.zeros((count, coordinates, count, coordinates))
     for k in wavenumbers:
         correlation, slope = (_plane if dimension == 2 else _space)(k * distance)
-        inverse = np.linalg.inv((1 - noise_share) * correlation + noise_share * np.eye(count))
-        slopes = [(1 - noise_share) * k * slope * unit[:, :, a] for a in range(coordinates)]
+        inverse = np.linalg.inv((1 - noise_fraction) * correlation + noise_fraction * np.eye(count))
+        slopes = [(1 - noise_fraction) * k * slope * unit[:, :, a] for a in range(coordinates)]
         for a, first in enumerate(slopes):
             for b, second in enumerate(slopes):
                 total[:, a, :, b] += 2 * inverse * (first @ inverse @ second.T)

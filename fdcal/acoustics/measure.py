@@ -23,7 +23,7 @@ from ..model.room import response_digest, response_path
 from ..model.scene import Scene
 from ..model.scene_file import MeasuredScene
 from ..model.sdm_response import SdmResponse, load_sdm_response
-from ..model.settings import DEAD_SHARE, Faults
+from ..model.settings import DEAD_FRACTION, Faults
 from ..model.storage import cache_key, load_cached, load_or_make
 from ..model.validation import InputError
 
@@ -135,7 +135,7 @@ def _with_faults(scene: Scene, pressures: np.ndarray, take: int) -> np.ndarray:
     faulty = pressures * scene.faults.gains(pressures.shape[1], scene.seed)
     dead = list(scene.faults.dead)
     noise = _noise_rng(scene, 3, take).normal(scale=math.sqrt(0.5), size=(2, len(pressures), len(dead)))
-    faulty[:, dead] = np.sqrt(DEAD_SHARE * mode_power(pressures))[:, None] * (noise[0] + 1j * noise[1])
+    faulty[:, dead] = np.sqrt(DEAD_FRACTION * mode_power(pressures))[:, None] * (noise[0] + 1j * noise[1])
     return faulty
 
 

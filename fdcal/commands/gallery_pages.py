@@ -18,8 +18,8 @@ from ..session.sources import CalibrationInput, with_settings
 from .options import scene_of
 from .plotting import counted_microphones
 
-MOST_BYTES = 1_000_000  # of one replay
-LEAST_ERROR = 0.001  # mm, the least that is worth a number
+MAX_BYTES = 1_000_000  # of one replay
+MIN_ERROR = 0.001  # mm, the least that is worth a number
 TITLE = "Microphone positions from the resonances of a room"
 INTRODUCTION = (
     "Each picture opens a run of fdcal that plays in this browser: microphones, errors, and the cost of moving one of"
@@ -108,7 +108,7 @@ def _replay(inputs: CalibrationInput, states: Sequence, title: str, microphone: 
     problem = problem_of(inputs)
     return replay_html(
         inputs.scene, inputs.measurement, states, title, reference_cost_of(problem), sought, problem=problem,
-        microphone=microphone, seconds=seconds, max_bytes=MOST_BYTES,
+        microphone=microphone, seconds=seconds, max_bytes=MAX_BYTES,
     )  # fmt: skip
 
 
@@ -135,4 +135,4 @@ def _errors(inputs: CalibrationInput, state, sought) -> str:
     if errors is None:
         return ""
     mean = 1e3 * float(errors[sought].mean())
-    return f"mean error {mean:.2g} mm" if mean >= LEAST_ERROR else f"mean error below {LEAST_ERROR:g} mm"
+    return f"mean error {mean:.2g} mm" if mean >= MIN_ERROR else f"mean error below {MIN_ERROR:g} mm"

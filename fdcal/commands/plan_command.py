@@ -9,8 +9,8 @@ from . import parameter_types as types
 from .options import force_option, output_option, output_path, progress_bar
 
 SUFFIXES = [".html", ".json", ".png"]
-MOST_TRIALS, MOST_TAKES = 10_000, 100
-MOST_WORKERS = 64
+MAX_TRIALS, MAX_TAKES = 10_000, 100
+MAX_WORKERS = 64
 BOUND_ONLY = (
     "a bound only, which calibrations exceed, some by far: add --trials 20, of some seconds each, to learn whether this"
     " array will be found"
@@ -41,19 +41,19 @@ BOUND_ONLY = (
 )
 @click.option(
     "--takes",
-    type=click.IntRange(1, MOST_TAKES),
+    type=click.IntRange(1, MAX_TAKES),
     default=1,
     show_default=True,
     metavar="N",
     help="Places of the source, recorded equally long from each.",
 )
-@click.option("--trials", type=click.IntRange(0, MOST_TRIALS), default=0, metavar="T", help="Simulated calibrations.")
+@click.option("--trials", type=click.IntRange(0, MAX_TRIALS), default=0, metavar="T", help="Simulated calibrations.")
 @click.option(
     "--solver", type=click.Choice(["robust", "joint"]), default="robust", show_default=True, help="Of the trials."
 )
 @click.option(
     "--workers",
-    type=click.IntRange(1, MOST_WORKERS),
+    type=click.IntRange(1, MAX_WORKERS),
     metavar="W",
     help="Processes of the trials.  [default: one a core]",
 )

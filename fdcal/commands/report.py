@@ -17,8 +17,8 @@ from .options import OPTIONS
 if TYPE_CHECKING:
     from ..assessment.position_check import PositionCheck
 
-LEAST_MOVE = 1e-3  # metres, of a given position that is mentioned
-MOST_ROWS = 12  # of the table of given positions
+MIN_MOVE = 1e-3  # metres, of a given position that is mentioned
+MAX_ROWS = 12  # of the table of given positions
 
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
@@ -113,19 +113,19 @@ def _channel_lines(result: Calibration) -> list[str]:
 
 
 def _given_lines(given: Sequence[GivenPosition]) -> list[str]:
-    """Return a table of the given positions as corrected, where any is by more than LEAST_MOVE."""
-    rows = sorted((one for one in given if one.difference > LEAST_MOVE), key=lambda one: -one.difference)
+    """Return a table of the given positions as corrected, where any is by more than MIN_MOVE."""
+    rows = sorted((one for one in given if one.difference > MIN_MOVE), key=lambda one: -one.difference)
     if not rows:
         return []
     text = [["microphone", "given (m)", "found (m)", "difference", "one sigma", ""]]
-    for one in rows[:MOST_ROWS]:
+    for one in rows[:MAX_ROWS]:
         places = (", ".join(f"{x:.4f}" for x in place) for place in (one.given, one.found))
         lengths = (length_text(x, 2) for x in (one.difference, one.sigma))
         text.append([one.name, *places, *lengths, "wrong" if one.wrong else ""])
     widths = [max(map(len, column)) for column in zip(*text, strict=True)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in text]
-    more = f"; the {MOST_ROWS} that differ most" if len(rows) > MOST_ROWS else ""
-    head = f"given   {len(rows)} of {len(given)} given positions corrected by more than {1e3 * LEAST_MOVE:g} mm{more}"
+    more = f"; the {MAX_ROWS} that differ most" if len(rows) > MAX_ROWS else ""
+    head = f"given   {len(rows)} of {len(given)} given positions corrected by more than {1e3 * MIN_MOVE:g} mm{more}"
     return [head, *(f"        {line}".rstrip() for line in lines)]
 
 

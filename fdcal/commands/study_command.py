@@ -10,13 +10,13 @@ import click
 from ..model.validation import InputError
 from .options import progress_bar
 
-MOST_WORKERS = 1024
+MAX_WORKERS = 1024
 
 
 @click.command()
 @click.argument("file", required=False, metavar="[STUDY.toml]")
 @click.option("-o", "--output", metavar="FOLDER", help="Folder of the results.")
-@click.option("--workers", type=click.IntRange(1, MOST_WORKERS), metavar="W", help="Processes.  [default: 2]")
+@click.option("--workers", type=click.IntRange(1, MAX_WORKERS), metavar="W", help="Processes.  [default: 2]")
 @click.option("--scheduler", metavar="tcp://HOST:8786", help="A scheduler of Dask in place of own processes.")
 @click.option("--resume", is_flag=True, help="Go on with a study that was interrupted.")
 @click.option("--dry-run", is_flag=True, help="Tell the number of calibrations and the time to be expected.")

@@ -30,7 +30,7 @@ from .geometry import (
 from .scene import Scene
 from .validation import InputError, frozen_array, point_text
 
-LEAST_KNOWN = {
+MIN_KNOWN = {
     2: "three microphones known that are not on one line",
     3: "four microphones known that are not in one plane",
 }
@@ -135,7 +135,7 @@ def _check_gauge(positions: np.ndarray, scene: Scene) -> None:
         key, value = ("known", known) if scene.gauge.free is None else ("free", scene.gauge.free)
         raise InputError(
             f"gauge.{key} = {list(value)} does not fix translation, rotation and mirror image",
-            f"leave at least {LEAST_KNOWN[positions.shape[1]]}",
+            f"leave at least {MIN_KNOWN[positions.shape[1]]}",
             key=f"gauge.{key}",
             value=value,
         )

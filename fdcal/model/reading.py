@@ -22,7 +22,7 @@ import numpy as np
 
 from .validation import LIMITS, InputError, StorageError, shown
 
-MOST_DOTS = 500  # before the "=" of a line: the parser's time grows with the square of the parts of a key
+MAX_DOTS = 500  # before the "=" of a line: the parser's time grows with the square of the parts of a key
 
 
 def read_bytes(path: str | Path, most: int = LIMITS.text, what: str = "") -> bytes:
@@ -51,8 +51,8 @@ def parse_toml(content: bytes, where: object) -> dict[str, Any]:
     try:
         text = content.decode("utf-8-sig")
         for number, line in enumerate(text.splitlines(), 1):
-            if line.partition("=")[0].count(".") > MOST_DOTS:
-                raise ValueError(f"a key of more than {MOST_DOTS} parts in line {number}")
+            if line.partition("=")[0].count(".") > MAX_DOTS:
+                raise ValueError(f"a key of more than {MAX_DOTS} parts in line {number}")
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where} is not valid TOML: {_reason(error)}") from error

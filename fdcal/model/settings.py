@@ -45,7 +45,7 @@ class Sensing:
             raise refusal("measurement.lowest", self.lowest, why, "lower the one or raise the other", "Hz")
 
 
-DEAD_SHARE = 1e-6  # power of a dead channel, which is noise of its own, over that of the others
+DEAD_FRACTION = 1e-6  # power of a dead channel, which is noise of its own, over that of the others
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ class SolverSettings:
 # A search domain round an estimate, for a measurement that comes without one. Solvers but `descent` and a random start
 # need none; maps, the cost and the order rule do.
 MARGIN = 0.25  # beyond the outermost estimates, of the longest side of the array
-LEAST_MARGIN = 0.05  # m
+MIN_MARGIN = 0.05  # m
 CELLS = {2: 120, 3: 60}  # steps along the longest side, at most, by the number of coordinates
 STEPS = (1.0, 2.0, 5.0)  # digits of a step, m
 
@@ -309,7 +309,7 @@ def search_round(positions: Any) -> Search:
     """
     positions = np.asarray(positions, float)
     low, high = positions.min(axis=0), positions.max(axis=0)
-    margin = max(MARGIN * float((high - low).max()), LEAST_MARGIN)
+    margin = max(MARGIN * float((high - low).max()), MIN_MARGIN)
     sides = high - low + 2 * margin
     least = float(sides.max()) / CELLS[len(sides)]
     power = 10.0 ** np.floor(np.log10(least))

@@ -18,7 +18,7 @@ import numpy as np
 from ..solvers.interface import RunState
 
 COST_TIME = 0.25  # of the time of the steps that costs may take while the solver runs
-MOST_FILLED = 300  # states, evenly spaced over a run, whose cost is computed when the solver rests
+MAX_FILLED = 300  # states, evenly spaced over a run, whose cost is computed when the solver rests
 
 
 class StateCosts:
@@ -72,11 +72,11 @@ class StateCosts:
         """Return the states whose cost is to be computed when the solver rests, the last first."""
         if self._reference_cost is None:
             return []
-        stride = max(1, len(states) // MOST_FILLED)
+        stride = max(1, len(states) // MAX_FILLED)
         return [state for state in states[::-1][::stride] if not self.knows(state)]
 
 
-MOST_STATES = 4000  # of a run that are kept, about 6 kB each; beyond it every second one is dropped
+MAX_STATES = 4000  # of a run that are kept, about 6 kB each; beyond it every second one is dropped
 
 
 class History(Sequence):
@@ -115,10 +115,10 @@ def thinned(states: Sequence) -> list:
 
 
 def recorded(states: Iterable) -> list:
-    """Return the states of a run as a session keeps them, MOST_STATES at most."""
+    """Return the states of a run as a session keeps them, MAX_STATES at most."""
     kept: list = []
     for state in states:
-        if len(kept) >= MOST_STATES:
+        if len(kept) >= MAX_STATES:
             kept = thinned(kept)
         kept.append(state)
     return kept

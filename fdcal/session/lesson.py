@@ -229,7 +229,7 @@ def _scene_path(name: str, folder: str) -> str | Path:
     return Path(folder) / name if name.endswith(".toml") else name
 
 
-def run_goal(run: str) -> tuple[str, int]:
+def run_target(run: str) -> tuple[str, int]:
     """Return what a checked `run` asks for: ("end", 0), or "step", "sweep" or "stage" and how many."""
     match = RUN.fullmatch(run)
     return (match[2], int(match[1])) if match else ("end", 0)

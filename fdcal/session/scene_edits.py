@@ -82,7 +82,7 @@ def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
     return changed
 
 
-def least_known(scene: Scene) -> int:
+def min_known(scene: Scene) -> int:
     """Return how many known microphones fix translation, rotation and mirror; 0 for a room of three dimensions."""
     return 0 if scene.room.dimension == 3 else scene.array.dimension + 1
 
@@ -168,7 +168,7 @@ def _gauge(scene: Scene, parameters: SceneParameters, before: SceneParameters) -
     count = _count(scene.array)
     if (parameters.known, count) == (before.known, before.microphones):
         return scene.gauge
-    least, known = least_known(scene), parameters.known
+    least, known = min_known(scene), parameters.known
     if not least <= known < count:
         problem = f"known = {known} of {count} microphones is impossible"
         raise InputError(problem, f"use {least} to {count - 1}", key="known", value=known)

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..model.validation import frozen_array
 from ..solvers.interface import bounded
-from .history import MOST_STATES, History, SessionView, StateCosts, thinned
+from .history import MAX_STATES, History, SessionView, StateCosts, thinned
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ class SolverRun:
         self._states = list(states) or [self._module.init(problem, settings, self._seed)]
         count = len(self._states)
         index = count - 1 if index is None else min(max(int(index), 0), count - 1)
-        self._goal: Callable[[Any], bool] | None = None  # true once the state reached ends the run
+        self._reached: Callable[[Any], bool] | None = None  # true once the state reached ends the run
         self._gesture: object = None  # the gesture that the last state came from, if the user placed a microphone
         self.pause_between_steps = 0.0
         history = History(self._states, count)
@@ -191,8 +191,8 @@ class SolverRun:
 
     @property
     def running(self) -> bool:
-        """Whether there is a goal that has not been reached."""
-        return self._goal is not None
+        """Whether steps are being taken."""
+        return self._reached is not None
 
     def guarded(self, function: Callable, *arguments) -> None:
         """Call a function; an exception pauses the run and is shown in the view."""
@@ -200,7 +200,7 @@ class SolverRun:
             function(*arguments)
         except Exception as error:
             log.exception("the solver stopped at state %d", self.view.index)
-            self._goal = None
+            self._reached = None
             self._publish(running=False, error=f"{type(error).__name__}: {error}")
 
     def execute(self, command: Command) -> None:
@@ -234,13 +234,13 @@ class SolverRun:
         """
         self._states, count = states, len(states)
         self._gesture = None
-        if self._goal is None and not dragged:
+        if self._reached is None and not dragged:
             self._costs.compute(states[-1])
         self._publish(
             state=states[-1],
             index=count - 1,
             count=count,
-            running=self._goal is not None,
+            running=self._reached is not None,
             error=error,
             history=History(states, count, lineage),
         )
@@ -249,32 +249,32 @@ class SolverRun:
         """Return the first `count` states, as a list that may be appended to, and the lineage that they continue."""
         if count < len(self._states):
             return self._states[:count], None
-        states = self._states if count < MOST_STATES else thinned(self._states)
+        states = self._states if count < MAX_STATES else thinned(self._states)
         return states, self.view.history.lineage
 
     def advance(self) -> None:
         """Take one step from the state that is shown, unless it is finished."""
         view = self.view
         if view.state.finished:
-            self._goal = None
+            self._reached = None
             self._publish(running=False)
             return
         began = time.thread_time()
         state = bounded(self._problem, view.state, self._module.step(self._problem, view.state))
         self._costs.compute_in_passing(state, time.thread_time() - began)
-        if state.finished or self._goal is None or self._goal(state):
-            self._goal = None
+        if state.finished or self._reached is None or self._reached(state):
+            self._reached = None
         states, lineage = self._up_to(view.index + 1)
         states.append(state)
         self._keep(states, lineage=lineage)
 
-    def _run_to(self, goal: Callable[[Any], bool]) -> None:
-        self._goal = goal
+    def _run_to(self, reached: Callable[[Any], bool]) -> None:
+        self._reached = reached
         self._publish(running=True, error="")
 
     def pause(self) -> None:
         """Stop after the present step."""
-        self._goal = None
+        self._reached = None
         self._costs.compute(self.view.state)
         self._publish(running=False)
 
@@ -282,7 +282,7 @@ class SolverRun:
         """Run until the number of the state's step, sweep or stage has risen by `count`; the first step at once."""
         end = getattr(self.view.state, unit) + count
         if unit == "step":
-            self._goal = lambda state: state.step >= end
+            self._reached = lambda state: state.step >= end
             self.advance()
         else:
             self._run_to(lambda state: getattr(state, unit) >= end)
@@ -295,12 +295,12 @@ class SolverRun:
         elif settings.name != self._settings.name:
             module = _solver(settings.name)
         state = module.init(self._problem, settings, seed)
-        self._module, self._settings, self._seed, self._goal = module, settings, seed, None
+        self._module, self._settings, self._seed, self._reached = module, settings, seed, None
         self._keep([state])
 
     def seek(self, index: int) -> None:
         """Show state `index` of the history, clipped to it, and pause."""
-        self._goal = self._gesture = None
+        self._reached = self._gesture = None
         index = min(max(index, 0), len(self._states) - 1)
         self._costs.compute(self._states[index])
         self._publish(state=self._states[index], index=index, running=False)
@@ -328,7 +328,7 @@ class SolverRun:
         state = replace(old, positions=frozen_array(positions, float))
         state = self._module.use_modes(self._problem, state, old.first, old.last, old.automatic)
         dragged = gesture is not None and gesture == self._gesture
-        self._goal = None
+        self._reached = None
         self._keep([*self._states[: self.view.index + (not dragged)], state], dragged=dragged)
         self._gesture = gesture
 

@@ -22,7 +22,7 @@ from ..model.reading import parse_json, read_archive, require_regular
 from ..model.scene import Scene
 from ..model.scene_file import MeasuredScene
 from ..model.validation import InputError, StorageError, shown
-from .history import MOST_STATES
+from .history import MAX_STATES
 from .request import OpenRequest, plain, table_of
 from .state_codec import read_states, write_states
 
@@ -159,14 +159,14 @@ def _opening(table: dict, packed: bytes) -> OpenRequest:
         problem = f"the measurement has a field and an array of {found[0]} and {found[1]} dimensions, the scene of"
         raise InputError(f"{problem} {own[0]} and {own[1]}", "use the files of one session", key="session", value=found)
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
-    made = read_states(table["states"], arrays, problem, scene.solver.name, MOST_STATES)
+    made = read_states(table["states"], arrays, problem, scene.solver.name, MAX_STATES)
     return OpenRequest(scene, table["start_seed"], measurement, made, table["index"], table["choices"])
 
 
 def kept_states(run, index: int | None) -> list[int]:
     """Return the indices of the states to keep: all, or so many that the file stays small, state `index` among them."""
     largest = max(state_bytes(state) for state in (run[0], run[len(run) // 2], run[-1]))
-    most = min(MOST_STATES, max(2, LIMITS.written_bytes // largest))
+    most = min(MAX_STATES, max(2, LIMITS.written_bytes // largest))
     if len(run) <= most:
         return list(range(len(run)))
     even = np.linspace(0, len(run) - 1, most - 1).round().astype(int).tolist()

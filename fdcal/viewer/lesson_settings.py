@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import viser
 
 from ..model.texts import parse_modes
-from ..session.lesson import IN_USE, Frame, Setting, parse_frame, run_goal
+from ..session.lesson import IN_USE, Frame, Setting, parse_frame, run_target
 from ..session.request import OpenRequest
 from ..session.session import Session
 from .background.comparison import ComparisonWorker
@@ -73,7 +73,7 @@ def _drive(setting: Setting, tabs: Tabs, restarted: bool) -> None:
     if setting.modes is not None or setting.automatic is not None:
         session.use_modes(modes[0], modes[-1], automatic)
     if setting.run is not None:
-        what, count = run_goal(setting.run)
+        what, count = run_target(setting.run)
         if what == "end":
             session.play()
         else:

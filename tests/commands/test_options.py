@@ -18,6 +18,7 @@ BELOW = [path for path in sorted(PACKAGE.rglob("*.py")) if "commands" not in pat
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
 ALLOWED = {  # the page says how to list the commands; a variable of the style sheet; options of git
     "session/study/definition.py": {"--format", "--porcelain"},
+    "recordings/import_options.py": {"--subset"},  # a help text, declared beside the option
     "viewer/tabs/help.py": {"--help"},
     "viewer/gui/legend_html.py": {"--mantine-color-body"},
 }

@@ -14,7 +14,7 @@ from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.scene_file import load_scene
 from fdcal.session.comparison import Comparison, same_start
 from fdcal.viewer.background import comparison as races
-from fdcal.viewer.background import prepare
+from fdcal.viewer.background import prepare, threads
 from fdcal.viewer.tabs import comparison as racetab
 
 WAIT = 60.0  # s, bound of every wait
@@ -72,7 +72,8 @@ def test_a_race_runs_pauses_and_goes_back_to_the_start(scene, problem):
 @pytest.fixture
 def owner(scene, measurement, problem):
     made = races.ComparisonWorker(
-        prepare.PreparedRun(scene, measurement, problem, solvers.load("joint"), None, None, ReferenceCost(problem))
+        prepare.PreparedRun(scene, measurement, problem, solvers.load("joint"), None, None, ReferenceCost(problem)),
+        owned := threads.Threads(),
     )
     clock = itertools.count()
 
@@ -86,6 +87,7 @@ def owner(scene, measurement, problem):
 
     yield made, turn_until
     assert made.close(WAIT)
+    owned.close(WAIT)
 
 
 def test_the_end_of_a_race_shows_time_steps_error_and_cost_of_each_solver(owner):

@@ -172,7 +172,7 @@ def test_all_that_a_replay_writes_into_its_address_is_a_frame(text, frame):
     [("end", ("end", 0)), ("1 step", ("step", 1)), ("3 sweeps", ("sweep", 3)), ("12 stages", ("stage", 12))],
 )
 def test_how_far_a_run_goes(run, meant):
-    assert lessons.run_goal(run) == meant
+    assert lessons.run_target(run) == meant
 
 
 def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(written, capsys):

@@ -385,7 +385,7 @@ def test_reset_takes_other_settings(make, monkeypatch):
 def test_a_long_run_keeps_a_bounded_history(make, monkeypatch):
     from fdcal.session import session as module
 
-    monkeypatch.setattr(module, "MOST_STATES", 8)
+    monkeypatch.setattr(module, "MAX_STATES", 8)
     session = make(Counter())
     before = session.view.history.lineage
     session.play()

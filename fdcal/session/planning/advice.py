@@ -26,16 +26,16 @@ class AccuracyRules:
     plane_margin: float = 4.0
     # dB, greatest ratio that is proposed. Channels that are equal to 0.1 dB and 0.5 degrees err by as much as noise 38
     # dB below the signal, so that less noise is of no use.
-    most_snr_db: float = 40.0
+    max_snr_db: float = 40.0
     # of the logarithm of the error over that of the noise's amplitude. Where it is below, twice as long a recording
     # lowers the error by less than an eighth: noise is not what limits it.
-    least_slope: float = 0.4
+    min_slope: float = 0.4
     # factors on the size of the array that are tried beside its own
     sizes: tuple[float, ...] = (0.35, 0.5, 0.71, 1.41, 2.0, 2.83)
 
 
 ACCURACY_RULES = AccuracyRules()
-LEAST_SNR_DB, SNR_STEP_DB = 0.1, 0.1  # of the search for the ratio
+MIN_SNR_DB, SNR_STEP_DB = 0.1, 0.1  # of the search for the ratio
 SLOPE_DB = 3.0  # to both sides of a ratio, over which the slope is taken
 
 
@@ -76,7 +76,7 @@ def needed_snr(request: PlanRequest, margin: float) -> float | None:
     None where no ratio in use reaches it, or where the error hardly depends on noise there.
     """
     wanted = request.accuracy / margin
-    low, high = LEAST_SNR_DB, ACCURACY_RULES.most_snr_db
+    low, high = MIN_SNR_DB, ACCURACY_RULES.max_snr_db
     if rms_at(request, high) > wanted:
         return None
     while high - low > SNR_STEP_DB:
@@ -84,7 +84,7 @@ def needed_snr(request: PlanRequest, margin: float) -> float | None:
         low, high = (low, middle) if rms_at(request, middle) <= wanted else (middle, high)
     below, above = rms_at(request, high - SLOPE_DB), rms_at(request, high + SLOPE_DB)
     slope = np.log(below / above) / np.log(10 ** (2 * SLOPE_DB / 20))
-    return high if slope >= ACCURACY_RULES.least_slope else None
+    return high if slope >= ACCURACY_RULES.min_slope else None
 
 
 def sizes_of(request: PlanRequest) -> np.ndarray:

@@ -112,9 +112,9 @@ def request_information(request: PlanRequest) -> Information:
 
     The fields of two takes are independent draws, so that each adds as much as the first.
     """
-    used = request.spaced(LIMITS.most_frequencies)
+    used = request.spaced(LIMITS.max_frequencies)
     k = 2 * np.pi * used / request.sound_speed
-    found = diffuse_information(request.layout.positions, k, request.noise_share, request.dimension)
+    found = diffuse_information(request.layout.positions, k, request.noise_fraction, request.dimension)
     return found.scaled(request.takes * len(request.frequencies) / len(used))
 
 
@@ -125,7 +125,7 @@ def sparse_information(request: PlanRequest, positions, share: float | None = No
     pressures, that of the request unless given.
     """
     used = request.spaced(LIMITS.search_frequencies)
-    share = request.noise_share if share is None else share
+    share = request.noise_fraction if share is None else share
     k = 2 * np.pi * used / request.sound_speed
     found = diffuse_information(positions, k, share, request.dimension)
     return found.scaled(request.takes * len(request.frequencies) / len(used))

@@ -83,11 +83,11 @@ def _room_bound(request: PlanRequest) -> tuple[Bound | None, tuple[str, ...]]:
 
 def room_information(request: PlanRequest) -> Information:
     """Return the information in the room's own field, the mean of `LIMITS.sources` sources."""
-    used = request.spaced(LIMITS.most_frequencies // 3)
+    used = request.spaced(LIMITS.max_frequencies // 3)
     k, matrices = wavenumbers_of(request, used), []
     for source in range(LIMITS.sources):
         pressures = field_of(request, used, np.random.default_rng([request.seed, source]))
-        found = field_information(request.layout.positions, pressures, k, request.noise_share, request.dimension)
+        found = field_information(request.layout.positions, pressures, k, request.noise_fraction, request.dimension)
         matrices.append(found.matrix)
     mean = Information(request.layout.positions, np.mean(matrices, axis=0))
     return mean.scaled(request.takes * len(request.frequencies) / len(used))

@@ -147,15 +147,15 @@ class PlanLimits:
     # highest frequency by default, relative to what the array can interpolate (Eq. 9): there the functions are as many
     # as the microphones, and the pressures predict nothing
     high: float = 0.7
-    most_frequencies: int = 150  # of the bounds; more are accounted for by scaling the information
+    max_frequencies: int = 150  # of the bounds; more are accounted for by scaling the information
     search_frequencies: int = 16  # of the maps and the advice, likewise
     clearance: float = 0.7  # least distance of a source from the microphones in a room, metres
     sources: int = 4  # source positions in a room that the bound is averaged over
     # centre of an array in a room where its own coordinates do not lie inside, relative to the room's lengths
     place: tuple[float, float, float] = (0.43, 0.46, 0.45)
-    most_microphones: int = 300  # of a plan
-    most_takes: int = 100  # likewise
-    most_snr_db: float = 120.0  # dB
+    max_microphones: int = 300  # of a plan
+    max_takes: int = 100  # likewise
+    max_snr_db: float = 120.0  # dB
     wide: float = 5.0  # width of an array from which a refusal asks for its unit, metres
 
 
@@ -179,7 +179,7 @@ class Assumptions:
 
 
 ASSUMED = Assumptions()
-LEAST_FREQUENCIES = 3  # of a calibration
+MIN_FREQUENCIES = 3  # of a calibration
 
 
 @dataclass(frozen=True)
@@ -206,21 +206,21 @@ class PlanRequest:
     accuracy: Metres = 0.01  # that is wanted
     seed: Seed = 0  # of sources, noise and gains
     # the lowest so many independent frequencies of the band; all of them unless given
-    modes: Annotated[int, within(LEAST_FREQUENCIES)] | None = None
+    modes: Annotated[int, within(MIN_FREQUENCIES)] | None = None
     # places of the source, each recorded by itself at `snr_db`; every take has all frequencies
-    takes: Annotated[int, within(1, LIMITS.most_takes)] = 1
+    takes: Annotated[int, within(1, LIMITS.max_takes)] = 1
     # of the trials; "robust" models all that a plan assumes of gains and given positions
     solver: Literal["robust", "joint"] = "robust"
 
     def __post_init__(self):
-        require_layout(self.layout, LIMITS.most_microphones)
+        require_layout(self.layout, LIMITS.max_microphones)
         check(self, names={"snr_db": "snr", "band": "frequencies"})
-        if not 0 < self.snr_db <= LIMITS.most_snr_db:
-            remedy = f"use more than 0 and at most {LIMITS.most_snr_db:g}"
+        if not 0 < self.snr_db <= LIMITS.max_snr_db:
+            remedy = f"use more than 0 and at most {LIMITS.max_snr_db:g}"
             raise refusal("snr", self.snr_db, "is out of range", remedy, "dB")
         require_room(self.room, self.layout.positions.shape[1])
         require_given(self.known, self.known_sigma, self.layout.positions)
-        if len(self.frequencies) < LEAST_FREQUENCIES:
+        if len(self.frequencies) < MIN_FREQUENCIES:
             low, high = self.limits
             problem = f"{low:g} to {high:.0f} Hz with a reverberation time of {self.reverberation_time:g} s hold"
             remedy = "use a wider band (<frequencies>), or a smaller array, whose band reaches higher" + self._width
@@ -267,7 +267,7 @@ class PlanRequest:
         return self._all_frequencies[: self.modes]
 
     @property
-    def most_modes(self) -> int:
+    def max_modes(self) -> int:
         """Number of independent frequencies in the band."""
         return len(self._all_frequencies)
 
@@ -276,7 +276,7 @@ class PlanRequest:
         return independent_frequencies(*self.limits, self.reverberation_time, self.sound_speed, self.room)
 
     @property
-    def noise_share(self) -> float:
+    def noise_fraction(self) -> float:
         """Power of the noise in that of the pressures."""
         noise = 10 ** (-self.snr_db / 10)
         return noise / (1 + noise)

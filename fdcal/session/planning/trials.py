@@ -27,9 +27,9 @@ from .request import PlanRequest
 
 MAX_FREQUENCIES = 120  # of a simulated calibration: more take longer and hardly change the answer
 FOUND_BOUNDS = 3.0  # times the bound: an array whose error is below was found
-LEAST_FOUND_M = 0.005  # likewise: half of the accuracy that is wanted by default
+MIN_FOUND_M = 0.005  # likewise: half of the accuracy that is wanted by default
 TRIALS_PER_WORKER = 5  # at least, which take longer than the start of a process
-MOST_WORKERS = 16  # by default
+MAX_WORKERS = 16  # by default
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Trials:
     @property
     def found(self) -> float:
         """Share of trials in which the array was found: error below 5 mm or three times the bound."""
-        return float(np.mean(self.rms < max(LEAST_FOUND_M, FOUND_BOUNDS * self.bound)))
+        return float(np.mean(self.rms < max(MIN_FOUND_M, FOUND_BOUNDS * self.bound)))
 
     @property
     def accurate(self) -> float:
@@ -66,7 +66,7 @@ class Trials:
     @property
     def trusted_wrongly(self) -> float:
         """Share of trials with verdict good in which the array was not found."""
-        wrong = ~(self.rms < max(LEAST_FOUND_M, FOUND_BOUNDS * self.bound))
+        wrong = ~(self.rms < max(MIN_FOUND_M, FOUND_BOUNDS * self.bound))
         return float(np.mean(wrong & (np.array(self.verdicts) == "good")))
 
     def percentile(self, q: float) -> float:
@@ -109,7 +109,7 @@ def run_trials(
 
 def workers_for(count: int) -> int:
     """Return how many processes are worth their start for `count` trials on this machine."""
-    return max(1, min(os.cpu_count() or 1, MOST_WORKERS, count // TRIALS_PER_WORKER))
+    return max(1, min(os.cpu_count() or 1, MAX_WORKERS, count // TRIALS_PER_WORKER))
 
 
 @contextmanager

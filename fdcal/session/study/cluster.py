@@ -27,7 +27,7 @@ class Pace:
     """How tasks are submitted and results written."""
 
     batch_seconds: float = 1.0  # duration of a batch that is aimed at, s
-    most_batch: int = 200  # tasks of a batch at most
+    max_batch: int = 200  # tasks of a batch at most
     ahead: int = 3  # batches for each worker that are submitted and not finished
     write_seconds: float = 3.0  # results are written so often, s
     write_rows: int = 2000  # or when so many have come
@@ -119,7 +119,7 @@ def _batches(tasks: Iterator[int], size: int, count: int) -> Iterator[list[int]]
 def _next_size(count: int, seconds: float) -> int:
     """Return how many tasks take about `PACE.batch_seconds`."""
     wanted = PACE.batch_seconds * count / max(seconds, 1e-6)
-    return int(min(max(1, wanted), 2 * count, PACE.most_batch))
+    return int(min(max(1, wanted), 2 * count, PACE.max_batch))
 
 
 def run_batch(study: Study, numbers: list[int]) -> tuple[list[dict[str, Any]], float]:

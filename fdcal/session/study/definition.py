@@ -70,7 +70,7 @@ def _git(folder: Path, *words: str) -> str | None:
     return found.stdout.strip() or None
 
 
-MOST_TASKS = 100_000_000
+MAX_TASKS = 100_000_000
 PARAMETERS = tuple(field.name for field in fields(SceneParameters) if field.name != "seed")
 SCENE = "scene"  # the axis whose values are names or paths of scenes
 OWN = ("point", "draw", "seed")  # columns of the table that no axis may be called like
@@ -117,10 +117,8 @@ class Study:
             if key in OWN or ("." not in key and key not in PARAMETERS):
                 remedy = f"use a key of the scene, such as solver.modes, or one of {', '.join(PARAMETERS)}"
                 raise InputError(f'no scene has the key "{shown(key)}"', remedy, key=f"axes.{shown(key)}")
-        if self.count > MOST_TASKS:
-            raise InputError(
-                f"the study has {self.count:.3g} calibrations", f"use at most {MOST_TASKS:.0e}", key="axes"
-            )
+        if self.count > MAX_TASKS:
+            raise InputError(f"the study has {self.count:.3g} calibrations", f"use at most {MAX_TASKS:.0e}", key="axes")
 
     @property
     def scenes(self) -> list[str]:

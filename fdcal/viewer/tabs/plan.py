@@ -82,7 +82,7 @@ def planned_array(run: PreparedRun, choices: PlanChoices) -> PlannedArray:
     covariance = np.where(bound.free[:, None, None], bound.covariance, 0.0)
     axes = ellipse_axes(covariance, confidence_factor(0.95, covariance.shape[-1]))
     lines = (*bound_lines(request, bound), *takes, *(degeneracies(request, bound) or (DETERMINED,)))
-    return PlannedArray(choices, axes, lines, request.most_modes)
+    return PlannedArray(choices, axes, lines, request.max_modes)
 
 
 MEASURED = "This is a measurement; open a scene that is simulated to plan its array."

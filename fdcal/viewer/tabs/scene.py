@@ -12,7 +12,7 @@ from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_names
 from ...model.validation import InputError, StorageError
 from ...session.request import OpenRequest
-from ...session.scene_edits import SceneParameters, least_known, parameters_of, with_parameters
+from ...session.scene_edits import SceneParameters, min_known, parameters_of, with_parameters
 from ..gui import html
 from ..gui.binding import Binding, Tab
 
@@ -134,7 +134,7 @@ class SceneTab(Tab):
 
     def _limit_known(self, microphones: int) -> None:
         """Limit the known microphones: enough to fix the gauge, and at least one microphone that is not known."""
-        low = least_known(self._scene)
+        low = min_known(self._scene)
         high = max(microphones - 1, low + 1)
         self.known.value = min(max(self.known.value, low), high)
         self.known.min, self.known.max = low, high
@@ -171,7 +171,7 @@ class SceneTab(Tab):
             absorption=self._absorption(old.absorption),
             snr_db=self._snr(old.snr_db),
             sound_speed_error=_unless_same(self.speed.value / 100, old.sound_speed_error, 1e-5),
-            known=min(max(self.known.value, least_known(self._scene)), max(count - 1, 1)),
+            known=min(max(self.known.value, min_known(self._scene)), max(count - 1, 1)),
             seed=self.seed.value,
         )
 

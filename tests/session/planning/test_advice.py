@@ -39,7 +39,7 @@ def drawn_bound(request, microphones, seed=99):
     k, square = wavenumbers_of(request, used), []
     for draw in range(FIELDS):
         p = field_of(request, used, np.random.default_rng([seed, draw]))
-        found = field_information(request.layout.positions, p, k, request.noise_share, request.dimension)
+        found = field_information(request.layout.positions, p, k, request.noise_fraction, request.dimension)
         bound = position_bound(found.scaled(len(request.frequencies) / len(used)), request.prior)
         square.append(np.mean(bound.sigma[:microphones][bound.free[:microphones]] ** 2))
     return np.sqrt(np.mean(square))
