@@ -111,9 +111,10 @@ class ImportOptions:
     def __post_init__(self):
         object.__setattr__(self, "kind", OLD_KINDS.get(self.kind, self.kind))
 
-    def refusal(self, key: str, problem: str, remedy: str = "") -> InputError:
-        """Return the error of the option `key`."""
-        return InputError(problem, remedy, key=key, value=getattr(self, key))
+
+def refused_option(options: ImportOptions, key: str, problem: str, remedy: str = "") -> InputError:
+    """Return the error of the option `key`."""
+    return InputError(problem, remedy, key=key, value=getattr(options, key))
 
 
 def check_options(options: ImportOptions) -> None:
@@ -122,28 +123,30 @@ def check_options(options: ImportOptions) -> None:
     require_choice("kind", options.kind, ("auto", *KINDS))
     require_choice("files", options.files, ("auto", "takes", "channels"))
     if isinstance(options.source, str) and options.source != "all":
-        raise options.refusal("source", f'source = "{options.source}" is no source', "use a number from 0, or all")
+        raise refused_option(
+            options, "source", f'source = "{options.source}" is no source', "use a number from 0, or all"
+        )
     if options.split is not None:
         require_positive("split", options.split, "s")
         if options.kind == "impulse" or options.reference is not None or options.array is not None:
             what = "kind impulse" if options.kind == "impulse" else "a reference" if options.reference else "an array"
             problem = f"split = {options.split:.3g} s cuts a stationary recording, and {what} is given"
-            raise options.refusal("split", problem, "leave out <split>, or record each take on its own")
+            raise refused_option(options, "split", problem, "leave out <split>, or record each take on its own")
     if options.dimension not in (2, 3):
         raise InputError(f"dimension = {options.dimension} is unknown", "use one of 2, 3", key="dimension")
     if options.most is not None and not 1 <= options.most <= limits.max_count:
-        raise options.refusal("most", f"most = {options.most} is out of range", f"use 1 to {limits.max_count}")
+        raise refused_option(options, "most", f"most = {options.most} is out of range", f"use 1 to {limits.max_count}")
     if celsius is not None and speed is not None:
         remedy = "give one of <temperature> and <sound_speed>"
         raise InputError("a temperature and a sound speed say the same", remedy, key="sound_speed")
     if celsius is not None and not limits.min_celsius <= celsius <= limits.max_celsius:
         span = f"{limits.min_celsius:g} to {limits.max_celsius:g}"
-        raise options.refusal("temperature", f"temperature = {celsius:g} must be in degrees Celsius, {span}")
+        raise refused_option(options, "temperature", f"temperature = {celsius:g} must be in degrees Celsius, {span}")
     if speed is not None:
         require_positive("sound_speed", speed, "m/s")
         if not limits.min_sound_speed <= speed <= limits.max_sound_speed:
             problem = f"sound_speed = {speed:g} m/s is that of no medium"
-            raise options.refusal("sound_speed", problem, "air at 20 degrees Celsius has 343 m/s")
+            raise refused_option(options, "sound_speed", problem, "air at 20 degrees Celsius has 343 m/s")
     if options.reference is not None and options.reference_microphone is not None:
         remedy = "give one of <reference> and <reference_microphone>"
         raise InputError("a reference signal and a reference microphone exclude each other", remedy, key="reference")

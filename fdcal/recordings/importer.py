@@ -37,7 +37,7 @@ from .frequencies import (
     frequency_band,
     highest_frequency,
 )
-from .import_options import IMPORT_LIMITS, ImportOptions, check_options, sound_speed_of
+from .import_options import IMPORT_LIMITS, ImportOptions, check_options, refused_option, sound_speed_of
 from .import_report import ImportReport
 from .impulse_response import MAX_SAMPLES, deconvolve, impulse_response_pressures, require_quiet_end
 from .recording import TAKE_TOLERANCES, Recording, join_channels, split
@@ -224,7 +224,7 @@ def _flattened(recording: Recording, options: ImportOptions) -> Recording:
         return recording
     if np.ptp(positions[:, 2]) > PLANE_TOLERANCE:
         problem = "dimension = 2 needs microphones of one height"
-        raise options.refusal("dimension", problem, "choose them with <plane> z=HEIGHT")
+        raise refused_option(options, "dimension", problem, "choose them with <plane> z=HEIGHT")
     return replace(recording, positions=positions[:, :2])
 
 
@@ -262,11 +262,11 @@ def _reference_channel(recording: Recording, options: ImportOptions) -> int | No
     """Return the index of the reference microphone, None without one."""
     if options.window != "auto":
         problem = f"window = {options.window} is for impulse responses; a stationary source needs none"
-        raise options.refusal("window", problem, "leave out <window>, or give <kind> impulse")
+        raise refused_option(options, "window", problem, "leave out <window>, or give <kind> impulse")
     name = options.reference_microphone
     if name is not None and name not in recording.names:
         problem = f'reference_microphone = "{name}" is no channel'
-        raise options.refusal("reference_microphone", problem, "use a name or number of one")
+        raise refused_option(options, "reference_microphone", problem, "use a name or number of one")
     return None if name is None else recording.names.index(name)
 
 
@@ -280,7 +280,9 @@ def _window_rate(recording: Recording, options: ImportOptions) -> float | None:
         rate = -1.0
     if not 0 <= rate * recording.duration <= MAX_WINDOW_NEPERS:
         most = f"{MAX_WINDOW_NEPERS / recording.duration:.3g} per second"
-        raise options.refusal("window", f'window = "{options.window}" must be auto, none or a rate up to {most}')
+        raise refused_option(
+            options, "window", f'window = "{options.window}" must be auto, none or a rate up to {most}'
+        )
     return rate
 
 
@@ -295,7 +297,7 @@ def _measurement(
     axes = coordinate_count(recording, options, known_positions)
     if known_positions is not None and known_positions.shape[1] != axes:
         problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
-        raise options.refusal("known", problem, f"give {axes} coordinates")
+        raise refused_option(options, "known", problem, f"give {axes} coordinates")
     return Measurement(
         frequencies=taken.frequencies,
         pressures=taken.pressures,
