@@ -1,14 +1,15 @@
-"""Solvers: `init` and `step` over frozen states, found by the name of their package.
+"""Solvers: `init` and `step` over frozen states, found by the name of their module.
 
 May import: model, acoustics and cost.
 
-SOLVERS names the module of each, a `fdcal.solvers.interface.Solver`; the other modules are shared. A name with "+" is a
-chain of solvers (`fdcal.solvers.interface.Chain`).
+Every module inside this package but those of SHARED is a solver, a `fdcal.solvers.interface.Solver`; of a package it is
+the module `solver`. A name with "+" is a chain of solvers (`fdcal.solvers.interface.Chain`).
 """
 
 from __future__ import annotations
 
 import importlib
+import pkgutil
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -21,13 +22,20 @@ from ..model.validation import require_choice
 if TYPE_CHECKING:
     from .interface import RunState, Solver
 
-SOLVERS = {"descent": "descent", "joint": "joint", "robust": "robust.solver", "room": "room.solver"}
+SHARED = {"estimate", "interface", "levenberg_marquardt", "requirements", "starts", "warmup"}
 CHAINS = ("descent+joint",)
+
+
+@cache
+def modules() -> dict[str, str]:
+    """Return the module of each solver, inside this package, without importing any."""
+    found = [module for module in pkgutil.iter_modules(__path__) if module.name not in SHARED]
+    return {module.name: f"{module.name}.solver" if module.ispkg else module.name for module in found}
 
 
 def names() -> list[str]:
     """Return the names of the solvers and of the chains, without importing any."""
-    return sorted([*SOLVERS, *CHAINS])
+    return sorted([*modules(), *CHAINS])
 
 
 @cache
@@ -37,7 +45,7 @@ def load(name: str) -> Solver:
     Raises InputError if there is none of this name.
     """
     require_choice("solver.name", name, names())
-    members = tuple(importlib.import_module(f"{__name__}.{SOLVERS[part]}") for part in name.split("+"))
+    members = tuple(importlib.import_module(f"{__name__}.{modules()[part]}") for part in name.split("+"))
     if len(members) == 1:
         return cast("Solver", members[0])
     from .interface import Chain
