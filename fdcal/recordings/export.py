@@ -94,7 +94,7 @@ def export_positions(
 
 
 def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
-    """Write the gains of the channels as a table; see `fdcal.assessment.tables.channel_table`.
+    """Write the gains of the channels as a table; see `fdcal.assessment.result_file.channel_table`.
 
     Raises InputError: the result holds no gains, the suffix is not .csv, or the file exists and `force` is not set;
     StorageError: the file cannot be written.

@@ -19,7 +19,7 @@ a state (`RunState.solver`) says which member continues from it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -166,7 +166,7 @@ class OutOfTime(Exception):
 
 
 @contextmanager
-def deadline(end: float, clock: Callable[[], float]) -> Iterator[None]:
+def deadline(end: float, clock: Callable[[], float]) -> Generator[None]:
     """Let `check_deadline` raise OutOfTime inside this context once `clock()`, seconds, is past `end`."""
     token = _time_is_up.set(lambda: clock() > end)
     try:
@@ -223,7 +223,8 @@ def max_radius(problem: Problem, modes: int) -> float:
 
 def bounded(problem: Problem, before: State, after: State) -> State:
     """Return the state after a step; the one `before` it, ended without convergence, where a microphone diverges."""
-    if not isinstance(problem, Problem):  # a session takes whatever its solver takes, which then bounds itself
+    # a session takes whatever its solver takes, which then bounds itself
+    if not isinstance(problem, Problem):  # pyright: ignore[reportUnnecessaryIsInstance]
         return after
     search = max(problem.search.size) if problem.search is not None else 0.0
     known, start = radius(problem.known_positions), radius(before.positions)  # what starts further out may stay there

@@ -204,10 +204,10 @@ class Arrivals:
         """
         chosen = _subsets(self.used.tobytes(), *paths.shape)[..., : A.shape[1] + 1]
         few = A[chosen]
-        H = np.asarray(np.swapaxes(few, -1, -2) @ few)
-        H += 1e-9 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(A.shape[1])
+        normal = np.asarray(np.swapaxes(few, -1, -2) @ few)
+        normal += 1e-9 * np.trace(normal, axis1=-2, axis2=-1)[..., None, None] * np.eye(A.shape[1])
         right = np.swapaxes(few, -1, -2) @ paths[np.arange(len(paths))[:, None], chosen][..., None]
-        fits = np.asarray(np.linalg.solve(np.asarray(H), np.asarray(right)))[..., 0]
+        fits = np.asarray(np.linalg.solve(np.asarray(normal), np.asarray(right)))[..., 0]
         size = np.where(self.used, np.abs(paths - fits @ A.T), np.inf)
         middle = np.sort(size, axis=-1)[:, np.arange(len(paths)), np.sum(self.used, axis=1) // 2]
         return fits[np.argmin(middle, axis=0), np.arange(len(paths))]

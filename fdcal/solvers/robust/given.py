@@ -411,10 +411,10 @@ def _of_wrong(away: Reals, sigma: float) -> float:
 def _turn(x: Reals, places: Reals, mirror: bool):
     """The motion y = (x - centre) turn + target of least squares; `mirror` takes the other image."""
     centre, target = x.mean(axis=0), places.mean(axis=0)
-    U, _, Vt = np.linalg.svd((x - centre).T @ (places - target))
+    left, _, right = np.linalg.svd((x - centre).T @ (places - target))
     if mirror:
-        U = U * np.append(np.ones(U.shape[1] - 1), -1.0)
-    return U @ Vt, centre, target
+        left = left * np.append(np.ones(left.shape[1] - 1), -1.0)
+    return left @ right, centre, target
 
 
 # spread, nepers, of the log-normal prior of one sigma of a given coordinate about GIVEN_SIGMA, and its greatest

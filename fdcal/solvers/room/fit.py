@@ -51,7 +51,7 @@ def diffuse_terms(theta: Reals, pressures: Complexes, noise: Reals, model: Diffu
     N, D = pressures.shape[1], model.kappa.shape[1]
     x = theta.reshape(N, D)
     W, dW = model.shapes(x), model.slopes(x)
-    cost, gradient, H = 0.0, np.zeros((N, D)), np.zeros((N, D, N, D))
+    cost, gradient, hessian = 0.0, np.zeros((N, D)), np.zeros((N, D, N, D))
     for p, s, v, w in zip(pressures, field_power(pressures, noise), noise, model.weights, strict=True):
         C = np.asarray(s * (W * w) @ W.T + v * np.eye(N))
         inverse = np.linalg.inv(C)
@@ -60,8 +60,8 @@ def diffuse_terms(theta: Reals, pressures: Complexes, noise: Reals, model: Diffu
         g = s * (dW * w) @ (W.T @ u)  # (D, N), slopes of the field that fits
         widening = s * np.einsum("dne,en->nd", dW * w, W.T @ inverse)
         gradient += 2 * widening - 2 * np.real(u.conj() * g).T
-        H += 2 * np.real(np.einsum("an,nk,bk->nakb", g.conj(), inverse, g))
-    return NewtonTerms(cost, gradient.ravel(), H.reshape(N * D, N * D))
+        hessian += 2 * np.real(np.einsum("an,nk,bk->nakb", g.conj(), inverse, g))
+    return NewtonTerms(cost, gradient.ravel(), hessian.reshape(N * D, N * D))
 
 
 @dataclass(frozen=True)
@@ -184,14 +184,20 @@ def fitted_size(
     enough.
     """
     N, D = pressures.shape[1], len(size)
-    grown, damping = np.concatenate([theta, np.zeros(D)]), FIRST_DAMPING
     model = pressures, noise, wavenumbers, size
-    for _ in range(MAX_SIZE_STEPS if residual > LARGE_RESIDUAL else 1):
+
+    def stepped(grown: Reals, damping: float):
         terms, free = exact(grown, *model).terms, (-np.inf, np.inf)
-        step = bounded_step(grown, terms, lambda y: exact(y, *model, False).cost, free, N * D, damping, max_step=0.5)
-        grown, damping = step.unknowns, step.damping
+        return terms, bounded_step(
+            grown, terms, lambda y: exact(y, *model, False).cost, free, N * D, damping, max_step=0.5
+        )
+
+    terms, step = stepped(np.concatenate([theta, np.zeros(D)]), FIRST_DAMPING)
+    for _ in range(MAX_SIZE_STEPS - 1 if residual > LARGE_RESIDUAL else 0):
         if step.moved < SIZE_TOLERANCE:
             break
+        terms, step = stepped(step.unknowns, step.damping)
+    grown = step.unknowns
     after = step.cost / degrees_of_freedom(len(pressures), N, D)
     sigma = np.sqrt(np.diag(bounded_inverse(terms.curvature))[-D:] * max(1.0, after))
     return SizeFit(grown[-D:], sigma, after)

@@ -193,10 +193,10 @@ def _source_costs(room: PointSourceModel, positions: Reals, pressures: Complexes
     shapes, along = room.shapes(positions), _along(room, axes)
     cost = np.zeros(np.prod([len(axis) for axis in axes]))
     for m, p in enumerate(pressures):
-        T = room.response[m][None]
+        weights = room.response[m][None]
         for a, shape in enumerate(shapes):
-            T = T * shape[m].reshape(len(positions), *(-1 if b == a else 1 for b in range(len(axes))))
-        g = _everywhere(T, along, m)
+            weights = weights * shape[m].reshape(len(positions), *(-1 if b == a else 1 for b in range(len(axes))))
+        g = _everywhere(weights, along, m)
         power = np.sum(np.abs(p) ** 2)
         left = power - np.abs(p.conj() @ g) ** 2 / np.sum(np.abs(g) ** 2, axis=0)
         cost += len(p) * np.log(left / power + UNEXPLAINED)
@@ -232,9 +232,9 @@ def _along(room: PointSourceModel, axes: Sequence[Reals]) -> list[np.ndarray]:
     return [room.shapes(np.where(number == a, axis[:, None], middle))[a] for a, axis in enumerate(axes)]
 
 
-def _everywhere(T: Numbers, along: Sequence[Numbers], m: int) -> np.ndarray:
-    """Return sums over the eigenfunctions of mode m, with weights `T` (X, n_1, ..., n_D), at each point : (X, C)."""
+def _everywhere(weights: Numbers, along: Sequence[Numbers], m: int) -> np.ndarray:
+    """Return sums over the eigenfunctions of mode m, with `weights` (X, n_1, ..., n_D), at each point : (X, C)."""
     check_deadline()
     for shape in along:  # each contraction takes the first of the axes left and puts the points last
-        T = np.tensordot(T, shape[m], axes=(1, 1))
-    return T.reshape(len(T), -1)
+        weights = np.tensordot(weights, shape[m], axes=(1, 1))
+    return weights.reshape(len(weights), -1)
