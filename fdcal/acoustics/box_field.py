@@ -100,7 +100,7 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
     """Return the pressures of a point source of unit strength: p -> 1 / (4 pi d) at a small distance d.
 
     `room`: with three lengths; `source` (3,) float64, metres; `positions` (N, 3) float64, metres; `wavenumbers` (M,)
-    complex128 k, rad/m, each with an imaginary part below zero unless the walls absorb.; `nepers`: by how much the
+    complex128 k, rad/m, each with an imaginary part below zero unless the walls absorb; `nepers`: by how much the
     omitted terms have decayed. Returns (M, N) complex128, 1/m. Raises InputError for a microphone so close to the
     source that too many terms are needed.
     """

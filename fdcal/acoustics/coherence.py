@@ -45,7 +45,7 @@ RADIUS_SEARCH = CoherenceRules()
 def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int) -> float | None:
     """Return the radius of the disc or ball that is as coherent as an array.
 
-    `pressures` (M, N) complex128, any unit, any gains; `wavenumbers` (M,) float64 or complex128 k, rad/m.; `dimension`:
+    `pressures` (M, N) complex128, any unit, any gains; `wavenumbers` (M,) float64 or complex128 k, rad/m; `dimension`:
     2 or 3, of the sound field. Returns metres; None where the frequencies are too few, or all too high, to tell.
 
     Examples

@@ -33,7 +33,7 @@ NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in o
 def max_order(wavenumbers: Numbers | complex, radius: float, offset: int = 0) -> np.ndarray:
     """Return the order L = ceil(k R) + offset of the expansion (Eq. 3).
 
-    `wavenumbers` (M,) or scalar, float64 or complex128 k, rad/m; of a complex one the real part is used.; `radius`: R,
+    `wavenumbers` (M,) or scalar, float64 or complex128 k, rad/m; of a complex one the real part is used; `radius`: R,
     metres; `offset`: added to the paper's rule. 0 is the paper's; its truncation error exceeds the effect of a
     centimetre in the low modes, which 2 avoids. Returns (M,) or scalar int64.
     """
@@ -72,7 +72,7 @@ def array_f_max(positions: Reals, sound_speed: float, dimension: int) -> float:
 def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centre: ArrayLike) -> np.ndarray:
     """Return the dictionary W[n, l] = J_l(k r_n) exp(j l theta_n), l = -L..L (Eq. 4).
 
-    `positions` (N, 2) float64, metres; `wavenumber`: float or complex k, rad/m.; `order`: L; `centre` (2,) float64,
+    `positions` (N, 2) float64, metres; `wavenumber`: float or complex k, rad/m; `order`: L; `centre` (2,) float64,
     origin of r and theta, metres. Returns (N, 2L + 1) complex128.
 
     Examples
@@ -114,7 +114,7 @@ def spherical_bessel(positions: Reals, wavenumber: complex, order: int, centre: 
     """Return the dictionary W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n), columns as in `degrees`.
 
     `positions` (N, 3) or (N, 2) float64, metres; (N, 2) in a plane through `centre`; `wavenumber`: float or complex k,
-    rad/m.; `order`: L; `centre` (3,) or (2,) float64, origin of r, metres. Returns (N, K) complex128, K = (L + 1)^2, or
+    rad/m; `order`: L; `centre` (3,) or (2,) float64, origin of r, metres. Returns (N, K) complex128, K = (L + 1)^2, or
     (L + 1)(L + 2) / 2 in a plane.
 
     Examples

@@ -21,7 +21,7 @@ class LatticeDictionary:
     Every `centre` below is a point of the lattice. So the offsets of all candidates are multiples of the step, their
     squared lengths are integers, and J_l is needed at a few thousand radii only, once for all centres.
 
-    `wavenumbers` (M,) complex128 k, rad/m.; `orders` (M,) int64, L of each mode; `points` (C, 2) float64, candidates,
+    `wavenumbers` (M,) complex128 k, rad/m; `orders` (M,) int64, L of each mode; `points` (C, 2) float64, candidates,
     metres, x fastest; `shape`: (ny, nx); `radial` (M, U, Lmax + 1) complex128, J_l at U radii; zero above the order of
     the mode; `row` (d2max + 1,) int32, row of `radial` for each squared offset in steps, -1 where there is none.
     """

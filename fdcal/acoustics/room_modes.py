@@ -167,7 +167,7 @@ class DiffuseModel:
 def diffuse_model(size: Sequence[float] | Reals, wavenumbers: Numbers, width: float) -> DiffuseModel:
     """Return the diffuse model of a room.
 
-    `size` (D,) float, metres; `wavenumbers` (M,) float64 or complex128 k, rad/m.; `width`: half the width of a
+    `size` (D,) float, metres; `wavenumbers` (M,) float64 or complex128 k, rad/m; `width`: half the width of a
     resonance, rad/m; absorbing walls broaden it.
     """
     k = np.asarray(wavenumbers, complex)
@@ -238,7 +238,7 @@ def room_pressures(excitation: np.ndarray, shapes: list[np.ndarray]) -> np.ndarr
 def point_source_model(size: Sequence[float] | Reals, wavenumbers: Numbers, admittance: complex) -> PointSourceModel:
     """Return the point-source model of a room.
 
-    `size` (D,) float, metres; `wavenumbers` (M,) complex128 k, rad/m.; `admittance`: complex beta, dimensionless, the
+    `size` (D,) float, metres; `wavenumbers` (M,) complex128 k, rad/m; `admittance`: complex beta, dimensionless, the
     same on all walls..
     """
     k = np.asarray(wavenumbers, complex)

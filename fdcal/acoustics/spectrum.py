@@ -172,7 +172,7 @@ ONE_MINUS_J0 = [-((-0.25) ** m) / math.factorial(m) ** 2 if m else 0.0 for m in 
 def wavenumber_continuous(frequencies: np.ndarray, s: float, sound_speed: float) -> np.ndarray:
     """Return k = (2 pi f - 1j s) / c.
 
-    `frequencies` (M,) float64 f, Hz.; `s`: rate of the exponential window, 1/s; `sound_speed`: c, m/s. Returns (M,)
+    `frequencies` (M,) float64 f, Hz; `s`: rate of the exponential window, 1/s; `sound_speed`: c, m/s. Returns (M,)
     complex128, rad/m.
     """
     return (2 * np.pi * np.asarray(frequencies, dtype=float) - 1j * s) / sound_speed
@@ -191,7 +191,7 @@ def wavenumber_discrete(frequencies: np.ndarray, s: float, sound_speed: float, c
 
     which Newton's method solves for complex k, w = 2 pi f - 1j s.
 
-    `frequencies` (M,) float64 f, Hz.; `s`: rate of the exponential window, 1/s; `sound_speed`, `cell`, `fs`: c, m/s; h,
+    `frequencies` (M,) float64 f, Hz; `s`: rate of the exponential window, 1/s; `sound_speed`, `cell`, `fs`: c, m/s; h,
     m; sampling rate, Hz. Returns (M,) complex128, rad/m. Raises InputError if no wave of that frequency propagates on
     the grid.
     """

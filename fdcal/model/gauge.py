@@ -120,9 +120,9 @@ def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(
     unless given. Returns (N, D) float64, metres.
     """
     estimate, truth = np.asarray(estimate, float), np.asarray(truth, float)
-    centre, goal = estimate[by].mean(axis=0), truth[by].mean(axis=0)
-    U, _, Vt = np.linalg.svd((estimate[by] - centre).T @ (truth[by] - goal))
-    return (estimate - centre) @ (U @ Vt) + goal
+    centre, target = estimate[by].mean(axis=0), truth[by].mean(axis=0)
+    U, _, Vt = np.linalg.svd((estimate[by] - centre).T @ (truth[by] - target))
+    return (estimate - centre) @ (U @ Vt) + target
 
 
 def fixes_gauge(positions: ArrayLike) -> bool:
