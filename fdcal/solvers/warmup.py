@@ -1,9 +1,9 @@
 """Calls of everything that is compiled, on small arrays, so that it is compiled before somebody waits for it.
 
 A calibration by the likelihood compiles nothing. What is compiled: the search of solver `descent` over its lattice, the
-local minima of a map, and the simulation of a scene (`fdcal warm` calls that, too). The first run on a machine compiles for
-some seconds; later runs read the machine code from disk. What is compiled depends on the types of the arrays, not on
-their sizes.
+local minima of a map, and the simulation of a scene (`fdcal warm` calls that, too). The first run on a machine compiles
+for some seconds; later runs read the machine code from disk. What is compiled depends on the types of the arrays, not
+on their sizes.
 """
 
 from __future__ import annotations
