@@ -32,8 +32,8 @@ from .lesson_settings import KINDS, apply_setting, plain_choices
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 
 if TYPE_CHECKING:
-    from .page import Page
     from .session_view import Viewer
+    from .tabs.lessons import LessonPage, LessonsTab
 
 MAX_NUMBER = 99_999  # of a microphone and of a step
 SOLVER = "solver"  # the modes that the solver uses
@@ -106,8 +106,8 @@ def address_of(viewer: Viewer, lesson: str = "", step: int = 1) -> str:
 class AddressBar:
     """Shows what a link names, and keeps the address of all browsers; all but `tick` on viser's event loop."""
 
-    def __init__(self, page: Page):
-        self._page = page
+    def __init__(self, page: LessonPage, lessons: LessonsTab):
+        self._page, self._lessons = page, lessons
         self._asked: tuple[viser.ClientHandle, Address] | None = None  # before there is a session
         self._pending: tuple[OpenRequest, viser.ClientHandle, Address] | None = None  # until its scene is shown
         page.panels.overlay.on("open", lambda client, text: self.open(client, parse_address(text)))
@@ -117,7 +117,7 @@ class AddressBar:
 
         Raises InputError: there is no such scene, lesson, microphone or mode.
         """
-        viewer, lessons = self._page.viewer, self._page.lessons
+        viewer, lessons = self._page.viewer, self._lessons
         if viewer is None:
             self._asked = client, asked
             return
@@ -160,7 +160,7 @@ class AddressBar:
 
     def tick(self, call: Callable[[Callable[[], object]], object]) -> None:
         """Carry out what waits, and bring the address up to date; called by the main loop."""
-        viewer, lesson = self._page.viewer, self._page.lessons.progress
+        viewer, lesson = self._page.viewer, self._lessons.progress
         if viewer is None:
             return
         if self._asked is not None:

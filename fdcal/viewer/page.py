@@ -117,7 +117,7 @@ class Page:
         with self.panels.tab("Help"):
             add_help(server.gui)
         add_keys(server.gui, self)
-        self.address, self._dark = AddressBar(self), False
+        self.address, self._dark = AddressBar(self, self.lessons), False
         self.panels.overlay.on("dark", lambda client, value: self._prefer(value == "on"))
         self._progress, self._on_progress = "", on_progress
         self._canvases_checked, self._wake = 0.0, WakeEvent()
