@@ -118,6 +118,11 @@ def tab(page, name):
     page.get_by_role("tab", name=name, exact=True).click()
 
 
+def unfold(page, name):
+    """Show the controls of a folder; again, to hide them."""
+    page.get_by_text(name, exact=True).click()
+
+
 STANDS = """([x, y, z]) => {
     const at = window.__viserMutable.camera.position;  // the browser's own axes: y up
     return Math.hypot(at.z + x, at.x + y, at.y - z) < 1e-3 * z;

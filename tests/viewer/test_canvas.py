@@ -114,7 +114,7 @@ def test_on_a_phone_every_tab_can_be_opened(page):
         there = page.get_by_role("tab", name=name, exact=True)
         there.click()
         assert there.get_attribute("aria-selected") == "true"
-    sheet = page.get_by_role("tab", name="Solver", exact=True).locator("xpath=ancestor::*[@role='tablist']")
+    sheet = page.get_by_role("tab", name="Scene", exact=True).locator("xpath=ancestor::*[@role='tablist']")
     box = sheet.bounding_box()
     assert box["width"] > 0.9 * PHONE[0], "the sheet uses the whole width"
 

@@ -13,7 +13,7 @@ from fdcal.viewer.background import verdict as uncertainty
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.gui import legend_html
 from fdcal.viewer.server import process
-from fdcal.viewer.tabs import microphones, modes
+from fdcal.viewer.tabs import microphones, spectrum
 
 
 def test_microphones_are_listed_by_descending_error(measurement):
@@ -30,8 +30,8 @@ def test_microphones_are_listed_by_descending_error(measurement):
 
 
 def test_modes_beyond_f_max_give_a_warning(measurement):
-    assert "beyond" not in modes.caption(measurement, (1, 2), 500, 3)
-    html = modes.caption(measurement, (1, 6), 299, 3)
+    assert "beyond" not in spectrum.caption(measurement, (1, 2), 500, 3)
+    html = spectrum.caption(measurement, (1, 6), 299, 3)
     assert "beyond" in html and "300.0 Hz" in html and "299 Hz" in html and "7 functions for 10" in html
 
 

@@ -1,7 +1,7 @@
 """Lessons in a real browser: chosen, answered and left with buttons, and with keys."""
 
 import pytest
-from browsing import choose, opened_page, press, serving_here, slider, tab
+from browsing import choose, opened_page, press, serving_here, slider, tab, unfold
 
 from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import load_lesson
@@ -28,6 +28,7 @@ def test_a_lesson_is_taken_with_clicks_and_keys_and_left(page):
     handle = slider(page, "Microphone")
     handle.focus()
     handle.press("Home")
+    unfold(page, "Scale and quantity")
     choose(page, "Scale", "Linear")
     page.get_by_text("microphone 0, ").first.wait_for()
     tab(page, "Lessons")

@@ -42,7 +42,7 @@ def set_oddly(viewer):
     main.map.set_order(3)
     main.map.scale_as("Linear")
     main.map.mark_minima(False)
-    set_by_client(main.map.opacity, 60)
+    set_by_client(main.map.relief, 60)
     main.view.draw(trails=True, ellipses=True)
     main.view.darken(True)
     set_by_client(main.view.release, True)
@@ -73,7 +73,7 @@ def opened(page_of):
     session.seek(session.view.index - 4)
     assert session.wait_for(lambda view: view.state.step == 5, timeout=60)
     turn_until(lambda: page.viewer.tabs.run_bar.time.value == page.viewer.binding.session.view.index)
-    turn_until(lambda: page.viewer.tabs.modes.high.value == 6)  # follows the map
+    turn_until(lambda: "mode 6" in page.viewer.tabs.spectrum.text.content)  # follows the map
     return page, turn_until
 
 

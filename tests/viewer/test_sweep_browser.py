@@ -5,7 +5,7 @@ import threading
 
 import numpy as np
 import pytest
-from browsing import COARSE, EXACT, WAIT, hover, on_screen, press, serving_here, slider, stands, tab
+from browsing import COARSE, EXACT, WAIT, hover, on_screen, press, serving_here, slider, stands, tab, unfold
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -104,7 +104,7 @@ def test_the_opening_ends_when_the_user_moves_the_camera(lasting_opening, page, 
 
 def test_play_pause_and_the_slider_of_the_sweep(lasting_opening, page):
     page.get_by_text(NOTE).first.wait_for()
-    tab(page, "Sweep")
+    tab(page, "Map")
     page.get_by_text("Order and speed", exact=True).click()
     slider(page, "Modes per second").press("Home")  # so slowly that no machine sees the end before Pause
     press(page, "Play")
@@ -123,7 +123,8 @@ def test_play_pause_and_the_slider_of_the_sweep(lasting_opening, page):
 @pytest.mark.parametrize("query", [EXACT])
 def test_an_end_of_the_cut_is_dragged_and_the_plot_follows(page, scene):
     page.get_by_text("step 0, sweep 0").wait_for()
-    tab(page, "Sweep")
+    tab(page, "Map")
+    unfold(page, "Cut")
     press(page, "x")
     text = page.get_by_text(re.compile(r"lowest [\d.]+ m from A")).first
     text.wait_for()

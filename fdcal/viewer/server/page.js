@@ -137,6 +137,7 @@ function face(name) {
   write();
 }
 
+overlay.insertAdjacentHTML("beforeend", '<button id="fdcal-back" data-local="face:explore">Explore</button>');
 overlay.addEventListener("click", event => {
   const {do: act, local} = event.target.closest("[data-do], [data-local]")?.dataset ?? {};
   const input = event.target.closest("input, select");
