@@ -201,8 +201,6 @@ class LessonsTab:
         if lesson is None:
             return
         if viewer is not None and self.progress.lesson is None:
-            viewer.binding.touch()
-            viewer.tabs.sweep.end_opening()  # what comes back later is the page without it
             self._before = self._returning or PageBefore.of(viewer, self._page.nodes.cameras)
         self._returning = None
         self.progress = LessonProgress(lesson)
