@@ -118,24 +118,21 @@ COARSE = 2  # of the lattice of the map while it changes
 
 
 class Projector:
-    """Draws the film.
+    """Draws the film."""
 
-    `dark`: whether the page is.
-    """
-
-    def __init__(self, measurement: Measurement, dark: bool = False):
-        self._measurement, self._dark, self.film = measurement, dark, film()
+    def __init__(self, measurement: Measurement):
+        self._measurement, self.film = measurement, film()
         if measurement.search is None:
             raise ValueError("the scene of the opening has a search domain")
         self._search = measurement.search
         self._floor: tuple[tuple, Floor] | None = None  # the last map, and what it was drawn from
 
-    def picture(self, moment: Moment) -> Picture:
+    def picture(self, moment: Moment, dark: bool = False) -> Picture:
         """Return the picture of a moment: the relief, the microphone on it, and the local minima once it stands."""
         positions = np.array(self._measurement.positions, float)
         positions[MICROPHONE] = moment.place
         floor = self.floor(moment)
-        return compose(None, self._measurement, positions, MICROPHONE, floor, dark=self._dark)
+        return compose(None, self._measurement, positions, MICROPHONE, floor, dark=dark)
 
     def floor(self, moment: Moment) -> Floor:
         """Return the map of a moment; the same object for the same map as last time."""
@@ -160,16 +157,16 @@ class Projector:
 class Opening:
     """Plays the film in the scene; called by the main loop.
 
-    `dark`: whether the page is. `request`: for the session that follows; `playing`: whether the film holds the scene,
+    `dark`: whether the page is; `request`: for the session that follows; `playing`: whether the film holds the scene,
     in which no session may draw then; `floor`: the map that is shown.
     """
 
-    def __init__(self, nodes: SceneNodes, dark: bool = False):
+    def __init__(self, nodes: SceneNodes):
         self.request = opening_request()
         if self.request.measurement is None:
             raise ValueError("the opening has a measurement")
-        self._nodes, self._projector = nodes, Projector(self.request.measurement, dark)
-        self.playing, self._began = True, -1.0  # and when the film began, s; before it, below 0
+        self._nodes, self._projector = nodes, Projector(self.request.measurement)
+        self.dark, self.playing, self._began = False, True, -1.0  # and when the film began, s; before it, below 0
         self._drawn, self._key = 0.0, ()  # when the last picture was, s, and of what
         first = self._projector.film.at(0.0)
         self.floor, picture = self._projector.floor(first), self._projector.picture(first)
@@ -194,11 +191,11 @@ class Opening:
             self._began = now
         time = now - self._began if self._began >= 0 else 0.0
         moment = self._projector.film.at(time)
-        key = moment.index, moment.share, *moment.place
+        key = self.dark, moment.index, moment.share, *moment.place
         if key != self._key and (now - self._drawn >= FRAME_TIME or moment.share >= 1):
             self._drawn, self._key = now, key
             self.floor = self._projector.floor(moment)
-            self._nodes.show(self._projector.picture(moment))
+            self._nodes.show(self._projector.picture(moment, self.dark))
         if time < self._projector.film.length:
             words.show(moment.words, "", {"Skip": self.end}, alone=True)
         else:

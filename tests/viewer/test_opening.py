@@ -15,6 +15,7 @@ from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer import opening
+from fdcal.viewer.gui.overlay import Overlay
 from fdcal.viewer.gui.words import CanvasWords
 from fdcal.viewer.page import Page
 from fdcal.viewer.scene3d.nodes import SceneNodes
@@ -84,25 +85,25 @@ def test_no_session_is_shown_while_the_film_plays_and_the_map_stays_when_it_ends
 
 
 def test_the_film_waits_for_a_browser_and_ends_with_its_button(server):
-    nodes, words = SceneNodes(server), CanvasWords(server.gui)
+    nodes, overlay = SceneNodes(server), Overlay(server.gui)
+    words = CanvasWords(overlay)
     plays = opening.Opening(nodes)
     for now in (0.0, 60.0, 120.0):
         plays.tick(words, now)
-    assert "One frequency" in words._text.content
+    assert "One frequency" in overlay._regions["words"].content
     nodes.cameras._at_rest.add(1)
     plays.tick(words, 200.0)
     plays.tick(words, 200.0 + plays._projector.film.length)
-    assert opening.FOUND in words._text.content and words._buttons[0].label == "Now you"
-    words._acts[0]()
+    assert opening.FOUND in overlay._regions["words"].content and "Now you" in overlay._regions["words"].content
+    words.press("Now you")
     plays.tick(words, 300.0)
-    assert not plays.playing and not any(button.visible for button in words._buttons)
-    assert opening.FOUND not in words._text.content
+    assert not plays.playing and opening.FOUND not in overlay._regions["words"].content
     nodes.show(plays._projector.picture(plays._projector.film.at(0.0)))
     server.scene.reset()
     server.gui.reset()
 
 
-SHOWN = "() => [...document.querySelectorAll('.fdcal-words')].map(e => e.innerText).join(' ')"
+SHOWN = "() => document.querySelector('[data-region=words]').innerText"
 RELIEF = "() => (window.__viserMutable?.nodeRefFromName?.['/relief']?.children.length ?? 0) > 0"
 
 
