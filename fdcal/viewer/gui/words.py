@@ -36,5 +36,6 @@ class CanvasWords:
         text = f"<div>{escape(words)}</div>" if words else ""
         text += f"<p>{escape(detail)}</p>" if detail else ""
         labels = [escape(label, quote=True) for label in buttons]
-        text += "".join(f'<button class="first" data-do="words={label}">{label}</button>' for label in labels)
+        kind = 'class="first"' if detail else ""  # without a line that asks for it, a button is no invitation
+        text += "".join(f'<button {kind} data-do="words={label}">{label}</button>' for label in labels)
         self._overlay.show("words", (ALONE if alone else "") + text)
