@@ -33,20 +33,20 @@ def require_length(inputs: CalibrationInput, problem: Problem) -> None:
     """Raise InputError where the sound speed is asked for without a known length, or with two."""
     needs_room = load(inputs.settings.name).TRAITS.needs_room
     if needs_room and (inputs.estimate_sound_speed or inputs.settings.known == "minimal"):
-        problem = "a known room fixes size and place"
-        raise InputError(problem, "leave out <estimate_sound_speed> and <known> minimal", key="room")
+        fault = "a known room fixes size and place"
+        raise InputError(fault, "leave out <estimate_sound_speed> and <known> minimal", key="room")
     if inputs.distance is not None:
         if not inputs.estimate_sound_speed:
-            problem = "distance fixes the size of the array, so that the sound speed follows from it"
-            raise InputError(problem, "give <estimate_sound_speed> with <distance>", key="distance")
+            fault = "distance fixes the size of the array, so that the sound speed follows from it"
+            raise InputError(fault, "give <estimate_sound_speed> with <distance>", key="distance")
         if len(problem.known):
-            problem = "distance is for arrays without known microphones, which fix the size already"
-            raise InputError(problem, "leave out <distance>", key="distance")
+            fault = "distance is for arrays without known microphones, which fix the size already"
+            raise InputError(fault, "leave out <distance>", key="distance")
         require_positive("distance", inputs.distance[2], "m")
         distance_pair(inputs)
     elif inputs.estimate_sound_speed and len(problem.known) < 2:
-        problem = "the sound speed follows from a known length, and fewer than two microphones are known"
-        raise InputError(problem, "name two known microphones at least, or give <distance>", key="estimate_sound_speed")
+        fault = "the sound speed follows from a known length, and fewer than two microphones are known"
+        raise InputError(fault, "name two known microphones at least, or give <distance>", key="estimate_sound_speed")
 
 
 def require_inside_search(inputs: CalibrationInput) -> None:

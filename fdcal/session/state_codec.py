@@ -212,8 +212,8 @@ def read_states(
     for number in order:
         state = next(queues[number], None) if isinstance(number, int) and 0 <= number < len(queues) else None
         if state is None:
-            problem = f"states.order names a state of kind {shown(number)}, which is not there"
-            raise InputError(problem, key="states.order")
+            fault = f"states.order names a state of kind {shown(number)}, which is not there"
+            raise InputError(fault, key="states.order")
         states.append(state)
     return tuple(states)
 
