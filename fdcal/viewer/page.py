@@ -17,6 +17,7 @@ import viser
 from ..session.lesson import Lesson
 from ..session.request import OpenRequest
 from ..session.worker import WakeEvent
+from .address import AddressBar
 from .background.prepare import PreparedRun
 from .gui.binding import Binding
 from .hotkeys import add_keys
@@ -116,6 +117,8 @@ class Page:
         with self.panels.tab("Help"):
             add_help(server.gui)
         add_keys(server.gui, self)
+        self.address, self._dark = AddressBar(self, self.lessons), False
+        self.panels.overlay.on("dark", lambda client, value: self._prefer(value == "on"))
         self._progress, self._on_progress = "", on_progress
         self._canvases_checked, self._wake = 0.0, WakeEvent()
         self._releases: collections.deque[float] = collections.deque()  # when each is due, one for each session
@@ -124,6 +127,14 @@ class Page:
     def open(self, request: OpenRequest) -> None:
         """Show something else as soon as it is ready. Any thread; the last request counts."""
         self.switcher.open(request)
+
+    def _prefer(self, dark: bool) -> None:
+        """Follow a browser's preference for a dark page, unless a user has chosen; on viser's event loop."""
+        self._dark = dark
+        if self.viewer is None:
+            self.panels.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
+        elif not self.viewer.binding.choices.themed:
+            self.viewer.tabs.view.darken(dark, preferred=True)
 
     @property
     def binding(self) -> Binding | None:
@@ -136,6 +147,7 @@ class Page:
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
             self.nodes.cameras.request(client, "top")
+            self.panels.overlay.greet(client)
 
             @client.camera.on_update
             async def _(_) -> None:
@@ -182,7 +194,9 @@ class Page:
         elif self.nodes.is_empty and self.switcher.measured is not None:
             show_room(self.nodes, *self.switcher.measured)
             self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
-        self.lessons.show(self._server.get_event_loop().call_soon_threadsafe)
+        call = self._server.get_event_loop().call_soon_threadsafe
+        self.lessons.show(call)
+        self.address.tick(call)
         clients = self._server.get_clients().values()
         self.nodes.cameras.process_requests(clients)
         if now - self._canvases_checked > CANVAS_INTERVAL:
@@ -214,6 +228,8 @@ class Page:
         self._server.gui.set_panel_label(f"fdcal · {prepared.scene.name}")
         if old is not None:
             old.close()
+        elif self._dark:
+            self._server.get_event_loop().call_soon_threadsafe(self._prefer, True)
         if old is None or old.picture.focus != new.picture.focus:
             self.nodes.cameras.set_initial(new.picture)
             for client in self._server.get_clients().values():

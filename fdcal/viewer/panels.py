@@ -19,6 +19,7 @@ from .gui import html
 from .gui.binding import Binding, Tab, Tick
 from .gui.choices import MAX_RATE
 from .gui.legend_html import canvas_legend
+from .gui.overlay import Overlay
 from .scene3d.cameras import Cameras
 from .tabs.comparison import ComparisonTab
 from .tabs.curves import CurvesTab
@@ -53,12 +54,12 @@ class Panels:
     """Owns the main panel on the right, the panel on the left, their tabs, and the panel on the canvas.
 
     `top`: folder above everything else, for messages about the page as a whole; `run_bar`: folder between `top` and the
-    tabs; `canvas`: tab of the panel on the canvas, which has the colour bar and the legend; `numbers`: counts the
-    sessions.
+    tabs; `canvas`: tab of the panel on the canvas, which has the colour bar and the legend; `overlay`: regions on the
+    canvas; `numbers`: counts the sessions.
     """
 
     def __init__(self, gui: viser.GuiApi):
-        self.gui, self.numbers = gui, itertools.count()
+        self.gui, self.numbers, self.overlay = gui, itertools.count(), Overlay(gui)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_WIDTH)
         self.top = gui.add_folder(None)

@@ -125,9 +125,8 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     lessons.start("Mine")
     turn_until(lambda: "being prepared" not in lessons.controls.text.content)
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
-    assert odd == replace(
-        plain, style=replace(plain.style, dark=True), seed=odd.seed, export_kind=odd.export_kind, rate=60, plan=odd.plan
-    )
+    kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "plan", "themed")}
+    assert odd == replace(plain, style=replace(plain.style, dark=True), rate=60, **kept)
     assert page.viewer.tabs.run_bar.speed.value == 60, "as fast as the machine can"
     page.viewer.tabs.map.mark_minima(False)
     lessons.start("Mine")
