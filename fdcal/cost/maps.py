@@ -490,11 +490,8 @@ def mode_shape(
     """
     search = problem.search
     if problem.dimension != 2 or search is None:
-        raise InputError(
-            "the shape of a mode needs a two-dimensional field and a search domain",
-            "give <search> and <radius>",
-            key="search",
-        )
+        fault = "the shape of a mode needs a two-dimensional field and a search domain"
+        raise InputError(fault, "give <search> and <radius>", key="search")
     positions, k = np.asarray(positions, float), complex(problem.wavenumbers[mode - 1])
     # 2L + 1 functions (Eq. 8) for fewer than N microphones
     L = min(int(max_order(k, search.radius, order_offset)), (len(positions) - 2) // 2)
