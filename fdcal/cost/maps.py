@@ -4,7 +4,7 @@
     descent_maps                    Eq. 7 as a step of descent minimises it
     likelihood_maps                 the likelihood, which the other solvers minimise
     cost_maps                       one of these, as the page asks for it
-    partial_sums, ambiguous_mode    the map while modes are added one by one
+    partial_sums                    the map while modes are added one by one
     mode_shape                      the sound field of one mode, as the microphones recorded it
 
 A lattice is far finer than the field. With microphone n at x all costs are simple functions of two fields,
@@ -480,14 +480,6 @@ def partial_sums(
             yield PartialSum(modes[: i + 1], cost, local_minima(cost))
 
 
-def ambiguous_mode(
-    problem: Problem, solver: HasLandscape, state: SolverState, n: int, modes: Sequence[int], order_offset: int | None
-) -> int:
-    """Return the mode whose map over the search lattice has most local minima, the lowest of several."""
-    alone = [next(partial_sums(problem, solver, state, n, (mode,), order_offset)) for mode in modes]
-    return max(alone, key=lambda one: len(one.minima)).modes[0]
-
-
 def mode_shape(
     problem: Problem, positions: Reals, mode: int, order_offset: int, channels: ChannelCorrection | None = None
 ) -> np.ndarray:
@@ -498,11 +490,8 @@ def mode_shape(
     """
     search = problem.search
     if problem.dimension != 2 or search is None:
-        raise InputError(
-            "the shape of a mode needs a two-dimensional field and a search domain",
-            "give <search> and <radius>",
-            key="search",
-        )
+        fault = "the shape of a mode needs a two-dimensional field and a search domain"
+        raise InputError(fault, "give <search> and <radius>", key="search")
     positions, k = np.asarray(positions, float), complex(problem.wavenumbers[mode - 1])
     # 2L + 1 functions (Eq. 8) for fewer than N microphones
     L = min(int(max_order(k, search.radius, order_offset)), (len(positions) - 2) // 2)

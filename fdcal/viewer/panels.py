@@ -131,7 +131,6 @@ class RunBar:
             ),
             self.limit_rate,
         )  # fmt: skip
-        self.note = gui.add_html("", visible=False)  # below, so that no button moves away from the pointer
 
     @property
     def _rate(self) -> int:
@@ -156,10 +155,6 @@ class RunBar:
     def wait(self, waiting: bool) -> None:
         """Hide the status while another session is prepared, whose progress stands above."""
         self.status.visible = not waiting
-
-    def announce(self, text: str) -> None:
-        """Show a line of HTML below; none for ""."""
-        self.note.content, self.note.visible = text, bool(text)
 
     def toggle(self) -> None:
         """Run the solver, or pause it."""
