@@ -74,7 +74,6 @@ class Explore:
         def do(client: viser.ClientHandle, value: str) -> None:
             viewer = self._page.viewer
             if viewer is not None:
-                viewer.binding.touch()
                 viewer.binding.session.yield_to_ui()
                 act(viewer, value)
 

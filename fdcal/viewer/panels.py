@@ -54,6 +54,7 @@ class Panels:
         self.tabs = {name: group.add_tab(name) for name in RIGHT} | {name: panel.add_tab(name) for name in LEFT}
         panel.dock_left()
         panel.set_width(LEFT_WIDTH)
+        panel.expand()  # on a phone, where sections are folded at first
 
     def tab(self, name: str) -> viser.GuiTabHandle:
         """Return a tab; used as a context, controls are added to it."""

@@ -104,7 +104,8 @@ def test_run_becomes_pause(page):
             window.seen = [];
             window.widths = new Set();
             const measure = () => {
-                for (const plot of document.querySelectorAll(".uplot")) window.widths.add(plot.offsetWidth);
+                for (const plot of document.querySelectorAll(".uplot"))
+                    if (plot.checkVisibility()) window.widths.add(plot.offsetWidth);
                 requestAnimationFrame(measure);
             };
             measure();

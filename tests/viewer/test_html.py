@@ -11,7 +11,6 @@ from doubles import State, view_of
 from fdcal.assessment.uncertainty import confidence_factor
 from fdcal.viewer.background import verdict as uncertainty
 from fdcal.viewer.gui import html as words
-from fdcal.viewer.gui import legend_html
 from fdcal.viewer.server import process
 from fdcal.viewer.tabs import microphones, spectrum
 
@@ -54,7 +53,7 @@ def test_texts_are_escaped(measurement):
     for html in (
         words.status(view_of([state], error=evil), measurement),
         words.waiting(evil, evil),
-        legend_html.colour_bar(None, evil),
+        words.remark(evil),
     ):
         assert "<script" not in html and "&lt;script" in html
 
