@@ -27,6 +27,7 @@ ARGUMENTS = [
     "--no-sandbox",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--disable-gpu-compositing",  # of the page around the scene: software does both, and without GL in half the time
     "--disable-quic",
     "--no-first-run",
 ]

@@ -19,13 +19,18 @@ from fdcal.acoustics.dictionary import array_f_max
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
 from fdcal.assessment.result_file import FaultRow, GivenRow, Keys
 from fdcal.commands.cli import commands
+from fdcal.commands.report import summary
 from fdcal.model.arrays import positions_of
 from fdcal.model.gauge import align
 from fdcal.model.measurement_file import OPTIONAL, REQUIRED, SEARCH
 from fdcal.model.scene_file import load_scene, scene_names
 from fdcal.recordings import formats
+from fdcal.session.calibration_run import solve
 from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, Setting, Step, load_lesson
+from fdcal.session.sources import load_input
 from fdcal.solvers import names as solver_names
+
+pytestmark = pytest.mark.usefixtures("remembered_runs")
 
 RECORDING = text_of(DOCS / "how-to" / "bring-your-recording.md")
 LESSONS = text_of(DOCS / "how-to" / "write-a-lesson.md")
@@ -107,6 +112,17 @@ def test_the_tutorial_runs_from_beginning_to_end_and_then_the_check_of_its_chann
     for block in blocks(text_of(CHANNELS)):
         if block.language == "python":
             assert shows(block.output, run_python(block.code, name_of(CHANNELS), {}))
+
+
+def test_the_measured_array_is_calibrated_by_its_name_to_the_figure_of_its_page():
+    inputs = load_input("frl_array")
+    assert inputs.scene is None, "nothing of it is simulated"
+    result = solve(inputs)
+    tutorial = " ".join(text_of(MEASURED).split())
+    said = float(re.search(r"rotation and translation: ([\d.]+) mm on average", tutorial)[1])
+    assert 1e3 * result.mean_error == pytest.approx(said, abs=0.5) and result.verdict == "good"
+    (line,) = [line for line in summary(inputs, result).splitlines() if line.startswith("error")]
+    assert f"mean {1e3 * result.mean_error:.3g} mm" in line and "moved as a whole onto the nominal positions" in line
 
 
 def test_the_page_of_the_measured_array_finds_it_as_exactly_as_it_says(tmp_path, monkeypatch):

@@ -13,6 +13,8 @@ import pytest
 
 import fdcal
 
+pytestmark = pytest.mark.usefixtures("remembered_runs")
+
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 NOTEBOOK = EXAMPLES / "first_calibration.ipynb"

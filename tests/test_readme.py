@@ -11,6 +11,8 @@ from documents import README, ROOT, blocks, text_of
 import fdcal
 from fdcal.commands.cli import commands
 
+pytestmark = pytest.mark.usefixtures("remembered_runs")
+
 TEXT = text_of(README)
 FIRST_SCREEN = "\n".join(TEXT.splitlines()[:30])
 

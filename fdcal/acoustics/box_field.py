@@ -21,8 +21,6 @@ air damps every wave by s nepers a second, or the recordings of an undamped room
 `fdcal.acoustics.spectrum` does with simulated ones. Absorbing walls add their own damping, through h at that same k.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 

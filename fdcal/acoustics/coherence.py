@@ -15,8 +15,6 @@ the microphones is near 0 for a single wave and near 1 for a diffuse field. Only
 over the array: below, the pressure is the same everywhere in any field.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ installation stores it under FDCAL_CACHE if that is set. If no folder can be wri
 What a calibration needs is not compiled: a first run would wait for the compiler, and every run for numba to load.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 from collections.abc import Callable, Iterable, Iterator

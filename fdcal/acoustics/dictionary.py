@@ -17,8 +17,6 @@ l + m odd are zero and those with l + m even remain, (L + 1)(L + 2) / 2 of them.
 taken to lie in that plane.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

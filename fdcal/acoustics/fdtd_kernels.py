@@ -10,8 +10,6 @@ synchronise twice a block instead of once a step, and other load on the machine 
 rows are visited as a wave front of DEPTH steps. Both orders compute the same numbers as one step after another.
 """
 
-from __future__ import annotations
-
 import os
 from typing import NamedTuple
 

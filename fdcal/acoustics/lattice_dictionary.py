@@ -3,8 +3,6 @@
 k, L and the dictionary W are those of `fdcal.acoustics.dictionary`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import jv

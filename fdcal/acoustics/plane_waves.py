@@ -12,8 +12,6 @@ f, c             frequency, Hz; sound speed, m/s
 x                position, metres
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -26,8 +26,6 @@ V, S, L, A, P: volume, surface, sum of the edges; area and perimeter. 2.2 / T60 
 Hz: where resonances overlap (Schroeder 1962), pressures at two frequencies closer than that are not independent.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ The recurrences of the Bessel functions run downward, from orders beyond the arg
 many values at once, up to 15 times as fast.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..model.types import Complexes, Numbers, Reals

@@ -10,8 +10,6 @@ the signal is strongest. So modes are picked in a spectrum of high resolution an
 then computed with the exponential window at exactly these frequencies.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -7,8 +7,6 @@ A given position checks nothing where the others and the pressures place its mic
     (P^-1 - spring)^-1 ,   P the covariance of its microphone, spring the curvature of its prior
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType

@@ -9,8 +9,6 @@ misplaced          a given position that the pressures contradict
 exchanged          two channels, or two given positions, each in the other's place
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -14,8 +14,6 @@ Neither needs the true positions, so that cross-validation checks a calibration 
 the pressures of a microphone also helped to estimate its own position.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -16,8 +16,6 @@ scale_undetermined  the shape is right, its size hardly determined
 A remedy names arguments in angle brackets, as in `fdcal.model.validation.InputError`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar

@@ -9,8 +9,6 @@ iterative closest point with the Hungarian method. Several disjoint bases are tr
 harm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@
 required; keys that are not declared are ignored.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -15,8 +15,6 @@ All of this belongs to the minimum. How far the optima of several restarts lie a
 d_en is the distance of microphone n between optimum e and the likeliest one.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import chdtri
 

@@ -1,7 +1,5 @@
 """Commands for files of other programs: `import` and `export`."""
 
-from __future__ import annotations
-
 import typing
 from dataclasses import fields
 

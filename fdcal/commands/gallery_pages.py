@@ -1,7 +1,5 @@
 """What a gallery shows: runs of scenes that come with fdcal, and the race of two solvers, as pages of files."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 A function here is the `type` of an option: click calls it with the text, and names the option before the message.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

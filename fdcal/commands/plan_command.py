@@ -1,7 +1,5 @@
 """The command `plan`: how exact an array will be calibrated, before anything is recorded."""
 
-from __future__ import annotations
-
 import click
 
 from ..model.validation import LIMITS, InputError

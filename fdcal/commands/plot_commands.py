@@ -1,7 +1,5 @@
 """Commands that draw: `landscape`, `field`, `snapshot`, `replay` and `gallery`."""
 
-from __future__ import annotations
-
 import click
 
 from ..model.validation import InputError

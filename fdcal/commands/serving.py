@@ -1,7 +1,5 @@
 """The address at which the page is served, and the browser that opens it."""
 
-from __future__ import annotations
-
 import errno
 import ipaddress
 import os

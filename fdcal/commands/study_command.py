@@ -1,7 +1,5 @@
 """The command `study`: many calibrations over the axes of a file, and their report."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

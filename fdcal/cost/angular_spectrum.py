@@ -20,8 +20,6 @@ S <- (S + count A) / (1 + count): `count` observations that a row is like its ta
 (Of fewer directions than microphones: alpha = A^-1 W^H p, 1 - r_q = mu (A^-1)_qq, A = W^H W + mu I, mu = v / s.)
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..model.types import Complexes, Integers, Numbers, Reals

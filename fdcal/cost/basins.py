@@ -12,8 +12,6 @@ basins would be straight lines. A minimum that is too shallow to count belongs t
 watershed algorithm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

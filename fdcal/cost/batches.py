@@ -4,8 +4,6 @@ Which modes share an array, and in which order sums are taken, depends on the nu
 so that results do not depend on the number of cores.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """What a solver found about the recording channels, as costs and maps take it: gains and noise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -17,8 +17,6 @@ search and every map: descent evaluates it in compiled loops (`fdcal.cost.lattic
 (`fdcal.cost.maps`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -13,8 +13,6 @@ Microphones can carry a mode if it has fewer functions than there are microphone
 each of them, in a plane 2L + 1 < N (Eq. 8).
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -34,8 +34,6 @@ opposite directions and their weight w_q,
 over half the directions takes about a third of the operations of complex waves.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Sequence
 from functools import lru_cache

@@ -20,8 +20,6 @@ of `fdcal.cost.expansion`, which differ from those of the paper's dictionary by 
 depend on it.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Sequence
 

@@ -4,8 +4,6 @@ Rows of W are computed for many points at once, real and imaginary parts apart a
 that the compiler can use vector instructions. The symbols are those of `fdcal.cost.eq7`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 

@@ -39,8 +39,6 @@ the true positions whatever the field, up to a term that falls as 1 / beta. With
 holds the size of an array of few waves, and a small part of the other likelihood does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

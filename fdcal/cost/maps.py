@@ -18,8 +18,6 @@ each axis and interpolated, exact to rounding errors; the quotient is taken afte
 agree at the points that they share. In three dimensions a map is the horizontal layer at the microphone's height.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -14,8 +14,6 @@ d = diag C^-1 alone. With gamma_m = N - v_m sum_n tau_n d_mn, the number of fiel
 An inverse gamma prior adds so many observations of an expected value to the numerator and the denominator.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Title, labels, legend and colour bar of a picture, written over the image of its scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import matplotlib

@@ -1,7 +1,5 @@
 """The camera of a picture, and the pixel at which a point of the picture appears."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@
 .vti   ParaView: an image of points, with real_F, imag_F, magnitude_F, uncertainty_F of each frequency F
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ Pages hold no address but those of the other files beside them: any web server c
 it from `file://`.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import json

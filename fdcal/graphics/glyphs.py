@@ -4,8 +4,6 @@ Segments are (S, 2, 3) float64, metres: S pieces from [:, 0] to [:, 1]. Triangle
 metres, and faces (F, 3) int, indices of vertices. Markers are flat and parallel to the floor.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 

@@ -7,8 +7,6 @@ draw_legend   the entries in rows below the image of a scene
 A symbol is drawn in a square from -1 to 1, y upwards. The page, the PNG and the test of both read the same entries.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -7,8 +7,6 @@ eyes, too. A white halo around each keeps it legible on the map and on any backg
 Marks are flat and have a size in the room, not on the screen: lengths are metres, colours RGB from 0 to 255.
 """
 
-from __future__ import annotations
-
 import enum
 from dataclasses import dataclass
 

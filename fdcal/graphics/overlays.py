@@ -3,8 +3,6 @@
 Each function takes a picture of `fdcal.graphics.picture` and returns it with more in it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Several maps side by side, as one image: the paper's Fig. 1 at the size of a side panel."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ volume       the same in space, summed over the modes: .vti
 point_cloud  microphones as points: .vtp
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

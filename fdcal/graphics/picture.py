@@ -10,8 +10,6 @@
 Lengths are metres, colours RGB from 0 to 255. `fdcal.graphics.markers` says what the marks look like.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Lengths are metres, colours RGB from 0 to 255. Everything is frozen, the arrays 
 which adds no light of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal

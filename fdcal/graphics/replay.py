@@ -14,8 +14,6 @@ map_data   what the browser needs to compute the cost of moving any microphone, 
            `fdcal.cost.reference_cost` are held; of more than MAX_PRESSURES numbers the highest modes are left out
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -7,8 +7,6 @@ draw        draws; for that child, whose main thread is the only one to use GL
 camera_of   the camera of a snapshot
 """
 
-from __future__ import annotations
-
 import io
 import os
 import pickle

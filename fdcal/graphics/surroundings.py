@@ -3,8 +3,6 @@
 Lengths are metres.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

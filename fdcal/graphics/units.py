@@ -1,7 +1,5 @@
 """Position errors, costs and rows as texts."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..model.measurement import Measurement

@@ -1,7 +1,5 @@
 """The array of a scene: its geometry, and which of its microphones are known."""
 
-from __future__ import annotations
-
 import math
 import typing
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ dimensions the field has a closed form at any point, so nothing is snapped.
 `fdcal.model.geometry` has the geometries alone, before they are checked.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .array_layout import Array

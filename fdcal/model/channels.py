@@ -1,7 +1,5 @@
 """Which microphones take part: some are left out; channels without signal and duplicates are refused by name."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -9,8 +9,6 @@ A declaration is a type. `Annotated[float, within(0, 1, "m")]` adds the range an
 `refused` turns what does not fit into the one line that a user sees: key, value and remedy.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import functools

@@ -10,8 +10,6 @@ minimal   the first microphone is the origin, the second lies on the positive x 
 axes      the centre of the array is the origin, x its longest axis, then y; the sum of cubes is positive on each
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

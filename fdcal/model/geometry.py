@@ -9,8 +9,6 @@ random_source                                           a place in a room, away 
 Coordinates are metres.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

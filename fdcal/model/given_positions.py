@@ -1,7 +1,5 @@
 """Positions that somebody gives: of named microphones, as files hold them, and of those of a measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Checks of a measurement: each returns the value as a read-only array, or raises InputError with key and remedy."""
 
-from __future__ import annotations
-
 import weakref
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Its keys are the fields of `fdcal.model.measurement.Measurement`, and those of the search domain.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a solver sees of a measurement: pressures and known positions, never the true ones; and the power of a mode."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -7,8 +7,6 @@ read_archive    arrays of an .npz file, refused before they are unfolded if they
 shown           a value for a message, cut to a few words
 """
 
-from __future__ import annotations
-
 import json
 import os
 import stat

@@ -1,7 +1,5 @@
 """Scenes as TOML files: those that come with fdcal, and anyone's own; simulated, or a measurement with a title."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ process. Therefore the few arrays of a MATLAB file (versions 5 to 7) that fdcal 
 name and values. Source: MathWorks, MAT-File Format, "Level 5 MAT-File Format".
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import zlib

@@ -3,8 +3,6 @@
 Lengths are metres, frequencies hertz.
 """
 
-from __future__ import annotations
-
 import math
 import typing
 from dataclasses import dataclass

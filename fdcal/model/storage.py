@@ -11,8 +11,6 @@ checksum. FDCAL_CACHE names the folder. It may be deleted at any time; a damaged
 `fdcal.acoustics.measure` keeps recordings and measurements in it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """Lengths and sets of modes as texts: "4.13 mm", "1-9, 12"."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

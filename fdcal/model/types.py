@@ -1,7 +1,5 @@
 """Types of arrays by what they hold; their shapes and units stand in the docstrings, or beside the fields."""
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

@@ -18,8 +18,6 @@ ratio of signal to interference, a the part of the difference that is a shift. I
 a solver finds the actual one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -21,8 +21,6 @@ beyond a segment, about 3.3 / (T d)^2 of the first one. A row must be well above
     d    rate at which the sound decays, nepers per second; 1 / d = T_eq of `fdcal.recordings.frequencies`
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any

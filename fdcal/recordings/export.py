@@ -5,8 +5,6 @@ measurement_of_pyfar                   signals or frequency data of pyfar; needs
 pyfar_coordinates                      positions as coordinates of pyfar
 """
 
-from __future__ import annotations
-
 from os import PathLike
 from pathlib import Path
 from typing import Any

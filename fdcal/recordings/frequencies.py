@@ -19,8 +19,6 @@ Samples 1 / T apart hold all that there is in the band, as those of any response
 response is weak, so T is about 5 T_eq where a room decays evenly, and more where the direct sound is strong.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

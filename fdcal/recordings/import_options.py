@@ -1,7 +1,5 @@
 """The options of an import, each declared once: in Python, on the command line and in the documentation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -6,8 +6,6 @@ import_recording       their measurement, and a report on how it was taken
 measurement_of_takes   the same of recordings that are in memory
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -16,8 +16,6 @@ time as was recorded, at each frequency another time where S is a sweep. So the 
 from what lies outside of it, and not from its end alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

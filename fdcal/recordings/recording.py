@@ -13,8 +13,6 @@ split             a long recording of a source that moves, or of several that ta
 read_samples      samples from one to another; `channel_groups`, `time_blocks`: all of them, a part at a time
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -7,8 +7,6 @@ rings on. So the sound ends where what follows is at no frequency louder than th
     c    s, where the sound may be over; an equally long part after it is compared with the end of the recording
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

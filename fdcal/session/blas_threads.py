@@ -5,8 +5,6 @@ than they save, most of all beside another process. The limit is taken back afte
 changes nothing.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import threading

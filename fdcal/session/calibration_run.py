@@ -3,8 +3,6 @@
 First what is to be calibrated is checked, then the solver runs, then its last state is assessed.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace

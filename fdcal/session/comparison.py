@@ -7,8 +7,6 @@
 Time is processor time of the run's own thread, spent in steps, so that sharing a core makes no run slower.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

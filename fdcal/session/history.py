@@ -5,8 +5,6 @@ may read it. A step can be shorter than its cost takes to compute, so that while
 is left out, and computed when the solver rests.
 """
 
-from __future__ import annotations
-
 import time
 import weakref
 from collections.abc import Callable, Iterable, Sequence

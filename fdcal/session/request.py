@@ -6,8 +6,6 @@ table_of     a scene as the table of its TOML file
 edited       a scene with some keys changed, checked as if it had been read from a file
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -7,8 +7,6 @@ The search domain and the radius R of the expansion scale with the array. If the
 those that are farthest from one another are chosen.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass, replace
 

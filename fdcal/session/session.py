@@ -7,8 +7,6 @@ from any of them. `SolverRun` is what the solver thread does: it carries out com
 at a time; `Session` owns the thread.
 """
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import logging

@@ -6,8 +6,6 @@ the page's controls and the states (`fdcal.session.state_codec`). The second hol
 is a measurement file that `fdcal calibrate` can read. Reading either runs nothing.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json

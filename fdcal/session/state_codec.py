@@ -3,8 +3,6 @@
 Reading runs nothing. `fdcal.session.state_codec` describes the file.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys

@@ -1,7 +1,5 @@
 """A thread that runs only the newest request: for cost maps, pictures and other results that may arrive late."""
 
-from __future__ import annotations
-
 import collections
 import logging
 import threading

@@ -11,8 +11,6 @@ step (`fdcal.acoustics.lattice_dictionary.LatticeDictionary`). In three dimensio
 coarse to fine (`fdcal.cost.lattice`), and the lowest one that was tried counts as the best.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass, replace
 from typing import ClassVar

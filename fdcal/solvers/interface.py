@@ -17,8 +17,6 @@ A chain is used like any solver. Its states are those of its members; step, swee
 a state (`RunState.solver`) says which member continues from it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar

@@ -5,8 +5,6 @@ the search, since no other unknown could take up what a wrong basin leaves; and 
 where learning the power of hundreds of directions takes most of the time. It is two to five times as fast.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import ClassVar
 

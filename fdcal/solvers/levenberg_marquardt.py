@@ -4,8 +4,6 @@ The caller says how unknowns change by a step y of the parameters and how far po
 step serves positions in a subspace (`fdcal.solvers.starts`) and unknowns with bounds (`fdcal.solvers.room`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ check_solvable  what every calibration needs: enough equations, and microphones 
 require_modes   what the solvers that minimise a likelihood need besides
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 

@@ -13,8 +13,6 @@ coherence  In a diffuse field two microphones at a distance r share E[p_i conj(p
            brings in the others where they fit.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

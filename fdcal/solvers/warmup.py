@@ -6,8 +6,6 @@ for some seconds; later runs read the machine code from disk. What is compiled d
 on their sizes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

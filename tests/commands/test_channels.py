@@ -11,6 +11,8 @@ from running import done
 
 from fdcal.model.scene_file import load_scene
 
+pytestmark = pytest.mark.usefixtures("remembered_runs")
+
 COUNT, INVERTED, DEAD = 16, 9, 3
 HEALTHY = np.setdiff1d(np.arange(COUNT), [INVERTED, DEAD])
 

@@ -26,6 +26,8 @@ from fdcal.graphics.basin_map import PLACE
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
 
+pytestmark = pytest.mark.usefixtures("remembered_runs")
+
 PNG = b"\x89PNG"
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
 import fdcal
 from fdcal.commands.plotting import error_title
 from fdcal.model.texts import format_mm
+
+pytestmark = pytest.mark.usefixtures("remembered_runs")
 
 
 def test_the_title_of_a_snapshot_has_the_errors_that_calibrate_prints():

@@ -14,6 +14,8 @@ from fdcal.model.texts import length_text
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
 
+pytestmark = pytest.mark.usefixtures("remembered_runs")
+
 
 @pytest.fixture(scope="module")
 def inputs():

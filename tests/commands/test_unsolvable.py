@@ -11,6 +11,8 @@ from fields import measured
 from fdcal.commands.cli import main
 from fdcal.model.measurement_file import load_measurement, save_measurement
 
+pytestmark = pytest.mark.usefixtures("remembered_runs")
+
 GRID = np.linspace(-0.5, 0.5, 5)
 TRUTH = np.array([(x, y) for x in GRID for y in GRID]) + [2.6, 2.3]
 TRUTH += np.random.default_rng(0).normal(scale=0.03, size=TRUTH.shape)

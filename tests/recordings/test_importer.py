@@ -35,6 +35,8 @@ from fdcal.recordings.reverberation import estimate_decay
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, measurement_input
 
+pytestmark = pytest.mark.usefixtures("remembered_runs")
+
 BAND = 20.0, 400.0
 
 

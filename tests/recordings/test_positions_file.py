@@ -11,6 +11,8 @@ import fdcal
 from fdcal.commands.cli import main
 from fdcal.recordings.formats.positions import read_positions, read_xml
 
+pytestmark = pytest.mark.usefixtures("remembered_runs")
+
 ACOULAR = """<?xml version="1.0" encoding="utf-8"?>
 <MicArray name="two">
     <pos Name="Point 1" x=" 0.152" y="0.1" z="0" />

@@ -369,16 +369,16 @@ def test_nothing_is_printed_on_the_event_loop(tmp_path):
         url = served.stdout.readline().strip()
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or served.stderr.read()
         port = int(url.rpartition(":")[2])
-        for _ in range(20):  # before the first page
+        for _ in range(5):  # before the first page
             socket.create_connection(("127.0.0.1", port), WAIT).close()
-        for _ in range(50):
+        for _ in range(18):
             with contextlib.suppress(ConnectionClosed), connect(url, "x" * 4000) as client:
                 client.recv(timeout=WAIT)
-        for _ in range(50):
+        for _ in range(18):
             with connect(url) as client, contextlib.suppress(ConnectionClosed):
                 client.send(b"\xc1" * 4000)
                 client.send(msgspec.msgpack.encode({**CAMERA, "wxyz": ["\n" * 4000]}))
-                for _ in range(20):
+                for _ in range(3):
                     client.recv(timeout=WAIT)
         assert is_served(SimpleNamespace(get_port=lambda: port))
         served.send_signal(signal.SIGINT)

@@ -22,7 +22,7 @@ def test_a_session_that_was_replaced_is_released(page_of, scene, server, monkeyp
     messages, sizes = server._websock_server._broadcast_buffer.message_from_id, []
     gc.disable()
     try:
-        for n in range(4):
+        for n in range(3):
             old, viewer = weakref.ref(page.viewer), page.viewer
             page.open(OpenRequest(scene, start_seed=n))
             turn_until(lambda viewer=viewer: page.viewer is not viewer)
@@ -65,5 +65,5 @@ def turn_until_ready(page):
 
 @pytest.mark.slow
 def test_the_memory_of_a_server_does_not_grow_by_scene_switches():
-    seen = soak(12, ["tiny"], settle_time=4.0)
+    seen = soak(8, ["tiny"], settle_time=3.0)
     assert seen.end - seen.start <= MAX_GROWTH and seen.threads_left <= 0 and not seen.errors

@@ -1,7 +1,5 @@
 """File formats: the modules here have `FORMATS`, which they read or write. To add one, add a module."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from collections.abc import Callable

@@ -9,8 +9,6 @@ S. Koyama, T. Nishida, K. Kimura, T. Abe, N. Ueno, J. Brunnström, "MeshRIR: A d
 meshed grid points for evaluating sound field analysis and synthesis methods", WASPAA 2021.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

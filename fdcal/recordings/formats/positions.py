@@ -6,8 +6,6 @@
 .json    one object with the frame and a list of microphones
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -4,8 +4,6 @@ It has no channels of its own: those of an array are rendered at given positions
 between the microphones is modelled (`fdcal.acoustics.plane_waves`).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -7,8 +7,6 @@ receiver that recorded the same source; sources are counted in the order of the 
 receivers, in the order of the microphones, whose names are not kept.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import warnings

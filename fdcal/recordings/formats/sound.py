@@ -4,8 +4,6 @@
 .h5, .hdf5         of Acoular: `time_data` (T, N) with the attribute `sample_freq`, Hz
 """
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What would improve a calibration, with numbers: one more microphone, a tape measure, less noise, another size."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 The fields are of sources in a rectangular room, or drawn from a diffuse field.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 

@@ -3,8 +3,6 @@
 Lengths are metres in JSON, millimetres in words.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

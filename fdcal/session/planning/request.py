@@ -3,8 +3,6 @@
 The array comes from a table, a geometry of Acoular, a scene, or words such as "circle 16 0.2".
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal

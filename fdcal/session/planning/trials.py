@@ -1,7 +1,5 @@
 """Simulated calibrations of a plan: random sources, noise and gains, and the real solver."""
 
-from __future__ import annotations
-
 import functools
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Which code computed a row of a study: the version of fdcal, a hash of its sources, the commit where there is one."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

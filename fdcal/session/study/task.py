@@ -1,7 +1,5 @@
 """One calibration of a study, as a row of its table."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Sequence

@@ -17,8 +17,6 @@ Pseudo-Inverses and Nonlinear Least Squares Problems Whose Variables Separate", 
 A delay d_n of a channel is taken off c tau_tn. One take does not tell it from the position of the microphone.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 

@@ -12,8 +12,6 @@ A lattice of poses is searched with the lowest modes of a few microphones, and t
 frequencies. The noise counts as larger by what a pose may be away from the right one: so wide are the basins then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

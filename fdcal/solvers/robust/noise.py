@@ -1,7 +1,5 @@
 """What is estimated beside positions and gains: noise, power, directions, spreads of the priors, and evidence."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -10,8 +10,6 @@ delay of more than a period, where that explains it much better; smaller ones, a
 (`noise.with_filters`).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -17,8 +17,6 @@ place the array as a whole. A given position that is wrong, a wrong sound speed 
 S large.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

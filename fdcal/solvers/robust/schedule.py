@@ -8,8 +8,6 @@ final (rounds)                                    from the likeliest optimum, th
 What follows which stage, and on what condition, stands in one table at the end, `TRANSITIONS`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -8,8 +8,6 @@
 The likelihood: `fdcal.cost.likelihood`. What a stage minimises: `objective`. What follows a stage: `schedule`.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -10,8 +10,6 @@ field suite shows (482 cases, or those of the families that the number serves). 
   STAGES.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 

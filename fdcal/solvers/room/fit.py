@@ -10,8 +10,6 @@ theta   all unknowns in one array: positions (N D) and, of the exact model, sour
         admittance (2) and, if the size of the room is unknown, its relative changes of length (D)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -11,8 +11,6 @@ Pressures (M, N) have unit RMS in each mode, the noise (M,) is a fraction of the
 positions (N, D), points (C, D) and lengths of the room are in metres.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

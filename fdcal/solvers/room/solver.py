@@ -17,8 +17,6 @@
 microphones only select one of the symmetries of the room; without them the array is put into the corner at the origin.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 

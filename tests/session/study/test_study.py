@@ -16,8 +16,8 @@ import fdcal
 from fdcal.assessment.study_statistics import judged, selected, share_grid
 from fdcal.graphics.study_report import write_report
 from fdcal.model.validation import InputError, StorageError
+from fdcal.session.study import cluster, task
 from fdcal.session.study import results as table_of_study
-from fdcal.session.study import task
 from fdcal.session.study.cluster import connected, run_study
 from fdcal.session.study.definition import CodeVersion, Study, code_version, load_study, scene_at, source_hash
 from fdcal.session.study.results import PARTS, Results, read_results
@@ -29,6 +29,8 @@ draws = {draws}
 [axes]
 snr_db = [20, 40]
 "solver.modes" = [12, 20]
+[fixed]
+"solver.name" = "joint"
 [drawn]
 source = true
 least_distance = 0.2
@@ -258,7 +260,8 @@ def test_a_full_disk_is_a_storage_error_and_leaves_no_part(file, tmp_path, monke
     assert not list((tmp_path / "out").glob(PARTS))
 
 
-def test_a_scheduler_that_is_not_there(free_port):
+def test_a_scheduler_that_is_not_there(free_port, monkeypatch):
+    monkeypatch.setattr(cluster, "PACE", cluster.Pace(connect_seconds=0.2))
     with (
         pytest.raises(InputError, match="no scheduler answers"),
         connected(1, f"tcp://127.0.0.1:{free_port}"),
@@ -278,7 +281,7 @@ def free_port():
 
 def test_a_killed_worker_costs_no_row(tmp_path):
     path = tmp_path / "study.toml"
-    path.write_text(TEXT.format(draws=5))
+    path.write_text(TEXT.format(draws=3))
     study, notes = load_study(path), []
     results = Results(tmp_path / "out", study, False)
     with connected(2, None) as client:
