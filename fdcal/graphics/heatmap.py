@@ -77,9 +77,9 @@ def cost_floor(
 
     `cost` (ny, nx) float64, row 0 at low y; `log`: whether the scale is logarithmic, over DECADES decades at most;
     linear if no cost is positive; `label`: name and unit of the cost; `minima`: to be marked, only the lowest cost
-    unless given; `relief`: whether the map has heights, which rise with its colours, and is shaded; `relief_height`: of the highest
-    cost, of the longer side of the search domain; `height`: of the map, metres; `decibels`: whether the numbers of a
-    logarithmic scale are decibels re 1.
+    unless given; `relief`: whether the map has heights, which rise with its colours, and is shaded; `relief_height`: of
+    the highest cost, of the longer side of the search domain; `height`: of the map, metres; `decibels`: whether the
+    numbers of a logarithmic scale are decibels re 1.
     """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)

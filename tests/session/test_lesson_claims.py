@@ -62,7 +62,7 @@ def test_one_mode_has_many_minima(square, lesson_text):
 
 def test_one_mode_alone_leaves_a_valley(square):
     """Its dark cells span the map: one number does not fix two coordinates."""
-    _, _, _, maps, fine, truth, _ = square
+    _, _, _, maps, fine, _, _ = square
     assert minima_of(maps[1], fine).count == 1
     rows, columns = np.nonzero(maps[1] < maps[1].min() + 0.01 * np.ptp(maps[1]))
     assert np.ptp(rows) + 1 == maps[1].shape[0] and fine.step * (np.ptp(columns) + 1) == pytest.approx(0.15, abs=0.005)

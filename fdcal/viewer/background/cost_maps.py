@@ -16,9 +16,18 @@ from dataclasses import replace
 import numpy as np
 
 from ...cost.basins import Basins, basins_of
-from ...cost.maps import VOLUME_NEGLIGIBLE, CostVolume, cost_maps, cost_volume, map_minima, minima_of, mode_shape
+from ...cost.maps import (
+    VOLUME_NEGLIGIBLE,
+    CostVolume,
+    cost_maps,
+    cost_volume,
+    map_minima,
+    minima_of,
+    mode_shape,
+    refined,
+)
 from ...cost.reference_cost import ORDER_OFFSET
-from ...cost.scale import Minima
+from ...cost.scale import FEW_MODES, Minima
 from ...graphics.basin_map import basin_slice, descent_text
 from ...graphics.heatmap import field_floor
 from ...graphics.surroundings import z_range_of
@@ -214,11 +223,12 @@ class CostMapWorker:
             return self._volumes.coarse(request)
         if request.style.shape:
             return self._compute_shape(request)
-        run, search = self._run, self._search()
-        key = (request.revision, request.microphone, request.modes, request.order_offset)
+        run, search, few = self._run, self._search(), len(request.modes) <= FEW_MODES
+        search = refined(search) if few and request.style.basins else search  # no basins of false minima
+        key = (request.revision, request.microphone, request.modes, request.order_offset, search)
         if self._costs.get("fast", (None,))[0] != key:
             n, modes = request.microphone, request.modes
-            maps = cost_maps(run.problem, run.solver, request.state, n, modes, request.order_offset)
+            maps = cost_maps(run.problem, run.solver, request.state, n, modes, request.order_offset, search)
             shown = shown_modes(len(modes))
             panels = ModePanels(tuple(modes[i] for i in shown), maps[shown], maps.sum(axis=0), search)
             found = map_minima(
