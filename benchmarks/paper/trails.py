@@ -14,7 +14,7 @@ import numpy as np
 
 from fdcal.model.problem import Problem
 from fdcal.model.settings import SolverSettings
-from fdcal.model.storage import cached_arrays
+from fdcal.model.storage import cache_key, load_or_make
 from fdcal.session.study.definition import code_version
 from fdcal.solvers import load
 
@@ -60,8 +60,13 @@ def trail(
     ignores = load(settings.name).TRAITS.ignores
     relevant = {key: value for key, value in relevant.items() if key == "name" or not ignores(key)}
     parts = [seen, search, relevant, seed, start, code_version().source]
+
+    def make() -> dict[str, np.ndarray]:
+        return asdict(_computed(problem, settings, seed, progress, positions))
+
+    name = f"{cache_key('trail', *parts)}.npz"
     return Trail(
-        **cached_arrays("trail", parts, lambda: asdict(_computed(problem, settings, seed, progress, positions)))
+        **load_or_make(name, make, lambda file: dict(np.load(file)), lambda file, table: np.savez(file, **table))
     )
 
 

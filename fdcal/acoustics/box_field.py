@@ -29,8 +29,8 @@ import numpy as np
 from ..model.problem import mode_power
 from ..model.room import Room, Source
 from ..model.settings import Sensing
-from ..model.validation import LIMITS, InputError
-from .spectrum import SPECTRUM, ModalPressures, pick_peaks, wavenumber_continuous
+from ..model.validation import LIMITS, InputError, refusal
+from .spectrum import SPECTRUM, ModalPressures, pick_peaks, require_duration, wavenumber_continuous
 
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
 ROUGH = 10.0  # likewise, for finding the peaks alone
@@ -43,14 +43,11 @@ MAX_STEPS = 100
 
 
 def modal_pressures(room: Room, source: Source, positions, sensing: Sensing, progress=None) -> ModalPressures:
-    """Return the pressures of a source of flat spectrum at the peaks of their mean power.
+    """Return the pressures, 1/m, of a source of flat spectrum at the peaks of their mean power, at (N, 3) metres.
 
-    `room`: with three lengths; `source`: its `duration` sets the decay rate, s = 12 / duration, as for a recording of
-    that length; `positions` (N, 3) float64, metres; `sensing`: band and peak picking; `progress`: called with the
-    fraction that is done. Returns pressures in 1/m. Raises InputError if lines would overlap, if there is no peak, or
-    for a microphone too close to the source.
+    The decay rate is s = 12 / duration of the source, as for a recording of that length.
     """
-    require_resolved(source, sensing)
+    require_duration(source.duration, sensing.resolution, LINE_WIDTH)
     s, c = SPECTRUM.decay / source.duration, room.sound_speed
     step = LINE_WIDTH / source.duration / POINTS
     grid = sensing.lowest + step * np.arange(math.ceil((sensing.highest - sensing.lowest) / step) + 1)
@@ -67,40 +64,23 @@ def modal_pressures(room: Room, source: Source, positions, sensing: Sensing, pro
     return ModalPressures(frequencies, wavenumbers, pressures, np.stack([grid, power]))
 
 
-def require_resolved(source: Source, sensing: Sensing) -> None:
-    """Raise InputError unless the duration resolves lines `measurement.resolution` apart."""
-    if source.duration * sensing.resolution < LINE_WIDTH * (1 - 1e-9):
-        raise InputError(
-            f"source.duration = {source.duration:g} s is too short for measurement.resolution ="
-            f" {sensing.resolution:g} Hz",
-            f"use at least {math.ceil(LINE_WIDTH / sensing.resolution * 100) / 100:g} s, or a resolution of"
-            f" {math.ceil(LINE_WIDTH / source.duration * 100) / 100:g} Hz",
-            key="source.duration",
-            value=source.duration,
-        )
-
-
 def require_affordable(source: Source, sensing: Sensing, microphones: int) -> None:
-    """Raise InputError for a spectrum with more values than can be computed in a reasonable time."""
+    """Raise InputError for a duration that does not resolve the lines, or a spectrum of too many values."""
+    require_duration(source.duration, sensing.resolution, LINE_WIDTH)
     band = sensing.highest - sensing.lowest
     values = microphones * band * source.duration * POINTS / LINE_WIDTH
     if values > LIMITS.field_values:
         most = LIMITS.field_values * LINE_WIDTH / POINTS / microphones / band
-        problem = (
-            f"source.duration = {source.duration:g} s resolves {values:.3g} values of the spectrum from"
-            f" {sensing.lowest:g} Hz to {sensing.highest:g} Hz at {microphones} microphones"
-        )
+        why = f"resolves {values:.3g} values of the spectrum from {sensing.lowest:g} Hz to {sensing.highest:g} Hz at"
         remedy = f"use at most {most:.3g} s, a narrower band or fewer microphones"
-        raise InputError(problem, remedy, key="source.duration", value=source.duration)
+        raise refusal("source.duration", source.duration, f"{why} {microphones} microphones", remedy, "s")
 
 
 def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: float = EXACT) -> np.ndarray:
-    """Return the pressures of a point source of unit strength: p -> 1 / (4 pi d) at a small distance d.
+    """Return the pressures of a point source of unit strength, 1 / (4 pi d) at a small distance d : (M, N), 1/m.
 
-    `room`: with three lengths; `source` (3,) float64, metres; `positions` (N, 3) float64, metres; `wavenumbers` (M,)
-    complex128 k, rad/m, each with an imaginary part below zero unless the walls absorb; `nepers`: by how much the
-    omitted terms have decayed. Returns (M, N) complex128, 1/m. Raises InputError for a microphone so close to the
-    source that too many terms are needed.
+    `source` (3,), `positions` (N, 3), metres; `wavenumbers` (M,) rad/m, with an imaginary part below zero unless the
+    walls absorb; `nepers`: by how much the omitted terms have decayed. InputError for a microphone at the source.
     """
     positions, source = np.asarray(positions, float), np.asarray(source, float)
     k = np.asarray(wavenumbers, complex)
@@ -153,8 +133,7 @@ def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndar
 def _eigenfunctions(room: Room, length: float, k, x, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return kappa (B, count), rad/m, and the eigenfunctions, of unit mean square integral, at x : (B, count, len(x)).
 
-    B is 1 where the walls do not depend on the wavenumber, otherwise len(k). About the middle of the axis the
-    eigenfunctions are alternately cosines and sines.
+    B is len(k) for absorbing walls, else 1. About the middle the eigenfunctions are alternately cosines and sines.
     """
     n = np.arange(count)
     kappa = ((n + (room.walls == "pressure-release")) * np.pi / length)[None]

@@ -41,20 +41,9 @@ RADIUS_SEARCH = CoherenceRules()
 
 
 def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int) -> float | None:
-    """Return the radius of the disc or ball that is as coherent as an array.
+    """Return the radius, metres, of the disc or ball that is as coherent as an array; None where that is unknown.
 
-    `pressures` (M, N) complex128, any unit, any gains; `wavenumbers` (M,) float64 or complex128 k, rad/m; `dimension`:
-    2 or 3, of the sound field. Returns metres; None where the frequencies are too few, or all too high, to tell.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(0)
-    >>> x, k = rng.uniform(-0.3, 0.3, (40, 2)), np.linspace(1, 12, 60)
-    >>> directions = rng.uniform(0, 2 * np.pi, 200)
-    >>> waves = np.exp(1j * x @ np.stack([np.cos(directions), np.sin(directions)]))
-    >>> p = [waves**one @ (rng.normal(size=200) + 1j * rng.normal(size=200)) for one in k]
-    >>> 0.2 < array_radius(np.array(p), k, 2) < 0.5
-    True
+    `pressures` (M, N), any unit, any gains; `wavenumbers` (M,) rad/m, too few or all too high where it is unknown.
     """
     from scipy.special import j1, spherical_jn
 
@@ -82,37 +71,20 @@ SINGLE_WAVE = "the pressures are those of a single wave that passes the array: t
 SINGLE_WAVE_REMEDY = "record in a room with echoes; without them arrival times give the positions"
 
 
-@dataclass(frozen=True)
-class SingleWaveRules:
-    """When a field counts as a single wave."""
-
-    # power of the mean pressure over the mean power, below which the phases spread over the array
-    coherent: float = 0.5
-    frequencies: int = 5  # fewest such frequencies
-    variance: float = 0.06  # of the power over the microphones, their median; of a room's field it is 0.2 and more
-
-
-SINGLE_WAVE_RULES = SingleWaveRules()
+COHERENT = 0.5  # power of the mean pressure over the mean power, below which the phases spread over the array
+MIN_SPREAD = 5  # fewest frequencies at which they do
+SINGLE_VARIANCE = 0.06  # largest median variance of the power over the microphones; of a room's field it is 0.2
 
 
 def is_single_wave(pressures: Complexes) -> bool:
-    """Return whether one wave alone explains the pressures.
-
-    `pressures` (M, N) complex128.
-
-    Examples
-    --------
-    >>> x, k = np.random.default_rng(0).uniform(size=(20, 2)), np.linspace(1, 8, 30)
-    >>> is_single_wave(np.exp(-1j * k[:, None] * x[:, 0])), is_single_wave(np.cos(k[:, None] * x[:, 0]))
-    (True, False)
-    """
+    """Return whether one wave alone explains the pressures (M, N)."""
     p = np.asarray(pressures)
     p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1))[:, None]
     own = np.mean(np.abs(p) ** 2, axis=0)
     p = p / np.sqrt(np.maximum(own, 1e-12 * own.max()))
     mean = np.mean(np.abs(p) ** 2, axis=1)
-    spread = np.abs(p.mean(axis=1)) ** 2 < SINGLE_WAVE_RULES.coherent * mean
-    if np.sum(spread) < SINGLE_WAVE_RULES.frequencies:
+    spread = np.abs(p.mean(axis=1)) ** 2 < COHERENT * mean
+    if np.sum(spread) < MIN_SPREAD:
         return False
     power = np.abs(p[spread]) ** 2 / mean[spread, None]
-    return bool(np.median(np.var(power, axis=1)) < SINGLE_WAVE_RULES.variance)
+    return bool(np.median(np.var(power, axis=1)) < SINGLE_VARIANCE)

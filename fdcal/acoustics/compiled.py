@@ -36,9 +36,7 @@ def _compiler() -> Callable[..., Any]:
 def compiled(function: Callable[P, Found], **options: Any) -> Callable[P, Found]:
     """Decorate a function to be compiled at its first call with arguments of each type, and cached on disk.
 
-    It runs without the interpreter's lock. A read-only array is of another type than a writable one.
-
-    `function`: of numbers and arrays, in the subset of Python that numba compiles; `options`: of `numba.njit`.
+    It runs without the interpreter's lock; `options`: of `numba.njit`. A read-only array has a type of its own.
     """
     options = {"nogil": True, "error_model": "numpy", **options}
     try:
@@ -70,8 +68,7 @@ def shut_down_threads() -> None:
 def parallel_map(function: Callable[[Item], Found], items: Iterable[Item], worth: bool = True) -> Iterator[Found]:
     """Return an iterator over the values of a function for all items, in their order, computed on all cores.
 
-    `function`: it must not call `parallel_map` itself, which would deadlock; `worth`: false for so little work that one
-    core is faster.
+    The function must not call `parallel_map`: a deadlock. `worth`: false for so little work that one core is faster.
     """
     items = list(items)
     try:

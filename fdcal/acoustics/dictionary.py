@@ -29,11 +29,9 @@ NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in o
 
 
 def max_order(wavenumbers: Numbers | complex, radius: float, offset: int = 0) -> np.ndarray:
-    """Return the order L = ceil(k R) + offset of the expansion (Eq. 3).
+    """Return the order L = ceil(Re(k) R) + offset of the expansion (Eq. 3); k in rad/m, R in metres.
 
-    `wavenumbers` (M,) or scalar, float64 or complex128 k, rad/m; of a complex one the real part is used; `radius`: R,
-    metres; `offset`: added to the paper's rule. 0 is the paper's; its truncation error exceeds the effect of a
-    centimetre in the low modes, which 2 avoids. Returns (M,) or scalar int64.
+    The truncation error of the paper's, 0, exceeds the effect of a centimetre in the low modes, which 2 avoids.
     """
     return np.ceil(np.real(wavenumbers) * radius).astype(np.int64) + offset
 
@@ -44,9 +42,8 @@ def f_max(count: int, radius: float, sound_speed: float, dimension: int = 2, pla
     It is that of the order L = k R at which the functions are as many as the microphones: 2 L + 1 = N in a plane,
     that is f_max = (N - 1) c / (4 pi R); (L + 1)^2 = N in space; (L + 1)(L + 2) / 2 = N for a plane in space.
 
-    `count`: N, number of microphones; `radius`: R of the array, metres; `sound_speed`: c, m/s; `dimension`: 2 or 3, of
-    the sound field; `planar`: whether the microphones lie in a plane of a field of three dimensions. Returns Hz;
-    infinite for a radius below 1 nm, as of microphones that all start in one place.
+    `count`: N; `radius`: R, metres; `sound_speed`: c, m/s. Infinite for a radius below 1 nm, as of microphones that all
+    start in one place. Returns Hz.
     """
     if radius < NO_EXTENT:
         return float("inf")
@@ -58,26 +55,14 @@ def f_max(count: int, radius: float, sound_speed: float, dimension: int = 2, pla
 
 
 def array_f_max(positions: Reals, sound_speed: float, dimension: int) -> float:
-    """Return `f_max` of an array, R being its largest distance from the centre of mass.
-
-    `positions` (N, D) float64, metres; `sound_speed`: c, m/s; `dimension`: 2 or 3, of the sound field.
-    """
+    """Return `f_max`, Hz, of an array (N, D), metres, R being its largest distance from the centre of mass."""
     positions = np.asarray(positions, float)
     radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
     return f_max(len(positions), radius, sound_speed, dimension, positions.shape[1] < dimension)
 
 
 def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centre: ArrayLike) -> np.ndarray:
-    """Return the dictionary W[n, l] = J_l(k r_n) exp(j l theta_n), l = -L..L (Eq. 4).
-
-    `positions` (N, 2) float64, metres; `wavenumber`: float or complex k, rad/m; `order`: L; `centre` (2,) float64,
-    origin of r and theta, metres. Returns (N, 2L + 1) complex128.
-
-    Examples
-    --------
-    >>> np.abs(fourier_bessel(np.zeros((1, 2)), 1.0, 1, (0.0, 0.0)))
-    array([[0., 1., 0.]])
-    """
+    """Return W[n, l] = J_l(k r_n) exp(j l theta_n), l = -L..L (Eq. 4), of (N, 2) metres : (N, 2L + 1) complex128."""
     offsets = np.asarray(positions) - np.asarray(centre)
     r = np.hypot(offsets[:, 0], offsets[:, 1])
     theta = np.arctan2(offsets[:, 1], offsets[:, 0])
@@ -95,10 +80,7 @@ def join_orders(J: np.ndarray, phase: np.ndarray) -> np.ndarray:
 
 @functools.lru_cache(maxsize=256)
 def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Return degree l and order m of every column of W, l ascending, then m.
-
-    `order`: L; `planar`: only the columns with l + m even. Returns two (K,) int64 arrays, read-only.
-    """
+    """Return degree l and order m, each (K,), of every column of W; `planar`: only the columns with l + m even."""
     l = np.repeat(np.arange(order + 1), 2 * np.arange(order + 1) + 1)  # noqa: E741
     m = np.arange(len(l)) - l * (l + 1)
     kept = (l + m) % 2 == 0 if planar else slice(None)
@@ -109,16 +91,9 @@ def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
 
 
 def spherical_bessel(positions: Reals, wavenumber: complex, order: int, centre: ArrayLike) -> np.ndarray:
-    """Return the dictionary W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n), columns as in `degrees`.
+    """Return W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n) : (N, K) complex128, columns as in `degrees`.
 
-    `positions` (N, 3) or (N, 2) float64, metres; (N, 2) in a plane through `centre`; `wavenumber`: float or complex k,
-    rad/m; `order`: L; `centre` (3,) or (2,) float64, origin of r, metres. Returns (N, K) complex128, K = (L + 1)^2, or
-    (L + 1)(L + 2) / 2 in a plane.
-
-    Examples
-    --------
-    >>> np.abs(spherical_bessel(np.zeros((1, 3)), 1.0, 1, (0.0, 0.0, 0.0)))
-    array([[1., 0., 0., 0.]])
+    `positions` (N, 3), or (N, 2) in a plane through `centre`, metres.
     """
     offsets = np.asarray(positions, float) - np.asarray(centre, float)
     l, m = degrees(order, offsets.shape[1] == 2)  # noqa: E741
@@ -132,11 +107,6 @@ def spherical_bessel(positions: Reals, wavenumber: complex, order: int, centre: 
 
 
 def dictionary(points: Reals, wavenumber: complex, order: int, centre: ArrayLike, dimension: int) -> np.ndarray:
-    """Return the rows of W at some points.
-
-    `points` (C, D) float64, metres; in a field of three dimensions D = 2 means a plane through `centre`; `wavenumber`:
-    k, rad/m, real or complex; `order`: L; `centre` (D,) float64, metres; `dimension`: 2 for `fourier_bessel` (Eq. 4), 3
-    for `spherical_bessel`. Returns (C, K) complex128.
-    """
+    """Return the rows of W at points (C, D), metres, in a field of 2 or 3 dimensions : (C, K) complex128."""
     functions = fourier_bessel if dimension == 2 else spherical_bessel
     return functions(np.asarray(points, float), complex(wavenumber), order, centre)

@@ -27,7 +27,7 @@ import numpy as np
 
 from ..model.geometry import in_polygon
 from ..model.room import Room, Source
-from ..model.validation import InputError
+from ..model.validation import InputError, refusal
 
 if TYPE_CHECKING:
     from .fdtd_kernels import StencilTables
@@ -49,19 +49,15 @@ class Grid:
 
 
 def make_grid(room: Room, sample_rate: float) -> Grid:
-    """Return the coefficients of the scheme.
-
-    `room`: of two dimensions; `sample_rate`: fs, Hz. Raises InputError: above the stability limit, for a room of three
-    dimensions, and as `cell_mask` does.
-    """
+    """Return the coefficients of the scheme; InputError above the stability limit, or for three dimensions."""
     if room.dimension != 2:
         problem = f"room.size = {list(room.size or ())} has three lengths, and the grid has two"
         raise InputError(problem, "compute its field with fdcal.acoustics.box_field", key="room.size", value=room.size)
     courant = room.sound_speed / (sample_rate * room.cell_size)
     if courant > math.sqrt(0.5) * (1 + 1e-12):
         least = math.ceil(math.sqrt(2) * room.sound_speed / room.cell_size)
-        problem = f"source.sample_rate = {sample_rate:g} Hz breaks the CFL limit for room.cell = {room.cell:g} m"
-        raise InputError(problem, f"use at least {least} Hz", key="source.sample_rate", value=sample_rate)
+        why = f"breaks the CFL limit for room.cell = {room.cell:g} m"
+        raise refusal("source.sample_rate", sample_rate, why, f"use at least {least} Hz", "Hz")
     mask = cell_mask(room)
     neighbours = neighbour_sum(mask.astype(float)) * mask
     faces = 4 * mask - neighbours
@@ -74,30 +70,20 @@ def make_grid(room: Room, sample_rate: float) -> Grid:
 
 
 def cell_mask(room: Room) -> np.ndarray:
-    """Return the cells whose centre lies inside the room : (ny, nx) bool array, x along the rows.
+    """Return the cells whose centre lies inside the room : (ny, nx) bool array, x along the rows; one piece."""
+    from scipy.ndimage import label  # takes half a second to load, which reading a cached simulation does not need
 
-    Raises InputError for a wall parallel to an axis that lies on no cell face, an outline left of or below the origin,
-    and a room of no cells or of several pieces.
-    """
     _check_walls(room)
     h = room.cell_size
     nx, ny = (math.ceil(length / h - FACE_TOLERANCE) for length in room.vertices.max(axis=0))
     centres = np.stack(np.meshgrid((np.arange(nx) + 0.5) * h, (np.arange(ny) + 0.5) * h), axis=-1)
     mask = in_polygon(centres, room.vertices)
-    pieces = _count_pieces(mask)
+    _, pieces = label(mask)  # pyright: ignore[reportGeneralTypeIssues, reportAssignmentType]
     if pieces != 1:
         key = "room.size" if room.size else "room.outline"
         what = f"falls into {pieces} pieces" if pieces else "holds no cell centre"
         raise InputError(f"{key} {what} with room.cell = {h:g} m", "use a smaller cell or another outline", key=key)
     return mask
-
-
-def _count_pieces(mask: np.ndarray) -> int:
-    """Return the number of connected pieces."""
-    from scipy.ndimage import label  # takes half a second to load, which reading a cached simulation does not need
-
-    _, pieces = label(mask)  # pyright: ignore[reportGeneralTypeIssues, reportAssignmentType]
-    return int(pieces)
 
 
 def _check_walls(room: Room) -> None:
@@ -123,11 +109,7 @@ def neighbour_sum(p: np.ndarray) -> np.ndarray:
 
 
 def cells_at(grid: Grid, points, cell: float, name: str) -> np.ndarray:
-    """Return row and column of the cells that contain given points.
-
-    `points` (N, 2) float64, metres; `cell`: h, metres; `name`: what messages call the points. Returns (N, 2) int64.
-    Raises InputError for a point outside the room.
-    """
+    """Return row and column (N, 2) of the cells that contain points (N, 2), metres; `name`: what messages call them."""
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     cells = np.floor(points[:, ::-1] / cell + 1e-9).astype(np.int64)
     fits = np.all((cells >= 0) & (cells < grid.mask.shape), axis=1)
@@ -152,8 +134,7 @@ def padded(values: np.ndarray, width: int) -> np.ndarray:
 def stencil_tables(grid: Grid, source, receivers) -> StencilTables:
     """Return the grid as the compiled loops use it, row by row with a border of one cell.
 
-    `source`: its cell, (row, column), and the pulse (P,) float64; `receivers`: their cells (N, 2), and the recordings
-    (N, T) float64 that are written.
+    `source`: its cell, (row, column), and the pulse (P,); `receivers`: their cells (N, 2), and the recordings (N, T).
     """
     from .fdtd_kernels import StencilTables
 
@@ -208,8 +189,6 @@ def pulse(source: Source) -> np.ndarray:
 
     A linear-phase band-pass whose gain falls to zero within `source.low` hertz on either side of the band. The mean,
     small already, is removed exactly: a rigid room would keep it, or it would grow.
-
-    Returns (P,) float64.
     """
     from scipy.signal import firwin, get_window  # takes a second to load, which a cached simulation does not need
 
@@ -224,18 +203,19 @@ def pulse(source: Source) -> np.ndarray:
 
 
 def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progress | None = None) -> np.ndarray:
-    """Return the recordings of the source's pulse at the receivers.
+    """Return the recordings of the source's pulse in the cells of the receivers (N, 2), metres : (N, T), any unit.
 
-    `room`: of two dimensions; `source`: position, band, sampling rate and duration; `receivers` (N, 2) float64, metres;
-    each records the cell that contains it; `progress`: called with the fraction done, some 50 times; an exception that
-    it raises ends the run. Returns (N, T) float64, any unit; T is duration times sample_rate, sample t at time t /
-    sample_rate. Raises InputError if the CFL limit is broken, the source or a receiver is outside the room, or the
-    recording is shorter than the pulse or larger than 4 GB.
+    `progress`: called with the fraction done, some 50 times; an exception that it raises ends the run.
     """
     fs = source.band.sample_rate
     grid = make_grid(room, fs)
-    samples = round(source.duration * fs)
-    _check_length(source, samples, len(receivers))
+    samples, taps = round(source.duration * fs), pulse_length(source)
+    if samples * max(len(receivers), 1) > MOST_SAMPLES:
+        why = "makes recordings of over 4 GB"
+        raise refusal("source.duration", source.duration, why, "use a shorter one", "s")
+    if samples < taps:
+        remedy = f"use at least {math.ceil(1000 * taps / fs) / 1000:g} s, or a higher source.low"
+        raise refusal("source.duration", source.duration, "is shorter than the pulse", remedy, "s")
     signal = pulse(source)
     start = cells_at(grid, [source.place], room.cell_size, "source.position")[0]
     ends = cells_at(grid, receivers, room.cell_size, "microphone")
@@ -245,24 +225,8 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
     return recordings
 
 
-def _check_length(source: Source, samples: int, receivers: int) -> None:
-    """Raise InputError for recordings that are shorter than the pulse, or too long to hold."""
-    duration = f"source.duration = {source.duration:g} s"
-    if samples * max(receivers, 1) > MOST_SAMPLES:
-        problem = f"{duration} makes recordings of over 4 GB"
-        raise InputError(problem, "use a shorter one", key="source.duration", value=source.duration)
-    taps = pulse_length(source)
-    if samples < taps:
-        problem = f"{duration} is shorter than the pulse"
-        remedy = f"use at least {math.ceil(1000 * taps / source.band.sample_rate) / 1000:g} s, or a higher source.low"
-        raise InputError(problem, remedy, key="source.duration", value=source.duration)
-
-
 def advance(grid: Grid, p_old: np.ndarray, p: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the last two fields after `steps` steps without a source.
-
-    `p_old`, `p` (ny, nx) float64, two successive fields, any unit. Returns two (ny, nx) float64 arrays, the newer last.
-    """
+    """Return the last two fields (ny, nx), any unit, the newer last, after `steps` steps without a source."""
     state = np.stack([padded(field * grid.mask, padded_width(grid)) for field in (p, p_old)])
     _run(grid, state, steps, ((0, 0), np.zeros(0)), (np.zeros((0, 2), int), np.zeros((0, 0))), None)
     fields = state[:, 1:-1, 1 : grid.mask.shape[1] + 1]

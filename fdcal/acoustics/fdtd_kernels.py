@@ -173,8 +173,7 @@ class StencilTables(NamedTuple):
 def march(state: np.ndarray, step: int, stop: int, tables: StencilTables) -> None:
     """Advance the grid from `step` to `stop`, with all threads if it is large enough and that is safe.
 
-    `state` (2, rows, width) float64, the fields at even and at odd steps, zero outside the room and in a border of one
-    cell; changed in place.
+    `state` (2, rows, width), the fields at even and at odd steps in a border of zeros, is changed in place.
     """
     rows, flat = state.shape[1] - 2, state.reshape(-1)
     strips = min(numba.get_num_threads(), rows // (2 * BLOCK))

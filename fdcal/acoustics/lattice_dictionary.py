@@ -5,12 +5,14 @@ k, L and the dictionary W are those of `fdcal.acoustics.dictionary`.
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import jv
 
 from ..model.settings import Search
 from ..model.types import Reals
 from ..model.validation import InputError
 from .dictionary import fourier_bessel, join_orders
+from .special_functions import bessel
+
+SPARE_ORDERS = 8  # that the recurrence starts above those in use: exact to rounding
 
 
 class LatticeDictionary:
@@ -19,9 +21,8 @@ class LatticeDictionary:
     Every `centre` below is a point of the lattice. So the offsets of all candidates are multiples of the step, their
     squared lengths are integers, and J_l is needed at a few thousand radii only, once for all centres.
 
-    `wavenumbers` (M,) complex128 k, rad/m; `orders` (M,) int64, L of each mode; `points` (C, 2) float64, candidates,
-    metres, x fastest; `shape`: (ny, nx); `radial` (M, U, Lmax + 1) complex128, J_l at U radii; zero above the order of
-    the mode; `row` (d2max + 1,) int32, row of `radial` for each squared offset in steps, -1 where there is none.
+    `points` (C, 2), candidates, metres, x fastest; `shape`: (ny, nx); `radial` (M, U, Lmax + 1), J_l at U radii, zero
+    above the order of the mode; `row` (d2max + 1,), row of `radial` for each squared offset in steps, else -1.
     """
 
     def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
@@ -42,7 +43,7 @@ class LatticeDictionary:
         radii = search.step * np.sqrt(squared)
         self.radial = np.zeros((len(self.orders), len(radii), int(self.orders.max()) + 1), dtype=complex)
         for table, k, L in zip(self.radial, self.wavenumbers, self.orders, strict=True):
-            table[:, : L + 1] = bessel_orders(k * radii, L)
+            table[:, : L + 1] = bessel(k * radii, int(L) + SPARE_ORDERS)[: L + 1].T
 
     def nearest(self, point: ArrayLike) -> np.ndarray:
         """Return the lattice point nearest to `point` (..., 2), inside the search domain : (..., 2) float64, metres."""
@@ -75,9 +76,8 @@ class LatticeDictionary:
     def microphones(self, positions: Reals, centre: Reals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return exp(j theta) and the row of `radial` of given positions, and W of those that are off the lattice.
 
-        `positions` (N, 2) float64, metres; `centre` (2,) float64, metres. Returns `unit` (N,) complex128, 1 off the
-        lattice; `row` (N,) int32, -1 off the lattice; `others` (M, N_off, 2 Lmax + 1) complex128, W of the microphones
-        that are off the lattice, in their order; zero beyond the order of the mode.
+        `positions` (N, 2), metres. Returns `unit` (N,), 1 off the lattice; `row` (N,), -1 off the lattice; `others`
+        (M, N_off, 2 Lmax + 1), zero beyond the order of the mode.
         """
         steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
         offset = np.rint(steps).astype(np.int64)
@@ -98,11 +98,7 @@ class LatticeDictionary:
         return W
 
     def dictionary(self, positions: Reals, centre: Reals, modes: ArrayLike) -> list[np.ndarray]:
-        """Return W of given positions, on the lattice or off it.
-
-        `positions` (N, 2) float64, metres; `centre` (2,) float64, metres. Returns list of (N, 2L + 1) complex128, one
-        for each of `modes`.
-        """
+        """Return W (N, 2L + 1) of positions (N, 2), metres, on the lattice or off it, for each of `modes`."""
         unit, row, others = self.microphones(np.asarray(positions), centre)
         phase = unit[:, None] ** np.arange(self.radial.shape[2])
         modes = np.asarray(modes)
@@ -114,20 +110,3 @@ class LatticeDictionary:
         for m in modes.tolist() if (row < 0).any() else ():
             W[m][row < 0] = others[m, :, : 2 * self.orders[m] + 1]
         return [W[m] for m in modes.tolist()]
-
-
-def bessel_orders(z: np.ndarray, order: int) -> np.ndarray:
-    """Return J_0..J_L, by the downward recurrence from the two highest orders.
-
-    The recurrence J_{l-1} = (2 l / z) J_l - J_{l+1} is stable downwards, so that two library calls serve all orders.
-
-    `z` (U,) float64 or complex128; `order`: L. Returns (U, L + 1) complex128.
-    """
-    z = np.asarray(z, dtype=complex)
-    J = np.zeros((len(z), order + 2), dtype=complex)
-    J[:, order], J[:, order + 1] = jv(order, z), jv(order + 1, z)
-    tiny = np.abs(z) < 1e-3 * (order + 1)  # the highest orders may underflow there
-    for l in range(order, 0, -1):  # noqa: E741
-        J[~tiny, l - 1] = 2 * l / z[~tiny] * J[~tiny, l] - J[~tiny, l + 1]
-    J[tiny] = jv(np.arange(order + 2), z[tiny, None])
-    return J[:, : order + 1]

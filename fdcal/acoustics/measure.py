@@ -1,10 +1,4 @@
-"""Measure a scene: simulate its room, pick the modes and compute the pressures at its microphones, with noise.
-
-measure                   what the microphones of a scene measure
-cached_recordings         the recordings of its simulation, from the disk cache if they are there
-cached_measurement        its measurement, likewise
-load_cached_measurement   the same, only if it is in the cache
-"""
+"""Measure a scene: simulate its room, pick the modes and compute the pressures at its microphones, with noise."""
 
 from __future__ import annotations
 
@@ -22,7 +16,7 @@ from ..model.problem import mode_power
 from ..model.room import response_digest, response_path
 from ..model.scene import Scene
 from ..model.scene_file import MeasuredScene
-from ..model.sdm_response import SdmResponse, load_sdm_response
+from ..model.sdm_response import load_sdm_response
 from ..model.settings import DEAD_FRACTION, Faults
 from ..model.storage import cache_key, load_cached, load_or_make
 from ..model.validation import InputError
@@ -32,37 +26,27 @@ if TYPE_CHECKING:  # loads the signal library, which reading a measurement does 
 
 
 def require_measurable(scene: Scene) -> None:
-    """Check what can be checked without simulating: the duration of the recording and the band.
-
-    Raises InputError for a recording that is too short, or a band that is too high; StorageError: the response of a
-    measured room cannot be read.
-    """
+    """Check what can be checked without simulating: the duration of the recording and the band."""
     if scene.room.response is not None:
         from .plane_waves import require_rendered
 
-        require_rendered(_response(scene.room.response), scene.measurement)
-        return
-    source, sensing = scene.emitter, scene.measurement
-    if scene.room.dimension == 3:
-        from .box_field import require_affordable, require_resolved
+        require_rendered(load_sdm_response(response_path(scene.room.response)), scene.measurement)
+    elif scene.room.dimension == 3:
+        from .box_field import require_affordable
 
-        require_resolved(source, sensing)
-        require_affordable(source, sensing, scene.array.number)
-        return
-    from .spectrum import check_band
+        require_affordable(scene.emitter, scene.measurement, scene.array.number)
+    else:
+        from .spectrum import check_band
 
-    check_band(source.duration, source.band.sample_rate, sensing.highest, sensing.resolution)
+        source, sensing = scene.emitter, scene.measurement
+        check_band(source.duration, source.band.sample_rate, sensing.highest, sensing.resolution)
 
 
 def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> Measurement:
     """Return what the microphones of a scene measure: complex pressures of the modes, with noise.
 
-    `recordings` (N, T) float64, as `fdcal.acoustics.fdtd.simulate` returns them; simulated unless given. A room of
-    three dimensions has none, since its field has a closed form (`fdcal.acoustics.box_field`); `progress`: called with
-    the fraction of the simulation that is done. Returns all modes that were picked, the true positions, the known
-    microphones and the search domain. Its wavenumbers are complex where the room rings (see
-    `fdcal.acoustics.spectrum`). `noise_power` is zero without noise. Raises InputError for anything that the scene does
-    not allow.
+    `recordings` (N, T): simulated unless given; a room of three dimensions has none. `progress`: called with the
+    fraction that is done. The wavenumbers are complex where the room rings (see `fdcal.acoustics.spectrum`).
     """
     takes = each_take(scene, progress)
     if recordings is not None and len(takes) > 1:
@@ -90,8 +74,16 @@ def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=Non
     that many measurements may share it.
     """
     require_measurable(scene)
-    if scene.room.dimension == 3:
-        return _in_closed_form(scene, progress)
+    room, sensing = scene.room, scene.measurement
+    if room.response is not None:
+        from . import plane_waves
+
+        response = load_sdm_response(response_path(room.response))
+        return plane_waves.modal_pressures(response, positions_3d(scene), sensing, room.sound_speed, progress)
+    if room.dimension == 3:
+        from .box_field import modal_pressures
+
+        return modal_pressures(room, scene.emitter, positions_3d(scene), sensing, progress)
     return _from_recordings(scene, positions_of(scene), recordings, progress)
 
 
@@ -139,24 +131,6 @@ def _with_faults(scene: Scene, pressures: np.ndarray, take: int) -> np.ndarray:
     return faulty
 
 
-def _in_closed_form(scene: Scene, progress) -> ModalPressures:
-    """Return the pressures in a room of three dimensions, measured or a box."""
-    if scene.room.response is not None:
-        from . import plane_waves
-
-        response = _response(scene.room.response)
-        return plane_waves.modal_pressures(
-            response, positions_3d(scene), scene.measurement, scene.room.sound_speed, progress
-        )
-    from .box_field import modal_pressures
-
-    return modal_pressures(scene.room, scene.emitter, positions_3d(scene), scene.measurement, progress)
-
-
-def _response(text: str) -> SdmResponse:
-    return load_sdm_response(response_path(text))
-
-
 def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPressures:
     """Return the pressures at the modes of recordings, which are simulated unless given."""
     from . import spectrum
@@ -178,11 +152,7 @@ def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPres
 
 
 def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
-    """Return what the scene's microphones record: from the cache, or simulated and stored there.
-
-    `scene`: of two dimensions, with one place of the source; `progress`: called with the fraction that is done. Returns
-    (N, T) float64. Raises InputError: as `fdcal.acoustics.fdtd.simulate` does.
-    """
+    """Return what the microphones of a scene of two dimensions with one place of the source record : (N, T), cached."""
     positions = positions_of(scene)
     key = cache_key("recordings", dataclasses.asdict(scene.room), scene.emitter.table(), positions.tolist())
 
@@ -195,12 +165,7 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
 
 
 def cached_measurement(scene: Scene, progress=None) -> Measurement:
-    """Return what `measure` returns for the scene: from the cache, or computed and stored there.
-
-    That of a measured scene is read from its file.
-
-    `progress`: called with the fraction that is done. Raises InputError: as `measure` does.
-    """
+    """Return what `measure` returns for the scene, cached; that of a measured scene is read from its file."""
     if isinstance(scene, MeasuredScene):
         return _recorded(scene)
     require_measurable(scene)

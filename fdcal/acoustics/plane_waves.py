@@ -19,7 +19,7 @@ import numpy as np
 from ..model.problem import mode_power
 from ..model.sdm_response import SdmResponse
 from ..model.settings import Sensing
-from ..model.validation import InputError
+from ..model.validation import refusal
 from .spectrum import ModalPressures, fast_length, pick_peaks, rfft, wavenumber_continuous
 
 TAPS = 8  # samples that one wave is spread over by the interpolation between samples
@@ -30,18 +30,7 @@ POINTS = 6  # points of the spectrum per 1 / duration
 def plane_wave_pressures(
     response: SdmResponse, positions, frequencies, sound_speed: float, progress=None
 ) -> np.ndarray:
-    """Return the pressures of a field of plane waves.
-
-    `positions` (N, 3) float64, relative to the origin of the response, metres; `frequencies` (M,) float64 f, Hz.;
-    `sound_speed`: c, m/s; `progress`: called with the fraction that is done. Returns (M, N) complex128, in the unit of
-    the amplitudes.
-
-    Examples
-    --------
-    >>> wave = SdmResponse(np.ones(1), np.array([[1.0, 0.0, 0.0]]), np.zeros(1), 48000.0)
-    >>> plane_wave_pressures(wave, [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]], [343.0], 343.0).round(12).real
-    array([[ 1., -1.]])
-    """
+    """Return the pressures of plane waves at (N, 3), metres from the origin of the response : (M, N) complex128."""
     lead = response.directions @ np.asarray(positions, float).T / sound_speed  # (T, N) s earlier than at the origin
     pressures = np.empty((len(frequencies), lead.shape[1]), complex)
     for m, f in enumerate(np.asarray(frequencies, float)):
@@ -59,11 +48,8 @@ def plane_wave_responses(response: SdmResponse, positions, sound_speed: float) -
     """Return the impulse responses of a field of plane waves, sampled as the response is.
 
     Each wave is delayed by Lagrange interpolation over TAPS samples: exact to 1e-6 up to a twentieth of the sampling
-    rate, to 1 % up to MAX_FREQUENCY.
-
-    `positions` (N, 3) float64, relative to the origin of the response, metres; `sound_speed`: c, m/s. Returns (N, S)
-    float64, they begin before the direct sound, at a time that is the same for all microphones and a whole number of
-    samples. S is the number of samples from there to the last wave at the last microphone.
+    rate, to 1 % up to MAX_FREQUENCY. `positions` (N, 3), metres from the origin of the response. Returns (N, S), which
+    begin before the direct sound, at one time, a whole number of samples, and end with the last wave.
     """
     fs, positions = response.sample_rate, np.asarray(positions, float)
     reach = math.ceil(float(np.linalg.norm(positions, axis=1).max()) / sound_speed * fs) + TAPS
@@ -92,29 +78,21 @@ def _lagrange(at: np.ndarray) -> np.ndarray:
 def require_rendered(response: SdmResponse, sensing: Sensing) -> None:
     """Raise InputError for frequencies that the response does not have, or that it cannot distinguish."""
     if sensing.highest > MAX_FREQUENCY * response.sample_rate:
-        raise InputError(
-            f"measurement.highest = {sensing.highest:g} Hz is too high for a response of {response.sample_rate:g} Hz",
-            f"use at most {MAX_FREQUENCY * response.sample_rate:g} Hz",
-            key="measurement.highest",
-            value=sensing.highest,
-        )
+        why = f"is too high for a response of {response.sample_rate:g} Hz"
+        remedy = f"use at most {MAX_FREQUENCY * response.sample_rate:g} Hz"
+        raise refusal("measurement.highest", sensing.highest, why, remedy, "Hz")
     if sensing.resolution * response.duration < 1 - 1e-2:
-        problem = (
-            f"measurement.resolution = {sensing.resolution:g} Hz is finer than that of a response of"
-            f" {response.duration:.3g} s"
-        )
+        why = f"is finer than that of a response of {response.duration:.3g} s"
         remedy = f"use at least {math.ceil(10 / response.duration) / 10:g} Hz"
-        raise InputError(problem, remedy, key="measurement.resolution", value=sensing.resolution)
+        raise refusal("measurement.resolution", sensing.resolution, why, remedy, "Hz")
 
 
 def modal_pressures(
     response: SdmResponse, positions, sensing: Sensing, sound_speed: float, progress=None
 ) -> ModalPressures:
-    """Return the pressures of an array in a measured room, before noise.
+    """Return the pressures of an array in a measured room, before noise, at (N, 3) metres from the response's origin.
 
-    `positions` (N, 3) float64, relative to the origin of the response, metres; `sensing`: band and frequencies;
-    `sound_speed`: m/s; `progress`: called with the fraction that is done. Returns with real wavenumbers: the response
-    is complete, so that nothing is weighted. Raises InputError: as `require_rendered`, or if there is no peak.
+    The wavenumbers are real: the response is complete, so that nothing is weighted.
     """
     require_rendered(response, sensing)
     rows = plane_wave_responses(response, positions, sound_speed)

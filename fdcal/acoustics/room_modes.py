@@ -46,11 +46,7 @@ def decay_rate(reverberation_time: float) -> float:
 
 
 def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_speed: float) -> np.ndarray:
-    """Return the mean number of modes below each frequency.
-
-    `size` (2,) or (3,) float, lengths of the room, metres; `frequencies` (F,) float64, Hz; `sound_speed`: m/s. Returns
-    (F,) float64.
-    """
+    """Return the mean number of modes of a room of `size` (2,) or (3,), metres, below frequencies (F,), Hz : (F,)."""
     ratio = np.asarray(frequencies, float) / sound_speed
     if len(size) == 2:
         return np.pi * size[0] * size[1] * ratio**2 + sum(size) * ratio
@@ -62,11 +58,9 @@ def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_spee
 def independent_frequencies(
     low: float, high: float, reverberation_time: float, sound_speed: float, size: Sequence[float] | None = None
 ):
-    """Return frequencies that a source in the room excites independently.
+    """Return frequencies, Hz, from `low` to `high`, that a source in the room excites independently : (M,), ascending.
 
-    `low`, `high`: band, Hz; `reverberation_time`: t60, s; `sound_speed`: m/s; `size` (2,) or (3,) float, lengths of the
-    room, metres; without them resonances are taken to overlap everywhere. Returns (M,) float64, ascending. Raises
-    InputError: the band holds more than MAX_FREQUENCIES.
+    Without `size`, the lengths of the room, metres, resonances are taken to overlap everywhere.
     """
     grid = np.linspace(low, high, 4000)
     count = (grid - low) * reverberation_time / RESONANCE_WIDTH
@@ -101,10 +95,7 @@ class RoomSymmetry:
 
 
 def room_symmetries(size: Sequence[float]) -> list[RoomSymmetry]:
-    """Return every symmetry of a room of `size` (D,), metres, the identity first.
-
-    They are mirror images along its axes, with axes of equal length exchanged.
-    """
+    """Return the symmetries of a room (D,), metres, the identity first: mirror images, equal axes exchanged."""
     D = len(size)
     orders = [o for o in itertools.permutations(range(D)) if all(size[a] == size[b] for a, b in enumerate(o))]
     flips = itertools.product((False, True), repeat=D)
@@ -112,10 +103,7 @@ def room_symmetries(size: Sequence[float]) -> list[RoomSymmetry]:
 
 
 def nearest_symmetry(points: Reals, to: Reals, size: Sequence[float]) -> RoomSymmetry:
-    """Return the symmetry of a room that brings points nearest to others in the least-squares sense.
-
-    `points`, `to` (N, D) float64, metres; `size` (D,) float, of the room, metres.
-    """
+    """Return the symmetry of a room that brings points (N, D), metres, nearest `to` others (least squares)."""
     return min(room_symmetries(size), key=lambda image: float(np.sum((image.apply(points) - to) ** 2)))
 
 
@@ -163,11 +151,7 @@ class DiffuseModel:
 
 
 def diffuse_model(size: Sequence[float] | Reals, wavenumbers: Numbers, width: float) -> DiffuseModel:
-    """Return the diffuse model of a room.
-
-    `size` (D,) float, metres; `wavenumbers` (M,) float64 or complex128 k, rad/m; `width`: half the width of a
-    resonance, rad/m; absorbing walls broaden it.
-    """
+    """Return the diffuse model of a room of `size` (D,), metres; `width`: half the width of a resonance, rad/m."""
     k = np.asarray(wavenumbers, complex)
     top = TRUNCATION.diffuse_range * float(np.real(k).max())
     numbers = _numbers(size, top)
@@ -197,10 +181,7 @@ class PointSourceModel:
     response: np.ndarray  # (M, n_1, ..., n_D) complex128, D_me, one axis of the array for each axis of the room, m^2
 
     def shapes(self, points: Reals, slope: int | None = None) -> list[np.ndarray]:
-        """Return the eigenfunctions along each axis; along axis `slope` their derivatives, 1/m.
-
-        `points` (C, D) float64, metres. Returns D arrays (M, C, n_a) complex128.
-        """
+        """Return the eigenfunctions, along `slope` derivatives, at (C, D), metres : D arrays (M, C, n_a)."""
         found = []
         for a, (kappa, norm, length) in enumerate(zip(self.kappa, self.norms, self.size, strict=True)):
             phase = kappa[:, None] * (np.asarray(points)[None, :, a, None] - length / 2)
@@ -210,10 +191,7 @@ class PointSourceModel:
         return found
 
     def excitation(self, source: Reals, slope: int | None = None) -> np.ndarray:
-        """Return D_me psi_e(x_s) of a source at x_s, or its derivative along axis `slope`.
-
-        `source` (D,) float64 x_s, metres.. Returns (M, n_1, ..., n_D) complex128, m^2, derivatives m.
-        """
+        """Return D_me psi_e(x_s) of a source, metres, or its derivative along `slope` : (M, n_1, ..., n_D)."""
         result = self.response
         for a, shape in enumerate(self.shapes(np.asarray(source)[None], slope)):
             result = result * shape[:, 0].reshape(len(result), *(-1 if b == a else 1 for b in range(len(self.size))))
@@ -221,11 +199,7 @@ class PointSourceModel:
 
 
 def room_pressures(excitation: np.ndarray, shapes: list[np.ndarray]) -> np.ndarray:
-    """Return the pressures of a source of unit amplitude in the point-source model.
-
-    `excitation` (M, n_1, ..., n_D) complex128, as `PointSourceModel.excitation` returns it; `shapes`, D arrays (M, C,
-    n_a) complex128, as `PointSourceModel.shapes` returns them for C points. Returns (M, C) complex128.
-    """
+    """Return the pressures (M, C) of a source of unit amplitude: `excitation` and `shapes` as of `PointSourceModel`."""
     M, C = shapes[0].shape[:2]
     result = shapes[0] @ excitation.reshape(M, excitation.shape[1], -1)  # (M, C, the other axes)
     for shape in shapes[1:]:
@@ -234,11 +208,7 @@ def room_pressures(excitation: np.ndarray, shapes: list[np.ndarray]) -> np.ndarr
 
 
 def point_source_model(size: Sequence[float] | Reals, wavenumbers: Numbers, admittance: complex) -> PointSourceModel:
-    """Return the point-source model of a room.
-
-    `size` (D,) float, metres; `wavenumbers` (M,) complex128 k, rad/m; `admittance`: complex beta, dimensionless, the
-    same on all walls..
-    """
+    """Return the point-source model of a room of `size` (D,), metres, `admittance` beta the same on all walls."""
     k = np.asarray(wavenumbers, complex)
     tau = TRUNCATION.tau(len(size))
     top = float(np.sqrt(TRUNCATION.decay / tau + np.real(k).max() ** 2))

@@ -16,18 +16,9 @@ INTERVAL = 8  # orders between two looks at the size of the values
 
 
 def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
-    """Return J_0 to J_top of every argument, or j_0 to j_top.
+    """Return J_0 to J_top of every argument, or the spherical j_0 to j_top : (top + 1, ...), of the type of `z`.
 
     J_l is normalised by J_0 + 2 (J_2 + J_4 + ...) = 1, the spherical j_l by j_0 or j_1, whichever is larger.
-
-    `z`: float64 or complex128, any shape, dimensionless; `top`: the highest order; `spherical`: whether the spherical
-    functions are wanted. Returns (top + 1, ...) array of the type of `z`.
-
-    Examples
-    --------
-    >>> bessel(np.array([0.0, 1.0]), 1).round(4)
-    array([[1.    , 0.7652],
-           [0.    , 0.4401]])
     """
     z, odd = np.asarray(z), int(spherical)
     size = np.abs(z)
@@ -79,10 +70,7 @@ def cosine_and_sine(z: Reals) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sinc(z: Reals) -> tuple[np.ndarray, np.ndarray]:
-    """Return sin(z) / z and its derivative over z.
-
-    `z`, array of float64, not negative, dimensionless. Returns two float64 arrays of the shape of `z`.
-    """
+    """Return sin(z) / z and its derivative over z, of z not negative."""
     z = np.asarray(z, float)
     half = np.tan(z / 2)
     weight = 2 / (1 + half * half)
@@ -98,11 +86,7 @@ def sinc(z: Reals) -> tuple[np.ndarray, np.ndarray]:
 
 
 def complex_sinc(square: Complexes) -> tuple[np.ndarray, np.ndarray]:
-    """Return sin(z) / z and its derivative over z, of the square of a complex z.
-
-    `square`: array of complex128 z^2, dimensionless. Both results are entire functions of it: it does not matter which
-    root z is.. Returns two complex128 arrays of the shape of `square`.
-    """
+    """Return sin(z) / z and its derivative over z, of the square of a complex z: entire functions of it."""
     w = np.asarray(square, complex)
     small = np.abs(w) < SMALL_SINC**2
     w = np.where(small, 1.0, w)

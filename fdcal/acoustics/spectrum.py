@@ -18,7 +18,7 @@ import numpy as np
 from scipy import fft
 from scipy.special import jv
 
-from ..model.validation import InputError
+from ..model.validation import InputError, refusal
 
 
 def fast_length(least: int) -> int:
@@ -54,11 +54,9 @@ BLOCK = 4096  # samples
 
 
 def window_rate(recordings: np.ndarray, fs: float) -> float:
-    """Return the rate s of the exponential window that complements the decay of the room.
+    """Return the rate s, 1/s, of the exponential window with which recordings (N, T) decay by 12 nepers to their end.
 
-    `recordings` (N, T) float64; `fs`: sampling rate, Hz. Returns s, 1/s, such that exp(-s t) times the recording has
-    decayed by 12 nepers at its end: 12 / duration for a room that does not decay, 0 for one that has decayed, or a
-    value between. Raises InputError for silence or a number that is not finite.
+    It is 12 / duration for a room that does not decay, 0 for one that has decayed, or between. InputError for silence.
     """
     recordings = np.asarray(recordings)
     level = np.sqrt(np.mean(np.square(recordings, dtype=float)))
@@ -72,11 +70,7 @@ def window_rate(recordings: np.ndarray, fs: float) -> float:
 
 
 def laplace_transform(recordings: np.ndarray, fs: float, s: float, frequencies: np.ndarray) -> np.ndarray:
-    """Return the sum over t of recordings exp(-(s + 2 pi j f) t), at any frequencies.
-
-    `recordings` (N, T) float64, sample i at time i / fs; `fs`: sampling rate, Hz; `s`: rate of the exponential window,
-    1/s; `frequencies` (M,) float64, Hz. Returns (M, N) complex128.
-    """
+    """Return the sum over t of recordings (N, T) times exp(-(s + 2 pi j f) t), at any frequencies : (M, N)."""
     rates = (s + 2j * np.pi * np.asarray(frequencies, dtype=float)) / fs
     samples = recordings.shape[1]
     phases = np.exp(-rates * np.arange(min(BLOCK, samples))[:, None])  # the same for every block, up to a factor
@@ -95,11 +89,8 @@ def mean_power(
     """Return the power spectrum in which `pick_peaks` finds peaks, averaged over the microphones.
 
     The recording is weighted with a Blackman-Harris window raised to a power between 0 and 1: to 1 for a room that has
-    not decayed, to 0 for one that has, whose sound is at the start.
-
-    `recordings` (N, T) float64; `fs`: sampling rate, Hz; `lowest`, `highest`: band of the peaks, Hz; `resolution`: Hz,
-    of the peaks. Returns `lowest, step` first frequency and distance of the points, Hz; `power` (F,) float64, in the
-    squared unit of the recordings. Raises InputError for silence, or a recording too short for the resolution.
+    not decayed, to 0 for one that has, whose sound is at the start. Returns the first frequency and the distance of the
+    points, Hz, and the power (F,), in the squared unit of the recordings (N, T).
     """
     from scipy.signal import get_window  # takes a second to load, which reading a cached measurement does not need
 
@@ -117,25 +108,21 @@ def mean_power(
 
 
 def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: float, resolution: float) -> np.ndarray:
-    """Return the frequencies of the peaks of a power spectrum, interpolated between its points.
+    """Return the frequencies of the peaks of a power spectrum, interpolated between its points : (M,), Hz, ascending.
 
-    `power` (F,) float64, at `lowest`, `lowest` + `step`, ... Hz; `lowest`, `step`: Hz; `prominence_db`: prominence of a
-    peak, dB; 0 takes every frequency, `resolution` apart, instead of peaks; `resolution`: hz; of two peaks closer than
-    this, the stronger is kept. Returns (M,) float64, Hz, ascending. Raises InputError if there is no peak.
+    `power` (F,), at `lowest`, `lowest` + `step`, ... Hz; `prominence_db`: of a peak, dB; 0 takes every frequency,
+    `resolution` apart, instead of peaks. Of two peaks closer than `resolution`, Hz, the stronger is kept.
     """
     if prominence_db == 0:
         return np.arange(lowest, lowest + step * (len(power) - 0.5), resolution)
     from scipy.signal import find_peaks  # takes a second to load, likewise
 
     decibels = 10 * np.log10(power / power.max() + 1e-30)
-    peaks = find_peaks(
-        decibels, height=-SPECTRUM.range_db, prominence=prominence_db, distance=max(1.0, resolution / step)
-    )[0]
+    apart = max(1.0, resolution / step)
+    peaks, _ = find_peaks(decibels, height=-SPECTRUM.range_db, prominence=prominence_db, distance=apart)
     if len(peaks) == 0:
-        problem = (
-            f"no mode stands out by measurement.prominence_db = {prominence_db:g} dB between measurement.lowest ="
-            f" {lowest:g} Hz and measurement.highest = {lowest + step * (len(power) - 1):g} Hz"
-        )
+        band = f"measurement.lowest = {lowest:g} Hz and measurement.highest = {lowest + step * (len(power) - 1):g} Hz"
+        problem = f"no mode stands out by measurement.prominence_db = {prominence_db:g} dB between {band}"
         remedy = "widen the band or lower the prominence"
         raise InputError(problem, remedy, key="measurement.prominence_db", value=prominence_db)
     left, top, right = decibels[peaks - 1], decibels[peaks], decibels[peaks + 1]
@@ -144,23 +131,20 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
 
 
 def check_band(duration: float, fs: float, highest: float, resolution: float) -> None:
-    """Check that a recording resolves the lines of a band and that its sampling rate suffices.
-
-    `duration`: s; `fs`, `highest`, `resolution`: sampling rate, upper end of the band and distance of the lines, Hz.
-    Raises InputError.
-    """
-    least = SPECTRUM.line_width / resolution
-    if duration < least * (1 - 1e-9):
-        raise InputError(
-            f"source.duration = {duration:g} s is too short for measurement.resolution = {resolution:g} Hz",
-            f"use at least {math.ceil(least * 100) / 100:g} s, or a resolution of"
-            f" {math.ceil(SPECTRUM.line_width / duration * 100) / 100:g} Hz",
-            key="source.duration",
-            value=duration,
-        )
+    """Raise InputError unless a recording, s, resolves the lines of a band, Hz, and its sampling rate suffices."""
+    require_duration(duration, resolution, SPECTRUM.line_width)
     if highest >= fs / 2:
-        problem = f"measurement.highest = {highest:g} Hz must lie below half of source.sample_rate = {fs:g} Hz"
-        raise InputError(problem, "lower it", key="measurement.highest", value=highest)
+        why = f"must lie below half of source.sample_rate = {fs:g} Hz"
+        raise refusal("measurement.highest", highest, why, "lower it", "Hz")
+
+
+def require_duration(duration: float, resolution: float, line_width: float) -> None:
+    """Raise InputError unless a duration, s, resolves lines of a width times the duration, `resolution` Hz apart."""
+    if duration * resolution < line_width * (1 - 1e-9):
+        why = f"is too short for measurement.resolution = {resolution:g} Hz"
+        seconds, hertz = (math.ceil(line_width / other * 100) / 100 for other in (resolution, duration))
+        remedy = f"use at least {seconds:g} s, or a resolution of {hertz:g} Hz"
+        raise refusal("source.duration", duration, why, remedy, "s")
 
 
 # Power series of 1 - J_0(z) in z^2, highest power first: computed directly, small z would lose half the digits.
@@ -168,11 +152,7 @@ ONE_MINUS_J0 = [-((-0.25) ** m) / math.factorial(m) ** 2 if m else 0.0 for m in 
 
 
 def wavenumber_continuous(frequencies: np.ndarray, s: float, sound_speed: float) -> np.ndarray:
-    """Return k = (2 pi f - 1j s) / c.
-
-    `frequencies` (M,) float64 f, Hz; `s`: rate of the exponential window, 1/s; `sound_speed`: c, m/s. Returns (M,)
-    complex128, rad/m.
-    """
+    """Return k = (2 pi f - 1j s) / c, of frequencies (M,), Hz, and the rate of the exponential window, 1/s : rad/m."""
     return (2 * np.pi * np.asarray(frequencies, dtype=float) - 1j * s) / sound_speed
 
 
@@ -187,11 +167,7 @@ def wavenumber_discrete(frequencies: np.ndarray, s: float, sound_speed: float, c
 
         sin^2(w / (2 fs)) = lam^2 (1 - J_0(k h)),
 
-    which Newton's method solves for complex k, w = 2 pi f - 1j s.
-
-    `frequencies` (M,) float64 f, Hz; `s`: rate of the exponential window, 1/s; `sound_speed`, `cell`, `fs`: c, m/s; h,
-    m; sampling rate, Hz. Returns (M,) complex128, rad/m. Raises InputError if no wave of that frequency propagates on
-    the grid.
+    which Newton's method solves for complex k, rad/m, w = 2 pi f - 1j s.
     """
     k = wavenumber_continuous(frequencies, s, sound_speed)
     wanted = (np.sin(k * sound_speed / (2 * fs)) * cell * fs / sound_speed) ** 2

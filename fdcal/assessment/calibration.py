@@ -402,9 +402,8 @@ def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositio
     if frame is None:
         frame = "axes" if blind else "known"
     if frame == "known" and blind:
-        raise InputError(
-            "frame = known, but no microphone was known", "use <frame> minimal or axes", key="frame", value="known"
-        )
+        problem = "frame = known, but no microphone was known"
+        raise InputError(problem, "use <frame> minimal or axes", key="frame", value="known")
     from ..model.given_positions import MicrophonePositions
 
     return MicrophonePositions(result.names, in_frame(result.positions, frame), result.uncertainty, frame)

@@ -221,12 +221,9 @@ def _nearest(measured: np.ndarray, wanted) -> list[int]:
         require_positive("frequencies", f, "Hz")
         nearest = int(np.argmin(np.abs(measured - f)))
         if abs(measured[nearest] - f) > FREQUENCY_TOLERANCE * f:
-            raise InputError(
-                f"frequencies = {f:g} Hz: nothing was measured there, the nearest is {measured[nearest]:.4g} Hz",
-                f"choose <frequencies> of the {len(measured)} from {measured[0]:.4g} to {measured[-1]:.4g} Hz",
-                key="frequencies",
-                value=f,
-            )
+            problem = f"frequencies = {f:g} Hz: nothing was measured there, the nearest is {measured[nearest]:.4g} Hz"
+            remedy = f"choose <frequencies> of the {len(measured)} from {measured[0]:.4g} to {measured[-1]:.4g} Hz"
+            raise InputError(problem, remedy, key="frequencies", value=f)
         found.add(nearest)
     return sorted(found)
 

@@ -144,12 +144,9 @@ def _room_lines(result: Calibration) -> list[str]:
 def require_positions(measurement: Measurement) -> None:
     """Raise InputError where a measurement has no positions to compare with."""
     if measurement.positions is None:
-        raise InputError(
-            "the file has no positions to compare with those found",
-            "name a file that has them with <positions>, or leave out <check>",
-            key="check",
-            value=True,
-        )
+        problem = "the file has no positions to compare with those found"
+        remedy = "name a file that has them with <positions>, or leave out <check>"
+        raise InputError(problem, remedy, key="check", value=True)
 
 
 def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:

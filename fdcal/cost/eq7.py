@@ -123,10 +123,8 @@ def _fit(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """Return Z, alpha and r0 of a batch of modes: W (B, N-1, K), p (B, N-1)."""
     width = W.shape[2]
     if W.shape[1] < width:
-        raise InputError(
-            f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones",
-            "use a smaller search.radius or solver.order_offset",
-        )
+        problem = f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones"
+        raise InputError(problem, "use a smaller search.radius or solver.order_offset")
     S = np.asarray(np.linalg.qr(W, mode="r"))
     diagonal = np.abs(np.diagonal(S, axis1=1, axis2=2))
     deficient = diagonal.min(axis=1) <= RANK_TOLERANCE * diagonal.max(axis=1)

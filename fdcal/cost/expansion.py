@@ -82,12 +82,8 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
     """Raise InputError unless the field has `count` modes and the microphones can carry them."""
     measured, usable = len(problem.pressures), usable_modes(problem, order_offset)
     if count > measured:
-        raise InputError(
-            f"{count} modes asked for (solver.modes), but {measured} were measured",
-            f"use at most {measured}",
-            key="modes",
-            value=count,
-        )
+        fault = f"{count} modes asked for (solver.modes), but {measured} were measured"
+        raise InputError(fault, f"use at most {measured}", key="modes", value=count)
     if count <= usable:
         return
     R = search_domain(problem).radius
@@ -97,15 +93,14 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
     remedies += [f"a solver.order_offset below {order_offset}"] if order_offset else []
     formula = "2L + 1" if problem.dimension == 2 else "(L + 1)(L + 2) / 2"
     formula = "(L + 1)^2" if problem.array_dimension == 3 else formula
-    raise InputError(
+    fault = (
         f"{_row(problem)} {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order"
         f" L = ceil(k R) + solver.order_offset = {L} with search.radius = {R:g} m and solver.order_offset ="
         f" {order_offset}, that is {formula} ="
-        f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones",
-        f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones",
-        key="modes",
-        value=count,
+        f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
     )
+    remedy = f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones"
+    raise InputError(fault, remedy, key="modes", value=count)
 
 
 def _row(problem: Problem) -> str:
@@ -118,24 +113,19 @@ def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -
     carried = carried_modes(problem, order_offset).modes + 1
     for mode in sorted(set(modes) - set(carried.tolist())):
         L = int(max_order(problem.wavenumbers[mode - 1], search_domain(problem).radius, order_offset))
-        raise InputError(
+        fault = (
             f"{_row(problem)} {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order {L}, that is"
-            f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones",
-            f"use a lower order or lower {_row(problem)}s",
-            key="order_offset",
-            value=order_offset,
+            f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
         )
+        remedy = f"use a lower order or lower {_row(problem)}s"
+        raise InputError(fault, remedy, key="order_offset", value=order_offset)
 
 
 def require_plane_field(problem: Problem) -> None:
     """Raise InputError for a field of three dimensions, of which there is no lattice dictionary."""
     if problem.dimension != 2:
-        raise InputError(
-            "landscapes of this command need a two-dimensional field, and this one has dimension = 3",
-            'use solver.name = "joint", and `fdcal view` for its maps',
-            key="dimension",
-            value=3,
-        )
+        fault = "landscapes of this command need a two-dimensional field, and this one has dimension = 3"
+        raise InputError(fault, 'use solver.name = "joint", and `fdcal view` for its maps', key="dimension", value=3)
 
 
 class FieldExpansion:

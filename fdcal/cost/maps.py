@@ -4,7 +4,7 @@
     descent_maps                    Eq. 7 as a step of descent minimises it
     likelihood_maps                 the likelihood, which the other solvers minimise
     cost_maps                       one of these, as the page asks for it
-    partial_sums, ambiguous_mode    the map while modes are added one by one
+    partial_sums                    the map while modes are added one by one
     map_minima, minima_of           what is marked on a map
     mode_shape                      the sound field of one mode, as the microphones recorded it
 
@@ -481,15 +481,6 @@ def partial_sums(
             yield PartialSum(modes[: i + 1], cost, minima_of(cost, search))
 
 
-def ambiguous_mode(
-    problem: Problem, solver: HasLandscape, state: SolverState, n: int, modes: Sequence[int], order_offset: int | None
-) -> int:
-    """Return the mode whose map over the search domain has most local minima, the lowest of several."""
-    fine = refined(search_domain(problem))
-    alone = [next(partial_sums(problem, solver, state, n, (mode,), order_offset, fine)) for mode in modes]
-    return max(alone, key=lambda one: one.minima.count).modes[0]
-
-
 def map_minima(
     problem: Problem, solver: HasLandscape, state: SolverState, n: int, modes: Sequence[int], order_offset: int | None,
     cost: Reals, search: Search,
@@ -532,11 +523,8 @@ def mode_shape(
     """
     search = problem.search
     if problem.dimension != 2 or search is None:
-        raise InputError(
-            "the shape of a mode needs a two-dimensional field and a search domain",
-            "give <search> and <radius>",
-            key="search",
-        )
+        fault = "the shape of a mode needs a two-dimensional field and a search domain"
+        raise InputError(fault, "give <search> and <radius>", key="search")
     positions, k = np.asarray(positions, float), complex(problem.wavenumbers[mode - 1])
     # 2L + 1 functions (Eq. 8) for fewer than N microphones
     L = min(int(max_order(k, search.radius, order_offset)), (len(positions) - 2) // 2)

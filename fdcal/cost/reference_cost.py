@@ -61,11 +61,8 @@ class ReferenceCost:
         carried = self._expansion.carried
         self.order_offset, self.count = carried.order_offset, len(carried.modes)
         if not self.count:
-            raise InputError(
-                f"{problem.pressures.shape[1]} microphones are too few for the cost of any mode",
-                "use a smaller <radius>, or more microphones",
-                key="radius",
-            )
+            fault = f"{problem.pressures.shape[1]} microphones are too few for the cost of any mode"
+            raise InputError(fault, "use a smaller <radius>, or more microphones", key="radius")
         self._groups = self._expansion.groups(np.arange(self.count))
         self._pressures = problem.pressures[carried.modes]
 

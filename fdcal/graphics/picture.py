@@ -173,10 +173,10 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     radius = picture.marker_radius
     diamond = radius * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
     meshes = picture.meshes
-    for name, places, reach, width in (("minima", floor.minima, 1.6, 0.32), ("lowest", floor.lowest, 2.8, 0.45)):
+    for name, places, reach in (("minima", floor.minima, 2.2), ("lowest", floor.lowest, 2.8)):
         if places:
             loops = np.concatenate([_loop_on(floor, reach * diamond + place, radius) for place in places])
-            meshes += strokes(name, loops, radius, LOWEST, width, halo=0.25)
+            meshes += strokes(name, loops, radius, LOWEST, 0.45, halo=0.25)
     return replace(picture, floor=floor, meshes=meshes)
 
 

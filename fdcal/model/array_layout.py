@@ -10,14 +10,13 @@ from .room import is_triple
 from .validation import LIMITS, InputError, Point, require_choice, require_point
 
 GEOMETRIES_3D = ("plane", "ball", "box")  # of a room with three lengths; "positions" may have two or three coordinates
-GEOMETRIES = ("circle", "rectangle", "rectangle+random", "positions", *GEOMETRIES_3D)
 
 
 @dataclass(frozen=True)
 class Array:
     """Geometry of the microphones; `fdcal.model.arrays` turns it into positions."""
 
-    geometry: str  # one of GEOMETRIES; NEEDS lists the keys that each of them takes
+    geometry: str  # one of NEEDS, which lists the keys that each of them takes
     center: Point | None = None  # centre, metres; the origin unless given
     count: Count | None = None  # microphones on a circle, or in a ball or box
     radius: Metres | None = None  # of a circle or ball, metres
@@ -38,19 +37,9 @@ class Array:
     }
 
     def __post_init__(self):
-        require_choice("array.geometry", self.geometry, GEOMETRIES)
-        self._check_keys()
-        check(self, "array.")
-        self._check_lengths()
-        if self.number > LIMITS.microphones:
-            raise InputError(
-                f"array has {self.number} microphones", f"use at most {LIMITS.microphones}", key="array.count"
-            )
-
-    def _check_keys(self) -> None:
-        """Raise InputError for a key that the geometry needs and lacks, or has no use for."""
+        require_choice("array.geometry", self.geometry, self.NEEDS)
         needs = self.NEEDS[self.geometry]
-        for key in ("count", "radius", "shape", "size", "random", "positions"):
+        for key in self.OPTIONAL[1:]:
             value, name = getattr(self, key), f"array.{key}"
             if key in needs and not value:
                 remedy = f'array.geometry = "{self.geometry}" needs it'
@@ -58,19 +47,17 @@ class Array:
             if key not in needs and value:
                 problem = f'{name} has no meaning with array.geometry = "{self.geometry}"'
                 raise InputError(problem, "remove it", key=name, value=value)
-
-    def _check_lengths(self) -> None:
-        """Check the number of coordinates of every point and size; set the default centre."""
+        check(self, "array.")
         if self.center is None:
             object.__setattr__(self, "center", (0.0,) * self.room_dimension)
         require_point("array.center", self.center, (self.room_dimension,))
-        for key, rows, wanted in (
-            ("shape", [self.shape], 2),
-            ("size", [self.size], self.dimension),
-            ("positions", self.positions, self.dimension),
-        ):
-            for row in rows or () if key in self.NEEDS[self.geometry] else ():
+        for key, wanted in (("shape", 2), ("size", self.dimension), ("positions", self.dimension)):
+            value = getattr(self, key)
+            for row in () if key not in needs else value if key == "positions" else [value]:
                 require_point(f"array.{key}", row, (wanted,))
+        if self.number > LIMITS.microphones:
+            problem = f"array has {self.number} microphones"
+            raise InputError(problem, f"use at most {LIMITS.microphones}", key="array.count")
 
     @property
     def dimension(self) -> int:
@@ -104,10 +91,7 @@ class Gauge:
             raise InputError("gauge needs either gauge.known or gauge.free", "give exactly one", key="gauge.known")
 
     def indices(self, count: int) -> tuple[int, ...]:
-        """Return the known microphones of an array of `count`, ascending.
-
-        Raises InputError for a microphone that the array lacks, or that is listed twice.
-        """
+        """Return the known microphones of an array of `count`, ascending; InputError for one lacking or given twice."""
         key, given = ("gauge.known", self.known or ()) if self.free is None else ("gauge.free", self.free)
         for index in given:
             if not 0 <= index < count:

@@ -3,8 +3,6 @@
 A simulated microphone records one FDTD cell. Cell i spans i h to (i + 1) h along an axis, counted from the origin of
 the room's coordinates, so its centre is (i + 0.5) h; the snapped position is the true one. In a room of three
 dimensions the field has a closed form at any point, so nothing is snapped.
-
-`fdcal.model.geometry` has the geometries alone, before they are checked.
 """
 
 import numpy as np
@@ -28,6 +26,8 @@ from .geometry import (
 from .scene import Scene
 from .validation import InputError, frozen_array, point_text
 
+INSIDE = "inside the array, where the field must have no source"
+OUTSIDE = "move it outside the convex hull of the microphones"
 MIN_KNOWN = {
     2: "three microphones known that are not on one line",
     3: "four microphones known that are not in one plane",
@@ -35,29 +35,21 @@ MIN_KNOWN = {
 
 
 def positions_of(scene: Scene) -> np.ndarray:
-    """Return the positions of a scene's microphones.
+    """Return the positions of a scene's microphones : (N, D) float64, read-only, metres.
 
-    Returns (N, D) float64, read-only, metres; on cell centres in a simulated room. D is 2 in a plane, whose height is
-    then left out. Raises InputError: two microphones in one cell or at one position, one outside the room or the search
-    domain, the source outside the room or inside the array, a wall between microphones, known microphones that do not
-    fix translation, rotation and mirror image.
+    In a simulated room on cell centres; D is 2 in a plane, whose height is left out. Raises InputError for positions,
+    walls, a source or known microphones that cannot be.
     """
-    positions = positions_3d(scene)[:, : scene.array.dimension] if scene.room.dimension == 3 else _on_cells(scene)
+    if scene.room.dimension == 3:
+        positions = positions_3d(scene)[:, : scene.array.dimension]
+    else:
+        cell = scene.room.cell_size
+        positions = snap(_geometry(scene.array, cell, np.random.default_rng([scene.seed, 0])), cell)
+        for check in (_check_distinct, _check_in_room, _check_walls, _check_source):
+            check(positions, scene)
     _check_gauge(positions, scene)
     _check_search(positions, scene)
     return frozen_array(positions, float)
-
-
-def _on_cells(scene: Scene) -> np.ndarray:
-    """Return the positions in a simulated room : (N, 2), metres, on cell centres."""
-    rng = np.random.default_rng([scene.seed, 0])
-    cell = scene.room.cell_size
-    positions = snap(_geometry(scene.array, cell, rng), cell)
-    _check_distinct(positions, scene)
-    _check_in_room(positions, scene)
-    _check_walls(positions, scene)
-    _check_source(positions, scene)
-    return positions
 
 
 def _geometry(array: Array, cell: float, rng: np.random.Generator) -> np.ndarray:
@@ -88,11 +80,8 @@ def _check_in_room(positions: np.ndarray, scene: Scene) -> None:
     outside = np.flatnonzero(~in_polygon(positions, scene.room.vertices))
     if len(outside):
         key = "array.positions" if scene.array.geometry == "positions" else "array.center"
-        raise InputError(
-            f"array puts microphone {outside[0]} at {point_text(positions[outside[0]])}, outside the room or in a wall",
-            f"change {key} or the room",
-            key=key,
-        )
+        problem = f"array puts microphone {outside[0]} at {point_text(positions[outside[0]])}, outside the room"
+        raise InputError(f"{problem} or in a wall", f"change {key} or the room", key=key)
 
 
 def _check_walls(positions: np.ndarray, scene: Scene) -> None:
@@ -115,11 +104,7 @@ def _check_source(positions: np.ndarray, scene: Scene) -> None:
         if not in_polygon(cell, scene.room.vertices):
             raise InputError(f"{place} outside the room or in a wall", "move it inside the room", key=key)
         if encloses(positions, cell):
-            raise InputError(
-                f"{place} inside the array, where the field must have no source",
-                "move it outside the convex hull of the microphones",
-                key=key,
-            )
+            raise InputError(f"{place} {INSIDE}", OUTSIDE, key=key)
 
 
 def _check_gauge(positions: np.ndarray, scene: Scene) -> None:
@@ -130,13 +115,9 @@ def _check_gauge(positions: np.ndarray, scene: Scene) -> None:
     if scene.room.dimension == 3 and not known:  # a blind array: solver "joint" needs no known microphone
         return
     if not fixes_gauge(positions[list(known)]):
-        key, value = ("known", known) if scene.gauge.free is None else ("free", scene.gauge.free)
-        raise InputError(
-            f"gauge.{key} = {list(value)} does not fix translation, rotation and mirror image",
-            f"leave at least {MIN_KNOWN[positions.shape[1]]}",
-            key=f"gauge.{key}",
-            value=value,
-        )
+        key, value = ("gauge.known", known) if scene.gauge.free is None else ("gauge.free", scene.gauge.free)
+        problem = f"{key} = {list(value)} does not fix translation, rotation and mirror image"
+        raise InputError(problem, f"leave at least {MIN_KNOWN[positions.shape[1]]}", key=key, value=value)
 
 
 def _check_search(positions: np.ndarray, scene: Scene) -> None:
@@ -149,24 +130,18 @@ def _check_search(positions: np.ndarray, scene: Scene) -> None:
     beyond[list(known)] = False  # a known microphone is never searched for
     if beyond.any():
         n = int(np.argmax(beyond))
-        raise InputError(
+        problem = (
             f"microphone {n} at {point_text(positions[n])} lies outside the search domain {point_text(low)} to"
-            f" {point_text(high)} and could never be found",
-            "change search.origin or search.size",
-            key="search.origin",
+            f" {point_text(high)} and could never be found"
         )
+        raise InputError(problem, "change search.origin or search.size", key="search.origin")
 
 
 CLEARANCE = 1e-6  # metres: microphones closer than this count as one
 
 
 def positions_3d(scene: Scene) -> np.ndarray:
-    """Return the positions of a scene's microphones in space.
-
-    Returns (N, 3) float64, metres; the height of a plane array included. Raises InputError: two microphones at one
-    position, one outside the room, the source outside the room or inside the array. Where the walls and the source of a
-    measured room are is unknown.
-    """
+    """Return the positions of a scene's microphones in space : (N, 3) float64, metres; InputError as `positions_of`."""
     positions = _geometry_3d(scene.array, np.random.default_rng([scene.seed, 0])) + (scene.array.center or 0.0)
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1) + np.eye(len(positions))
     first, second = divmod(int(distance.argmin()), len(distance))
@@ -183,33 +158,18 @@ def _check_room_3d(scene: Scene, positions: np.ndarray) -> None:
     size = np.array(scene.room.size)
     outside = np.flatnonzero(np.any((positions <= 0) | (positions >= size), axis=1))
     if len(outside):
-        raise InputError(
-            f"array puts microphone {outside[0]} at {point_text(positions[outside[0]])}, outside the room",
-            "change array.center, the array or room.size",
-            key="array.center",
-        )
-    for key, place in zip(scene.emitter.keys, scene.emitter.places, strict=True):
-        _check_source_3d(key, np.array(place), positions, size)
-
-
-def _check_source_3d(key: str, source: np.ndarray, positions: np.ndarray, size: np.ndarray) -> None:
-    place = f"{key} = {source.tolist()} m lies"
-    if np.any((source < 0) | (source > size)):
-        raise InputError(f"{place} outside the room", "move it inside", key=key, value=source.tolist())
-    if encloses_3d(positions, source):
-        raise InputError(
-            f"{place} inside the array, where the field must have no source",
-            "move it outside the convex hull of the microphones",
-            key=key,
-            value=source.tolist(),
-        )
+        problem = f"array puts microphone {outside[0]} at {point_text(positions[outside[0]])}, outside the room"
+        raise InputError(problem, "change array.center, the array or room.size", key="array.center")
+    for key, source in zip(scene.emitter.keys, scene.emitter.places, strict=True):
+        place = f"{key} = {list(source)} m lies"
+        if np.any((np.array(source) < 0) | (source > size)):
+            raise InputError(f"{place} outside the room", "move it inside", key=key, value=list(source))
+        if encloses_3d(positions, np.array(source)):
+            raise InputError(f"{place} {INSIDE}", OUTSIDE, key=key, value=list(source))
 
 
 def encloses_3d(points: np.ndarray, point: np.ndarray) -> bool:
-    """Return whether the convex hull of `points` (N, D), which may be flat, contains `point` (D,).
-
-    A linear programme: whether `point` is a weighted mean of the points.
-    """
+    """Return whether `point` (D,) is a weighted mean of `points` (N, D): in their convex hull, which may be flat."""
     from scipy.optimize import linprog  # takes a second to load, which reading a cached measurement does not need
 
     equations = np.vstack([np.asarray(points, float).T, np.ones(len(points))])

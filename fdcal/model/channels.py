@@ -1,31 +1,20 @@
 """Which microphones take part: some are left out; channels without signal and duplicates are refused by name."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from .validation import InputError
 
-
-@dataclass(frozen=True)
-class DuplicateLimits:
-    """When two channels count as one recording."""
-
-    duplicate: float = 1e-9  # difference of the channels, up to a factor, over the norm of one : dimensionless
-    parallel: float = 1e-6  # 1 - abs(correlation) of the pairs whose difference is computed : dimensionless
-
-
-LIMITS = DuplicateLimits()
+DUPLICATE = 1e-9  # difference, up to a factor, over the norm of one, of channels that count as one recording
+PARALLEL = 1e-6  # 1 - abs(correlation) of the pairs whose difference is computed
 
 
 def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:
-    """Return the keys of a measurement without some microphones.
+    """Return a table of keys of a measurement without the microphones `chosen`, names or numbers; a name goes first.
 
-    `table`: keys of `fdcal.model.measurement.Measurement`. Those that are missing or None stay so; `chosen`: names or
-    numbers; a name takes precedence. The others keep their names, or their old numbers as names. Raises InputError for
-    a microphone that does not exist.
+    Keys that are missing or None stay so; the others keep their names, or their old numbers as names.
     """
     pressures = np.asarray(table["pressures"])
     if not chosen or pressures.ndim != 2:
@@ -51,10 +40,7 @@ def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[st
 
 
 def microphone_index(text: str, names: Sequence[str], key: str) -> int:
-    """Return the number of the microphone whose name or number, counted from 0, is `text`.
-
-    Raises InputError if there is none; it names the argument `key`.
-    """
+    """Return the number, from 0, of the microphone with a name or number; InputError, of argument `key`, if none."""
     names = list(names)
     if text in names:
         return names.index(text)
@@ -65,11 +51,7 @@ def microphone_index(text: str, names: Sequence[str], key: str) -> int:
 
 
 def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
-    """Refuse channels that hold no signal, or the same as another up to a factor.
-
-    `pressures` (M, N) complex128; `names` (N,) sequence of str. Raises InputError: names the channels, and how to leave
-    one out.
-    """
+    """Refuse channels of `pressures` (M, N) without signal, or the same as another up to a factor, by name."""
     if len(pressures) < 2:
         return
     for name, column in zip(names, pressures.T, strict=True):
@@ -80,12 +62,9 @@ def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
     unit = pressures / scale
     unit = unit / np.linalg.norm(unit, axis=0)
     correlation = np.abs(unit.conj().T @ unit)
-    for a, b in np.argwhere(np.triu(correlation > 1 - LIMITS.parallel, 1)):
+    for a, b in np.argwhere(np.triu(correlation > 1 - PARALLEL, 1)):
         difference = unit[:, b] - unit[:, a] * (unit[:, a].conj() @ unit[:, b])
-        if np.linalg.norm(difference) < LIMITS.duplicate:
-            raise InputError(
-                f'microphones "{names[a]}" and "{names[b]}" recorded the same at every frequency: one recording, or one'
-                " place",
-                f"leave one out: <exclude> {names[b]}",
-                key="pressures",
-            )
+        if np.linalg.norm(difference) < DUPLICATE:
+            problem = f'microphones "{names[a]}" and "{names[b]}" recorded the same at every frequency'
+            remedy = f"leave one out: <exclude> {names[b]}"
+            raise InputError(f"{problem}: one recording, or one place", remedy, key="pressures")

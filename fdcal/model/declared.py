@@ -139,7 +139,7 @@ def _is_plain(kind: Any) -> bool:
 def check(record: Any, prefix: str = "", names: Mapping[str, str] = MappingProxyType({})) -> None:
     """Raise InputError unless every field of a dataclass that holds texts or numbers is as declared.
 
-    `prefix`: put before a key in messages, for example "solver."; `names`: of keys that are called otherwise there.
+    `prefix` stands before a key in messages, as "solver."; `names` has keys that are called otherwise there.
     """
     for field in dataclasses.fields(record):
         kind = _hints(type(record))[field.name]
@@ -152,16 +152,7 @@ def build(cls: Any, table: dict[str, Any], prefix: str = "", whole: str = "scene
 
     Defaults apply in Python alone. A table must give every field except those that the class lists in OPTIONAL, or in
     `optional(table)` where that depends on other keys, so that no constant of a run is hidden in code. A class with
-    `from_text(text)` may be given as a text in place of a table.
-
-    `table`: as tomllib reads it; `prefix`: put before a key in messages, for example "room."; `whole`: what messages
-    call the file. Raises InputError for an unknown or missing key, or a value of another type.
-
-    Examples
-    --------
-    >>> from fdcal.model.settings import Search
-    >>> build(Search, {"origin": [0, 0], "size": [1, 1], "step": 0.1, "radius": 0.7}).shape
-    (11, 11)
+    `from_text(text)` may be given as a text. `prefix`, as "room.", and `whole`, the file, are words of the messages.
     """
     fields = [field.name for field in dataclasses.fields(cls)]
     require_known(table, fields, prefix, whole)

@@ -21,16 +21,7 @@ from .validation import InputError, frozen_array, require_choice
 FRAMES = ("known", "minimal", "axes")
 COLLINEAR = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
 INDEPENDENT = 0.1  # least part of a coordinate axis outside the axes found so far, to complete them
-
-
-@dataclass(frozen=True)
-class GaugeLimits:
-    """When microphones count as lying on one line or in one plane."""
-
-    flat: float = 1e-3  # smallest extent of an array over its largest one, dimensionless, that counts as an extent
-
-
-LIMITS = GaugeLimits()
+FLAT = 1e-3  # smallest extent of an array over its largest one that counts: below, it lies on a line or in a plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,23 +35,19 @@ class GaugeFrame:
 
 
 def minimal_frame(known: Integers, known_positions: Reals) -> GaugeFrame:
-    """Return the frame of the first D + 1 known microphones that span D directions.
-
-    `known` (A,) int; `known_positions` (A, D) float64, metres. Raises InputError if there are no such microphones.
-    """
+    """Return the frame of the first D + 1 known microphones, at (A, D) metres, that span D directions."""
     places = np.asarray(known_positions, float)
     D = places.shape[1]
     chosen = list(range(min(2, len(places))))
     for candidate in range(2, len(places)):
-        if len(chosen) <= D and _spans(places[[*chosen, candidate]]):
+        if len(chosen) <= D and _spans(places[[*chosen, candidate]], len(chosen)):
             chosen.append(candidate)
     if len(chosen) != D + 1:
-        raise InputError(
-            f"known = {np.asarray(known).tolist()} does not fix the gauge",
-            f"the minimal gauge needs {D + 1} known microphones that span the array: a position, a direction, a side",
-            key="known",
-            value=np.asarray(known).tolist(),
+        problem = f"known = {np.asarray(known).tolist()} does not fix the gauge"
+        remedy = (
+            f"the minimal gauge needs {D + 1} known microphones that span the array: a position, a direction, a side"
         )
+        raise InputError(problem, remedy, key="known", value=np.asarray(known).tolist())
     return GaugeFrame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(places[chosen], float))
 
 
@@ -81,10 +68,10 @@ def _axes(points: np.ndarray) -> np.ndarray:
     return Q * np.where(np.diag(R) < 0, -1.0, 1.0)
 
 
-def _spans(points: np.ndarray) -> bool:
-    """Return whether A points span A - 1 directions."""
+def _spans(points: np.ndarray, directions: int) -> bool:
+    """Return whether points (A, D) span a number of directions."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[len(points) - 2] > LIMITS.flat * spread[0])
+    return bool(spread[directions - 1] > FLAT * spread[0])
 
 
 def rigid_motions(positions: Reals) -> np.ndarray:
@@ -101,21 +88,15 @@ def rigid_motions(positions: Reals) -> np.ndarray:
 
 
 def position_errors(estimate: ArrayLike, truth: ArrayLike | None) -> np.ndarray:
-    """Return the distance of each microphone from its true position.
-
-    `estimate`, `truth` (N, D) float64, metres. Returns (N,) float64, metres.
-    """
+    """Return the distance of each microphone (N, D) from its true position, metres : (N,)."""
     return np.linalg.norm(np.asarray(estimate) - np.asarray(truth), axis=1)
 
 
 def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(None)) -> np.ndarray:
     """Return `estimate` moved onto `truth` by the best rigid motion in the least-squares sense.
 
-    Kabsch's method without the condition on the determinant: a mirror image is allowed, since it has the same
-    pressures.
-
-    `estimate`, `truth` (N, D) float64, metres; `by`, slice or index array, microphones that determine the motion; all
-    unless given. Returns (N, D) float64, metres.
+    Kabsch's method without the condition on the determinant: a mirror image, which has the same pressures, is allowed.
+    `by`: the microphones that determine the motion. All are (N, D), metres.
     """
     estimate, truth = np.asarray(estimate, float), np.asarray(truth, float)
     centre, target = estimate[by].mean(axis=0), truth[by].mean(axis=0)
@@ -124,15 +105,9 @@ def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(
 
 
 def fixes_gauge(positions: ArrayLike) -> bool:
-    """Return whether microphones at `positions` (A, D), metres, fix translation, rotation and mirror image.
-
-    They do if they span all D directions, each by more than a thousandth of their largest extent.
-    """
+    """Return whether microphones at (A, D), metres, fix translation, rotation and mirror image: span D directions."""
     positions = np.asarray(positions, float)
-    if len(positions) <= positions.shape[1]:
-        return False
-    spread = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
-    return bool(spread[-1] > LIMITS.flat * spread[0])
+    return len(positions) > positions.shape[1] and _spans(positions, positions.shape[1])
 
 
 def in_frame(positions: Reals, frame: str) -> np.ndarray:

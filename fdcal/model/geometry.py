@@ -1,30 +1,17 @@
-"""Points in the plane and in space: polygons and hulls, the geometries of arrays, cells of a grid, a random source.
-
-in_polygon, encloses, convex_hull, crosses_polygon      in the plane
-circle, rectangle, rectangle_plus_random                arrays in the plane
-ball, box, plane                                        arrays in space
-snap, cells_of                                          cells of a grid that contain given points
-random_source                                           a place in a room, away from walls and microphones
-
-Coordinates are metres.
-"""
+"""Points in the plane and in space, metres: polygons, hulls, geometries of arrays, cells of a grid, a random source."""
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from .validation import InputError
+from .validation import refusal
 
 ROUNDING = 1e-9  # of a coordinate, metres, and of an angle, radians: differences this small are none
 
 
 def in_polygon(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """Return which points lie inside a polygon, by the even-odd rule.
-
-    `points` (..., 2) float64, metres; `vertices` (V, 2) float64, corners in order, metres; the last joins the first.
-    Returns (...) bool, a point on the outline itself may fall on either side.
-    """
+    """Return which points (..., 2) lie inside the polygon of `vertices` (V, 2), in order, by the even-odd rule."""
     x, y = np.moveaxis(np.asarray(points, dtype=float), -1, 0)
     crossings = np.zeros(x.shape, dtype=bool)
     for (xa, ya), (xb, yb) in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
@@ -88,11 +75,7 @@ def circle(count: int, radius: float) -> np.ndarray:
 
 
 def rectangle(shape: tuple[int, ...], size: tuple[float, ...]) -> np.ndarray:
-    """Return a regular lattice about the origin.
-
-    `shape` (2,) int, points along x and y; an axis with a single point has it at 0; `size` (2,) float, outer lengths,
-    metres. Returns (nx * ny, 2) float64, metres, x fastest.
-    """
+    """Return a regular lattice about the origin, of `shape` points and lengths `size` : (nx * ny, 2), x fastest."""
     x, y = (np.linspace(-s / 2, s / 2, n) if n > 1 else np.zeros(1) for n, s in zip(shape, size, strict=True))
     return np.column_stack([axis.ravel() for axis in np.meshgrid(x, y)])
 
@@ -105,12 +88,9 @@ def rectangle_plus_random(
     rng: np.random.Generator,
     center: tuple[float, ...] = (0.0, 0.0),
 ) -> np.ndarray:
-    """Return a regular lattice, then `extra` points drawn without replacement from the free cells inside it.
+    """Return a regular lattice, then `extra` points drawn from the free cells inside it : (nx * ny + extra, 2), metres.
 
     Unlike the other geometries this one takes its `center`: which cells are free depends on it.
-
-    `shape`, `size`: see `rectangle`; `cell`: edge of a cell, metres; `center` (2,) float, metres. Returns (nx * ny +
-    extra, 2) float64, metres, on cell centres. Raises InputError: fewer free cells than `extra`.
     """
     regular = cells_of(rectangle(shape, size) + center, cell)
     low, high = regular.min(axis=0), regular.max(axis=0)
@@ -118,13 +98,8 @@ def rectangle_plus_random(
     taken = {tuple(index) for index in regular.tolist()}
     free = [index for index in zip(x.ravel().tolist(), y.ravel().tolist(), strict=True) if index not in taken]
     if extra > len(free):
-        raise InputError(
-            f"array.random = {extra} is more than the {len(free)} free cells of room.cell = {cell:g} m inside"
-            f" array.size = {list(size)} m",
-            f"use at most {len(free)}",
-            key="array.random",
-            value=extra,
-        )
+        why = f"is more than the {len(free)} free cells of room.cell = {cell:g} m inside array.size = {list(size)} m"
+        raise refusal("array.random", extra, why, f"use at most {len(free)}")
     drawn = np.array(free)[rng.choice(len(free), extra, replace=False)]
     return (np.concatenate([regular, drawn]) + 0.5) * cell
 
@@ -168,12 +143,9 @@ def random_source(
     rng: np.random.Generator,
     allowed: Callable[[np.ndarray], bool],
 ) -> np.ndarray | None:
-    """Return a place drawn evenly over the room, rounded to a millimetre.
+    """Return a place drawn evenly over a room of lengths `size`, rounded to a millimetre; None where none was found.
 
-    `size` (2,) or (3,) sequence of float, lengths of the room, metres; `microphones` (N, 2 or 3) float64, metres.
-    Without heights in a room with a height, horizontal distances count; `clearance`: least distance from every
-    microphone, metres; `allowed`: whether a place, (2 or 3,) float64, is possible otherwise. Returns (2 or 3,) float64
-    or None, none where no place was found.
+    It is `clearance` away from all microphones (N, 2 or 3), horizontally where these have no heights, and `allowed`.
     """
     lengths = np.asarray(size, float)
     for _ in range(DRAWS):

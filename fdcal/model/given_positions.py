@@ -43,8 +43,7 @@ def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any
     """Return a measurement with other known microphones.
 
     `known`: names or numbers of microphones, which a mapping maps to positions (D,), metres. Of a sequence, the
-    positions are those that the measurement has. Raises InputError: a microphone does not exist or is given twice, or
-    its position is missing.
+    positions are those that the measurement has.
     """
     names = measurement.names
     numbers = [microphone_index(str(key), names, "known") for key in known]
@@ -77,31 +76,23 @@ def _position(measurement: Measurement, number: int) -> np.ndarray:
     if number in measurement.known:
         return measurement.known_positions[measurement.known.tolist().index(number)]
     if measurement.positions is None:
-        raise InputError(
-            f"the measurement holds no position of microphone {measurement.names[number]}",
-            "give a mapping of names to positions as <known>",
-            key="known",
-        )
+        problem = f"the measurement holds no position of microphone {measurement.names[number]}"
+        raise InputError(problem, "give a mapping of names to positions as <known>", key="known")
     return measurement.positions[number]
 
 
 def with_positions(measurement: Measurement, placed: MicrophonePositions, excluded: int = 0) -> Measurement:
     """Return a measurement with the positions of all microphones, to compare with.
 
-    Channels are found by name where all names are given. Otherwise the order counts.
-
-    `excluded`: number of channels that were left out of the measurement; `placed` may hold these, too. Raises
-    InputError: the numbers of microphones differ, or positions in space are given for an array in the plane.
+    Channels are found by name where all names are given, otherwise by order. `placed` may also hold the `excluded`
+    channels that were left out of the measurement.
     """
     rows = _rows(measurement.names, placed.names, excluded)
     positions = np.asarray(placed.positions)[rows]
     D = measurement.array_dimension
     if D == 2 and np.ptp(positions[:, 2]) > FLAT:
-        raise InputError(
-            "the positions given have different heights, and this array is in the plane",
-            "give <positions> of one height",
-            key="positions",
-        )
+        problem = "the positions given have different heights, and this array is in the plane"
+        raise InputError(problem, "give <positions> of one height", key="positions")
     return replace(
         measurement,
         positions=positions[:, :D],
@@ -112,10 +103,7 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
 
 
 def row_order_remark(names: Sequence[str], given: Sequence[str]) -> str:
-    """Return in words that the rows of a list count and not its names; "" where it names all of `names`.
-
-    `names`: of the microphones; `given`: of the rows of the list.
-    """
+    """Return in words that the rows of a list count and not their names, `given`; "" where it has all of `names`."""
     shared = len(set(names) & set(given))
     if shared == len(names):
         return ""
@@ -132,11 +120,9 @@ def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int
     numbers = [int(name) for name in names if name.isascii() and name.isdigit()]
     if len(given) == len(names) + excluded and len(numbers) == len(names) and max(numbers) < len(given):
         return numbers
-    raise InputError(
-        f"{len(given)} positions are given for {len(names)} microphones, and their names differ",
-        "give <positions> of all microphones, in the order of the channels or with their names",
-        key="positions",
-    )
+    problem = f"{len(given)} positions are given for {len(names)} microphones, and their names differ"
+    remedy = "give <positions> of all microphones, in the order of the channels or with their names"
+    raise InputError(problem, remedy, key="positions")
 
 
 def with_search_domain(measurement: Measurement, positions: Any) -> Measurement:

@@ -16,7 +16,7 @@ from .channels import microphone_index
 from .gauge import align, minimal_frame, position_errors
 from .problem import Problem, mode_power
 from .settings import Search
-from .validation import LIMITS, InputError, frozen_array, require_choice
+from .validation import LIMITS, InputError, frozen_array, require_array, require_choice
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -125,11 +125,11 @@ class Measurement:
         put("dimension", checks.dimension("dimension", dimension, (2, 3)))
         own = self.dimension if array_dimension is None else array_dimension
         put("array_dimension", checks.dimension("array_dimension", own, range(2, self.dimension + 1)))
-        put("frequencies", checks.real("frequencies", frequencies, (None,), "Hz"))
+        put("frequencies", require_array("frequencies", frequencies, "real", (None,), "Hz"))
         put("pressures", checks.pressures(pressures, len(self.frequencies), names))
         put("wavenumbers", checks.wavenumbers(wavenumbers, self.frequencies, self.sound_speed))
         if noise_power is not None:
-            noise_power = checks.real("noise_power", noise_power, (len(self.frequencies),), "one for each mode")
+            noise_power = require_array("noise_power", noise_power, "real", self.frequencies.shape, "one for each mode")
         put("noise_power", noise_power)
         put("takes", checks.takes(takes, len(self.frequencies)))
         put("names", checks.names(names, self.count))
@@ -137,7 +137,7 @@ class Measurement:
         put("arrivals", times)
         put("arrival_sigma", sigma)
         if positions is not None:
-            positions = checks.real("positions", positions, (self.count, self.array_dimension), "m")
+            positions = require_array("positions", positions, "real", (self.count, self.array_dimension), "m")
         put("positions", positions)
         put("nominal", checks.flag("nominal", nominal))
         put("spectrum", None if spectrum is None else checks.spectrum(spectrum, self.takes))
@@ -333,29 +333,20 @@ class Measurement:
         if not np.any(chosen):
             listed = ", ".join(map(str, numbers[:20]))
             raise InputError(f"there is no take {take}", f"use one of {listed}", key="take", value=take)
+        spectrum, others = self.spectrum, np.arange(take + 1)[:, None] != take
+        if spectrum is not None and len(spectrum) > 2:  # one for each take
+            spectrum = spectrum[[0, 1 + int(np.searchsorted(numbers, take))]]
         return replace(
             self,
             frequencies=self.frequencies[chosen],
             pressures=self.pressures[chosen],
             wavenumbers=self.wavenumbers[chosen],
             noise_power=None if self.noise_power is None else self.noise_power[chosen],
-            spectrum=self._spectrum_of(int(np.searchsorted(numbers, take))),
+            spectrum=spectrum,
             takes=self.takes[chosen],
-            arrivals=None if self.arrivals is None else self._arrivals_of(take),
+            arrivals=None if self.arrivals is None else np.where(others, np.nan, self.arrivals[: take + 1]),
             arrival_sigma=None if self.arrival_sigma is None else self.arrival_sigma[: take + 1],
         )
-
-    def _arrivals_of(self, take: int) -> np.ndarray:
-        """Return the arrivals (take + 1, N) of one take, seconds, in a table without those before it."""
-        assert self.arrivals is not None
-        others = np.arange(take + 1) != take
-        return np.where(others[:, None], np.nan, self.arrivals[: take + 1])
-
-    def _spectrum_of(self, number: int) -> np.ndarray | None:
-        """Return the spectrum of one take : (2, F) float64, or None; that of all where each has none of its own."""
-        if self.spectrum is None or len(self.spectrum) == 2:
-            return self.spectrum
-        return self.spectrum[[0, 1 + number]]
 
     @property
     def reference(self) -> str:
@@ -462,22 +453,16 @@ class Measurement:
         largest = _largest(self.pressures)
         for value in (largest.min(), largest.max()):
             if not LIMITS.weakest <= value <= LIMITS.strongest:
-                raise InputError(
-                    f'pressures of {value:.3g} cannot be squared with solver.weights = "raw"',
-                    f"use another unit, between {LIMITS.weakest:g} and {LIMITS.strongest:g}, or"
-                    ' solver.weights = "unit"',
-                    key="solver.weights",
-                    value="raw",
-                )
+                problem = f'pressures of {value:.3g} cannot be squared with solver.weights = "raw"'
+                unit = f"use another unit, between {LIMITS.weakest:g} and {LIMITS.strongest:g}"
+                raise InputError(problem, f'{unit}, or solver.weights = "unit"', key="solver.weights", value="raw")
         return self.pressures, self.noise_power
 
 
 def _joined_spectrum(each: Sequence[Measurement]) -> np.ndarray | None:
     """Return the spectra of all takes over the frequencies of the finest : (1 + T, F) float64; None if one lacks it."""
-    spectra = [one.spectrum for one in each if one.spectrum is not None]
-    if len(spectra) < len(each) or any(
-        len(spectrum) != 1 + one.take_count for spectrum, one in zip(spectra, each, strict=True)
-    ):
+    spectra = [s for one in each if (s := one.spectrum) is not None and len(s) == 1 + one.take_count]
+    if len(spectra) < len(each):
         return None
     f = max((spectrum[0] for spectrum in spectra), key=len)
     return np.stack([f, *(np.interp(f, spectrum[0], power) for spectrum in spectra for power in spectrum[1:])])
@@ -497,9 +482,9 @@ def _joined_arrivals(each: Sequence[Measurement]) -> dict[str, np.ndarray]:
     sigma: list[np.ndarray] = []
     for one in each:
         rows = _take_rows(one)
-        none = np.full((rows, one.count), np.nan), np.full(rows, checks.ARRIVALS.sigma / one.sound_speed)
-        times.append(none[0] if one.arrivals is None else one.arrivals)
-        sigma.append(none[1] if one.arrival_sigma is None else one.arrival_sigma)
+        usual = np.full(rows, checks.ARRIVAL_SIGMA / one.sound_speed)
+        times.append(np.full((rows, one.count), np.nan) if one.arrivals is None else one.arrivals)
+        sigma.append(usual if one.arrival_sigma is None else one.arrival_sigma)
     return {"arrivals": np.concatenate(times), "arrival_sigma": np.concatenate(sigma)}
 
 

@@ -9,18 +9,10 @@ import numpy as np
 
 from .declared import require_positive
 from .settings import Search
-from .validation import LIMITS, InputError, frozen_array, require_array, require_choice
+from .validation import LIMITS, InputError, frozen_array, refusal, require_array, require_choice
 
-
-@dataclass(frozen=True)
-class ArrivalLimits:
-    """Of arrival times: the latest, seconds, and one sigma unless it is given, metres over the sound speed."""
-
-    latest: float = 1e4
-    sigma: float = 3e-4
-
-
-ARRIVALS = ArrivalLimits()
+LATEST_ARRIVAL = 1e4  # seconds
+ARRIVAL_SIGMA = 3e-4  # one sigma of an arrival unless it is given, metres over the sound speed
 ROUNDING = 1e-9  # relative to a wavenumber: an imaginary part this small may have either sign
 
 
@@ -45,11 +37,6 @@ def flag(key: str, value: Any) -> bool:
     return bool(value)
 
 
-def real(key: str, values: Any, shape: tuple[int | None, ...], unit: str) -> np.ndarray:
-    """Return real numbers of the given shape : float64."""
-    return require_array(key, values, "real", shape, unit)
-
-
 def pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:
     """Return the pressures : (M, N) complex128; `labels` are the names of the microphones, if there are any."""
     array = np.asarray(values)
@@ -58,11 +45,8 @@ def pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None
         named = list(range(array.shape[1])) if labels is None else list(labels)
         if 0 < len(bad) < array.shape[1] and len(named) == array.shape[1]:
             name = named[int(bad[0])]
-            raise InputError(
-                f'pressures of microphone "{name}" are not all finite numbers',
-                f"correct them, or leave the microphone out: <exclude> {name}",
-                key="pressures",
-            )
+            problem = f'pressures of microphone "{name}" are not all finite numbers'
+            raise InputError(problem, f"correct them, or leave the microphone out: <exclude> {name}", key="pressures")
     what = "the transform at each of the frequencies, one column a microphone"
     return require_array("pressures", values, "complex", (modes, None), what)
 
@@ -109,10 +93,7 @@ def takes(values: Any, rows: int) -> np.ndarray:
 def arrivals(
     times: Any, sigma: Any, takes: Any, count: int, speed: float
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return the arrivals (T, N) and their standard deviations (T,), seconds; None and None without any.
-
-    times, sigma : as they are given; takes : (M,) int64; count : number of microphones N; speed : m/s
-    """
+    """Return the arrivals (T, N), of `count` microphones, and their sigmas (T,), seconds; None and None without any."""
     rows = int(takes.max(initial=0)) + 1
     if times is None:
         if sigma is not None:
@@ -127,10 +108,10 @@ def arrivals(
         array, missing = times, np.zeros((rows, count), bool)
     array = require_array("arrivals", array, "real", (rows, count), "s, one row for each take")
     latest = float(np.abs(array).max(initial=0.0))
-    if latest > ARRIVALS.latest:
+    if latest > LATEST_ARRIVAL:
         problem = f"an arrival of {latest:.3g} s is too late"
-        raise InputError(problem, f"use times within {ARRIVALS.latest:g} s of 0", key="arrivals")
-    sigma = ARRIVALS.sigma / speed if sigma is None else sigma
+        raise InputError(problem, f"use times within {LATEST_ARRIVAL:g} s of 0", key="arrivals")
+    sigma = ARRIVAL_SIGMA / speed if sigma is None else sigma
     if np.ndim(sigma) == 0:
         require_positive("arrival_sigma", np.asarray(sigma).item(), "s")
         sigma = np.full(rows, float(sigma))
@@ -141,11 +122,7 @@ def arrivals(
 
 
 def known(indices: Any, places: Any, truth: np.ndarray | None, count: int, D: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the known microphones (A,) int64, ascending, and their positions (A, D) float64, metres.
-
-    `indices` (A,) int; `places` (A, D) float64 or None, metres; those of `truth` unless given; `truth` (N, D) float64
-    or None, true positions, metres; `count`, `D`: number of microphones and of coordinates.
-    """
+    """Return the known microphones (A,), ascending, and their positions (A, D), metres: `places`, else of `truth`."""
     numbers = require_array("known", indices, "index", (None,), "microphones counted from 0")
     listed = numbers.tolist()
     if listed and not (min(listed) >= 0 and max(listed) < count and len(set(listed)) == len(listed)):
@@ -167,12 +144,8 @@ def known(indices: Any, places: Any, truth: np.ndarray | None, count: int, D: in
 def require_search_dimension(search: Search | None, D: int) -> None:
     """Raise InputError unless the search domain has as many lengths as a position has coordinates."""
     if search is not None and len(search.size) != D:
-        raise InputError(
-            f"search_size has {len(search.size)} lengths and the positions have {D} coordinates",
-            f"give {D} lengths",
-            key="search_size",
-            value=search.size,
-        )
+        problem = f"search_size has {len(search.size)} lengths and the positions have {D} coordinates"
+        raise InputError(problem, f"give {D} lengths", key="search_size", value=search.size)
 
 
 def require_order(frequencies: np.ndarray, repeated: bool) -> None:
@@ -195,25 +168,22 @@ def require_usable(
     # Waves that run backwards, or grow with time.
     wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
     if len(wrong):
-        raise InputError(
+        problem = (
             f"wavenumbers[{wrong[0]}] = {k[wrong[0]]:.6g} rad/m must have a real part above zero and, of a wave that"
-            " decays, an imaginary part below it: the time sign is exp(+j w t)",
-            "with the other sign take the conjugate of wavenumbers and pressures",
-            key="wavenumbers",
-            value=k[wrong[0]],
+            " decays, an imaginary part below it: the time sign is exp(+j w t)"
         )
+        remedy = "with the other sign take the conjugate of wavenumbers and pressures"
+        raise InputError(problem, remedy, key="wavenumbers", value=k[wrong[0]])
     # Wavenumbers that no wave of these frequencies has at about this speed of sound.
     ratio = np.abs(k) * speed / (2 * np.pi * frequencies)
     wrong = np.flatnonzero((ratio > LIMITS.dispersion) | (ratio < 1 / LIMITS.dispersion))
     if len(wrong):
         m = wrong[0]
-        raise InputError(
+        problem = (
             f"wavenumbers[{m}] = {k[m]:.6g} rad/m cannot be that of {frequencies[m]:g} Hz with sound_speed ="
-            f" {speed:g} m/s, where 2 pi f / c = {2 * np.pi * frequencies[m] / speed:.6g} rad/m",
-            "correct them, or leave them out",
-            key="wavenumbers",
-            value=k[m],
+            f" {speed:g} m/s, where 2 pi f / c = {2 * np.pi * frequencies[m] / speed:.6g} rad/m"
         )
+        raise InputError(problem, "correct them, or leave them out", key="wavenumbers", value=k[m])
     silent = np.flatnonzero(~np.any(values, axis=0))
     if len(silent):
         name = labels[silent[0]]
@@ -223,10 +193,9 @@ def require_usable(
     if len(silent):
         problem = f"pressures at {frequencies[silent[0]]:g} Hz are zero at every microphone"
         raise InputError(problem, "leave that frequency out", key="pressures")
-    if noise_power is not None and np.any(noise_power < 0):
-        problem = f"noise_power = {noise_power.min():g} is negative"
-        raise InputError(problem, "use 0 for no noise", key="noise_power", value=noise_power.min())
     if noise_power is not None:
+        if np.any(noise_power < 0):
+            raise refusal("noise_power", float(noise_power.min()), "is negative", "use 0 for no noise")
         _require_noise_below_signal(values, noise_power, frequencies)
 
 
@@ -245,15 +214,14 @@ def _require_noise_below_signal(values: np.ndarray, noise_power: np.ndarray, fre
         ratio = np.minimum(noise**2 / power, 1e30)
     for m, n in ((int(ratio.argmax()), values.shape[1]), (-1, values.size)):
         lowest = max(0.0, 1 - 1 / (9 * n) - CERTAIN / np.sqrt(9 * n)) ** 3
-        share = ratio[m] if m >= 0 else 1 / np.mean(1 / np.maximum(ratio, 1e-30))
-        if share * lowest > 1:
+        ratio_of_all = ratio[m] if m >= 0 else 1 / np.mean(1 / np.maximum(ratio, 1e-30))
+        if ratio_of_all * lowest > 1:
             where = f"at {frequencies[m]:g} Hz" if m >= 0 else "on average"
-            raise InputError(
-                f"noise_power is {share:.3g} times the power of the pressures {where}, which holds the noise as well",
-                "give it in the unit of abs(pressures)**2, not in decibels, or leave that frequency out",
-                key="noise_power",
-                value=noise_power[m],
+            problem = (
+                f"noise_power is {ratio_of_all:.3g} times the power of the pressures {where}, which holds the noise"
             )
+            remedy = "give it in the unit of abs(pressures)**2, not in decibels, or leave that frequency out"
+            raise InputError(f"{problem} as well", remedy, key="noise_power", value=noise_power[m])
 
 
 @dataclass(frozen=True)
@@ -282,8 +250,7 @@ def hold(array: np.ndarray, speed: float, derived: bool) -> np.ndarray:
 def given_wavenumbers(values: Any, speed: float):
     """Return the wavenumbers that are given for a measurement, None where they are to follow from the frequencies.
 
-    `values`, array_like or None, those of another measurement count as given only if they were given there; `speed`:
-    m/s, of the measurement. Raises InputError: they were given for a measurement of another sound speed.
+    Those of another measurement count as given only if they were given there, at the same `speed`, m/s.
     """
     held = _held.get(id(values))
     if held is None or held.array() is not values:

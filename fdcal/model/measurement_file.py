@@ -5,6 +5,7 @@ Its keys are the fields of `fdcal.model.measurement.Measurement`, and those of t
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -18,27 +19,11 @@ from .validation import InputError, StorageError, require_array
 
 REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
 SEARCH = ("search_origin", "search_size", "search_step", "radius")
-OPTIONAL = (
-    "array_dimension",
-    "wavenumbers",
-    "noise_power",
-    "names",
-    "positions",
-    "known",
-    "known_positions",
-    "spectrum",
-    "takes",
-    "arrivals",
-    "arrival_sigma",
-    "nominal",
-)
+OPTIONAL = tuple(field.name for field in fields(Measurement) if field.name not in (*REQUIRED, "search"))
 
 
 def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, np.ndarray] | None = None) -> None:
-    """Write a measurement as .npz; `load_measurement` lists the keys.
-
-    `file`: Path or open binary file; `others`: stored under keys of their own, which `load_measurement` ignores.
-    """
+    """Write a measurement as .npz, into a path or an open file; `others` have keys that `load_measurement` ignores."""
     table: dict[str, Any] = {key: getattr(measurement, key) for key in REQUIRED + OPTIONAL}
     table["names"] = np.array(measurement.names)
     if measurement.take_count == 1 and np.all(np.diff(measurement.frequencies) > 0):
@@ -56,17 +41,10 @@ def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, n
 
 
 def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") -> Measurement:
-    """Return the measurement of an .npz file.
+    """Return the measurement of an .npz file, a path or open, that has all REQUIRED keys and all or none of SEARCH.
 
-    Keys: `frequencies` (M,) Hz, `pressures` (M, N) complex, `sound_speed` m/s, `dimension`; optionally
-    `array_dimension`, `wavenumbers` (M,) complex rad/m, `noise_power` (M,), `names` (N,), `positions` (N, D) m,
-    `known` (A,) with `known_positions` (A, D) m, `takes` (M,) the take of each row, from 0, `arrivals`
-    (T, N) s with `arrival_sigma` (T,) s, `nominal`, whether the positions are nominal, and all or none of
-    `search_origin`, `search_size`, `search_step`, `radius`, m.
-
-    `path`: Path or open binary file; `excluded`: names or numbers of microphones that are left out before anything is
-    checked; `called`: what messages call the file; its path unless given. Raises StorageError if the file cannot be
-    read; InputError if it does not hold a measurement.
+    `excluded`: names or numbers of microphones that are left out before anything is checked; `called`: what messages
+    call the file; its path unless given.
     """
     table = _read_arrays(path)
     path = called or path

@@ -11,11 +11,7 @@ from .validation import frozen_array
 
 
 def mode_power(pressures: Numbers) -> np.ndarray:
-    """Return the mean of abs(pressures)**2 over the microphones, mode by mode.
-
-    `pressures` (..., M, N) complex128, pressures of M modes at N microphones, in any unit. Returns (..., M) float64,
-    mean power, in the squared unit of the pressures.
-    """
+    """Return the mean of abs(pressures)**2 over the microphones : (..., M, N), any unit -> (..., M), its square."""
     return np.mean(np.abs(pressures) ** 2, axis=-1)
 
 

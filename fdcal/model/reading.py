@@ -1,11 +1,4 @@
-"""Reading of files that anyone may have written: text within a length, TOML, JSON and NumPy archives.
-
-read_bytes      the content of a file, refused beyond a number of bytes, so that a device without an end is no hang
-parse_toml      a table, or InputError for whatever is no TOML: too deeply nested, or a number with too many digits
-parse_json      a value, likewise
-read_archive    arrays of an .npz file, refused before they are unfolded if they would fill the memory
-shown           a value for a message, cut to a few words
-"""
+"""Reading of files that anyone may have written: text within a length, TOML, JSON and NumPy archives."""
 
 import json
 import os
@@ -24,11 +17,7 @@ MAX_DOTS = 500  # before the "=" of a line: the parser's time grows with the squ
 
 
 def read_bytes(path: str | Path, most: int = LIMITS.text, what: str = "") -> bytes:
-    """Return the content of a file.
-
-    `most`: bytes that it may have; `what`: what an error calls its content, as "scene". Raises InputError: it has more
-    bytes, or its name holds a NUL; StorageError: it cannot be read.
-    """
+    """Return the content, as "scene", of a file of at `most` so many bytes: a device without an end is no hang."""
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no name of a file, it holds a NUL character", "correct it")
     try:
@@ -42,10 +31,7 @@ def read_bytes(path: str | Path, most: int = LIMITS.text, what: str = "") -> byt
 
 
 def parse_toml(content: bytes, where: object) -> dict[str, Any]:
-    """Return the table of a TOML file.
-
-    `where`: what an error calls the file. Raises InputError: it is no TOML.
-    """
+    """Return the table of a TOML file, which an error calls `where`; InputError for what is none."""
     try:
         text = content.decode("utf-8-sig")
         for number, line in enumerate(text.splitlines(), 1):
@@ -57,10 +43,7 @@ def parse_toml(content: bytes, where: object) -> dict[str, Any]:
 
 
 def parse_json(content: bytes | str, where: object) -> Any:
-    """Return the value of a JSON file.
-
-    `content`: bytes or str; `where`: what an error calls the file. Raises InputError: it is no JSON.
-    """
+    """Return the value of a JSON file, which an error calls `where`; InputError for what is none."""
     try:
         return json.loads(content.decode("utf-8") if isinstance(content, bytes) else content)
     except (ValueError, RecursionError) as error:
@@ -75,10 +58,9 @@ def _reason(error: Exception) -> str:
 
 
 def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
-    """Return the arrays of an .npz file whose names are wanted; no pickled objects are read.
+    """Return the arrays of an open .npz file whose names are wanted, none pickled, `LIMITS.unfolded` bytes at most.
 
-    `file`: open binary file. Raises InputError: it unfolds to more than `LIMITS.unfolded` bytes, or a member is not an
-    array; Exception: anything, for a damaged archive.
+    A damaged archive raises any Exception.
     """
     with zipfile.ZipFile(file) as archive:
         entries = [entry for entry in archive.infolist() if wanted(entry.filename.removesuffix(".npy"))]
@@ -86,28 +68,22 @@ def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
     stored = sum(entry.file_size for entry in entries if entry.compress_type == zipfile.ZIP_STORED)
     packed = sum(entry.file_size for entry in entries if entry.compress_type != zipfile.ZIP_STORED)
     if packed > LIMITS.unfolded or stored > file.seek(0, os.SEEK_END):
-        raise InputError(
-            f"it unfolds to {packed + stored:.3g} bytes, and a compressed file may to {LIMITS.unfolded:.3g}",
-            "write it with numpy.savez, which does not compress",
-        )
+        problem = f"it unfolds to {packed + stored:.3g} bytes, and a compressed file may to {LIMITS.unfolded:.3g}"
+        raise InputError(problem, "write it with numpy.savez, which does not compress")
     file.seek(0)
     table, key = dict[str, Any](), ""
     with np.load(file, allow_pickle=False) as archive:
         for key in filter(wanted, archive.files):
             try:
                 table[key] = archive[key]
+                if not isinstance(table[key], np.ndarray):
+                    raise ValueError("it does not begin as an array of NumPy does")
             except MemoryError:
                 raise
             except Exception as error:  # a damaged member raises anything from zipfile, zlib or NumPy
-                raise _damaged(key, str(error)) from error
-            if not isinstance(table[key], np.ndarray):
-                raise _damaged(key, "it does not begin as an array of NumPy does")
+                problem = f'"{key}" is damaged or not a plain array of numbers ({shown(str(error), 120)})'
+                raise InputError(problem, "write it again", key=key) from error
     return table
-
-
-def _damaged(key: str, reason: str) -> InputError:
-    reason = shown(reason, 120)
-    return InputError(f'"{key}" is damaged or not a plain array of numbers ({reason})', "write it again", key=key)
 
 
 def require_regular(path: str | Path) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import math
 import typing
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -46,39 +45,12 @@ def is_response_file(text: str) -> bool:
 def require_response_name(text: str) -> None:
     """Raise InputError for a text that is neither the path of a response nor one of `response_names()`."""
     if not is_response_file(text) and text not in response_names():
-        raise InputError(
-            f'room.response = "{text}" is unknown',
-            f"use {', '.join(response_names())} or the path of a {SUFFIX} file",
-            key="room.response",
-            value=text,
-        )
-
-
-def require_no_walls(room: Mapping[str, Any]) -> None:
-    """Raise InputError for a measured room, as a table, with an unknown response or what only walls have."""
-    require_response_name(room["response"])
-    for key in ("size", "outline", "cell", "walls", "admittance"):
-        value = room[key]
-        if value and value != UNKNOWN_WALLS:
-            raise InputError(
-                f"room.{key} = {value!r} has no meaning in a measured room, whose walls are unknown",
-                "remove it",
-                key=f"room.{key}",
-                value=value,
-            )
+        remedy = f"use {', '.join(response_names())} or the path of a {SUFFIX} file"
+        raise refusal("room.response", text, "is unknown", remedy)
 
 
 def response_path(text: str) -> Path:
-    """Return the file of a response that is given by its name or its path.
-
-    `text`: one of `response_names()`, or the path of a .mat file. Raises InputError: the name is unknown; StorageError:
-    there is no such file.
-
-    Examples
-    --------
-    >>> response_path("listening_lab").name
-    'listening_lab.mat'
-    """
+    """Return the file of a response that is given by its name or its path; StorageError where it is missing."""
     require_response_name(text)
     path = Path(text) if is_response_file(text) else response_folder() / f"{text}{SUFFIX}"
     if not path.is_file():
@@ -124,7 +96,12 @@ class Room:
 
     def __post_init__(self):
         if self.response is not None:
-            require_no_walls(vars(self))
+            require_response_name(self.response)
+            for key in ("size", "outline", "cell", "walls", "admittance"):
+                value = getattr(self, key)
+                if value and value != UNKNOWN_WALLS:
+                    problem = f"room.{key} = {value!r} has no meaning in a measured room, whose walls are unknown"
+                    raise InputError(problem, "remove it", key=f"room.{key}", value=value)
             object.__setattr__(self, "walls", UNKNOWN_WALLS)
             check(self, "room.")
             return
@@ -135,8 +112,10 @@ class Room:
             why = "has no meaning with a room.size of three lengths, whose field is known in closed form"
             raise refusal("room.cell", self.cell, why, "remove it", "m")
         self._check_outline()
-        if self.dimension == 2:
-            self._check_cells()
+        cells = float(np.prod(np.abs(self.vertices).max(axis=0) / (self.cell or math.inf)))  # from the origin on
+        if cells > LIMITS.cells:
+            remedy = f"use a larger one ({LIMITS.cells:.0e} cells at most)"
+            raise refusal("room.cell", self.cell, f"divides the room into {cells:.3g} cells", remedy, "m")
         self._check_walls()
 
     def _check_outline(self):
@@ -153,23 +132,14 @@ class Room:
             remedy = "give at least three corners [x, y], in order"
             raise InputError("room.outline encloses no area", remedy, key="room.outline", value=self.outline)
 
-    def _check_cells(self):
-        cells = float(np.prod(np.abs(self.vertices).max(axis=0) / self.cell_size))  # the grid starts at the origin
-        if cells > LIMITS.cells:
-            remedy = f"use a larger one ({LIMITS.cells:.0e} cells at most)"
-            raise refusal("room.cell", self.cell, f"divides the room into {cells:.3g} cells", remedy, "m")
-
     def _check_walls(self):
         require_choice("room.walls", self.walls, WALLS)
         if self.walls == "absorbing" and not (math.isfinite(self.admittance) and self.admittance > 0):
             remedy = 'give a number above zero (or set room.walls = "rigid")'
             raise refusal("room.admittance", self.admittance, "cannot describe absorbing walls", remedy)
         if self.walls != "absorbing" and self.admittance != 0:
-            why, remedy = (
-                f'has no meaning with room.walls = "{self.walls}"',
-                'remove it or set room.walls = "absorbing"',
-            )
-            raise refusal("room.admittance", self.admittance, why, remedy)
+            why = f'has no meaning with room.walls = "{self.walls}"'
+            raise refusal("room.admittance", self.admittance, why, 'remove it or set room.walls = "absorbing"')
 
     @property
     def dimension(self) -> int:
@@ -245,8 +215,10 @@ class Source:
                 raise refusal(f"source.{key}", value, why, "remove it", "Hz")
             if pulsed:
                 object.__setattr__(self, key, default if value is None else value)
-        if pulsed:
-            self._check_band(self.band)
+        if pulsed and not self.band.low < self.band.high < self.band.sample_rate / 2:
+            problem = f"source.low = {self.low:g} Hz and source.high = {self.high:g} Hz must be in ascending order and"
+            problem += f" below half of source.sample_rate = {self.sample_rate:g} Hz"
+            raise InputError(problem, "change one of the three", key="source.high", value=self.high)
 
     def _check_places(self):
         """Raise InputError unless there is one place, or a list of different ones of as many coordinates."""
@@ -300,26 +272,13 @@ class Source:
         """Return the values as a dictionary, without `positions` where there are none: the key of a cache."""
         return {key: value for key, value in asdict(self).items() if key != "positions" or value}
 
-    @staticmethod
-    def _check_band(band: Band):
-        if not band.low < band.high < band.sample_rate / 2:
-            raise InputError(
-                f"source.low = {band.low:g} Hz and source.high = {band.high:g} Hz must be in ascending order and below"
-                f" half of source.sample_rate = {band.sample_rate:g} Hz",
-                "change one of the three",
-                key="source.high",
-                value=band.high,
-            )
-
     @property
     def band(self) -> Band:
         """Band and sampling rate of the simulated pulse; InputError with three coordinates, where there is none."""
         if self.low is None or self.high is None or self.sample_rate is None:
-            raise InputError(
-                f"source.position = {list(self.places[0])} has three coordinates, so that no pulse is simulated",
-                "give two coordinates, in a room of two dimensions",
-                key="source.position",
-            )
+            why = "has three coordinates, so that no pulse is simulated"
+            remedy = "give two coordinates, in a room of two dimensions"
+            raise refusal("source.position", list(self.places[0]), why, remedy)
         return Band(self.low, self.high, self.sample_rate)
 
 

@@ -103,12 +103,9 @@ class Scene:
         if self.room.dimension == 2:
             self._check_band()
         elif self.array.number > LIMITS.microphones_3d:
-            raise InputError(
-                f"array has {self.array.number} microphones",
-                f"use at most {LIMITS.microphones_3d} in a room of three dimensions",
-                key="array.count",
-                value=self.array.number,
-            )
+            problem = f"array has {self.array.number} microphones"
+            remedy = f"use at most {LIMITS.microphones_3d} in a room of three dimensions"
+            raise InputError(problem, remedy, key="array.count", value=self.array.number)
         if self.solver.name in KNOWN_ROOM_SOLVERS:
             require_rectangle(self)
             object.__setattr__(self, "solver", replace(self.solver, room=self.solver.room or self.room.size))
@@ -132,10 +129,8 @@ class Scene:
             why = f"is of {self.array.room_dimension} dimensions and the room of {D}"
             raise refusal("array.geometry", self.array.geometry, why, f"use {wanted} coordinates")
         if D == 3 and self.measurement.wavenumber != "continuous":
-            remedy = 'a room of three lengths needs "continuous"'
-            raise refusal(
-                "measurement.wavenumber", self.measurement.wavenumber, "has no meaning without a grid", remedy
-            )
+            why, remedy = "has no meaning without a grid", 'a room of three lengths needs "continuous"'
+            raise refusal("measurement.wavenumber", self.measurement.wavenumber, why, remedy)
 
     def _check_search(self):
         if self.search is None:
@@ -148,13 +143,12 @@ class Scene:
     def _check_band(self):
         sensing, band = self.measurement, self.emitter.band
         if not band.low <= sensing.lowest < sensing.highest <= band.high:
-            raise InputError(
-                f"measurement.lowest = {sensing.lowest:g} Hz to measurement.highest = {sensing.highest:g} Hz exceeds"
-                f" the band of the source, source.low = {band.low:g} Hz to source.high = {band.high:g} Hz",
-                "narrow the one or widen the other",
-                key="measurement.highest",
-                value=sensing.highest,
+            problem = f"measurement.lowest = {sensing.lowest:g} Hz to measurement.highest = {sensing.highest:g} Hz"
+            problem += (
+                f" exceeds the band of the source, source.low = {band.low:g} Hz to source.high = {band.high:g} Hz"
             )
+            remedy = "narrow the one or widen the other"
+            raise InputError(problem, remedy, key="measurement.highest", value=sensing.highest)
 
 
 def no_rectangle(scene: Scene) -> str:

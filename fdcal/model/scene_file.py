@@ -37,25 +37,16 @@ class MeasuredScene(Scene):
 
 
 def load_measured_scene(table: Mapping[str, Any]) -> MeasuredScene:
-    """Return the scene of a measurement that comes as a file.
-
-    `table`: `name`, `title`, `measurement`, the path of an .npz file, and `remark`, which may be missing. Raises
-    InputError for another key, or a value that is no text; StorageError: the measurement cannot be read.
-    """
+    """Return the scene of a measurement in a file, of a table with the KEYS, all texts; `remark` may be missing."""
     for key, value in table.items():
         if key not in KEYS:
             problem = f"{key} has no meaning in a scene that is a measurement, of which nothing is simulated"
             raise InputError(problem, "remove it", key=key)
         if not isinstance(value, str):
             raise InputError(f"{key} = {shown_literal(value)} must be a text", "write it in quotes", key=key)
-    measurement = load_measurement(table["measurement"])
+    file, remark = table["measurement"], table.get("remark", "")
     return placeholder_scene(
-        measurement,
-        table["name"],
-        SolverSettings(),
-        title=table["title"],
-        file=table["measurement"],
-        remark=table.get("remark", ""),
+        load_measurement(file), table["name"], SolverSettings(), title=table["title"], file=file, remark=remark
     )
 
 
@@ -69,10 +60,7 @@ def placeholder_scene(
     file: str = "",
     remark: str = "",
 ) -> MeasuredScene:
-    """Return a scene for a measurement that has none.
-
-    `name`: name of its file; `title`: the name and "as measured" unless given; `file`, `remark`: as of `MeasuredScene`.
-    """
+    """Return a scene for a measurement that has none; `title`: the name and "as measured" unless given."""
     D, d = measurement.dimension, measurement.array_dimension
     places = measurement.positions if measurement.positions is not None else measurement.known_positions
     low, high = (np.min(places, axis=0), np.max(places, axis=0)) if len(places) else (np.zeros(d), np.ones(d))
@@ -161,27 +149,17 @@ def load_scene(path: str | Path) -> Scene:
 def scene_table(path: str | Path) -> dict[str, Any]:
     """Return the table of a scene's file, of `load_scene`'s argument, as `fdcal.model.declared.build` takes it.
 
-    In place of the table `measurement` that of a measured scene has the path of its measurement.
+    Of a measured scene `measurement` is a path. The paths in a file are relative to its folder.
     """
     path = _file_of(Path(path))
-    table = parse_toml(read_bytes(path, what="scene"), path)
-    table = {"name": path.stem, "title": path.stem, **table}
-    return _with_files_beside(table, path.resolve().parent)
-
-
-def _with_files_beside(table: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the table of a scene with the paths of a measurement and of a measured room's file.
-
-    In the file they are relative to the scene's folder.
-    """
-    room, measurement = table.get("room"), table.get("measurement")
-    if isinstance(measurement, str):
-        table = {**table, "measurement": str(folder / measurement)}
+    table = {"name": path.stem, "title": path.stem, **parse_toml(read_bytes(path, what="scene"), path)}
+    folder, room = path.resolve().parent, table.get("room")
+    if isinstance(table.get("measurement"), str):
+        table["measurement"] = str(folder / table["measurement"])
     text = room.get("response") if isinstance(room, dict) else room
-    if not isinstance(text, str) or not is_response_file(text):
-        return table
-    found = str(folder / text)
-    return {**table, "room": {**room, "response": found} if isinstance(room, dict) else found}
+    if isinstance(text, str) and is_response_file(text):
+        table["room"] = {**room, "response": str(folder / text)} if isinstance(room, dict) else str(folder / text)
+    return table
 
 
 def _file_of(path: Path) -> Path:

@@ -45,11 +45,7 @@ class Element(NamedTuple):
 
 
 def read_arrays(data: bytes, names: Collection[str], path: str) -> dict[str, np.ndarray]:
-    """Return those of the variables `names` that a file has, each an array of real numbers of its own type.
-
-    `data`: the whole file; `names`: collection of str; `path`: named in the message. Raises InputError: the file is of
-    another version, cut off or damaged, or a variable is too large or no array of real numbers.
-    """
+    """Return those of the variables `names` that a file has, each an array of real numbers of its own type."""
     order = BYTE_ORDERS.get(data[HEADER - 2 : HEADER])
     if order is None or struct.unpack(f"{order}H", data[HEADER - 4 : HEADER - 2])[0] >> 8 != VERSION:
         raise InputError(f"{path} is not a MATLAB file of version 5 to 7", "save it with save(..., '-v7')")
@@ -84,10 +80,7 @@ def _elements(data: bytes, order: str, padded: bool = True) -> Iterator[Element]
 
 
 def _unfolded(element: Element, order: str, limit: int, whole: bool = True) -> bytes:
-    """Return the data of a variable, of a compressed one the first `limit` bytes.
-
-    Raises ValueError for a compressed one of more bytes that is wanted whole, and for what is no variable.
-    """
+    """Return the data of a variable, of a compressed one the first `limit` bytes; ValueError if it is wanted whole."""
     if element.kind == COMPRESSED:
         unfolding = zlib.decompressobj()
         data = unfolding.decompress(element.data, limit)
@@ -127,20 +120,11 @@ def _array(name: str, data: bytes, order: str) -> np.ndarray:
 KEYS = ("p", "azi_rad", "ele_rad", "fs")
 
 
-@dataclass(frozen=True)
-class SdmThresholds:
-    """How a response is checked and trimmed."""
-
-    direct_sound: float = 0.1  # level at which the direct sound begins, as a share of the peak
-    segments: int = 20  # parts of equal length whose peaks are compared
-    end_peak: float = 5.0  # peak of the last part at most, as a multiple of that of the quietest one
-    # min_sample_rate, max_sample_rate: Hz
-    min_sample_rate: float = 100.0
-    max_sample_rate: float = 1e6
-    max_samples: int = 1_000_000
-
-
-THRESHOLDS = SdmThresholds()
+DIRECT_SOUND = 0.1  # level at which the direct sound begins, as a fraction of the peak
+SEGMENTS = 20  # parts of equal length whose peaks are compared; the fewest samples
+END_PEAK = 5.0  # peak of the last part at most, as a multiple of that of the quietest one
+SAMPLE_RATES = (100.0, 1e6)  # Hz
+MAX_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -159,17 +143,7 @@ class SdmResponse:
 
 
 def load_sdm_response(path: str | Path) -> SdmResponse:
-    """Return the response in a file, from the direct sound on.
-
-    `path`: a .mat file with `p`, `azi_rad`, `ele_rad` and `fs`. Raises InputError: the file is damaged, or lacks one of
-    these; its response is silent, or wraps round; StorageError: the file cannot be opened.
-
-    Examples
-    --------
-    >>> from fdcal.model.room import response_path
-    >>> load_sdm_response(response_path("listening_lab")).sample_rate
-    48000.0
-    """
+    """Return the response in a .mat file with `p`, `azi_rad`, `ele_rad` and `fs`, from the direct sound on."""
     pressure, azimuth, elevation, sample_rate = _variables(Path(path))
     start = direct_sound(pressure, str(path))
     require_unwrapped(pressure, start, str(path))
@@ -180,14 +154,11 @@ def load_sdm_response(path: str | Path) -> SdmResponse:
 
 
 def direct_sound(pressure: np.ndarray, path: str = "response") -> int:
-    """Return the first sample (T,) whose magnitude reaches a tenth of the peak: where the direct sound begins.
-
-    Raises InputError: the response is silent.
-    """
+    """Return the first sample (T,) whose magnitude reaches a tenth of the peak; InputError for silence."""
     level = np.abs(pressure)
     if not level.max() > 0:
         raise InputError(f"{path}: the response is silent", "measure it again", key="p")
-    return int(np.argmax(level >= THRESHOLDS.direct_sound * level.max()))
+    return int(np.argmax(level >= DIRECT_SOUND * level.max()))
 
 
 def require_unwrapped(pressure: np.ndarray, start: int, path: str = "response") -> None:
@@ -196,14 +167,12 @@ def require_unwrapped(pressure: np.ndarray, start: int, path: str = "response") 
     The sound of a room dies away. If the last samples are louder than the quietest ones after the direct sound, they
     are the beginning of the response, from a circular deconvolution, and the waves of the file are in a wrong order.
     """
-    segments = min(THRESHOLDS.segments, len(pressure) - start)
+    segments = min(SEGMENTS, len(pressure) - start)
     peaks = np.array([np.abs(part).max() for part in np.array_split(pressure[start:], segments)])
-    if len(pressure) - start < len(pressure) / 2 or peaks[-1] > THRESHOLDS.end_peak * peaks.min():
-        raise InputError(
-            f"{path}: the response wraps round: its beginning is at the end of the file",
-            "shift it so that it begins with the direct sound, and take the silence before it off the end",
-            key="p",
-        )
+    if len(pressure) - start < len(pressure) / 2 or peaks[-1] > END_PEAK * peaks.min():
+        problem = f"{path}: the response wraps round: its beginning is at the end of the file"
+        remedy = "shift it so that it begins with the direct sound, and take the silence before it off the end"
+        raise InputError(problem, remedy, key="p")
 
 
 def _variables(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
@@ -215,16 +184,14 @@ def _variables(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
             raise InputError(f'{path} has no "{key}"', remedy, key=key)
     columns = [require_array(f"{path}: {key}", np.ravel(table[key]), "real", (None,)) for key in KEYS]
     pressure, azimuth, elevation, rate = columns
-    if not THRESHOLDS.segments <= len(pressure) <= THRESHOLDS.max_samples:
-        problem = f"{path}: p has {len(pressure)} samples"
-        raise InputError(problem, f"give {THRESHOLDS.segments} to {THRESHOLDS.max_samples}", key="p")
+    if not SEGMENTS <= len(pressure) <= MAX_SAMPLES:
+        raise InputError(f"{path}: p has {len(pressure)} samples", f"give {SEGMENTS} to {MAX_SAMPLES}", key="p")
     for key, column in (("azi_rad", azimuth), ("ele_rad", elevation)):
         if len(column) != len(pressure):
             problem = f"{path}: {key} has {len(column)} samples and p has {len(pressure)}"
             raise InputError(problem, "give one direction for each sample", key=key)
-    if len(rate) != 1 or not THRESHOLDS.min_sample_rate <= rate[0] <= THRESHOLDS.max_sample_rate:
-        low, high = THRESHOLDS.min_sample_rate, THRESHOLDS.max_sample_rate
-        raise InputError(
-            f"{path}: fs = {shown(rate.tolist())} is no sampling rate", f"use {low:g} to {high:g} Hz", key="fs"
-        )
+    low, high = SAMPLE_RATES
+    if len(rate) != 1 or not low <= rate[0] <= high:
+        problem = f"{path}: fs = {shown(rate.tolist())} is no sampling rate"
+        raise InputError(problem, f"use {low:g} to {high:g} Hz", key="fs")
     return pressure, azimuth, elevation, float(rate[0])

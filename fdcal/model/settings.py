@@ -75,10 +75,7 @@ class Faults:
                     raise InputError(problem, f"the array has 0 to {count - 1}", key=f"faults.{key}", value=n)
 
     def gains(self, count: int, seed: int) -> np.ndarray:
-        """Return the gain of every channel, 0 of a dead one : (N,) complex128.
-
-        Raises InputError for a microphone that the array lacks.
-        """
+        """Return the gain of every channel, 0 of a dead one : (N,) complex128."""
         self.require_channels(count)
         draws = np.random.default_rng([seed, 2]).normal(size=(2, count))
         gains = 10 ** (self.gain_db * draws[0] / 20) * np.exp(1j * np.radians(self.phase_deg * draws[1]))
@@ -295,15 +292,10 @@ STEPS = (1.0, 2.0, 5.0)  # digits of a step, m
 
 
 def search_round(positions: Any) -> Search:
-    """Return a search domain round positions.
+    """Return a search domain round positions (N, D), metres, whose step is 1, 2 or 5 times a power of ten.
 
-    `positions` (N, D) float64, metres. Returns its step is 1, 2 or 5 times a power of ten. R is the distance from its
-    centre to its corner; in space, where the corners hold nothing, that to the outermost position, and the margin.
-
-    Examples
-    --------
-    >>> search_round([[0.0, 0.0], [1.0, 0.0], [0.0, 0.6]]).size
-    (1.5, 1.1)
+    R is the distance from its centre to its corner; in space, where the corners hold nothing, that to the outermost
+    position, and the margin.
     """
     positions = np.asarray(positions, float)
     low, high = positions.min(axis=0), positions.max(axis=0)

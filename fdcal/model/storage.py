@@ -1,11 +1,5 @@
 """Files: writing without leaving an incomplete one, a folder likewise, and the disk cache.
 
-    write_atomically        every output of fdcal: to a temporary name, then moved into place
-    folder_in_progress      a folder of files that is written completely or not at all
-    load_or_make            a value of the cache, made and stored where it is missing
-    load_cached             a value of the cache, None where it is missing
-    cached_arrays           arrays of the cache, by name
-
 The cache is a folder of .npy and .npz files. Each is named by a hash of all that determines its content and ends in a
 checksum. FDCAL_CACHE names the folder. It may be deleted at any time; a damaged file is made again.
 `fdcal.acoustics.measure` keeps recordings and measurements in it.
@@ -39,12 +33,9 @@ log = logging.getLogger(__name__)
 
 
 def write_atomically(path: str | Path, write: Callable[[Path], object], force: bool = False) -> None:
-    """Write a file under a temporary name and move it to `path` once it is complete.
+    """Write a file under a temporary name in the same folder and move it to `path` once it is complete.
 
-    The temporary file lies in the same folder and is deleted if writing fails or is interrupted.
-
-    `write`: writes the file of the given name; `force`: overwrite an existing file. Raises InputError if `path` exists
-    and `force` is not set; StorageError if the folder is missing, or the system refuses.
+    `write`: writes the file of the given name; `force`: overwrite an existing file.
     """
     path = Path(path)
     if not force and path.exists():
@@ -76,22 +67,6 @@ def _move(temporary: Path, path: Path, force: bool) -> None:
         os.replace(temporary, path)
 
 
-def cached_arrays(kind: str, parts: list[Any], make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Return arrays by name from the cache, or those of `make()`, which are then stored.
-
-    `kind`: keeps them apart from others; `parts`: all that determines them, of types that JSON has.
-    """
-
-    def read(file: Any) -> dict[str, np.ndarray]:
-        with np.load(file) as archive:
-            return dict(archive)
-
-    def write(file: Any, table: dict[str, Any]) -> None:
-        np.savez(file, **table)
-
-    return load_or_make(f"{cache_key(kind, *parts)}.npz", make, read, write)
-
-
 def cache_key(*parts: Any) -> str:
     """Return the hash of all that determines a cached value, of types that JSON has."""
     return hashlib.sha256(json.dumps([SCHEME, *parts], sort_keys=True).encode()).hexdigest()
@@ -103,11 +78,9 @@ def cache_folder() -> Path:
 
 
 def load_or_make(name: str, make: Callable[..., Any], read: Callable[..., Any], write: Callable[..., Any]):
-    """Return the value of a cache file, or that of `make()`, which is then stored.
+    """Return the value of the cache file `name`, or that of `make()`, which is then stored.
 
     A cache that cannot be read or written never stops a run: it only logs a warning.
-
-    `name`: name of the file in the cache.
     """
     value = load_cached(name, read)
     if value is not None:
@@ -165,17 +138,17 @@ def _delete_least_recently_used(folder: Path) -> None:
 def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
     """Give a new folder beside `path`, whose files are moved to `path` at the end, or deleted if anything fails.
 
-    It is made at once, so that a place that cannot be written is known before the work begins.
-
-    `force`: whether `path` may hold files. Those of the same names are replaced, the others stay. Raises InputError:
-    `path` is a file, or a folder that is not empty and `force` is not set; StorageError: the folder around it is
-    missing, or the system refuses.
+    It is made at once, so that a place that cannot be written is known before the work begins. `force`: whether `path`
+    may hold files. Those of the same names are replaced, the others stay.
     """
     path = Path(path)
     _require_free(path, force)
     temporary = path.resolve().parent / f"{TEMPORARY}{secrets.token_hex(8)}"
     try:
-        _probe(path)
+        if path.is_dir():  # raises OSError where no file can be written into it
+            probe = path / f"{TEMPORARY}{secrets.token_hex(8)}"
+            probe.touch()
+            probe.unlink()
         temporary.mkdir()
         yield temporary
         path.mkdir(exist_ok=True)
@@ -195,11 +168,3 @@ def _require_free(path: Path, force: bool) -> None:
     if path.is_dir() and not force and any(path.iterdir()):
         remedy = "add <force> to replace what it has of the same names, or choose another folder"
         raise InputError(f"{path} is not empty", remedy, key="output", value=str(path))
-
-
-def _probe(path: Path) -> None:
-    """Raise OSError where a file cannot be written into an existing folder."""
-    if path.is_dir():
-        file = path / f"{TEMPORARY}{secrets.token_hex(8)}"
-        file.touch()
-        file.unlink()

@@ -12,11 +12,7 @@ def format_mm(length: float) -> str:
 
 
 def length_text(length: float, digits: int = 3) -> str:
-    """Return a length in metres as a text, in metres from 1 m on: "4.13 mm", "1.16 m".
-
-    `length`: metres; `digits`: of a length below a decimetre; from there on millimetres are whole, and metres have
-    three digits.
-    """
+    """Return a length in metres as a text, with `digits` below a decimetre: "4.13 mm", "535 mm", "1.16 m"."""
     return f"{mm_text(length, digits)} mm" if length < 0.9995 else f"{length:.{max(3, len(str(int(length))))}g} m"
 
 
@@ -31,16 +27,7 @@ LONGEST = 200  # characters that are read of a text
 
 
 def parse_modes(text: str, count: int) -> tuple[int, ...]:
-    """Return the modes that a text lists, counted from 1, ascending.
-
-    `text`: numbers and ranges with commas between; `count`: number of modes that exist. Raises InputError for a text
-    that lists no mode, or one that does not exist.
-
-    Examples
-    --------
-    >>> parse_modes("1-3, 5", 20)
-    (1, 2, 3, 5)
-    """
+    """Return the modes of 1 to `count` that a text as "1-3, 5" lists, ascending; InputError for any other text."""
     remedy = f"write numbers from 1 to {count}, as in 1-3, 5"
     found: set[int] = set()
     for part in filter(None, (part.strip() for part in str(text)[:LONGEST].split(","))):

@@ -96,13 +96,7 @@ class InputError(ValueError):
 
 
 def word_arguments(text: str, names: Mapping[str, str]) -> str:
-    """Return a text with the arguments in angle brackets called as in `names`, or by their own name.
-
-    Examples
-    --------
-    >>> word_arguments("use fewer <modes>", {"modes": "--modes"})
-    'use fewer --modes'
-    """
+    """Return a text with the arguments in angle brackets called as in `names`, or by their own name."""
     return re.sub(r"<([a-z_]+)>", lambda match: names.get(match[1], match[1]), text)
 
 
@@ -126,28 +120,14 @@ def install_remedy(extra: str) -> str:
 
 
 def unexpected_argument(function: str, name: str, known: Iterable[str]) -> TypeError:
-    """Return the error for an argument that a function does not have, with the one that may be meant.
-
-    Examples
-    --------
-    >>> unexpected_argument("calibrate", "know", ["known", "modes"])
-    TypeError("calibrate() got an unexpected keyword argument 'know'; did you mean 'known'?")
-    """
+    """Return the error for an argument that a function does not have, with the one that may be meant."""
     near = difflib.get_close_matches(name, list(known), 1)
     meant = f"; did you mean {near[0]!r}?" if near else ""
     return TypeError(f"{function}() got an unexpected keyword argument {name!r}{meant}")
 
 
 def shown(value: object, most: int = 60) -> str:
-    """Return a value for a message: as Python writes it, a text as it is, in one line and cut to a number of letters.
-
-    Examples
-    --------
-    >>> shown([1, 2])
-    '[1, 2]'
-    >>> shown(10**5000)
-    'a number of very many digits'
-    """
+    """Return a value for a message: as Python writes it, a text as it is, in one line and cut to so many letters."""
     try:
         if isinstance(value, (dict, list, tuple)):
             value = reprlib.repr(value)
@@ -182,12 +162,10 @@ KINDS = {
 
 
 def require_array(key: str, values: Any, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
-    """Return `values` as a read-only array of the given kind and shape.
+    """Return `values` as a read-only array of the given kind, of KINDS, and shape; InputError where they are not so.
 
-    `key`: name of the argument or key, for the message; `values`, array-like, nothing is rounded or truncated to make
-    it fit; an empty array is of every kind; `kind`: a key of KINDS; `shape`: length along each axis, None where any
-    length will do; () for a single value; `unit`: unit or meaning of one of the numbers, for the message. Raises
-    InputError if the values are of another kind or shape, or not finite.
+    Nothing is rounded to make it fit; an empty array is of every kind. `shape`: length along each axis, None where any
+    will do; () for a single value; `unit`: unit or meaning of one of the numbers, for the message.
     """
     letters, words, dtype = KINDS[kind]
     wanted = f"({', '.join('any' if n is None else str(n) for n in shape)}{',' * (len(shape) == 1)})"

@@ -59,10 +59,9 @@ def with_arrivals(measurement: Measurement, responses: Recording) -> Measurement
 
 
 def first_arrivals(recording: Recording) -> tuple[np.ndarray, float] | None:
-    """Return the arrivals of the direct sound, and the standard deviation of one, or None if it does not stand out.
+    """Return the arrivals (N,) of the direct sound of impulse responses, and their sigma, seconds; None if it is weak.
 
-    `recording`: impulse responses of all channels, at the same time. Returns (N,) float64, seconds, from the first of
-    them on; NaN where there is none. Seconds.
+    They count from the first of them on; NaN where there is none.
     """
     if recording.modelled:
         return None
@@ -80,10 +79,11 @@ def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] 
     fine = resample_poly(responses[:, low:high], DIRECT_SOUND.fine, 1, axis=1)
     step = 1 / (DIRECT_SOUND.fine * rate)
     at = np.array([_first_peak(h, top) for h, top in zip(fine, peak, strict=True)])
-    before, after = (
-        int(max(n / rate, DIRECT_SOUND.min_window) / step) for n in (DIRECT_SOUND.before, DIRECT_SOUND.after)
-    )
-    window = _window(before, after)
+    ends = DIRECT_SOUND.before, DIRECT_SOUND.after
+    before, after = (int(max(n / rate, DIRECT_SOUND.min_window) / step) for n in ends)
+    t = np.arange(-before, after + 1)
+    edge = np.where(t < 0, (before + t) / before, (after - t) / after) / DIRECT_SOUND.taper
+    window = np.sin(np.pi / 2 * np.clip(edge, 0.0, 1.0)) ** 2
     found = np.isfinite(at) & (at > before) & (at < fine.shape[1] - after - 1)
     if np.sum(found) < 3:
         return None
@@ -103,19 +103,9 @@ def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] 
         return None
     rho = float(np.median(correlation[found]))
     bandwidth = np.linalg.norm(np.gradient(template, step)) / np.linalg.norm(template)
-    sigma = max(
-        DIRECT_SOUND.shifted * np.sqrt(max(1 - rho**2, 0.0)) / rho / bandwidth,
-        DIRECT_SOUND.min_sigma / DIRECT_SOUND.speed,
-    )
+    sigma = DIRECT_SOUND.shifted * np.sqrt(max(1 - rho**2, 0.0)) / rho / bandwidth
     times = np.where(found, at * step, np.nan)
-    return times - np.nanmin(times), float(sigma)
-
-
-def _window(before: int, after: int) -> np.ndarray:
-    """Return a window (before + after + 1,) that rises and falls as a squared cosine."""
-    t = np.arange(-before, after + 1)
-    edge = np.where(t < 0, (before + t) / before, (after - t) / after) / DIRECT_SOUND.taper
-    return np.sin(np.pi / 2 * np.clip(edge, 0.0, 1.0)) ** 2
+    return times - np.nanmin(times), float(max(sigma, DIRECT_SOUND.min_sigma / DIRECT_SOUND.speed))
 
 
 def _first_peak(h: np.ndarray, top: float) -> float:

@@ -1,10 +1,4 @@
-"""The channels of a recording: which are faulty, which to use, and which microphones are known.
-
-inspect_channels         find channels that are silent, clipped or recorded twice, looking at all samples
-require_usable_channels  refuse a recording with faulty channels, by name
-select_plane             the microphones in a plane; `select_subset`, `exclude_channels`: some of them
-known_microphones        those whose positions are known
-"""
+"""The channels of a recording: which are faulty, which to use, and which microphones are known."""
 
 from __future__ import annotations
 
@@ -61,10 +55,7 @@ class ChannelHealth:
 
 
 def inspect_channels(recording: Recording) -> ChannelHealth:
-    """Return the state of every channel, after one pass over all samples, a block at a time.
-
-    Raises InputError: a sample is not finite.
-    """
+    """Return the state of every channel, after one pass over all samples, a block at a time."""
     count = recording.count
     square, peak, longest = np.zeros(count), np.zeros(count), np.zeros(count, int)
     edges = [(Extremes(), Extremes()) for _ in range(count)]  # greatest and least values
@@ -118,14 +109,12 @@ def extremes_of(samples: np.ndarray) -> Extremes:
 def _is_clipped(pair: tuple[Extremes, Extremes], full_scale: float | None) -> bool:
     """Return whether many samples of a channel have its greatest (or least) value, and few the next one to it.
 
-    The values of sound become rarer towards the greatest one, however coarse the quantisation; clipping collects them
-    there.
+    The values of sound become rarer towards the greatest one, however coarse the quantisation; clipping does not.
     """
     if full_scale:
         at_full = [edge for edge in pair if edge.top >= CLIPPING.full_scale * full_scale]
-        if sum(edge.times for edge in at_full) >= CLIPPING.full_scale_count and all(
-            edge.times >= CLIPPING.full_scale_ratio * edge.next_times for edge in at_full
-        ):
+        rare = all(edge.times >= CLIPPING.full_scale_ratio * edge.next_times for edge in at_full)
+        if rare and sum(edge.times for edge in at_full) >= CLIPPING.full_scale_count:
             return True
     return any(e.times >= CLIPPING.edge_count and e.times >= CLIPPING.edge_ratio * e.next_times for e in pair)
 
@@ -146,10 +135,8 @@ def require_usable_channels(recording: Recording, health: ChannelHealth) -> None
         if words == "copied":
             n = int(np.flatnonzero(flags)[0])
             listed += f" (the first is the same as channel {recording.names[health.copy_of[n]]})"
-        problem = (
-            f"{recording.path}: {'channel' if len(names) == 1 else 'channels'} {listed}"
-            f" {'is' if len(names) == 1 else 'are'} {words}"
-        )
+        who, verb = ("channel", "is") if len(names) == 1 else ("channels", "are")
+        problem = f"{recording.path}: {who} {listed} {verb} {words}"
         raise InputError(problem, "record again, or leave out the faulty channels: <leave_out> bad", key="leave_out")
 
 
@@ -158,11 +145,7 @@ CORNERS = "corners"
 
 
 def select_plane(recording: Recording, plane: str) -> Recording:
-    """Return the recording of the microphones in a plane, with two coordinates each.
-
-    `plane`: such as "z=0" or, the same, "0"; metres. Raises InputError: the recording has no positions in space,
-    `plane` is malformed, or no microphone lies in it.
-    """
+    """Return the recording of the microphones in a plane as "z=0" or, the same, "0", metres, with two coordinates."""
     axis, _, value = plane.rpartition("=")
     axis = axis.strip().lower() or "z"
     positions = recording.positions
@@ -186,11 +169,7 @@ def select_plane(recording: Recording, plane: str) -> Recording:
 
 
 def select_subset(recording: Recording, text: str, seed: int) -> Recording:
-    """Return the recording of some microphones.
-
-    `text`: a list of numbers and ranges, "0,3,8:12", or how many are drawn at random, "200"; `seed`: of the random
-    draw. Raises InputError: the text is malformed, or names microphones that the recording does not have.
-    """
+    """Return the recording of some microphones: a list as "0,3,8:12", or how many are drawn at random, as "200"."""
     try:
         numbers = _listed(text, recording.count)
     except ValueError:
@@ -225,11 +204,7 @@ def _drawn(recording: Recording, number: int, seed: int) -> Recording:
 
 
 def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Recording:
-    """Return the recording without some channels.
-
-    `text`: a list of names; "bad" stands for all of `bad`; `bad` (n,) int64, indices of faulty channels. Raises
-    InputError: a name is unknown, or no channel is left.
-    """
+    """Return the recording without the channels that a list names; "bad" stands for all of `bad`, indices (n,)."""
     excluded: set[int] = set()
     for name in (part.strip() for part in text.split(",")):
         if name == "bad":
@@ -243,20 +218,17 @@ def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Record
 
 
 def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices and the positions of the known microphones.
+    """Return the indices (A,) and the positions (A, D), metres, of the known microphones.
 
     `text`: a list of channel names, whose positions the recording contains; "corners", those nearest to the corners of
-    the bounding box; or the path of a table (.csv) with name,x,y or name,x,y,z. Returns (A,) int64, (A, D) float64,
-    indices; positions, metres. Raises InputError, StorageError: a name is unknown, the recording has no positions, or
-    the table cannot be used or read.
+    the bounding box; or the path of a table (.csv) with name,x,y or name,x,y,z.
     """
     if text.lower().endswith(".csv"):
         names, positions = read_table(text)
         return _indices(recording, names), positions
     if recording.positions is None:
-        raise InputError(
-            f"known = {text}: {recording.path} contains no positions", "give a table: <known> FILE.csv", key="known"
-        )
+        problem = f"known = {text}: {recording.path} contains no positions"
+        raise InputError(problem, "give a table: <known> FILE.csv", key="known")
     if text == CORNERS:
         indices = _corners(recording.positions)
     else:

@@ -30,7 +30,7 @@ import numpy as np
 from ..acoustics.spectrum import fast_length, rfft
 from ..model.problem import mode_power
 from ..model.validation import InputError
-from .frequencies import ROWS, SELECTION, NothingAboveNoise, Pressures, Spacing, choose_frequencies, spread_over_band
+from .frequencies import MIN_SNR, ROWS, NothingAboveNoise, Pressures, Spacing, choose_frequencies, spread_over_band
 from .recording import Recording, in_memory, read_samples
 
 
@@ -48,10 +48,7 @@ DECIMATION = DecimationSettings()
 
 
 def decimate(recording: Recording, highest: float, settings: DecimationSettings = DECIMATION) -> Recording:
-    """Return the recording at a fraction of its sampling rate, unchanged up to a highest frequency.
-
-    `highest`: Hz. Returns filtered whenever a block of it is read; `recording` itself where its rate is low already.
-    """
+    """Return the recording at a fraction of its sampling rate, unchanged up to `highest`, Hz; filtered when read."""
     from scipy.signal import firwin, kaiserord, upfirdn
 
     fs = recording.sample_rate
@@ -98,28 +95,15 @@ class SegmentSettings:
     independence: float = 0.95
 
 
-@dataclass(frozen=True)
-class RankSettings:
-    """When an eigenvector besides the dominant one is a row of its own."""
-
-    max_rows: int = 8  # of one frequency
-    over_noise: float = 2.0  # eigenvalue relative to the largest that noise alone has
-    over_leakage: float = 4.0  # relative to the one that a single source has by the window
-
-
-@dataclass(frozen=True)
-class RoomSettings:
-    """How the bandwidth over which a pressure decorrelates is estimated from the power over frequency."""
-
-    lags: tuple[int, int] = (2, 4)  # bins apart at which neighbours are compared that no longer share a window
-    # rows per 1 / T_eq: 5, as of an even decay in `frequency_selection`, and half as many again, since close rows share
-    # the field of the room but not the noise
-    oversampling: float = 7.6
-
-
-RANK = RankSettings()
-ROOM = RoomSettings()
 SEGMENTS = SegmentSettings()
+# An eigenvector besides the dominant one is a row of its own
+MAX_RANK = 8  # rows of one frequency
+OVER_NOISE = 2.0  # eigenvalue relative to the largest that noise alone has
+OVER_LEAKAGE = 4.0  # relative to the one that a single source has by the window
+LAGS = (2, 4)  # bins apart at which neighbours are compared that no longer share a window
+# rows per 1 / T_eq: 5, as of an even decay in `fdcal.recordings.frequencies`, and half as many again, since close rows
+# share the field of the room but not the noise
+OVERSAMPLING = 7.6
 LEAKAGE = 3.3  # second eigenvalue over the first one, times (T d)^2: mean-square slope of w over that of w, over 4
 
 
@@ -130,11 +114,9 @@ def stationary_pressures(
     most: int = ROWS.max_rows,
     reference: int | None = None,
 ) -> Pressures:
-    """Return the pressures of a recording of a stationary source, or of several.
+    """Return the pressures of a recording of a stationary source, or of several, of at most `most` rows.
 
-    `band`: Hz; `sound_speed`: m/s; `most`: greatest number of rows; `reference`: channel against which cross-spectra
-    are taken, one row a frequency; without one, eigenvectors are. Raises InputError: the recording is too short, or no
-    frequency rises above the noise.
+    `reference`: channel against which cross-spectra are taken, one row a frequency; without one, eigenvectors are.
     """
     recording = in_memory(decimate(recording, band[1]))
     length, starts = segments(recording, band)
@@ -152,7 +134,7 @@ def stationary_pressures(
         row, p, noise, snr = eigenvectors(C, independent, leakage)
     else:
         row, (p, noise, snr) = np.arange(len(C)), against(C, reference)
-    keep = np.flatnonzero(snr * independent >= 10 ** (SELECTION.min_snr / 10))
+    keep = np.flatnonzero(snr * independent >= 10 ** (MIN_SNR / 10))
     if not len(keep):
         raise NothingAboveNoise(
             f"{recording.path}: the microphones are not coherent at any frequency between {band[0]:g} and"
@@ -169,11 +151,9 @@ def stationary_pressures(
 
 
 def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int, apart: float) -> np.ndarray:
-    """Return at most `most` of the rows `keep`, ascending in frequency.
+    """Return at most `most` of the rows `keep`, ascending in frequency, which are `apart` Hz from each other.
 
-    `row` (R,) int64, frequency of each row, an index into `seen`; `keep` (n,) int64, rows that rise above the noise,
-    those of one frequency in the order of preference; `seen` (M,) float64, frequencies, Hz; `apart`: least distance of
-    two frequencies, Hz.
+    `row` (R,), index of the frequency of each row in `seen` (M,), Hz; `keep` (n,), those above the noise, best first.
     """
     counts = np.bincount(row[keep], minlength=len(seen))
     used = np.flatnonzero(counts)
@@ -187,10 +167,7 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int
 
 
 def segments(recording: Recording, band: tuple[float, float]) -> tuple[int, np.ndarray]:
-    """Return the length of a segment and the samples at which the segments start, half overlapping.
-
-    Raises InputError: the recording is too short.
-    """
+    """Return the length of a segment and the samples at which the segments start, half overlapping."""
     fs = recording.sample_rate
     wanted = np.clip(2 * recording.duration / (SEGMENTS.min_count + 1), SEGMENTS.min_duration, SEGMENTS.max_duration)
     length = fast_length(int(min(wanted * fs, SEGMENTS.max_samples / recording.count)))
@@ -225,14 +202,12 @@ def room_spacing(powers: np.ndarray, window: float) -> Spacing:
     """Return how close frequencies are worth taking, from the power of the channels over frequency.
 
     The field of a room that decays evenly decorrelates as |r|^2 = 1 / (1 + (x / h)^2) over a distance of x Hz, and so
-    does its power; 1 / T_eq is pi h. What the window's bandwidth hides is taken to be as wide as that.
-
-    `powers` (N, B) float64, at frequencies half a `window` apart; `window`: bandwidth of the window, Hz.
+    does its power (N, B), half a `window`, Hz, apart; 1 / T_eq is pi h. What the window hides is taken to be as wide.
     """
     step = window / 2
     relative = powers / np.maximum(powers.mean(axis=0), 1e-300)  # the source's spectrum is common to all channels
     varying = relative - relative.mean(axis=1, keepdims=True)
-    low, high = ROOM.lags
+    low, high = LAGS
     lags = np.arange(low, max(low + 1, powers.shape[1] // 2))
     alike = np.array([np.mean(varying[:, lag:] * varying[:, :-lag]) for lag in lags])
     near = float(alike[: high - low + 1].mean())
@@ -240,14 +215,13 @@ def room_spacing(powers: np.ndarray, window: float) -> Spacing:
     half = lags[below[0]] * step if near > 0 and len(below) else 0.0
     half = half if half > lags[min(1, len(lags) - 1)] * step else 0.0  # no wider than the window
     decorrelation = max(float(np.pi * half), window)
-    return Spacing(max(decorrelation / ROOM.oversampling, window), decorrelation)
+    return Spacing(max(decorrelation / OVERSAMPLING, window), decorrelation)
 
 
 def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean cross-spectral matrices and the mean frequencies within the window.
+    """Return the mean cross-spectral matrices (M, N, N) and the mean frequencies within the window (M,), Hz.
 
-    `number` (M,) int, bins of the transform of one segment; `length`: samples of a segment; `starts` (K,) int, first
-    samples of the segments. Returns (M, N, N) complex128, (M,) float64, mean of X X^H; frequencies, Hz.
+    `number` (M,), bins of the transform of one segment of `length` samples; `starts` (K,), first samples of them.
     """
     count, fs = recording.count, recording.sample_rate
     C = np.zeros((len(number), count, count), dtype=complex)
@@ -279,21 +253,19 @@ def _bare_spectra(recording: Recording, length: int, starts, first: int, last: i
 def eigenvectors(
     C: np.ndarray, independent: float, leakage: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the rows that stand out from noise and leakage, at least one a frequency.
+    """Return the rows that stand out from noise and leakage, at least one a frequency, the dominant ones first.
 
-    `C` (M, N, N) complex128; `independent`: segments K of which each is a mean; `leakage`: second eigenvalue of a
-    single source relative to the first one. Returns `row` (R,) int64, frequency of each row, the dominant ones first;
-    `p` (R, N) complex128, eigenvectors, of the power of their source; `noise` (R,) float64, noise power v of one
-    segment; `snr` (R,) float64, power over noise.
+    `C` (M, N, N), means over K `independent` segments; `leakage`: second eigenvalue of a single source over the first.
+    Returns frequency (R,), eigenvector (R, N) of the source's power, noise power v of one segment (R,) and SNR (R,).
     """
     values, vectors = np.linalg.eigh(C)
     values, vectors = np.maximum(values[:, ::-1], 0), vectors[:, :, ::-1]
     count = C.shape[1]
-    edge = RANK.over_noise * (1 + np.sqrt(count / independent)) ** 2
+    edge = OVER_NOISE * (1 + np.sqrt(count / independent)) ** 2
     rank = np.ones(len(C), dtype=np.int64)
-    for k in range(1, min(RANK.max_rows, count // 2)):
+    for k in range(1, min(MAX_RANK, count // 2)):
         noise = values[:, k + 1 :].mean(axis=1)
-        more = (values[:, k] > edge * noise) & (values[:, k] > RANK.over_leakage * leakage * values[:, 0])
+        more = (values[:, k] > edge * noise) & (values[:, k] > OVER_LEAKAGE * leakage * values[:, 0])
         rank[more & (rank == k)] += 1
     noise = np.array([one[k:].mean() for one, k in zip(values, rank, strict=True)])
     row = np.concatenate([np.flatnonzero(rank > k) for k in range(rank.max())])

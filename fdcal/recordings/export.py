@@ -1,9 +1,4 @@
-"""A calibration in files and objects of other programs, and the signals of pyfar as a measurement.
-
-export_positions, export_gains         what `fdcal export` and `Calibration.export` write
-measurement_of_pyfar                   signals or frequency data of pyfar; needs the extra "pyfar", as the next one does
-pyfar_coordinates                      positions as coordinates of pyfar
-"""
+"""A calibration in files and objects of other programs, and the signals of pyfar as a measurement."""
 
 from os import PathLike
 from pathlib import Path
@@ -92,11 +87,7 @@ def export_positions(
 
 
 def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
-    """Write the gains of the channels as a table; see `fdcal.assessment.result_file.channel_table`.
-
-    Raises InputError: the result holds no gains, the suffix is not .csv, or the file exists and `force` is not set;
-    StorageError: the file cannot be written.
-    """
+    """Write the gains of the channels as a table; see `fdcal.assessment.result_file.channel_table`."""
     path, text = Path(path), channel_table(result)
     if path.suffix.lower() != ".csv":
         problem = f'"{path}" does not end in .csv, as the table of gains does'

@@ -1,11 +1,5 @@
 """Which frequencies of a recording to use: evenly over a band, as close as is worth it.
 
-highest_frequency   the highest frequency that the array can interpolate (Eq. 9), for the radius that is given, or that
-                    of the positions in the file, of the known microphones, or of the coherence between the channels
-frequency_band      the band from which frequencies are chosen
-spacing_of          how close they are worth taking
-choose_frequencies  which ones are taken
-
 The method does not need eigenfrequencies: any frequency at which there is no source inside the array will do. They are
 chosen without regard to the level. A peak of the level is a maximum of the pressure where the array stands, and there
 its gradient is small: an array much smaller than the wavelength, calibrated with peaks alone, comes out at 0.5 to 0.8
@@ -31,16 +25,8 @@ from ..model.validation import InputError
 from .import_options import IMPORT_LIMITS, ImportOptions
 from .recording import Recording, channel_groups
 
-
-@dataclass(frozen=True)
-class SelectionThresholds:
-    """Which frequencies are worth using, decibels."""
-
-    min_snr: float = 10.0  # of a frequency that is used
-    dynamic_range: float = 60.0  # below the strongest frequency
-
-
-SELECTION = SelectionThresholds()
+MIN_SNR = 10.0  # decibels, of a frequency that is used
+DYNAMIC_RANGE = 60.0  # decibels below the strongest frequency
 
 
 @dataclass(frozen=True)
@@ -66,11 +52,6 @@ def default_max_rows(microphones: int, takes: int = 1) -> int:
     """Return how many rows of each take are used at most unless their number is given.
 
     The limit is one of computing time alone. Takes share it, since rows of another take say more than closer ones.
-
-    Examples
-    --------
-    >>> default_max_rows(32), default_max_rows(32, takes=8), default_max_rows(128)
-    (400, 50, 112)
     """
     affordable = int(ROWS.max_rows * (ROWS.usual_count / microphones) ** 2)
     every = min(max(ROWS.min_of_array, affordable), ROWS.max_of_array)
@@ -100,18 +81,7 @@ class Pressures:
 
 
 def spacing_of(energy: np.ndarray, noise: np.ndarray, interval: float) -> Spacing:
-    """Return the spacing of frequencies of a response.
-
-    `energy` (T,) float64, of the response and the noise over time, windows included; `noise` (T,) float64, its expected
-    part that is noise; `interval`: of the times, s.
-
-    Examples
-    --------
-    >>> t = np.arange(0, 1, 1e-3)
-    >>> spacing = spacing_of(np.exp(-2 * 14 * t), 0 * t, 1e-3)  # falls by 60 dB in 0.5 s
-    >>> round(spacing.decorrelation), round(spacing.step, 1)
-    (14, 2.8)
-    """
+    """Return the spacing of frequencies of a response, from its energy over time (T,) and that of its noise (T,)."""
     e = np.maximum(energy - noise, 0.0)
     if not e.max(initial=0.0) > 0:
         return Spacing(*(2 * (1 / max(interval * len(energy), 1e-9),)))
@@ -133,21 +103,16 @@ def choose_frequencies(
 ) -> np.ndarray:
     """Return the indices of the frequencies to use: in equal parts of the band the one nearest to the middle.
 
-    `frequencies` (B,) float64, Hz, evenly spaced and finer than the resolution; `power`, `noise` (B,) float64, mean
-    over the microphones, any one unit; noise 0 where it is unknown; `resolution`: least distance between two
-    frequencies, Hz; `most`: greatest number of frequencies. Returns (M,) int64, ascending. Raises NothingAboveNoise: no
-    frequency does.
+    `frequencies` (B,), Hz, evenly spaced and finer than the `resolution`, the least distance of two; `power`, `noise`
+    (B,), mean over the microphones; noise 0 where it is unknown; `most`: greatest number. Or NothingAboveNoise.
     """
-    floor = np.maximum(noise, power.max() * 10 ** (-SELECTION.dynamic_range / 10))
+    floor = np.maximum(noise, power.max() * 10 ** (-DYNAMIC_RANGE / 10))
     snr = 10 * np.log10(np.maximum(power - noise, 1e-300) / floor)
-    usable = snr >= SELECTION.min_snr
+    usable = snr >= MIN_SNR
     if not np.any(usable):
-        raise NothingAboveNoise(
-            f"no frequency between {frequencies[0]:g} and {frequencies[-1]:g} Hz is {SELECTION.min_snr:g} dB above the"
-            " noise",
-            "record at a higher level, or choose another band: <frequencies> LO:HI",
-            key="frequencies",
-        )
+        band = f"between {frequencies[0]:g} and {frequencies[-1]:g} Hz"
+        remedy = "record at a higher level, or choose another band: <frequencies> LO:HI"
+        raise NothingAboveNoise(f"no frequency {band} is {MIN_SNR:g} dB above the noise", remedy, key="frequencies")
     at = np.flatnonzero(usable)
     return at[spread_over_band(frequencies[at], (frequencies[0], frequencies[-1]), most, resolution)]
 
@@ -155,8 +120,7 @@ def choose_frequencies(
 def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], most: int, apart: float) -> np.ndarray:
     """Return the indices of at most `most` frequencies, the one nearest to the middle of each of equal parts of a band.
 
-    `frequencies` (B,) float64, Hz, ascending; `band`: Hz; `apart`: least width of a part, Hz; two frequencies are three
-    quarters of it apart at least. Returns (M,) int64, ascending.
+    `apart`: least width of a part, Hz; two frequencies, which ascend, are three quarters of it apart at least.
     """
     count = max(1, min(most, int((band[1] - band[0]) / apart * (1 + 1e-9)) + 1))
     width = (band[1] - band[0]) / max(1, count - 1)
@@ -171,16 +135,10 @@ def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], most: i
     return np.array(kept, np.int64)
 
 
-@dataclass(frozen=True)
-class CoherenceSettings:
-    """At which frequencies the coherence of a recording is looked at."""
-
-    count: int = 300  # frequencies, in equal ratios
-    dynamic_range: float = 40.0  # decibels below the strongest frequency
-    samples: int = 2**27  # samples of all channels; a longer recording is not looked at
-
-
-COHERENCE = CoherenceSettings()
+# The frequencies at which the coherence of a recording is looked at
+COHERENCE_COUNT = 300  # in equal ratios
+COHERENCE_RANGE = 40.0  # decibels below the strongest frequency
+COHERENCE_SAMPLES = 2**27  # samples of all channels; a longer recording is not looked at
 
 
 @dataclass(frozen=True)
@@ -196,9 +154,9 @@ class FrequencyLimit:
 def highest_frequency(
     recording: Recording, options: ImportOptions, known_positions: np.ndarray | None, speed: float
 ) -> FrequencyLimit:
-    """Return the highest frequency that the array can interpolate (Eq. 9), and which radius it follows from.
+    """Return the highest frequency that the array can interpolate (Eq. 9).
 
-    `known_positions` (A, D) float64 or None, of the known microphones, metres; `speed`: sound speed, m/s.
+    The radius is given, or that of the positions in the file, of the known microphones, or of the channels' coherence.
     """
     radius, words = _stated_radius(recording, options, known_positions)
     estimated = False
@@ -235,17 +193,17 @@ def _coherent_radius(recording: Recording, dimension: int, speed: float) -> floa
     """Return the radius that the coherence of the channels shows, metres; None where it shows none."""
     top = min(IMPORT_LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
     low = max(IMPORT_LIMITS.low, IMPORT_LIMITS.min_periods / recording.duration)
-    if low >= top or recording.count * recording.samples > COHERENCE.samples:
+    if low >= top or recording.count * recording.samples > COHERENCE_SAMPLES:
         return None
     from scipy.fft import rfft
 
     padded = fast_length(recording.samples)
-    bins = np.unique(np.round(np.geomspace(low, top, COHERENCE.count) * padded / recording.sample_rate).astype(int))
+    bins = np.unique(np.round(np.geomspace(low, top, COHERENCE_COUNT) * padded / recording.sample_rate).astype(int))
     bins = bins[bins <= padded // 2]
     rows = [np.asarray(rfft(samples, padded, axis=1))[:, bins] for _, samples in channel_groups(recording)]
     spectra = np.concatenate(rows).T
     power = np.mean(np.abs(spectra) ** 2, axis=1)
-    loud = power >= power.max() * 10 ** (-COHERENCE.dynamic_range / 10)
+    loud = power >= power.max() * 10 ** (-COHERENCE_RANGE / 10)
     wavenumbers = 2 * np.pi * bins * recording.sample_rate / padded / speed
     return array_radius(spectra[loud], wavenumbers[loud], dimension)
 
@@ -259,24 +217,23 @@ def coordinate_count(recording: Recording, options: ImportOptions, known_positio
 def frequency_band(
     recording: Recording, options: ImportOptions, found: FrequencyLimit, speed: float
 ) -> tuple[float, float]:
-    """Return the lowest and the highest frequency, Hz.
-
-    `found`: of `highest_frequency`; `speed`: sound speed, m/s. Raises InputError: the band is empty, or beyond what the
-    recording or the array can hold.
-    """
+    """Return the lowest and the highest frequency, Hz, that are given or usual; InputError if they cannot be held."""
     top = min(IMPORT_LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
     if options.frequencies == "auto":
         low = max(_usual_bottom(found, speed), IMPORT_LIMITS.min_periods / recording.duration)
         high = min(_usual_top(found, options, speed), top)
     else:
-        low, high = _given_band(options.frequencies)
+        try:
+            low, high = (float(part) for part in options.frequencies.split(":"))
+        except ValueError:
+            problem = f'frequencies = "{options.frequencies}" is no band'
+            remedy = "write auto or LO:HI, as 20:300"
+            raise InputError(problem, remedy, key="frequencies", value=options.frequencies) from None
     if found.limit is not None and found.limit <= low and not found.estimated:
-        raise InputError(
-            f"{recording.path}: an array of {found.radius:.3g} m radius is too large for {recording.count} microphones:"
-            f" they interpolate up to {found.limit:.3g} Hz, and the band begins at {low:g} Hz",
-            "give positions in metres, not in centimetres, millimetres or degrees",
-            key="frequencies",
-        )
+        problem = f"{recording.path}: an array of {found.radius:.3g} m radius is too large for {recording.count}"
+        problem += f" microphones: they interpolate up to {found.limit:.3g} Hz, and the band begins at {low:g} Hz"
+        remedy = "give positions in metres, not in centimetres, millimetres or degrees"
+        raise InputError(problem, remedy, key="frequencies")
     if not 0 < low < high <= top:
         problem = f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold"
         raise InputError(problem, f"use 0 < LO < HI <= {top:g} Hz", key="frequencies", value=options.frequencies)
@@ -302,13 +259,3 @@ def _usual_top(found: FrequencyLimit, options: ImportOptions, speed: float) -> f
     if options.array_radius is not None:
         return found.limit
     return min(found.limit, max(IMPORT_LIMITS.high, IMPORT_LIMITS.phase * speed / (2 * np.pi * found.radius)))
-
-
-def _given_band(text: str) -> tuple[float, float]:
-    try:
-        low, high = (float(part) for part in text.split(":"))
-    except ValueError:
-        raise InputError(
-            f'frequencies = "{text}" is no band', "write auto or LO:HI, as 20:300", key="frequencies", value=text
-        ) from None
-    return low, high

@@ -39,15 +39,13 @@ class ImportReport:
 
 
 def import_summary(measurement: Measurement, report: ImportReport, wording: Mapping[str, str] = ARGUMENTS) -> str:
-    """Return what was imported in words, one fact per line.
-
-    `wording`: how the text calls the arguments that it mentions; by their names in Python unless given.
-    """
+    """Return what was imported in words, one fact per line; `wording`: how it calls the arguments that it mentions."""
     recording, taken = report.recording, report.pressures
     limit = word_arguments(report.highest_frequency_from, wording)
     if report.highest_frequency is not None:
         limit = f"{report.highest_frequency:.0f} Hz, {limit}"
-    left_out = f"left out     {_left_out(report.left_out)}; none of the others is silent, clipped or a copy"
+    left_out = ", ".join(f"{name} ({reason})" for name, reason in report.left_out.items()) or "none"
+    left_out = f"left out     {left_out}; none of the others is silent, clipped or a copy"
     if report.takes:
         lines = _take_lines(report.takes, measurement, left_out)
     else:
@@ -68,7 +66,11 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         lines += [f"arrivals     direct sound at {np.sum(found)} of {found.size} microphones, to about {scatter}"]
     if not report.takes:
         lines += [f"modelled     {recording.modelled}"] if recording.modelled else _snr_lines(taken)
-    return "\n".join([*lines, f"highest usable frequency  {limit}", *_count_lines(measurement)])
+    lines.append(f"highest usable frequency  {limit}")
+    count, needed = measurement.count, min_microphones(measurement.dimension)
+    if count < needed:
+        lines.append(f"warning: {count} microphones are too few to be found: use {needed} or more, {MANY} in a room")
+    return "\n".join(lines)
 
 
 def _take_lines(takes: Sequence[ImportReport], measurement: Measurement, left_out: str) -> list[str]:
@@ -107,11 +109,6 @@ def _band(taken: Pressures) -> str:
     return text
 
 
-def _left_out(reasons: dict[str, str]) -> str:
-    """Return every channel left out, and why."""
-    return ", ".join(f"{name} ({reason})" for name, reason in reasons.items()) or "none"
-
-
 def _snr(taken: Pressures) -> np.ndarray | None:
     """Return the signal-to-noise ratio of each row, decibels; None where the noise is unknown."""
     if taken.noise_power is None:
@@ -134,11 +131,3 @@ def _snr_lines(taken: Pressures) -> list[str]:
     low = np.sort(np.argsort(snr, kind="stable")[:LOWEST])
     cells = ", ".join(f"{snr[n]:.0f} dB at {taken.frequencies[n]:.1f} Hz" for n in low)
     return [f"SNR          {_median(snr)}, {snr.min():.0f} to {snr.max():.0f} dB; lowest {cells}"]
-
-
-def _count_lines(measurement: Measurement) -> list[str]:
-    """Return a warning where the microphones are too few for any calibration, or for an exact one."""
-    count, needed = measurement.count, min_microphones(measurement.dimension)
-    if count < needed:
-        return [f"warning: {count} microphones are too few to be found: use {needed} or more, {MANY} in a room"]
-    return []

@@ -1,9 +1,6 @@
 """From files with recordings to a measurement: what `fdcal import` does, without its command line.
 
-read_takes             the takes in one or several files, which hold takes or the channels of one take; a take is one
-                       recording of all microphones with the source at one place
-import_recording       their measurement, and a report on how it was taken
-measurement_of_takes   the same of recordings that are in memory
+A file holds takes or channels of one take: a recording of all microphones with the source at one place.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,17 +11,9 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.validation import InputError
+from . import channels as select
 from . import formats
 from .arrivals import with_arrivals
-from .channels import (
-    PLANE_TOLERANCE,
-    exclude_channels,
-    inspect_channels,
-    known_microphones,
-    require_usable_channels,
-    select_plane,
-    select_subset,
-)
 from .cross_spectra import min_duration, stationary_pressures
 from .formats.positions import read_table
 from .frequencies import (
@@ -38,7 +27,7 @@ from .frequencies import (
 from .import_options import IMPORT_LIMITS, ImportOptions, check_options, refused_option, sound_speed_of
 from .import_report import ImportReport
 from .impulse_response import MAX_SAMPLES, deconvolve, impulse_response_pressures, require_quiet_end
-from .recording import TAKE_TOLERANCES, Recording, join_channels, split
+from .recording import SAME_PLACE, Recording, join_channels, split
 from .reverberation import segment_levels
 
 DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
@@ -52,22 +41,14 @@ Noise = Callable[[np.ndarray], np.ndarray]
 def import_recording(
     path: str | Path | Sequence[str | Path], options: ImportOptions = DEFAULTS
 ) -> tuple[Measurement, ImportReport]:
-    """Return the measurement in files or folders, and a report on how it was taken.
-
-    `path`, or a sequence of them, several are takes of the same channels, or the channels of one take; see
-    `ImportOptions.files`. Raises InputError, StorageError: a recording cannot be used, or cannot be read, or the files
-    do not belong together.
-    """
+    """Return the measurement in a file or folder, or several, as of `ImportOptions.files`, and how it was taken."""
     check_options(options)
     paths = [path] if isinstance(path, (str, Path)) else list(path)
     return measurement_of_takes(read_takes(paths, options), options)
 
 
 def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Recording]:
-    """Return the takes in files or folders, all of the same channels, not yet split.
-
-    Raises InputError, StorageError: a file cannot be read, or the files do not belong together.
-    """
+    """Return the takes in files or folders, all of the same channels, not yet split."""
     if not paths:
         raise InputError("no file is given", "give one or several", key="source")
     twice = {str(path) for path in paths if sum(Path(path).resolve() == Path(one).resolve() for one in paths) > 1}
@@ -81,17 +62,12 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
         return [join_channels(read)]
     other = next((one for one in read if one.count != counts[0]), None)
     if other is not None:
-        problem = (
-            f"{read[0].path} has {_channels(counts[0])} and {other.path} {_channels(other.count)}: files are takes if"
-            " all have the same channels, or channels of one take"
-        )
-        raise InputError(problem, "give takes of one array, or <channels> for one take", key="files")
+        has, others = ("1 channel" if count == 1 else f"{count} channels" for count in (counts[0], other.count))
+        problem = f"{read[0].path} has {has} and {other.path} {others}: files are takes if all have the same channels,"
+        remedy = "give takes of one array, or <channels> for one take"
+        raise InputError(f"{problem} or channels of one take", remedy, key="files")
     _require_one_array(read)
     return read
-
-
-def _channels(count: int) -> str:
-    return "1 channel" if count == 1 else f"{count} channels"
 
 
 def _recordings(path: str | Path, options: ImportOptions) -> list[Recording]:
@@ -120,7 +96,7 @@ def _require_one_array(takes: Sequence[Recording]) -> None:
         if first.positions is None or one.positions is None:
             continue
         same = first.positions.shape == one.positions.shape
-        if not same or np.abs(first.positions - one.positions).max() > TAKE_TOLERANCES.position:
+        if not same or np.abs(first.positions - one.positions).max() > SAME_PLACE:
             problem = f"{first.path} and {one.path} have other positions of the microphones"
             raise InputError(problem, "give takes of one array that does not move", key="positions")
 
@@ -171,7 +147,7 @@ def _measurement_of_take(
     """Return the measurement of one take of at most `most` rows, and a report on it."""
     known, known_positions = np.zeros(0, int), None
     if options.known is not None:
-        known, known_positions = known_microphones(recording, options.known)
+        known, known_positions = select.known_microphones(recording, options.known)
     speed, speed_from = sound_speed_of(recording.sound_speed, options)
     found = highest_frequency(recording, options, known_positions, speed)
     band = frequency_band(recording, options, found, speed)
@@ -183,7 +159,11 @@ def _measurement_of_take(
         pressures = impulse_response_pressures(recording, band, speed, _window_rate(recording, options), most, noise)
     measurement = _measurement(recording, options, known, known_positions, pressures, speed)
     if kind == "impulse":
-        measurement = with_arrivals(measurement, recording if options.reference is None else _responses(taken, options))
+        responses = recording
+        if options.reference is not None:  # in its whole band: an onset is as sharp as the band is wide
+            whole = IMPORT_LIMITS.low, ARRIVAL_BAND * recording.sample_rate
+            responses, _ = deconvolve(taken, formats.read(options.reference), whole)
+        measurement = with_arrivals(measurement, responses)
     return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, found.limit, found.words)
 
 
@@ -193,25 +173,25 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
     listed = [name for name in parts if name not in ("", "bad")]
     left_out = dict.fromkeys(listed, "as asked")
     chosen = [_chosen(one, options, listed) for one in recordings]
-    health = [inspect_channels(one) for one in chosen]
+    health = [select.inspect_channels(one) for one in chosen]
     if "bad" not in parts:
         for one, state in zip(chosen, health, strict=True):
-            require_usable_channels(one, state)
+            select.require_usable_channels(one, state)
         return chosen, left_out
     for one, state in zip(chosen, health, strict=True):
         left_out |= {one.names[n]: state.fault(n, one.names) for n in state.bad}
     bad = np.unique(np.concatenate([state.bad for state in health]))
-    return [exclude_channels(one, "bad", bad) for one in chosen], left_out
+    return [select.exclude_channels(one, "bad", bad) for one in chosen], left_out
 
 
 def _chosen(recording: Recording, options: ImportOptions, listed: list[str]) -> Recording:
     """Return the channels in the plane or subset that is asked for, without those listed."""
     if options.plane is not None:
-        recording = select_plane(recording, options.plane)
+        recording = select.select_plane(recording, options.plane)
     if options.subset is not None:
-        recording = select_subset(recording, options.subset, options.seed)
+        recording = select.select_subset(recording, options.subset, options.seed)
     if listed:  # before the samples are read, since these channels may hold what cannot be read
-        recording = exclude_channels(recording, ",".join(listed), np.zeros(0, int))
+        recording = select.exclude_channels(recording, ",".join(listed), np.zeros(0, int))
     return recording
 
 
@@ -220,7 +200,7 @@ def _flattened(recording: Recording, options: ImportOptions) -> Recording:
     positions = recording.positions
     if positions is None or positions.shape[1] <= options.dimension:
         return recording
-    if np.ptp(positions[:, 2]) > PLANE_TOLERANCE:
+    if np.ptp(positions[:, 2]) > select.PLANE_TOLERANCE:
         problem = "dimension = 2 needs microphones of one height"
         raise refused_option(options, "dimension", problem, "choose them with <plane> z=HEIGHT")
     return replace(recording, positions=positions[:, :2])
@@ -240,12 +220,6 @@ def _classified(
     if kind == "impulse" and recording.samples <= MAX_SAMPLES and not recording.modelled:
         require_quiet_end(recording, band)
     return recording, kind, None
-
-
-def _responses(recording: Recording, options: ImportOptions) -> Recording:
-    """Return the impulse responses in the whole band of the reference: an onset is as sharp as the band is wide."""
-    low, high = IMPORT_LIMITS.low, ARRIVAL_BAND * recording.sample_rate
-    return deconvolve(recording, formats.read(str(options.reference)), (low, high))[0]
 
 
 def _decays(recording: Recording, band: tuple[float, float]) -> bool:

@@ -42,10 +42,8 @@ def impulse_response_pressures(
 ) -> Pressures:
     """Return the pressures of an impulse response; what follows once the sound is below the noise is left out.
 
-    `band`: lowest and highest frequency, Hz; `sound_speed`: m/s; `window`: rate s, 1/s; as much as needed unless given;
-    `most`: greatest number of frequencies; `noise`: noise power of one sample of the transform, where it is known; else
-    it is estimated from the tail. Raises InputError: the recording is too short for the band, too long for an impulse
-    response, or silent.
+    `window`: rate s, 1/s; as much as needed unless given; `most`: greatest number of frequencies; `noise`: noise power
+    of one sample of the transform, where it is known; else it is estimated from the tail.
     """
     if recording.samples > MAX_SAMPLES:
         problem = f"{recording.path} lasts {recording.duration:.0f} s, which is too long for an impulse response"
@@ -124,8 +122,6 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
     A response that wraps round rises at all frequencies. The rumble of a building has most of the power of the noise
     in a few Hz, and so few degrees of freedom that its level varies by 10 dB from one segment to the next. So the level
     must also rise above the lowest frequencies, where each of them counts by its own noise.
-
-    Raises InputError: the level in the band rises before the end, or the response begins before its end.
     """
     level = segment_levels(recording, band)
     top, last = int(np.argmax(level)), len(level) - 2
@@ -138,11 +134,9 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
         count = len(even) // DECAY.segments
         rises = bool(even[-2 * count :].max() > RISE * even[min(top * count, len(even) - 2) :].min())
     if rises:
-        problem = (
-            f"{recording.path}: the sound has decayed and rises again by {10 * np.log10(end / max(lowest, 1e-300)):.0f}"
-            f" dB before the end of {recording.duration:.3g} s: the response wraps round, as after a circular"
-            " deconvolution, or another sound begins"
-        )
+        rise = f"{10 * np.log10(end / max(lowest, 1e-300)):.0f} dB before the end of {recording.duration:.3g} s"
+        problem = f"{recording.path}: the sound has decayed and rises again by {rise}: the response wraps round, as"
+        problem += " after a circular deconvolution, or another sound begins"
         raise InputError(problem, "move that part to the beginning (numpy.roll), or cut it off", key="kind")
 
 
@@ -166,10 +160,7 @@ def mean_power(recording: Recording, band: tuple[float, float], s: float, step: 
 
 
 def noise_of_tail(recording: Recording, decay: Decay) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Return the noise power of one sample of the transform as a function of frequency, estimated from the tail.
-
-    Returns or None, none without a tail.
-    """
+    """Return the noise power of one sample of the transform as a function of frequency; None without a tail."""
     if decay.tail is None:
         return None
     start = int(decay.tail * recording.sample_rate)
@@ -212,11 +203,9 @@ DECONVOLUTION = DeconvolutionSettings()
 def deconvolve(
     recording: Recording, reference: Recording, band: tuple[float, float]
 ) -> tuple[Recording, Callable[[np.ndarray], np.ndarray] | None]:
-    """Return the impulse responses of all channels, kept in memory, and the noise in them.
+    """Return the impulse responses of all channels, in memory, and the noise power of one sample of the transform.
 
-    `reference`: one channel with the signal that the source emitted; `band`: Hz. Returns the noise power of one sample
-    of the transform; None where the recording is too short to estimate it. Raises InputError: the sampling rates
-    differ, or the reference has several channels or is silent in the band.
+    `reference`: one channel with the signal that the source emitted. The noise of a short recording is None.
     """
     if reference.sample_rate != recording.sample_rate:
         problem = f"{reference.path} has {reference.sample_rate:g} Hz and {recording.path} {recording.sample_rate:g} Hz"
@@ -227,9 +216,8 @@ def deconvolve(
     fs, samples = recording.sample_rate, min(recording.samples, DECONVOLUTION.max_samples)
     emitted = min(reference.samples, samples)
     padded = fast_length(samples + emitted)
-    inverse = _inverse(
-        rfft(read_samples(reference, 0, emitted)[0], padded), np.arange(padded // 2 + 1) * fs / padded, band
-    )
+    f = np.arange(padded // 2 + 1) * fs / padded
+    inverse = _inverse(rfft(read_samples(reference, 0, emitted)[0], padded), f, band)
     if inverse is None:
         problem = f"{reference.path} is silent between {band[0]:g} and {band[1]:g} Hz"
         raise InputError(problem, "choose another band: <frequencies>", key="frequencies")
@@ -246,23 +234,19 @@ def deconvolve(
     if samples - length < DECONVOLUTION.min_outside * samples:
         return made, None
     density = outside / recording.count / (samples - length)
-    return made, smoothed(np.arange(len(outside)) * fs / padded, density, DECONVOLUTION.smoothing)
+    return made, smoothed(f, density, DECONVOLUTION.smoothing)
 
 
 def _inverse(S: np.ndarray, f: np.ndarray, band: tuple[float, float]) -> np.ndarray | None:
     """Return conj(S) / |S|^2 within the band, falling smoothly to zero outside; None if S is silent in the band."""
-    low, high = (
-        band[0] / DECONVOLUTION.widening,
-        min(band[1] * DECONVOLUTION.widening, band[1] + DECONVOLUTION.max_widening),
-    )
+    low = band[0] / DECONVOLUTION.widening
+    high = min(band[1] * DECONVOLUTION.widening, band[1] + DECONVOLUTION.max_widening)
     rise, fall = np.clip((f - low) / (band[0] - low), 0, 1), np.clip((high - f) / (high - band[1]), 0, 1)
     taper = np.sin(np.pi / 2 * np.minimum(rise, fall)) ** 2
     power = np.abs(S) ** 2
     inside = taper > 0
     if not np.any(inside) or not power[inside].max() > 1e-20 * max(power.max(), 1e-300):
         return None
-    inverse = np.zeros_like(S)
-    inverse[inside] = (
-        taper[inside] * S[inside].conj() / (power[inside] + DECONVOLUTION.regularisation * power[inside].max())
-    )
+    inverse, least = np.zeros_like(S), DECONVOLUTION.regularisation * power[inside].max()
+    inverse[inside] = taper[inside] * S[inside].conj() / (power[inside] + least)
     return inverse

@@ -5,12 +5,6 @@ A recording is of one of two kinds:
 impulse      an impulse response, a clap or a whole sweep: it starts in silence and lasts until the sound is gone, or is
              cut off while the room still rings
 stationary   a part of a continuous sound, such as noise, music, speech or a machine
-
-recording_of      a recording of an array in memory
-select_channels   some channels of a recording
-join_channels     files that recorded at the same time, as one recording
-split             a long recording of a source that moves, or of several that take turns, in parts
-read_samples      samples from one to another; `channel_groups`, `time_blocks`: all of them, a part at a time
 """
 
 import math
@@ -30,37 +24,16 @@ GROUP_SAMPLES = 16_000_000  # samples held in memory at a time: 128 MB as float6
 RANGE_SAMPLES = 500_000  # samples read at a time from a file with interleaved channels, so that they fit a CPU cache
 
 
-@dataclass(frozen=True)
-class RecordingLimits:
-    """What a recording may be: sampling rate, Hz; number of channels; samples of each channel."""
-
-    min_sample_rate: float = 100.0
-    max_sample_rate: float = 1e7
-    max_channels: int = 10_000
-    min_samples: int = 16
-
-
-RECORDING_LIMITS = RecordingLimits()
-
-
-@dataclass(frozen=True)
-class TakeTolerances:
-    """By how much files that belong together may differ."""
-
-    # share of the longest recording by which the channels of one take may be shorter; the rest is left out
-    length: float = 0.05
-    position: float = 1e-3  # distance of two positions of one microphone that are the same, metres
-
-
-TAKE_TOLERANCES = TakeTolerances()
+SAMPLE_RATES = (100.0, 1e7)  # Hz
+MAX_CHANNELS = 10_000
+MIN_SAMPLES = 16  # of a channel
+SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest; the rest is left out
+SAME_PLACE = 1e-3  # distance of two positions of one microphone that are the same, metres
 
 
 @dataclass(frozen=True)
 class Recording:
-    """N channels of T samples.
-
-    Raises InputError: a value is out of range.
-    """
+    """N channels of T samples."""
 
     path: str  # what messages call it
     kind: str | None  # one of KINDS; None where the file does not say
@@ -91,19 +64,17 @@ class Recording:
             object.__setattr__(self, "positions", places)
 
     def _require_size(self) -> None:
-        limits = RECORDING_LIMITS
-        if not limits.min_sample_rate <= self.sample_rate <= limits.max_sample_rate:
-            problem = (
-                f"{self.path}: sampling rate = {self.sample_rate:g} Hz must be between {limits.min_sample_rate:g} Hz"
-                f" and {limits.max_sample_rate / 1e6:g} MHz"
-            )
+        low, high = SAMPLE_RATES
+        if not low <= self.sample_rate <= high:
+            span = f"between {low:g} Hz and {high / 1e6:g} MHz"
+            problem = f"{self.path}: sampling rate = {self.sample_rate:g} Hz must be {span}"
             raise InputError(problem, key="sample_rate", value=self.sample_rate)
-        if not 1 <= self.count <= limits.max_channels:
-            problem, remedy = f"{self.path}: {self.count} channels cannot be used", f"give 1 to {limits.max_channels}"
-            raise InputError(problem, remedy, key="count")
-        if self.samples < limits.min_samples:
+        if not 1 <= self.count <= MAX_CHANNELS:
+            problem = f"{self.path}: {self.count} channels cannot be used"
+            raise InputError(problem, f"give 1 to {MAX_CHANNELS}", key="count")
+        if self.samples < MIN_SAMPLES:
             problem = f"{self.path} holds {self.samples} samples per channel, which is too short for a recording"
-            raise InputError(problem, f"give {limits.min_samples} or more", key="samples", value=self.samples)
+            raise InputError(problem, f"give {MIN_SAMPLES} or more", key="samples", value=self.samples)
 
     @property
     def duration(self) -> float:
@@ -117,10 +88,7 @@ def sound_speed(celsius: float) -> float:
 
 
 def recording_of(path: str, kind: str | None, sample_rate: float, values, **others) -> Recording:
-    """Return a recording of an array (N, T) that is in memory or memory-mapped.
-
-    `path`, `kind`, `sample_rate`, `**others`: attributes of `Recording`; `values` (N, T) array, samples.
-    """
+    """Return a recording of an array (N, T) that is in memory or memory-mapped; the others are of `Recording`."""
 
     def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
         return values[channels, start:stop]
@@ -145,17 +113,12 @@ def select_channels(recording: Recording, channels) -> Recording:
 
 
 def read_samples(recording: Recording, start: int, stop: int, channels=None) -> np.ndarray:
-    """Return the samples of a recording from one sample to another.
-
-    `start`, `stop`: first sample, and the one after the last; `channels` (n,) int, all channels unless given. Returns
-    (n, stop - start) float64. Raises InputError: a sample is not finite, or samples are missing.
-    """
+    """Return the samples `start` to `stop`, without the last, of all channels, or some (n,) : (n, stop - start)."""
     channels = np.arange(recording.count) if channels is None else np.asarray(channels, np.int64)
     values = np.asarray(recording.block(start, stop, channels))
     if values.shape != (len(channels), stop - start):
-        raise InputError(
-            f"{recording.path} is truncated: some of the samples {start} to {stop} are missing", "copy the file again"
-        )
+        problem = f"{recording.path} is truncated: some of the samples {start} to {stop} are missing"
+        raise InputError(problem, "copy the file again")
     values = values.astype(float)
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
@@ -205,24 +168,17 @@ def time_blocks(recording: Recording, most: int = GROUP_SAMPLES // 4) -> Iterato
 
 
 def join_channels(files: Sequence[Recording]) -> Recording:
-    """Return the channels of files that recorded at the same time as one recording, named after the files.
-
-    Raises InputError: the files differ in sampling rate or, by more than `TakeTolerances.length`, in length.
-    """
+    """Return the channels of files that recorded at the same time as one recording, named after the files."""
     shortest, longest = (pick(files, key=lambda one: one.samples) for pick in (min, max))
     other = next((one for one in files if one.sample_rate != files[0].sample_rate), None)
     if other is not None:
-        raise InputError(
-            f"{files[0].path} has {files[0].sample_rate:g} Hz and {other.path} {other.sample_rate:g} Hz, and the"
-            " channels of one take need one sampling rate",
-            "convert one of them, from a recording that was made at the same time",
-            key="sample_rate",
-        )
-    if shortest.samples < (1 - TAKE_TOLERANCES.length) * longest.samples:
-        problem = (
-            f"{shortest.path} lasts {shortest.duration:.3g} s and {longest.path} {longest.duration:.3g} s: they are not"
-            " channels of one take"
-        )
+        problem = f"{files[0].path} has {files[0].sample_rate:g} Hz and {other.path} {other.sample_rate:g} Hz"
+        problem += ", and the channels of one take need one sampling rate"
+        remedy = "convert one of them, from a recording that was made at the same time"
+        raise InputError(problem, remedy, key="sample_rate")
+    if shortest.samples < (1 - SHORTER) * longest.samples:
+        problem = f"{shortest.path} lasts {shortest.duration:.3g} s and {longest.path} {longest.duration:.3g} s"
+        problem += ": they are not channels of one take"
         raise InputError(problem, "give files that were recorded at the same time, of one length", key="files")
     owner = np.repeat(np.arange(len(files)), [one.count for one in files])
     local = np.concatenate([np.arange(one.count) for one in files])
@@ -265,11 +221,7 @@ def _names(files: Sequence[Recording]) -> tuple[str, ...]:
 
 
 def split(recording: Recording, seconds: float, least: float) -> list[Recording]:
-    """Return parts of a recording; a remainder shorter than half a part is joined to the last one.
-
-    `seconds`: length of a part; `least`: seconds that a part must last. Raises InputError: the parts are too short, or
-    there is only one.
-    """
+    """Return parts of a recording, of `least` seconds; a remainder shorter than half a part is joined to the last."""
     if seconds < least:
         problem = f"split = {seconds:.3g} s is too short for a mean over segments of {recording.path}"
         raise InputError(problem, f"use {least:.3g} s or more", key="split", value=seconds)

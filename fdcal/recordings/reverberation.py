@@ -49,10 +49,7 @@ class Decay:
 
 
 def estimate_decay(recording: Recording, band: tuple[float, float]) -> Decay:
-    """Return how the sound in a band decays, from the level of a few channels.
-
-    `band`: Hz. Raises InputError: the recording is silent in the band.
-    """
+    """Return how the sound in a band, Hz, decays, from the level of a few channels."""
     decay = _decay_by_level(recording, band)
     while decay.tail is not None and decay.tail < DECAY.zoom * recording.duration:
         recording = replace(recording, samples=int(2 * decay.tail * recording.sample_rate) + 1)
@@ -69,8 +66,7 @@ def extend_to_last_mode(
 ) -> Decay:
     """Return `decay` with its tail moved until no mode of the band rings on in it, as far as noise can be estimated.
 
-    `band`: Hz; `noise`: noise power of one sample of the transform where it is known: noise that varies in time is then
-    no mode.
+    `noise`: power of one sample of the transform where it is known: noise that varies in time is then no mode.
     """
     if decay.tail is None:
         return decay
@@ -119,7 +115,9 @@ def _decay_by_level(recording: Recording, band: tuple[float, float]) -> Decay:
         problem = f"{recording.path} is silent between {band[0]:g} and {band[1]:g} Hz"
         raise InputError(problem, "choose another band: <frequencies>", key="frequencies")
     nepers = np.log(np.maximum(level, 1e-30 * level.max()))
-    quiet = _floor_level(level)
+    tenth, quiet = (float(np.mean(level[-count:])) for count in (DECAY.segments // 10 + 1, 2))
+    if quiet >= np.exp(-DECAY.above_floor) * tenth:  # else the sound has ended only just before
+        quiet = tenth
     noisy = bool(quiet > DECAY.min_power * level.max())
     floor = np.log(max(quiet, DECAY.min_power * level.max()))
     top, above = int(np.argmax(level)), nepers > floor + DECAY.above_floor
@@ -134,12 +132,6 @@ def _decay_by_level(recording: Recording, band: tuple[float, float]) -> Decay:
     rate = max(0.0, -float(slope) / 2)
     reached = (end + 1) * segment + DECAY.above_floor / max(2 * rate, 1e-9)
     return Decay(rate, _tail_at(recording, reached), noisy)
-
-
-def _floor_level(level: np.ndarray) -> float:
-    """Return the level of the last tenth, or of the last two segments where the sound has ended only just before."""
-    tenth, two = (float(np.mean(level[-count:])) for count in (DECAY.segments // 10 + 1, 2))
-    return two if two < np.exp(-DECAY.above_floor) * tenth else tenth
 
 
 def _tail_at(recording: Recording, reached: float) -> float | None:
@@ -165,10 +157,8 @@ def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarra
 def whitened_levels(recording: Recording, band: tuple[float, float]) -> np.ndarray:
     """Return the power in half-overlapping segments, each frequency of the band relative to its own quiet quarter.
 
+    It is a mean over a few channels, a geometric one over the frequencies : (2 segments,), about 1 for noise alone.
     Frequencies with less than three periods in a segment are left out, down to a third of the band.
-
-    Returns (2 segments,) float64, mean over a few channels, geometric mean over the frequencies of the band; about 1
-    where there is noise only.
     """
     reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
     samples = reduced.shape[1]

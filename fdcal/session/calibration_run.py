@@ -33,30 +33,20 @@ def require_length(inputs: CalibrationInput, problem: Problem) -> None:
     """Raise InputError where the sound speed is asked for without a known length, or with two."""
     needs_room = load(inputs.settings.name).TRAITS.needs_room
     if needs_room and (inputs.estimate_sound_speed or inputs.settings.known == "minimal"):
-        raise InputError(
-            "a known room fixes size and place", "leave out <estimate_sound_speed> and <known> minimal", key="room"
-        )
+        fault = "a known room fixes size and place"
+        raise InputError(fault, "leave out <estimate_sound_speed> and <known> minimal", key="room")
     if inputs.distance is not None:
         if not inputs.estimate_sound_speed:
-            raise InputError(
-                "distance fixes the size of the array, so that the sound speed follows from it",
-                "give <estimate_sound_speed> with <distance>",
-                key="distance",
-            )
+            fault = "distance fixes the size of the array, so that the sound speed follows from it"
+            raise InputError(fault, "give <estimate_sound_speed> with <distance>", key="distance")
         if len(problem.known):
-            raise InputError(
-                "distance is for arrays without known microphones, which fix the size already",
-                "leave out <distance>",
-                key="distance",
-            )
+            fault = "distance is for arrays without known microphones, which fix the size already"
+            raise InputError(fault, "leave out <distance>", key="distance")
         require_positive("distance", inputs.distance[2], "m")
         distance_pair(inputs)
     elif inputs.estimate_sound_speed and len(problem.known) < 2:
-        raise InputError(
-            "the sound speed follows from a known length, and fewer than two microphones are known",
-            "name two known microphones at least, or give <distance>",
-            key="estimate_sound_speed",
-        )
+        fault = "the sound speed follows from a known length, and fewer than two microphones are known"
+        raise InputError(fault, "name two known microphones at least, or give <distance>", key="estimate_sound_speed")
 
 
 def require_inside_search(inputs: CalibrationInput) -> None:
@@ -69,12 +59,11 @@ def require_inside_search(inputs: CalibrationInput) -> None:
     truth = measurement.positions[free]
     outside = free[np.any((truth < low) | (truth > high), axis=1)]
     if len(outside):
-        raise InputError(
+        problem = (
             f"microphone {outside[0]} stands at {measurement.positions[outside[0]].tolist()} m, outside the search"
-            f" domain of origin {list(search.origin)} m and size {list(search.size)} m",
-            "enlarge or move it with <search>",
-            key="search",
+            f" domain of origin {list(search.origin)} m and size {list(search.size)} m"
         )
+        raise InputError(problem, "enlarge or move it with <search>", key="search")
 
 
 def require_room_for_array(measurement: Measurement, settings: SolverSettings) -> None:
@@ -85,12 +74,8 @@ def require_room_for_array(measurement: Measurement, settings: SolverSettings) -
     extent, diagonal = float(np.linalg.norm(truth[:, None] - truth, axis=-1).max()), float(np.linalg.norm(size))
     if extent > diagonal:
         text = "x".join(f"{length:g}" for length in size)
-        raise InputError(
-            f"room = {text} m is smaller than the array, whose microphones are up to {extent:.3g} m apart",
-            "give <room> in metres",
-            key="room",
-            value=size,
-        )
+        problem = f"room = {text} m is smaller than the array, whose microphones are up to {extent:.3g} m apart"
+        raise InputError(problem, "give <room> in metres", key="room", value=size)
 
 
 def assess_state(
@@ -129,11 +114,8 @@ def scale_of(positions, inputs: CalibrationInput) -> float:
     pair = distance_pair(inputs)
     apart = float(np.linalg.norm(np.subtract(*np.asarray(positions)[list(pair)])))
     if inputs.distance is None or not apart > 0:
-        raise InputError(
-            f"microphones {pair[0]} and {pair[1]} were estimated at the same position",
-            "name another pair in <distance>",
-            key="distance",
-        )
+        problem = f"microphones {pair[0]} and {pair[1]} were estimated at the same position"
+        raise InputError(problem, "name another pair in <distance>", key="distance")
     return inputs.distance[2] / apart
 
 

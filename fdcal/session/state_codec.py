@@ -80,9 +80,8 @@ class StateReader:
             low, high = self._ranges.get(key, (0, LARGEST_COUNT))
             if low <= value <= high:
                 return value
-            raise InputError(
-                f"states.{key} = {shown(value)} must be from {low} to {high}", key=f"states.{key}", value=value
-            )
+            problem = f"states.{key} = {shown(value)} must be from {low} to {high}"
+            raise InputError(problem, key=f"states.{key}", value=value)
         elif isinstance(value, (int, float)) and float in options and abs(value) <= sys.float_info.max:
             return float(value)
         elif isinstance(value, str) and any(value in typing.get_args(option) for option in options):
@@ -213,9 +212,8 @@ def read_states(
     for number in order:
         state = next(queues[number], None) if isinstance(number, int) and 0 <= number < len(queues) else None
         if state is None:
-            raise InputError(
-                f"states.order names a state of kind {shown(number)}, which is not there", key="states.order"
-            )
+            fault = f"states.order names a state of kind {shown(number)}, which is not there"
+            raise InputError(fault, key="states.order")
         states.append(state)
     return tuple(states)
 

@@ -226,9 +226,8 @@ def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
     low, high = np.array(search.origin) - search.radius, np.add(search.origin, search.size) + search.radius
     far = np.flatnonzero(np.any((problem.known_positions < low) | (problem.known_positions > high), axis=1))
     if len(far):
-        raise InputError(
+        fault = (
             f"known microphone {known[far[0]]} at {problem.known_positions[far[0]].tolist()} m is further than"
-            f" search.radius = {search.radius:g} m from the search domain",
-            "move search.origin",
-            key="search.origin",
+            f" search.radius = {search.radius:g} m from the search domain"
         )
+        raise InputError(fault, "move search.origin", key="search.origin")

@@ -192,20 +192,16 @@ def require_affordable(problem: Problem, settings: SolverSettings, traits: Trait
         return
     count, modes = problem.pressures.shape[1], min(settings.modes, len(problem.pressures))
     if count**2 * modes > LIMITS.pairs:
-        raise InputError(
-            f"{count} microphones at {modes} frequencies need more memory than a calibration may take",
-            f"use at most {int(LIMITS.pairs / count**2)} modes (<modes>), or fewer microphones (<exclude>)",
-            key="modes",
-            value=modes,
-        )
+        fault = f"{count} microphones at {modes} frequencies need more memory than a calibration may take"
+        remedy = f"use at most {int(LIMITS.pairs / count**2)} modes (<modes>), or fewer microphones (<exclude>)"
+        raise InputError(fault, remedy, key="modes", value=modes)
     extent, limit = radius(problem.known_positions), max_radius(problem, modes)
     if extent > limit:
-        raise InputError(
+        fault = (
             f"the known microphones lie up to {2 * extent:.3g} m apart, farther than {count} microphones resolve at"
-            f" {problem.frequencies[modes - 1]:.4g} Hz ({2 * limit:.3g} m)",
-            "give positions in metres, or use fewer <modes>",
-            key="known_positions",
+            f" {problem.frequencies[modes - 1]:.4g} Hz ({2 * limit:.3g} m)"
         )
+        raise InputError(fault, "give positions in metres, or use fewer <modes>", key="known_positions")
 
 
 def radius(positions: np.ndarray) -> float:

@@ -140,13 +140,12 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
     each = max(1, N - D - 1)
     needed, used = -(-unknowns // each), min(modes, measured)
     if used < needed:
-        raise InputError(
+        fault = (
             f"{used} frequencies are too few for {unknowns} unknown coordinates of {len(problem.free)} microphones;"
-            f" at least {needed} are needed",
-            "measure more" if measured < needed else f"use <modes> {needed} or more",
-            key="modes",
-            value=used,
+            f" at least {needed} are needed"
         )
+        remedy = "measure more" if measured < needed else f"use <modes> {needed} or more"
+        raise InputError(fault, remedy, key="modes", value=used)
     if not fixes_gauge(problem.known_positions):
         _check_line(problem, modes)
 

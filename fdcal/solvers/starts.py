@@ -97,12 +97,9 @@ def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarra
 def require_gauge(problem: Problem) -> None:
     """Raise InputError if there are known microphones and an array and its mirror image fit them equally well."""
     if len(problem.known) and not fixes_gauge(problem.known_positions):
-        raise InputError(
-            f"known = {problem.known.tolist()} does not fix translation, rotation and mirror",
-            f"name at least {problem.array_dimension + 1} known microphones that span the array, or none",
-            key="known",
-            value=problem.known.tolist(),
-        )
+        fault = f"known = {problem.known.tolist()} does not fix translation, rotation and mirror"
+        remedy = f"name at least {problem.array_dimension + 1} known microphones that span the array, or none"
+        raise InputError(fault, remedy, key="known", value=problem.known.tolist())
 
 
 def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) -> tuple[np.ndarray, np.ndarray, int]:
@@ -116,12 +113,11 @@ def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) ->
     _, values, vectors = np.linalg.svd(data, full_matrices=False)
     D = problem.array_dimension
     if len(values) < D or values[D - 1] <= 1e-9 * values[0]:
-        raise InputError(
+        fault = (
             f"the lowest {lowest} modes show fewer than {D} directions: the microphones stand on a line, or there"
-            " are too few modes",
-            "measure more modes",
-            key="modes",
+            " are too few modes"
         )
+        raise InputError(fault, "measure more modes", key="modes")
     return vectors[:D].T, values[:D], lowest
 
 

@@ -125,9 +125,8 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     lessons.start("Mine")
     turn_until(lambda: "being prepared" not in lessons.controls.text.content)
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
-    assert odd == replace(
-        plain, style=replace(plain.style, dark=True), seed=odd.seed, export_kind=odd.export_kind, rate=60, plan=odd.plan
-    )
+    kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "plan", "themed")}
+    assert odd == replace(plain, style=replace(plain.style, dark=True), rate=60, **kept)
     assert page.viewer.tabs.run_bar.speed.value == 60, "as fast as the machine can"
     page.viewer.tabs.map.mark_minima(False)
     lessons.start("Mine")
@@ -168,19 +167,3 @@ def test_what_the_user_opens_during_a_lesson_stays(opened):
     for _ in range(5):
         page.tick(0.0)
     assert page.switcher.idle and page.viewer.binding.run.opening is mine
-
-
-def test_a_lesson_that_begins_during_the_opening_brings_back_the_map_without_it(page_of):
-    page, turn_until = page_of
-    page.open(OpenRequest(load_scene(SMALL)))
-    turn_until(lambda: page.viewer is not None)
-    first, lessons = page.viewer, LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
-    page.lessons = lessons
-    first.tabs.sweep.open()
-    turn_until(lambda: first.binding.choices.modes is not None)
-    lessons.start("Mine")
-    turn_until(lambda: page.viewer is not first and page.switcher.idle)
-    of_the_lesson = page.viewer
-    lessons.end()
-    turn_until(lambda: page.viewer is not of_the_lesson and page.switcher.idle)
-    assert page.viewer.binding.choices.modes is None and not page.viewer.tabs.sweep.playing

@@ -56,11 +56,7 @@ def reader_of(path: str | Path) -> Format | None:
 
 
 def read(path: str | Path, source: int | None = None) -> Recording:
-    """Return the recording in a file or folder.
-
-    `source`: which of several sources, from 0. Raises InputError: no format can read it, or it is damaged;
-    StorageError: the file cannot be opened.
-    """
+    """Return the recording in a file or folder; `source`: which of several sources, from 0."""
     path = Path(path)
     try:
         if not path.exists():
@@ -68,9 +64,8 @@ def read(path: str | Path, source: int | None = None) -> Recording:
         require_regular(path)
         found = reader_of(path)
         if found is None or found.read is None:
-            raise InputError(
-                f"{path} has no format that can be read", f"give {', '.join(suffixes('read'))} or a folder"
-            )
+            problem = f"{path} has no format that can be read"
+            raise InputError(problem, f"give {', '.join(suffixes('read'))} or a folder")
         if source and found.source_count is None:
             remedy = f"{path} holds one source only, number 0"
             raise InputError(f"source = {source} does not exist", remedy, key="source", value=source)
@@ -99,28 +94,21 @@ def source_count(path: str | Path) -> int:
 
 
 def render(path: str | Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
-    """Return what an array would record in the measured room of a file.
-
-    `positions` (N, 3) float64, relative to the point of the measurement, metres; `sound_speed`: m/s. Raises InputError:
-    the file is damaged, or holds no measured room; StorageError: the file cannot be opened.
-    """
+    """Return what an array (N, 3), metres from the point of the measurement, would record in a measured room's file."""
     path = Path(path)
     if not path.exists():
         raise StorageError(f"cannot read {path}: No such file or directory")
     found = reader_of(path)
     if found is None or found.render is None:
-        raise InputError(
-            f"{path} holds channels that were recorded; none can be rendered", "leave out <array>", key="array"
-        )
+        problem = f"{path} holds channels that were recorded; none can be rendered"
+        raise InputError(problem, "leave out <array>", key="array")
     return found.render(path, names, positions, sound_speed)
 
 
 def write(path: str | Path, target: str | Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write positions in the format that a suffix selects.
+    """Write positions to `path`, maybe a temporary file, in the format that the suffix of `target` selects.
 
-    `path`: the file to write, possibly a temporary one; `target`: the final name of the file, whose suffix selects the
-    format; `original`: a file into a copy of which the positions are written, where the format can do so. Raises
-    InputError: no format has this suffix, or the format cannot hold these positions.
+    `original`: a file into a copy of which the positions are written, where the format can do so.
     """
     for one in all_formats():
         if one.write and Path(target).suffix.lower() in one.suffixes:

@@ -52,16 +52,14 @@ def _read_npz(path: Path, source: int | None = None) -> Recording:
         problem = f"{path} holds more than fits into memory, and an .npz file is read as a whole"
         raise InputError(problem, "give WAV, W64, FLAC or HDF5") from None
     except Exception as error:
-        raise InputError(
-            f"{path} is not an .npz file that can be read ({type(error).__name__})", "write it again"
-        ) from error
+        problem = f"{path} is not an .npz file that can be read ({type(error).__name__})"
+        raise InputError(problem, "write it again") from error
     if "pressures" in keys_of(path):
         raise InputError(f"{path} is a measurement already", "give it to `fdcal calibrate`")
     for key in ("recordings", "sample_rate"):
         if key not in table:
-            raise InputError(
-                f'{path} has no "{key}"', "give recordings (N, T) and sample_rate, or a measurement", key=key
-            )
+            problem = f'{path} has no "{key}"'
+            raise InputError(problem, "give recordings (N, T) and sample_rate, or a measurement", key=key)
     value = {key: require_array(f"{path}: {key}", table[key], *KEYS[key]) for key in table if key != "recordings"}
     data = table["recordings"]
     if data.ndim != 2 or data.dtype.kind not in "fiu":
@@ -95,9 +93,8 @@ def _read_meshrir(path: Path, source: int | None = None) -> Recording:
         raise InputError(problem, f"{path} has sources 0 to {len(sources) - 1}", key="source", value=source)
     missing = [n for n in range(len(places)) if not (path / f"ir_{n}.npy").exists()]
     if missing:
-        raise InputError(
-            f"{path} has {len(places)} positions but no ir_{missing[0]}.npy ({len(missing)} missing)", "copy it again"
-        )
+        problem = f"{path} has {len(places)} positions but no ir_{missing[0]}.npy ({len(missing)} missing)"
+        raise InputError(problem, "copy it again")
     samples = _mapped(path / "ir_0.npy").shape[-1]
 
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
@@ -107,9 +104,8 @@ def _read_meshrir(path: Path, source: int | None = None) -> Recording:
             data = _mapped(file)
             if data.shape != (len(sources), samples):
                 wanted = (len(sources), samples)
-                raise InputError(
-                    f"{file} has shape {data.shape}, but pos_src.npy and ir_0.npy call for {wanted}", "copy it again"
-                )
+                problem = f"{file} has shape {data.shape}, but pos_src.npy and ir_0.npy call for {wanted}"
+                raise InputError(problem, "copy it again")
             values[row] = data[source, start:stop]
         return values
 

@@ -29,10 +29,7 @@ HEADER = ["name", "x", "y", "z", "uncertainty"]
 
 
 def read_positions(path: str | PathLike[str]) -> MicrophonePositions:
-    """Return the positions in a file of Acoular (.xml) or a table with the columns name,x,y[,z] (.csv).
-
-    Raises InputError: the file holds no positions; StorageError: the file cannot be read.
-    """
+    """Return the positions in a file of Acoular (.xml) or a table with the columns name,x,y[,z] (.csv)."""
     path = Path(path)
     if path.suffix.lower() not in READERS:
         problem = f'"{path}" ends in no suffix of a file of positions'
@@ -56,11 +53,7 @@ def _written(metres: float) -> str:
 
 
 def read_table(path: str | Path) -> tuple[list[str], np.ndarray]:
-    """Return the microphones of a table with the columns name,x,y and optionally z.
-
-    Returns (A, 2 or 3) float64, names; positions, metres. Raises InputError: the file is no such table; StorageError:
-    the file cannot be read.
-    """
+    """Return names and positions (A, 2 or 3), metres, of a table with the columns name,x,y and optionally z."""
     try:
         text = read_bytes(path, MAX_BYTES).decode("utf-8-sig")
         european = ";" in text.partition("\n")[0]  # as a spreadsheet writes CSV where a comma is the decimal sign
@@ -70,11 +63,9 @@ def read_table(path: str | Path) -> tuple[list[str], np.ndarray]:
         raise InputError(f"{path} is not a table in text form: {error}") from error
     head = [cell.strip().lower() for cell in rows[0]] if rows else []
     if head[:3] != ["name", "x", "y"] or len(rows) < 2:
+        wanted = "the line name,x,y or name,x,y,z and hold one line per microphone"
         found = shown(",".join(rows[0])) if rows else ""
-        raise InputError(
-            f"{path} must begin with the line name,x,y or name,x,y,z and hold one line per microphone, not with"
-            f' "{found}"'
-        )
+        raise InputError(f'{path} must begin with {wanted}, not with "{found}"')
     axes = 3 if head[3:4] == ["z"] else 2
     names, places = [], []
     for number, row in enumerate(rows[1:], 2):
@@ -94,9 +85,7 @@ def _write_xml(path: Path, placed: MicrophonePositions, original: str | None = N
     """Write `placed`; raise InputError for a name that XML cannot hold."""
     root = tree.Element("MicArray", name="fdcal")
     for name, place in zip(placed.names, placed.positions.tolist(), strict=True):
-        if any(
-            ord(letter) < 32 or 0xD800 <= ord(letter) < 0xE000 or ord(letter) in (0xFFFE, 0xFFFF) for letter in name
-        ):
+        if re.search("[\x00-\x1f\ud800-\udfff\ufffe\uffff]", name):
             raise InputError(f"the name {name!r} cannot be written in XML", "rename that microphone")
         coordinates = {axis: repr(value) for axis, value in zip("xyz", place, strict=True)}
         tree.SubElement(root, "pos", {"Name": name} | coordinates)
@@ -105,11 +94,7 @@ def _write_xml(path: Path, placed: MicrophonePositions, original: str | None = N
 
 
 def read_xml(path: str | Path) -> tuple[list[str], np.ndarray]:
-    """Return the microphones of a geometry.
-
-    Returns (N, 3) float64, names, or numbers from 0 where not all have different names; positions, metres. Raises
-    InputError: the file is no geometry; StorageError: the file cannot be read.
-    """
+    """Return names, or numbers from 0 where not all have different ones, and positions (N, 3), metres."""
     try:
         elements = tree.fromstring(read_bytes(path, MAX_BYTES)).findall("pos")
     except (tree.ParseError, ValueError, LookupError) as error:  # broken, or of an encoding that does not exist
@@ -139,14 +124,9 @@ def _write_columns(path: Path, placed: MicrophonePositions, original: str | None
 
 def _write_object(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
     """Write `placed`, metres; an unknown uncertainty is null."""
-    microphones = [
-        {
-            "name": name,
-            **dict(zip("xyz", place, strict=True)),
-            "uncertainty": None if placed.uncertainty is None else float(placed.uncertainty[n]),
-        }
-        for n, (name, place) in enumerate(zip(placed.names, placed.positions.tolist(), strict=True))
-    ]
+    sigma = [None] * len(placed.names) if placed.uncertainty is None else placed.uncertainty.tolist()
+    rows = zip(placed.names, placed.positions.tolist(), sigma, strict=True)
+    microphones = [{"name": n, "x": p[0], "y": p[1], "z": p[2], "uncertainty": s} for n, p, s in rows]
     table = {"unit": "metre", "frame": placed.frame, "microphones": microphones}
     path.write_text(json.dumps(table, indent=1, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
 

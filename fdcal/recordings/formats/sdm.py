@@ -24,11 +24,7 @@ def _read(path: Path, source: int | None = None) -> Recording:
 
 
 def _render(path: Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
-    """Return what an array would record in the field of the response, from the direct sound on.
-
-    `positions` (N, 3) float64, relative to the point of the measurement, metres; `sound_speed`: m/s. Raises InputError:
-    the file is damaged, or its response wraps round.
-    """
+    """Return what an array (N, 3), metres from the point of the measurement, would record from the direct sound on."""
     response = load_sdm_response(path)
     return recording_of(
         str(path),

@@ -10,7 +10,6 @@ receivers, in the order of the microphones, whose names are not kept.
 import contextlib
 import io
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,16 +22,9 @@ from . import Format, needs
 AXES = "MRNE"  # measurements, receivers, samples, emitters
 
 
-@dataclass(frozen=True)
-class SofaTolerances:
-    """What counts as equal in a SOFA file."""
-
-    same_position: float = 1e-6  # distance of two sources that are one, metres
-    whole_delay: float = 1e-3  # distance of a delay from a whole number, samples
-    max_delay: int = 10_000_000  # samples
-
-
-SOFA_TOLERANCES = SofaTolerances()
+SAME_POSITION = 1e-6  # distance of two sources that are one, metres
+WHOLE_DELAY = 1e-3  # distance of a delay from a whole number, samples
+MAX_DELAY = 10_000_000  # samples
 
 
 @contextlib.contextmanager
@@ -64,9 +56,8 @@ def number_of(file, path: Path, name: str) -> float:
     """Return a variable that has one value; raise InputError where it has several."""
     values = np.unique(values_of(file, path, name))
     if len(values) > 1:
-        raise InputError(
-            f'{path}: "{name}" has different values, {values[0]:g} and {values[-1]:g}', "use one for all", key=name
-        )
+        problem = f'{path}: "{name}" has different values, {values[0]:g} and {values[-1]:g}'
+        raise InputError(problem, "use one for all", key=name)
     return float(values[0])
 
 
@@ -128,9 +119,7 @@ def sources_of(file, path: Path, measurements: int) -> np.ndarray:
     firsts: list[int] = []
     member = np.zeros(measurements, np.int64)
     for m in range(measurements):
-        near = [
-            g for g, f in enumerate(firsts) if np.linalg.norm(places[m] - places[f]) < SOFA_TOLERANCES.same_position
-        ]
+        near = [g for g, f in enumerate(firsts) if np.linalg.norm(places[m] - places[f]) < SAME_POSITION]
         member[m] = near[0] if near else len(firsts)
         if not near:
             firsts.append(m)
@@ -143,17 +132,13 @@ def measurements_of(file, path: Path, measurements: int, emitters: int, wanted: 
     count = (int(member.max()) + 1) * emitters
     wanted = 0 if wanted is None else wanted
     if not 0 <= wanted < count:
-        raise InputError(
-            f"source = {wanted} does not exist", f"{path} has sources 0 to {count - 1}", key="source", value=wanted
-        )
+        problem = f"source = {wanted} does not exist"
+        raise InputError(problem, f"{path} has sources 0 to {count - 1}", key="source", value=wanted)
     return np.flatnonzero(member == wanted // emitters), wanted % emitters
 
 
 def impulse_responses(file, path: Path):
-    """Return the variable Data.IR, its shape as a dict of AXES, and the order of its axes.
-
-    Raises InputError: the file has no impulse responses.
-    """
+    """Return the variable Data.IR, its shape as a dict of AXES, and the order of its axes."""
     ir = file.variables.get("Data.IR")
     if ir is None or ir.ndim not in (3, 4) or not all(ir.shape):
         kind = getattr(file, "DataType", "unknown")
@@ -165,10 +150,7 @@ def impulse_responses(file, path: Path):
 
 
 def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarray:
-    """Return the number of samples by which each response begins later than the first of all : (M, R) int64.
-
-    Raises InputError: a delay is not a whole number of samples, or too long.
-    """
+    """Return the number of samples by which each response begins later than the first of all : (M, R) int64."""
     count = shape["M"], shape["R"]
     if "Data.Delay" not in file.variables:
         return np.zeros(count, np.int64)
@@ -178,20 +160,16 @@ def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarr
     if delay.ndim != 2 or delay.shape[0] not in (1, count[0]) or delay.shape[1] not in (1, count[1]):
         raise InputError(f'{path}: "Data.Delay" has shape {delay.shape}', f"give shape {count}", key="Data.Delay")
     delay = np.broadcast_to(delay - delay.min(), count)
-    if np.abs(delay - np.round(delay)).max() > SOFA_TOLERANCES.whole_delay or delay.max() > SOFA_TOLERANCES.max_delay:
-        raise InputError(
-            f'{path}: "Data.Delay" differs by {delay.max():g} samples, which is not a whole number that can be applied',
-            "write the responses with their delays included",
-            key="Data.Delay",
+    if np.abs(delay - np.round(delay)).max() > WHOLE_DELAY or delay.max() > MAX_DELAY:
+        problem = (
+            f'{path}: "Data.Delay" differs by {delay.max():g} samples, which is not a whole number that can be applied'
         )
+        raise InputError(problem, "write the responses with their delays included", key="Data.Delay")
     return np.round(delay).astype(np.int64)
 
 
 def _read(path: Path, source: int | None = None) -> Recording:
-    """Return the recording of a SOFA file, read in pieces.
-
-    Raises InputError: the file is damaged, or of a convention without impulse responses.
-    """
+    """Return the recording of a SOFA file, read in pieces."""
     with open_sofa(path) as file:
         _, shape, axes = impulse_responses(file, path)
         rate = number_of(file, path, "Data.SamplingRate")
@@ -240,11 +218,7 @@ REPLACED_CONVENTIONS = {"SingleRoomDRIR": "SingleRoomSRIR_1.0", "MultiSpeakerBRI
 
 
 def _write(path: Path, placed: MicrophonePositions, original: str | None) -> None:
-    """Write the positions into a copy of `original` if given, else into a file with unit impulses for data.
-
-    Raises InputError: the original has another number of receivers, or cannot be written as SOFA; StorageError: the
-    original cannot be read.
-    """
+    """Write the positions into a copy of `original` if given, else into a file with unit impulses for data."""
     sofar = needs("sofar")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -296,12 +270,10 @@ def _fill_in(sofa, placed: MicrophonePositions, original: str | None) -> None:
     repetition = _repetitions(sofa)
     microphone = repetition[:, None] * receivers + np.arange(receivers)  # of each measurement and receiver (M, R)
     if not np.array_equal(np.unique(microphone), np.arange(len(placed.names))):
-        raise InputError(
-            f"{original} has {microphone.max() + 1} receiver positions, the result {len(placed.names)} microphones",
-            "leave out <original>, or calibrate all of them",
-            key="original",
-            value=original,
+        problem = (
+            f"{original} has {microphone.max() + 1} receiver positions, the result {len(placed.names)} microphones"
         )
+        raise InputError(problem, "leave out <original>, or calibrate all of them", key="original", value=original)
     _require_one_order(sofa, repetition, original)
     positions = _in_channel_order(placed)[microphone]
     moved = repetition.max() > 0
@@ -321,7 +293,7 @@ def _repetitions(sofa) -> np.ndarray:
     source = np.atleast_2d(np.asarray(sofa.SourcePosition, float))
     if len(source) != measurements:
         return np.arange(measurements)
-    cells = np.round(source.reshape(measurements, -1) / SOFA_TOLERANCES.same_position)
+    cells = np.round(source.reshape(measurements, -1) / SAME_POSITION)
     which = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
     repetition = np.zeros(measurements, int)
     for one in range(which.max() + 1):
@@ -347,7 +319,7 @@ def _require_one_order(sofa, repetition: np.ndarray, original: str | None) -> No
         columns.append(np.broadcast_to(np.moveaxis(receiver, 2, 0), (M, *receiver.shape[:2])).reshape(M, -1))
     positions = np.concatenate(columns, axis=1)
     spreads = [np.ptp(positions[repetition == one], axis=0).max() for one in np.unique(repetition)]
-    if max(spreads) > SOFA_TOLERANCES.same_position:
+    if max(spreads) > SAME_POSITION:
         problem = f"{original} has sources whose receiver positions are in different orders"
         raise InputError(problem, "leave out <original>", key="original", value=original)
 

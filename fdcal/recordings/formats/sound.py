@@ -39,11 +39,8 @@ def _read_sound(path: Path, source: int | None = None) -> Recording:
     try:
         with soundfile.SoundFile(_name(path)) as file:
             channels, samples, rate = file.channels, file.frames, file.samplerate
-            log, whole, seekable = (
-                file.extra_info,
-                "FLOAT" not in file.subtype and file.subtype != "DOUBLE",
-                file.seekable(),
-            )
+            log, seekable = file.extra_info, file.seekable()
+            whole = "FLOAT" not in file.subtype and file.subtype != "DOUBLE"
     except (soundfile.LibsndfileError, RuntimeError, ValueError) as error:
         reason = "the file is empty" if path.is_file() and not path.stat().st_size else _reason(error)
         raise InputError(f"{path} is not a sound file that can be read: {reason}") from error
@@ -71,9 +68,8 @@ def _require_whole(path: Path, log: str) -> None:
     """Raise InputError where the header announces more samples than there are: libsndfile only logs it."""
     note = LENGTH.search(log)
     if note and int(note[2]) < int(note[1]) != UNKNOWN_LENGTH:
-        raise InputError(
-            f"{path} is truncated: its header announces {note[1]} bytes of sound, {note[2]} are there", "copy it again"
-        )
+        problem = f"{path} is truncated: its header announces {note[1]} bytes of sound, {note[2]} are there"
+        raise InputError(problem, "copy it again")
 
 
 def _read_hdf5(path: Path, source: int | None = None) -> Recording:
@@ -87,9 +83,8 @@ def _read_hdf5(path: Path, source: int | None = None) -> Recording:
             if data.ndim != 2 or data.dtype.kind not in "fiu":
                 raise InputError(f'{path}: "time_data" is {data.dtype}, {data.shape}', "give real samples (T, N)")
             if "sample_freq" not in data.attrs:
-                raise InputError(
-                    f'{path}: "time_data" has no attribute "sample_freq", the sampling rate in Hz', "add it"
-                )
+                problem = f'{path}: "time_data" has no attribute "sample_freq", the sampling rate in Hz'
+                raise InputError(problem, "add it")
             rate = np.asarray(data.attrs["sample_freq"])
             if rate.size != 1 or rate.dtype.kind not in "fiu":
                 raise InputError(f'{path}: "sample_freq" is {rate.tolist()!r}', "give one number, the rate in Hz")

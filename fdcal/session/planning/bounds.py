@@ -65,9 +65,8 @@ def source_place(request: PlanRequest, places: np.ndarray, rng: np.random.Genera
     )
     if source is not None:
         return source
-    raise InputError(
-        f"no place of the room is {LIMITS.clearance:g} m from the array", "give a larger <room>", key="room"
-    )
+    problem = f"no place of the room is {LIMITS.clearance:g} m from the array"
+    raise InputError(problem, "give a larger <room>", key="room")
 
 
 def room_field(request: PlanRequest, frequencies, rng: np.random.Generator) -> np.ndarray:

@@ -55,7 +55,7 @@ MAX_RATE = 60  # steps per second at the end of the slider, which stands for no 
 WATCHED_RATE = 5  # steps per second that can be followed, of a solver whose steps move all microphones
 BOUNDS = {"opacity": (0.1, 1.0), "relief_height": (0.05, 1.0), "slice_position": (-math.inf, math.inf)}
 # Choices that another scene keeps.
-KEPT = ("trails", "ellipses", "ellipse_scale", "lecture", "export_kind", "export_view", "export_size", "rate")
+KEPT = ("trails", "ellipses", "ellipse_scale", "lecture", "export_kind", "export_view", "export_size", "rate", "themed")
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,7 @@ class Choices:
     ellipses: bool = False  # whether the error ellipses are drawn
     ellipse_scale: int = 0  # by which the error ellipses are enlarged; 0 for the factor that makes them visible
     lecture: bool = False  # whether the page is shown by a projector
+    themed: bool = False  # whether a user has chosen a dark or a light page; else it follows the browser
     release: bool = False  # whether known microphones can be dragged
     modes_error: str = ""  # why the text in the field "Mode numbers" was refused, "" if it was not
     export_kind: str = PICTURE  # kind of file to save, a key of `exports.KINDS`
@@ -112,7 +113,9 @@ class Choices:
 
 # Those that are saved and are true or false.
 SWITCHES = tuple(
-    one.name for one in (*fields(Choices), *fields(MapStyle)) if one.type == "bool" and one.name != "lecture"
+    one.name
+    for one in (*fields(Choices), *fields(MapStyle))
+    if one.type == "bool" and one.name not in ("lecture", "themed")
 )
 
 
@@ -126,6 +129,7 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     free = [n for n in range(measurement.count) if n not in measurement.known]
     offset = ORDER_OFFSET if run.reference_cost is None else run.reference_cost.order_offset
     choices = Choices(microphone=free[0] if free else 0, order_offset=offset, seed=run.session.view.state.seed)
+    choices = replace(choices, themed="dark" in run.opening.choices)
     if before is not None:
         kept = {name: getattr(before, name) for name in KEPT}
         choices = replace(choices, style=_style_elsewhere(before, measurement), **kept)

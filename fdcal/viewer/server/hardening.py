@@ -18,6 +18,7 @@ import re
 import socket
 from collections.abc import Callable, Iterator
 from importlib import metadata
+from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -63,12 +64,13 @@ def require_foreign_origin_refused(host: str, port: int) -> None:
 
 TITLE = "fdcal"
 OF_VISER = b"<title>Viser</title>"
+STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 
 Respond = Callable[..., Response | None]  # of a connection and a request
 
 
 def titled(respond: Respond) -> Respond:
-    """Wrap the function that answers requests for files: the page that it returns has the title TITLE."""
+    """Wrap the function that answers requests for files: its page has the title TITLE, our style and our script."""
 
     def answer(connection, request) -> Response | None:
         response = respond(connection, request)
@@ -83,12 +85,14 @@ def titled(respond: Respond) -> Respond:
 
 @functools.lru_cache(maxsize=2)
 def with_title(body: bytes, zipped: bool) -> bytes:
-    """Return a page with the title TITLE in place of viser's; as it is where viser's page has another one.
+    """Return a page with the title TITLE in place of viser's, and page.css and page.js; a page of others as it is.
 
     `body`: of the page; `zipped`: whether gzip has compressed it.
     """
     plain = gzip.decompress(body) if zipped else body
-    renamed = plain.replace(OF_VISER, f"<title>{TITLE}</title>".encode(), 1)
+    style, script = STYLE.read_text(encoding="utf-8"), SCRIPT.read_text(encoding="utf-8")
+    head = f"<title>{TITLE}</title><style>{style}</style><script>{script}</script>"
+    renamed = plain.replace(OF_VISER, head.encode(), 1)
     if renamed == plain:
         return body
     return gzip.compress(renamed, 1) if zipped else renamed

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Protocol
 import viser
 
 from ...model.scene import Scene
-from ...model.validation import InputError, StorageError
+from ...model.validation import InputError, StorageError, shown
 from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, Setting, Step
 from ...session.request import OpenRequest
 from ..gui.choices import MAX_RATE
@@ -170,6 +170,10 @@ class LessonPage(Protocol):
         """Show something else as soon as it is ready."""
         ...
 
+    def end_opening(self) -> None:
+        """End the opening where it plays."""
+        ...
+
 
 class LessonsTab:
     """Owns the controls of the tab, the settings that wait for a scene, and what the page showed before.
@@ -195,18 +199,28 @@ class LessonsTab:
         """Whether a lesson is in progress."""
         return self.progress.lesson is not None
 
-    def start(self, title: str) -> None:
-        """Start a lesson, by its title; ignore any other text."""
+    def start(self, title: str, number: int = 0) -> None:
+        """Start a lesson, by its title, at a step, counted from 0; ignore any other text."""
         viewer, lesson = self._page.viewer, self._lessons.get(title)
         if lesson is None:
             return
         if viewer is not None and self.progress.lesson is None:
-            viewer.binding.touch()
-            viewer.tabs.sweep.end_opening()  # what comes back later is the page without it
             self._before = self._returning or PageBefore.of(viewer, self._page.nodes.cameras)
         self._returning = None
-        self.progress = LessonProgress(lesson)
-        self._set_up()
+        self.progress = LessonProgress(lesson, number)
+        self._set_up(fresh=True)
+
+    def open(self, name: str, number: int) -> None:
+        """Show a step of a lesson, by the lesson's name and the step's number from 1, unless it is shown already.
+
+        Raises InputError: there is no such lesson or step.
+        """
+        lesson = next((lesson for lesson in self._lessons.values() if name in (lesson.name, lesson.title)), None)
+        if lesson is None or not 1 <= number <= len(lesson.steps):
+            remedy = f"use {', '.join(lesson.name for lesson in self._lessons.values())}, and a step that it has"
+            raise InputError(f'there is no step {number} of a lesson "{shown(name)}"', remedy, key="lesson", value=name)
+        if (self.progress.lesson, self.progress.number) != (lesson, number - 1):
+            self.start(lesson.title, number - 1)
 
     def end(self) -> None:
         """End the lesson, and show what the page showed before, unless the user has opened something else."""
@@ -222,6 +236,14 @@ class LessonsTab:
                 self._page.open(request)
                 self._pending = request, lambda shown: self._put_back(before, shown)
         self._requests = []
+        self._redraw()
+
+    def leave(self) -> None:
+        """End the lesson, and stay where it is: the user has opened something else."""
+        before, self.progress, self._before = self._before, LessonProgress(), None
+        self._pending, self._error, self._requests = None, "", []
+        if before is not None:
+            before.close()
         self._redraw()
 
     def _left(self, before: PageBefore, viewer: Viewer) -> bool:
@@ -264,8 +286,8 @@ class LessonsTab:
         self.progress = replace(self.progress, choice=number)
         self._set_up()
 
-    def _set_up(self) -> None:
-        """Set the page as the present step requires, the scene first."""
+    def _set_up(self, fresh: bool = False) -> None:
+        """Set the page as the present step requires, the scene first; a `fresh` lesson may begin at any step."""
         progress, self._pending, self._error = self.progress, None, ""
         self._redraw()
         lesson, step = progress.lesson, progress.step
@@ -273,19 +295,22 @@ class LessonsTab:
             return
         revealed = progress.choice >= 0
         settings = [step.page, step.then] if revealed else [step.page]
+        if fresh:  # a step leaves out what the steps before it have set
+            settings = [one for past in lesson.steps[: progress.number] for one in (past.page, past.then)] + settings
+            settings = settings[max(i for i, one in enumerate(settings) if one.begins) :]
 
         def begin() -> None:
             start = lesson.start(progress.number, revealed)
             if start is None:
                 raise InputError(f'the lesson "{lesson.title}" names no scene', "give its first step a scene")
-            self._begin(settings, *start)
+            self._begin(settings, *start, fresh)
 
         self._guarded(begin)
 
-    def _begin(self, settings: list[Setting], scene: Scene, seed: int) -> None:
+    def _begin(self, settings: list[Setting], scene: Scene, seed: int, fresh: bool = False) -> None:
         """Apply the last of `settings`; if another scene has to be opened first, all settings of this step."""
         viewer, setting = self._page.viewer, settings[-1]
-        first = self.progress.number == 0 and len(settings) == 1
+        first = fresh or (self.progress.number == 0 and len(settings) == 1)
         if viewer is None or first or viewer.binding.run.scene != scene or self._is_before(viewer):
             self._open(OpenRequest(scene, start_seed=seed, choices=plain_choices()), settings)
             return

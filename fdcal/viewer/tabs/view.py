@@ -64,9 +64,10 @@ class ViewTab(Tab):
         for name, value in wanted.items():
             getattr(self, name).value = value
 
-    def darken(self, dark: bool) -> None:
-        """Make the page and the map dark, or light."""
+    def darken(self, dark: bool, preferred: bool = False) -> None:
+        """Make the page and the map dark, or light; `preferred`: as a browser is set, not as a user has chosen."""
         self._binding.choose_style(dark=dark)
+        self._binding.choose(themed=self._binding.choices.themed or not preferred)
         self.refresh()
         self.dark.value = dark
 

@@ -1,0 +1,252 @@
+// Runs before viser's own script. It gives the page what viser has not:
+//
+//   overlay     regions on the canvas, whose HTML the server sends in hidden controls (gui/overlay.py)
+//   commands    what is pressed or set there, sent as text: "play", "modes=12"
+//   address     the view after #, read when the page opens or the address changes, written once nothing changes
+//   theme       the browser's preference, when the page opens and when it changes
+//   connection  viser tries to reconnect every second; Chromium delays each attempt by up to 5 s after some have failed,
+//               so that every attempt is ended by the next one. Here the page waits until the server answers, and reloads.
+//   keys        arrows on a slider move the slider alone, not the camera
+(() => {
+"use strict";
+const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
+const MAX_COMMAND = 190, WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60;  // characters, ms
+const regionOf = new Map(), shown = new Map(), waiting = new Map();
+let worker = null, control = null, connected = false, lost = false, lastRetry = -RETRY, count = 0, greeted = false, introduced = false;
+let shared = "", camera = null, moved = false, writing = 0, touched = 0, asked = location.hash.slice(1);
+
+// viser takes the server's address from the page's, and would take what stands after # for a part of it.
+if (asked) history.replaceState(null, "", location.pathname + location.search);
+
+const Native = window.Worker;
+window.Worker = class extends Native {
+  constructor(...options) {
+    super(...options);
+    this.addEventListener("message", event => receive(this, event.data));
+  }
+  postMessage(data, ...others) {
+    if (data?.type == "retry" && !retries()) return;
+    if (data?.message?.type == "ViewerCameraMessage") follow(data.message);
+    super.postMessage(data, ...others);
+  }
+};
+
+function receive(from, data) {
+  if (data?.type == "connected") {
+    [worker, connected, control, greeted, introduced] = [from, true, null, false, false];
+    regionOf.clear();
+  } else if (data?.type == "closed" && connected) lose();
+  else if (data?.type == "message_batch") data.messages.forEach(read);
+}
+
+function read(message) {
+  if (message.type == "GuiHtmlMessage" && REGION.test(message.props.content)) {
+    regionOf.set(message.uuid, REGION.exec(message.props.content)[1]);
+    show(message.uuid, message.props.content);
+  } else if (message.type == "GuiTextMessage" && message.props.label == CHANNEL) {
+    control = message.uuid;
+    introduce();
+  } else if (message.type == "GuiUpdateMessage" && regionOf.has(message.uuid) && "content" in message.updates) {
+    show(message.uuid, message.updates.content);
+  } else if (message.type == "SetCameraPositionMessage") moved = false;
+}
+
+// --- commands
+
+function send(command) {
+  if (!control || !connected || command.length > MAX_COMMAND) return false;
+  const value = `${Date.now().toString(36)}.${count++} ${command}`;  // viser drops a value that is the same as before
+  worker.postMessage({type: "send", message: {type: "GuiUpdateMessage", uuid: control, updates: {value}}});
+  return true;
+}
+
+// A slider that is dragged sends its newest value, not more often than every SEND_INTERVAL.
+function sendLatest(name, command) {
+  const busy = waiting.has(name);
+  waiting.set(name, command);
+  if (busy) return;
+  const next = () => {
+    if (waiting.get(name) == null) { waiting.delete(name); return; }
+    send(waiting.get(name));
+    waiting.set(name, null);
+    setTimeout(next, SEND_INTERVAL);
+  };
+  next();
+}
+
+function introduce() {
+  if (introduced || !greeted || !control) return;  // the two come in either order
+  introduced = true;
+  send(`dark=${matchMedia("(prefers-color-scheme: dark)").matches ? "on" : "off"}`);
+  open(asked);
+}
+
+function open(text) {
+  const parts = new URLSearchParams(text);
+  if (parts.has("face")) face(parts.get("face"));
+  parts.delete("face");
+  text = [...parts].map(pair => pair.join("=")).join("&");
+  if (text && !send(`open=${text}`) && text.length > 150) note(`The address is too long: ${text.slice(0, 60)}...`);
+}
+
+// --- the overlay
+
+const overlay = document.createElement("div"), line = document.createElement("div");
+overlay.id = "fdcal";
+line.id = "fdcal-note";
+line.setAttribute("role", "status");
+for (const name of ["words", "caption", "legend", "sheet", "bar"]) {
+  const region = overlay.appendChild(document.createElement("div"));
+  region.dataset.region = name;
+}
+
+function show(uuid, content) {
+  const name = regionOf.get(uuid), html = content.replace(REGION, "");
+  if (shown.get(name) == html && name != "greeting") return;
+  shown.set(name, html);
+  if (name == "greeting") { greeted = true; introduce(); return; }
+  if (name == "address") { shared = html.replaceAll("&amp;", "&"); write(); return; }
+  if (name == "lecture") { root.toggleAttribute("data-lecture", Boolean(html)); return; }
+  const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
+  if (!region) return;
+  made.innerHTML = html;
+  morph(region, made.content);
+}
+
+// Change only what differs: a slider that is dragged and a button that is pressed stay what they are.
+function morph(old, wanted) {
+  const before = [...old.childNodes], after = [...wanted.childNodes];
+  after.forEach((node, i) => {
+    const one = before[i];
+    if (!one) old.append(node);
+    else if (one.nodeType != node.nodeType || one.nodeName != node.nodeName || one.id != node.id) one.replaceWith(node);
+    else if (node.nodeType != Node.ELEMENT_NODE) { if (one.data != node.data) one.data = node.data; }
+    else {
+      for (const {name} of [...one.attributes]) if (!node.hasAttribute(name) && name != "open") one.removeAttribute(name);
+      for (const {name, value} of node.attributes) if (one.getAttribute(name) != value) one.setAttribute(name, value);
+      if (one.matches("input") && !one.matches(":active") && !waiting.has(one.dataset.do)) one.value = node.getAttribute("value");
+      morph(one, node);
+    }
+  });
+  before.slice(after.length).forEach(node => node.remove());
+}
+
+function face(name) {
+  root.dataset.face = name == "expert" ? "expert" : "explore";
+  delete root.dataset.sheet;
+  write();
+}
+
+overlay.addEventListener("click", event => {
+  const {do: act, local} = event.target.closest("[data-do], [data-local]")?.dataset ?? {};
+  const input = event.target.closest("input, select");
+  if (act && !input) send(act);
+  const [what, value] = (local ?? "").split(":");
+  if (what == "face") face(value);
+  if (what == "sheet" && root.dataset.sheet != value) root.dataset.sheet = value;
+  else if (event.target.closest("button")) delete root.dataset.sheet;
+});
+overlay.addEventListener("input", event => {
+  const name = event.target.dataset.do;
+  if (name) sendLatest(name, `${name}=${event.target.value}`);
+});
+document.addEventListener("pointerdown", event => {
+  if (!event.target.closest?.("#fdcal")) delete root.dataset.sheet;
+  touched = performance.now();
+}, true);
+document.addEventListener("wheel", () => { touched = performance.now(); }, {capture: true, passive: true});
+
+function note(text) {
+  line.textContent = text;
+  clearTimeout(note.timer);
+  if (text && !lost) note.timer = setTimeout(() => note(""), NOTE_TIME);
+}
+
+// The overlay covers the canvas, wherever the panels leave it, and tooltips stand over it, beside the panel they are of.
+function cover(canvas) {
+  const place = () => {
+    const {left, top, width, height} = canvas.getBoundingClientRect();
+    const right = innerWidth - left - width, bottom = innerHeight - top - height;
+    for (const [name, value] of Object.entries({left, top, right, bottom})) root.style.setProperty(`--${name}`, `${value}px`);
+  };
+  new ResizeObserver(place).observe(canvas);
+  addEventListener("resize", place);
+  addEventListener("transitionend", place);
+  addEventListener("pointerover", event => { root.dataset.side = event.clientX > innerWidth / 2 ? "right" : "left"; });
+  place();
+}
+
+// --- address
+
+// After a gesture the camera is the user's, until the server places it.
+function follow(message) {
+  camera = message;
+  if (performance.now() - touched < 1500) moved = true;
+  write();
+}
+
+function view() {
+  if (!camera) return "";
+  const {position, look_at, up_direction, fov} = camera, level = Math.hypot(position[0] - look_at[0], position[1] - look_at[1]);
+  if (!moved && level < 1e-2 * Math.abs(position[2] - look_at[2])) return "";  // the plan view, with which a page opens
+  return [...position, ...look_at, ...up_direction, fov].map(x => Number(x.toPrecision(6))).join();
+}
+
+function addressNow() {
+  const parts = [shared, root.dataset.face == "expert" && "face=expert", view() && `view=${view()}`];
+  return "#" + parts.filter(Boolean).join("&");
+}
+
+function write() {
+  clearTimeout(writing);
+  if (!introduced || lost) return;
+  writing = setTimeout(() => {
+    asked = addressNow().slice(1);
+    if (addressNow() != location.hash) history.replaceState(null, "", location.pathname + location.search + addressNow());
+  }, WRITE_DELAY);
+}
+addEventListener("hashchange", () => open(location.hash.slice(1)));
+
+// --- connection
+
+function retries() {
+  if (lost || performance.now() - lastRetry < RETRY) return false;
+  lastRetry = performance.now();
+  return true;
+}
+
+function lose() {
+  if (lost) return;
+  lost = true;
+  note("The connection is lost. The page comes back by itself when the server answers.");
+  const poll = async () => {
+    try {
+      if (!(await fetch(location.pathname, {method: "GET", cache: "no-store"})).ok) throw new Error("no page");
+    } catch { setTimeout(poll, POLL); return; }
+    sessionStorage.setItem("fdcal back", "1");
+    history.replaceState(null, "", location.pathname + location.search + (asked ? `#${asked}` : ""));
+    location.reload();
+  };
+  setTimeout(poll, POLL);
+}
+
+// --- start
+
+face(new URLSearchParams(asked).get("face"));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", event => send(`dark=${event.matches ? "on" : "off"}`));
+addEventListener("DOMContentLoaded", () => {
+  document.body.append(overlay, line);
+  document.body.addEventListener("keydown", event => {
+    const slider = event.target.closest?.("[role=slider], [type=range], [role=radiogroup]");
+    if (slider && /^Arrow|^Home$|^End$|^Page/.test(event.key)) event.stopPropagation();
+  });
+  const found = setInterval(() => {
+    const canvas = document.querySelector("[data-dock-root] canvas[data-engine], canvas[data-engine]");
+    if (canvas) { clearInterval(found); cover(canvas); }
+  }, 50);
+  if (sessionStorage.getItem("fdcal back")) {
+    sessionStorage.removeItem("fdcal back");
+    note("The connection was lost and is back. The page shows again what its address names.");
+  }
+});
+})();

@@ -1,0 +1,127 @@
+"""The view in the page's address, and the commands of what is on the canvas."""
+
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fdcal.model.validation import InputError
+from fdcal.session.lesson import load_lesson
+from fdcal.session.request import OpenRequest
+from fdcal.viewer.address import address_of, parse_address
+from fdcal.viewer.gui.choices import MAP_KINDS
+
+CAMERA = "1,2,30,1,2,0,0,1,0,0.02"
+
+
+class Client:
+    """A browser that keeps what it is told."""
+
+    client_id = 7
+
+    def __init__(self):
+        self.told = []
+
+    def add_notification(self, title, body, **_):
+        self.told.append(body)
+
+
+def command(page, text, client=None):
+    """What happens when a browser has sent a command."""
+    page.panels.overlay.receive(client or Client(), f"stamp {text}")
+
+
+@pytest.fixture
+def shown(page_of, scene):
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None)
+    return page, turn_until
+
+
+def address_bar(page):
+    return page.panels.overlay._regions["address"].content.partition("-->")[2].replace("&amp;", "&")
+
+
+def test_an_address_that_the_page_writes_leads_to_the_same_view(shown):
+    page, _ = shown
+    tabs = page.viewer.tabs
+    tabs.map.pick(5)
+    tabs.map.choose_modes([2, 3, 4, 6])
+    tabs.map.show_as(MAP_KINDS[1])
+    written = address_of(page.viewer)
+    tabs.map.pick(0)
+    tabs.map.choose_modes(None)
+    tabs.map.show_as(MAP_KINDS[0])
+    command(page, f"open={written}&view={CAMERA}")
+    choices = page.viewer.binding.choices
+    assert (choices.microphone, choices.modes, choices.style.relief) == (5, (2, 3, 4, 6), True)
+    (_, camera), *_ = [one for one in page.nodes.cameras._requests if one[1] is not None][-1:]
+    assert camera.position == (1, 2, 30) and camera.look_at == (1, 2, 0) and camera.fov == 0.02
+    before = page.viewer.binding.choices
+    command(page, f"open={written}")
+    assert page.viewer.binding.choices is before, "a page that is loaded again changes nothing"
+
+
+def test_a_link_to_another_scene_opens_it_and_then_sets_the_map(shown):
+    page, turn_until = shown
+    command(page, "open=scene=lshape&microphone=3&modes=1-4&map=none")
+    turn_until(lambda: page.viewer.run.scene.name == "lshape" and not page.viewer.binding.choices.shown)
+    turn_until(lambda: address_bar(page) == "scene=lshape&microphone=3&modes=1-4&map=none")
+
+
+def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(server, shown):
+    page, turn_until = shown
+    lesson = load_lesson("1_many_minima")
+    page.lessons._lessons[lesson.title] = lesson
+    command(page, "open=lesson=1_many_minima&step=2")
+    turn_until(lambda: page.viewer.binding.choices.modes == (37,) and page.viewer.run.scene.name == "fig1_square")
+    assert page.viewer.binding.choices.microphone == 16, "which the first step sets"
+    turn_until(lambda: address_bar(page) == "lesson=1_many_minima&step=2")
+    client = Client()
+    command(page, "open=lesson=1_many_minima&step=99", client)
+    assert "there is no step 99" in client.told[0]
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        "scene=../../etc/passwd", "scene=none_such", "microphone=-1", "microphone=99", "modes=1-9999", "modes=x",
+        "map=up", "step=1&step=2", "view=1,2,3", "view=0,0,1,0,0,1,0,1,0,0.5", "view=0,0,nan,0,0,1,0,1,0,0.5",
+        "other=1", "lesson=x",
+    ],
+)  # fmt: skip
+def test_what_no_address_has_is_refused_in_one_line(shown, part):
+    page, _ = shown
+    before, client = page.viewer.binding.choices, Client()
+    command(page, f"open={part}", client)
+    assert len(client.told) == 1 and "\n" not in client.told[0]
+    assert page.viewer.binding.choices is before and page.switcher.idle
+
+
+@given(st.text(max_size=190))
+def test_any_text_is_an_address_or_is_refused(text):
+    try:
+        parse_address(text)
+    except InputError as error:
+        assert "address" in str(error)
+
+
+@pytest.mark.parametrize("value", ["many", "", " ", "x", "1 =", "1 none=1"])
+def test_a_command_that_there_is_not_does_nothing(shown, value):
+    page, _ = shown
+    client = SimpleNamespace()  # one that could not even be told
+    page.panels.overlay.receive(client, value)
+
+
+def test_the_page_follows_a_browser_until_a_user_chooses(shown):
+    page, _ = shown
+    dark = lambda: page.viewer.binding.choices.style.dark  # noqa: E731
+    command(page, "dark=on")
+    assert dark()
+    command(page, "dark=off")
+    assert not dark()
+    page.viewer.tabs.view.darken(True)
+    command(page, "dark=off")
+    assert dark()
