@@ -66,9 +66,11 @@ def remembered_runs(cache):
             return run(inputs, progress, problem, clock)
         key = hashlib.sha256(pickle.dumps((inputs.measurement, problem, inputs.settings, inputs.seed))).digest()
         if key not in RUNS:
-            RUNS[key] = run(inputs, progress, problem, clock)
-        state, stopped, _ = RUNS[key]
-        return state, stopped, clock() + calibration_run.time_limit(problem, inputs.settings.modes)
+            found = run(inputs, progress, problem, clock)
+            if found[1]:  # stopped early
+                return found
+            RUNS[key] = found
+        return RUNS[key][0], "", clock() + calibration_run.time_limit(problem, inputs.settings.modes)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration_run, "last_state", last_state)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import importlib
 import re
 import subprocess
@@ -36,6 +37,12 @@ def distributions(requirements: list[str]) -> set[str]:
     return {NAME.match(requirement).group().lower() for requirement in requirements}
 
 
+@functools.cache
+def installed() -> dict[str, list[str]]:
+    """The distributions that bring each package of the environment."""
+    return metadata.packages_distributions()
+
+
 def imports(folder: str) -> set[str]:
     """Names of the distributions that the modules of a folder import."""
     found = set()
@@ -46,8 +53,8 @@ def imports(folder: str) -> set[str]:
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 found.add(node.module.split(".")[0])
     own = {path.stem for path in ROOT.rglob("tests/**/*.py")} | {"fdcal", "benchmarks", "tests"}
-    known = metadata.packages_distributions()
-    return {known[name][0].lower() for name in found - own - set(sys.stdlib_module_names) if name in known}
+    known = found - own - set(sys.stdlib_module_names)
+    return {installed()[name][0].lower() for name in known if name in installed()}
 
 
 def test_every_library_that_is_imported_is_named():

@@ -9,6 +9,7 @@ import re
 import runpy
 import subprocess
 import sys
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -74,12 +75,18 @@ def package_of(name: str) -> str:
     return name.partition(".")[0]
 
 
-def imports(path: Path, deferred: bool = True) -> set[str]:
-    """Absolute dotted names that a module imports; with `deferred` also inside its functions."""
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    """All nodes of the syntax tree of a module."""
+    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+@cache
+def imports(path: Path) -> set[str]:
+    """Absolute dotted names that a module imports, inside its functions, too."""
     parts = ("fdcal", *path.relative_to(PACKAGE).parts[:-1])
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     found = set()
-    for node in ast.walk(tree) if deferred else tree.body:
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -89,10 +96,11 @@ def imports(path: Path, deferred: bool = True) -> set[str]:
     return found
 
 
-def modules_of(path: Path, deferred: bool = True) -> set[str]:
+@cache
+def modules_of(path: Path) -> set[str]:
     """Modules of `fdcal`, as of `name_of`, that a module imports."""
     found = set()
-    for name in imports(path, deferred):
+    for name in imports(path):
         inner = name.removeprefix("fdcal.")
         if name.startswith("fdcal."):
             found.add(inner if inner in NAMES else inner.rpartition(".")[0])
@@ -106,21 +114,8 @@ def test_the_packages_are_those_of_the_plan():
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_says_what_it_is_for(package):
-    docstring = ast.get_docstring(ast.parse(NAMES[package].read_text(encoding="utf-8")))
-    assert docstring is not None
-    assert "May import" in docstring
-
-
-@pytest.mark.parametrize("path", INSIDE, ids=name_of)
-def test_a_module_imports_only_from_packages_below(path):
-    rank = PACKAGES.index(package_of(name_of(path)))
-    for other in modules_of(path):
-        assert PACKAGES.index(package_of(other)) <= rank, f"{name_of(path)} imports {other}, which is above it"
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_has_no_import_cycle(package):
+def test_a_package_says_what_it_is_for_and_has_no_import_cycle(package):
+    assert "May import" in (ast.get_docstring(ast.parse(NAMES[package].read_text(encoding="utf-8"))) or "")
     inside = [path for path in INSIDE if package_of(name_of(path)) == package]
     try:
         TopologicalSorter({name_of(path): modules_of(path) for path in inside}).prepare()
@@ -128,17 +123,24 @@ def test_a_package_has_no_import_cycle(package):
         pytest.fail(f"import cycle: {' -> '.join(error.args[1])}")
 
 
-@pytest.mark.parametrize("path", INSIDE, ids=name_of)
-def test_a_library_stays_in_its_home(path):
-    name = name_of(path)
-    for library in {name.partition(".")[0] for name in imports(path)} & set(HOMES):
-        homes = HOMES[library]
-        assert any(name == home or name.startswith(f"{home}.") for home in homes), f"{library} belongs in {homes}"
+def test_a_module_imports_only_from_packages_below():
+    for path in INSIDE:
+        rank = PACKAGES.index(package_of(name_of(path)))
+        for other in modules_of(path):
+            assert PACKAGES.index(package_of(other)) <= rank, f"{name_of(path)} imports {other}, which is above it"
 
 
-@pytest.mark.parametrize("path", INSIDE, ids=name_of)
-def test_no_module_asks_the_package_root(path):
-    assert "fdcal" not in imports(path) and not imports(path) & {f"fdcal.{name}" for name in fdcal.PUBLIC}
+def test_a_library_stays_in_its_home():
+    for path in INSIDE:
+        name = name_of(path)
+        for library in {one.partition(".")[0] for one in imports(path)} & set(HOMES):
+            homes = HOMES[library]
+            assert any(f"{name}.".startswith(f"{home}.") for home in homes), f"{name}: {library} belongs in {homes}"
+
+
+def test_no_module_asks_the_package_root():
+    public = {"fdcal", *(f"fdcal.{name}" for name in fdcal.PUBLIC)}
+    assert not [name_of(path) for path in INSIDE if imports(path) & public]
 
 
 @pytest.mark.parametrize(
@@ -153,34 +155,39 @@ def test_a_method_that_is_bound_at_the_root_is_there(owner, name, target):
     assert PACKAGES.index(package_of(target)) >= PACKAGES.index(package_of(module))
 
 
-@pytest.mark.parametrize("path", [p for p in INSIDE if package_of(name_of(p)) == "assessment"], ids=name_of)
-def test_assessment_reads_what_every_solver_reports(path):
+def of_packages(*packages: str) -> list[Path]:
+    return [path for path in INSIDE if package_of(name_of(path)) in packages]
+
+
+def test_assessment_reads_what_every_solver_reports():
     """`fdcal.solvers.estimate` and nothing of a single solver, so that one can be added."""
-    inside = {name.split(".")[1] for name in modules_of(path) if name.startswith("solvers.")}
-    assert inside <= {"estimate"}, f"{name_of(path)} imports {sorted(inside)}"
+    for path in of_packages("assessment"):
+        inside = {name.split(".")[1] for name in modules_of(path) if name.startswith("solvers.")}
+        assert inside <= {"estimate"}, f"{name_of(path)} imports {sorted(inside)}"
 
 
 READERS = {"open", "read_text", "read_bytes", "loadtxt", "fromfile", "memmap", "genfromtxt"}
 
 
-@pytest.mark.parametrize(
-    "path", [p for p in INSIDE if package_of(name_of(p)) in ("acoustics", "cost", "solvers")], ids=name_of
-)
-def test_numerics_read_no_files(path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Call):
-            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-            library = getattr(getattr(node.func, "value", None), "id", "")
-            reads = name in READERS or (name in ("load", "loads") and library in ("np", "json", "pickle", "tomllib"))
-            assert not reads, f"{name_of(path)}:{node.lineno} reads a file"
+def test_numerics_read_no_files():
+    for path in of_packages("acoustics", "cost", "solvers"):
+        for node in nodes(path):
+            if isinstance(node, ast.Call):
+                name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+                library = getattr(getattr(node.func, "value", None), "id", "")
+                reads = name in READERS or (
+                    name in ("load", "loads") and library in ("np", "json", "pickle", "tomllib")
+                )
+                assert not reads, f"{name_of(path)}:{node.lineno} reads a file"
 
 
-@pytest.mark.parametrize("path", [p for p in INSIDE if package_of(name_of(p)) in ("cost", "solvers")], ids=name_of)
-def test_cost_and_solvers_never_see_the_truth(path):
-    assert not modules_of(path) & {"model.arrays", "model.storage", "acoustics.measure", "acoustics.fdtd"}
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        names = {getattr(node, "id", ""), getattr(node, "attr", ""), getattr(node, "arg", "")}
-        assert not names & {"Measurement", "Scene", "truth", "load_measurement", "load_scene"}
+def test_cost_and_solvers_never_see_the_truth():
+    for path in of_packages("cost", "solvers"):
+        hidden = {"model.arrays", "model.storage", "acoustics.measure", "acoustics.fdtd"}
+        assert not modules_of(path) & hidden, name_of(path)
+        for node in nodes(path):
+            names = {getattr(node, "id", ""), getattr(node, "attr", ""), getattr(node, "arg", "")}
+            assert not names & {"Measurement", "Scene", "truth", "load_measurement", "load_scene"}, name_of(path)
 
 
 SOLVERS = set(solvers.names())
@@ -202,12 +209,12 @@ def compared_texts(node: ast.AST) -> set[str]:
     return {one.value for one in inside if isinstance(one, ast.Constant) and isinstance(one.value, str)}
 
 
-@pytest.mark.parametrize("path", [p for p in INSIDE if package_of(name_of(p)) != "solvers"], ids=name_of)
-def test_no_decision_depends_on_the_name_of_a_solver(path):
+def test_no_decision_depends_on_the_name_of_a_solver():
     """Others ask for the traits of a solver (`fdcal.solvers.interface.Traits`), so that one can be added."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        for name in compared_texts(node) & SOLVERS:
-            assert (name_of(path), name) in NO_SOLVER, f"{name_of(path)}:{node.lineno} compares with {name!r}"
+    for path in of_packages(*(package for package in PACKAGES if package != "solvers")):
+        for node in nodes(path):
+            for name in compared_texts(node) & SOLVERS:
+                assert (name_of(path), name) in NO_SOLVER, f"{name_of(path)}:{node.lineno} compares with {name!r}"
 
 
 def test_the_drawing_of_the_packages_is_that_of_the_source():
@@ -219,11 +226,11 @@ def test_the_drawing_of_the_packages_is_that_of_the_source():
 NAMED = sorted(set(re.findall(r"`(fdcal[a-z0-9_.]*)(?::([A-Za-z_.]+))?`", (ROOT / "CONTRIBUTING.md").read_text())))
 
 
-@pytest.mark.parametrize(("module", "attribute"), [pair for pair in NAMED if pair[1] or "." in pair[0]])
-def test_what_the_page_for_newcomers_names_is_there(module, attribute):
-    found = importlib.import_module(module) if module.removeprefix("fdcal.") in NAMES else fdcal
-    path = attribute or module.removeprefix("fdcal.") * (found is fdcal)
-    assert operator.attrgetter(path)(found) if path else found
+def test_what_the_page_for_newcomers_names_is_there():
+    for module, attribute in [pair for pair in NAMED if pair[1] or "." in pair[0]]:
+        found = importlib.import_module(module) if module.removeprefix("fdcal.") in NAMES else fdcal
+        path = attribute or module.removeprefix("fdcal.") * (found is fdcal)
+        assert operator.attrgetter(path)(found) if path else found, (module, attribute)
 
 
 def test_app_stays_small():

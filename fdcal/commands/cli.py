@@ -125,21 +125,22 @@ def commands(context):
 
 
 @commands.command()
-@click.argument("scene", default="array1_circle", metavar="[SCENE|FILE|SESSION]")
+@click.argument("scene", required=False, metavar="[SCENE|FILE|SESSION]")
 @click.option("--lesson", "own", multiple=True, metavar="FILE.toml", help="A lesson of your own, started at once.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to serve the page at.")
 @click.option("--port", type=int, default=8080, show_default=True, help="Port; 0 takes a free one.")
 @click.option("--no-browser", is_flag=True, help="Print the address and open no browser.")
-def view(scene: str, own: tuple[str, ...], host: str, port: int, no_browser: bool):
+def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_browser: bool):
     """Watch a calibration in the browser; Ctrl-C ends it.
 
-    FILE is a measurement or a recording that `fdcal import` reads, SESSION a session saved by the page.
+    Without SCENE a short film begins, of how one microphone is found. FILE is a measurement or a recording that
+    `fdcal import` reads, SESSION a session saved by the page.
     """
     from ..session.lesson import lesson_names, load_lesson
     from .serving import check_address, open_page, warning
 
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
-    request = opt.open_request_of(scene)
+    request = None if scene is None else opt.open_request_of(scene)
     only_here = check_address(host, port)
     if not only_here:
         print(warning(host, port), file=sys.stderr)

@@ -4,7 +4,7 @@
     descent_maps                    Eq. 7 as a step of descent minimises it
     likelihood_maps                 the likelihood, which the other solvers minimise
     cost_maps                       one of these, as the page asks for it
-    partial_sums, ambiguous_mode    the map while modes are added one by one
+    partial_sums                    the map while modes are added one by one
     mode_shape                      the sound field of one mode, as the microphones recorded it
 
 A lattice is far finer than the field. With microphone n at x all costs are simple functions of two fields,
@@ -478,14 +478,6 @@ def partial_sums(
         if i + 1 in counts:
             cost = total if order_offset is None else total / power
             yield PartialSum(modes[: i + 1], cost, local_minima(cost))
-
-
-def ambiguous_mode(
-    problem: Problem, solver: HasLandscape, state: SolverState, n: int, modes: Sequence[int], order_offset: int | None
-) -> int:
-    """Return the mode whose map over the search lattice has most local minima, the lowest of several."""
-    alone = [next(partial_sums(problem, solver, state, n, (mode,), order_offset)) for mode in modes]
-    return max(alone, key=lambda one: len(one.minima)).modes[0]
 
 
 def mode_shape(

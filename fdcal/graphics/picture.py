@@ -175,8 +175,8 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     others = [place for place in floor.minima if np.hypot(*np.subtract(place, floor.minimum)) > radius]
     meshes = picture.meshes
     if others:
-        small = np.concatenate([_loop_on(floor, 1.6 * diamond + place, radius) for place in others])
-        meshes += strokes("minima", small, radius, LOWEST, 0.32, halo=0.25)
+        small = np.concatenate([_loop_on(floor, 2.2 * diamond + place, radius) for place in others])
+        meshes += strokes("minima", small, radius, LOWEST, 0.45, halo=0.3)
     lowest = _loop_on(floor, 2.8 * diamond + floor.minimum, radius)
     meshes += strokes("lowest", lowest, radius, LOWEST, 0.45, halo=0.25)
     return replace(picture, floor=floor, meshes=meshes)

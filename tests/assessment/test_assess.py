@@ -455,7 +455,7 @@ def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(kind, known, no
 @pytest.mark.parametrize("known", [CORNERS, []], ids=["known", "blind"])
 def test_a_source_inside_the_array_is_not_good(snr_db, known):
     measurement = room(known, snr_db, source=(2.7, 2.4))
-    ends = [at(measurement), *([estimated(measurement, "joint")] if np.isfinite(snr_db) else [])]
+    ends = [at(measurement), *([estimated(measurement, "joint")] if np.isfinite(snr_db) and not known else [])]
     for found in map(assess, ends):
         assert found.verdict in ("model_mismatch", "known_position"), found.message
 
@@ -662,8 +662,7 @@ def test_of_four_channels_in_a_room_none_stands_out(in_room):
 # --- the end, not the way to it --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("snr_db", [np.inf, 40.0])
-@pytest.mark.parametrize("known", ["all", "none"])
+@pytest.mark.parametrize(("known", "snr_db"), [("all", 40.0), ("none", np.inf)])
 def test_the_same_end_has_the_same_sigma(known, snr_db):
     """Whatever the way to it: from the end again with one microphone dragged off."""
     measurement = fdcal.simulate(fdcal.load_scene("tiny"))

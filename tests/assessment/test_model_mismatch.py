@@ -85,7 +85,7 @@ def odd(found):
     return [fault.name for fault in found.channels.faults]
 
 
-@pytest.mark.parametrize(("dimension", "snr_db"), [(2, 20.0), (2, 50.0), (3, 20.0)])
+@pytest.mark.parametrize(("dimension", "snr_db"), [(2, 50.0), (3, 20.0)])
 def test_without_reflections_the_field_is_said_to_be_a_single_wave(dimension, snr_db):
     measurement = measured(anechoic(dimension), snr_db=snr_db)
     found = fdcal.calibrate(measurement, solver="robust")

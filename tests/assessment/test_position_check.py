@@ -54,11 +54,10 @@ ORDERS = {
 }
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("array", ARRAYS)
-def test_the_order_of_a_list_is_found(array, order, mirrored):
-    for seed in range(3):
+def test_the_order_of_a_list_is_found(array, order):
+    for seed, mirrored in enumerate((False, True)):
         places = ARRAYS[array](seed)
         wanted = ORDERS[order](np.arange(len(places)), np.random.default_rng(seed))
         check = compare_positions(moved(places[wanted], seed, mirrored), places)
@@ -94,7 +93,7 @@ def test_three_channels_in_each_others_places():
 @pytest.mark.parametrize("verdict", ["good", "model_mismatch"])
 @pytest.mark.parametrize("array", ARRAYS)
 def test_the_list_of_another_array_fits_in_no_order(array, verdict):
-    for seed in range(3):
+    for seed in range(2):
         check = compare_positions(moved(ARRAYS[array](seed), seed), ARRAYS[array](seed + 50))
         text = describe(check, range(len(check.errors)), verdict)
         assert not check.fits and not check.agrees

@@ -74,7 +74,7 @@ def blind() -> Estimate:
 def test_95_percent_ellipses_cover_95_percent(given):
     """Of draws of a diffuse field; they may cover more, since a room's field is less isotropic than assumed."""
     rng, covered, ratios, free = np.random.default_rng(1), [], [], np.setdiff1d(np.arange(len(TRUTH)), given)
-    for _ in range(30):
+    for _ in range(20):
         found = ended(diffuse(rng, given))
         x = found.positions if len(given) else align(found.positions, TRUTH)
         blocks, error = covariance_of(found if len(given) else replace(found, positions=x)), x - TRUTH
@@ -200,7 +200,7 @@ def test_modes_measured_twice_say_nothing_new():
 def test_the_disagreement_of_few_modes_is_estimated_without_bias(modes):
     """Of the field as assumed J is P on average, however few modes it is taken from: their mean is put back."""
     k, ratio = np.linspace(1.0, 4.0, modes), []
-    for seed in range(20):
+    for seed in range(10):
         found = at(diffuse(np.random.default_rng(seed), KNOWN, wavenumbers=k))
         gradients = found.spread.influences[0]
         np.testing.assert_allclose(gradients.sum(axis=0), 0, atol=1e-9)

@@ -74,7 +74,7 @@ def test_debug_after_two_dashes_is_an_argument():
     assert cli.without_debug(["a", "--", "--debug"]) == (["a", "--", "--debug"], False)
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.15, 0.3, 0.5])
+@pytest.mark.parametrize("delay", [0.0, 0.3])
 def test_an_interrupt_while_the_libraries_load_is_one_line(delay):
     script = "import fdcal; print(flush=True); from fdcal.__main__ import main; main()"
     command = [sys.executable, "-c", script, "calibrate", "tiny"]
@@ -127,7 +127,7 @@ def test_standard_output_that_nobody_reads_ends_the_command():
     assert run.stderr == ""
 
 
-@pytest.mark.parametrize("megabytes", [150, 1490, 1500])
+@pytest.mark.parametrize("megabytes", [150, 1500])
 def test_little_memory_is_one_line(megabytes):
     def limit():
         resource.setrlimit(resource.RLIMIT_AS, (megabytes * 2**20,) * 2)

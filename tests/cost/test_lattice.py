@@ -9,7 +9,7 @@ from fields import measured
 from fdcal.cost.eq7 import known_weights, landscape, leave_one_out_fits
 from fdcal.cost.expansion import require_modes
 from fdcal.cost.lattice import best_candidate, search_lattice
-from fdcal.model.validation import InputError
+from fdcal.model.validation import InputError, frozen_array
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
 PROBLEM = measured(TRUTH, [0, 1, 2], highest=150.0).problem()
@@ -68,7 +68,7 @@ def test_from_positions_anywhere_first_with_few_modes_and_then_with_many(seed):
 
 def test_of_equal_candidates_the_first_in_the_lattice_is_taken():
     """Without any pressure every candidate costs nothing."""
-    silent = replace(PROBLEM, pressures=np.zeros_like(PROBLEM.pressures))
+    silent = replace(PROBLEM, pressures=frozen_array(np.zeros_like(PROBLEM.pressures), complex))
     centre = LATTICE.nearest(TRUTH.mean(axis=0))
     place, least = best_candidate(silent, LATTICE, LATTICE.nearest(GUESS), 7, centre, slice(0, 3), 1.0)
     assert least == 0.0

@@ -13,12 +13,13 @@ from fdcal.cost.channel_correction import ChannelCorrection
 from fdcal.cost.eq7 import cost
 from fdcal.cost.maps import cost_maps, eq7_maps, map_positions, mode_shape, power_shares
 from fdcal.cost.reference_cost import ReferenceCost, decibels, reference_cost_of
-from fdcal.model.scene_file import load_scene, scene_names
+from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Faults
 from fdcal.model.validation import InputError
+from fdcal.session.request import edited
 
 SHIFT = 0.05  # m
-FAULTY = (20, 45)  # of scene array2_faults: inverted, dead
+FAULTY = (9, 3)  # inverted, dead
 
 
 def noise_free(name):
@@ -45,12 +46,12 @@ def brute_force(problem, positions, offset):
     return 10 * np.log10(left / power)
 
 
-@pytest.mark.parametrize("name", [name for name in scene_names() if name != "frl_array"])  # whose truth is unknown
+@pytest.mark.parametrize("name", ["array1_circle", "ball3d", "listening_lab", "lshape", "plane3d", "two_places"])
 def test_from_the_truth_moving_any_microphone_raises_it(name):
     measurement = noise_free(name)
     truth, reference_cost = np.array(measurement.positions), ReferenceCost(measurement.problem())
     there, rng = reference_cost(truth), np.random.default_rng(0)
-    for n in range(len(truth)):
+    for n in range(0, len(truth), max(1, len(truth) // 16)):
         away = rng.normal(size=truth.shape[1])
         moved = truth.copy()
         moved[n] += SHIFT * away / np.linalg.norm(away)
@@ -113,8 +114,9 @@ def test_few_microphones_lower_the_order_and_too_few_have_none():
 
 @pytest.fixture(scope="module")
 def run():
-    """The scene with its faults, calibrated: its true positions, problem, and the states of the run."""
-    scene = load_scene("array2_faults")
+    """`tiny` with faulty channels, calibrated: its true positions, problem, and the states of the run."""
+    faults = {"inverted": [FAULTY[0]], "dead": [FAULTY[1]], "gain_db": 1.0, "phase_deg": 5.0}
+    scene = edited(load_scene("tiny"), {f"faults.{key}": value for key, value in faults.items()})
     measurement, solver = cached_measurement(scene), solvers.load(scene.solver.name)
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
     states = [solver.init(problem, scene.solver, scene.seed)]
@@ -143,14 +145,14 @@ def test_it_falls_by_far_from_the_start_of_a_run_to_its_end(run):
 def test_a_microphone_without_signal_counts_for_nothing(run):
     truth, problem, states = run
     reference_cost, channels, moved = ReferenceCost(problem), states[-1].channels, truth.copy()
-    moved[45] += SHIFT
-    assert reference_cost(moved, channels) == pytest.approx(reference_cost(truth, channels), abs=0.1)
+    moved[FAULTY[1]] += SHIFT
+    assert reference_cost(moved, channels) == pytest.approx(reference_cost(truth, channels), abs=0.3)
 
 
 def test_the_lowest_minimum_of_a_map_is_at_the_microphone(run):
     truth, problem, states = run
-    solver, modes = solvers.load("robust"), range(1, 58)
-    for n in (0, 20, 50):
+    solver, modes = solvers.load("robust"), range(1, 21)
+    for n in (1, 9, 15):
         total = cost_maps(problem, solver, states[-1], n, modes, 2).sum(axis=0)
         lowest = map_positions(local_minima(total)[:1], problem.search)[0]
         assert np.linalg.norm(lowest - truth[n]) < problem.search.step

@@ -19,23 +19,21 @@ def blind():
     return run
 
 
-@pytest.mark.parametrize("solver", ["joint", "robust"])
-@pytest.mark.parametrize("factor", [1.0, 1.02])
+@pytest.mark.parametrize(("factor", "solver"), [(1.0, "robust"), (1.02, "joint")])
 def test_the_sound_speed_follows_the_distance(blind, factor, solver):
     found = blind(factor, solver)
     assert found.verdict == "good"
     assert found.sound_speed == pytest.approx(343 * factor, rel=5e-3)
 
 
-@pytest.mark.parametrize("solver", ["joint", "robust"])
-@pytest.mark.parametrize("factor", [0.8, 1.12, 300.0])
+@pytest.mark.parametrize(("factor", "solver"), [(0.8, "robust"), (1.12, "joint"), (300.0, "joint")])
 def test_a_distance_that_no_air_explains_is_doubted(blind, factor, solver):
     found = blind(factor, solver)
     assert found.verdict == "sound_speed"
     assert "the distance or the sound speed is wrong" in found.verdict_text
 
 
-@pytest.mark.parametrize("factor", [0.85, 1.06, 1.2])
+@pytest.mark.parametrize("factor", [0.85, 1.06])
 def test_given_positions_that_no_air_explains_are_doubted(factor):
     measurement = fdcal.load("tiny")
     known = {n: factor * measurement.positions[n] for n in (0, 5, 7)}

@@ -162,11 +162,10 @@ def assert_speed(end, truth):
     assert f"at a sound speed of {speed:.1f} m/s" in end.assessment.message
 
 
-@pytest.mark.parametrize("factor", [0.97, 1.02])
-def test_few_exact_positions_show_a_wrong_sound_speed_too(factor):
+def test_few_exact_positions_show_a_wrong_sound_speed_too():
     """Three of array 1: the search ends where nothing fits, and the array that they do not hold says why."""
     measurement = measure(load_scene("array1_circle"))
-    end = solved(at_speed(measurement, factor * measurement.sound_speed), "joint", modes=57)
+    end = solved(at_speed(measurement, 1.02 * measurement.sound_speed), "joint", modes=57)
     assert end.assessment.verdict == "sound_speed"
     assert_speed(end, measurement.sound_speed)
     assert np.array_equal(end.state.positions[measurement.known], measurement.known_positions)

@@ -208,7 +208,7 @@ def test_nearly_all_known_leaves_the_rest_to_be_found():
     assert last.converged and position_errors(last.positions, TRUTH).max() < 2e-3
 
 
-@settings_of_hypothesis(max_examples=6, deadline=None, derandomize=True)
+@settings_of_hypothesis(max_examples=3, deadline=None, derandomize=True)
 @given(strategies.integers(0, 10_000), strategies.floats(3.5, 7.0), strategies.floats(0.6, 0.9))
 def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
     rng = np.random.default_rng(seed)
@@ -224,7 +224,7 @@ def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
     assert position_errors(align(last.positions, truth), truth).max() < 5e-3
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_few_microphones_are_enough_where_there_is_no_noise(seed):
     """Sixteen microphones, blind: with the noise lowered in stages they ended in wrong positions."""
     rng = np.random.default_rng([seed, 16])
@@ -280,12 +280,11 @@ def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
     assert same_state(*own, but=("seed",))
 
 
-@pytest.mark.parametrize("seed", [0, 6])
-def test_a_random_start_in_a_wrong_basin_is_followed_by_every_start_of_the_plan(seed):
+def test_a_random_start_in_a_wrong_basin_is_followed_by_every_start_of_the_plan():
     """It takes no place in the plan: the first start of that is the best of array 1 without noise."""
     measurement = measure(load_scene("array1_circle"))
     settings = SolverSettings(name="joint", modes=57, start="random")
-    states = list(solvers.run(measurement.problem(), settings, seed))
+    states = list(solvers.run(measurement.problem(), settings, 0))
     assert {state.progress.restart for state in states} == {-1, 0}
     assert states[-1].converged and position_errors(states[-1].positions, measurement.positions).max() < 5e-4
 

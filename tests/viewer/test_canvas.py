@@ -146,7 +146,7 @@ def letters(page):
     return legend_of(page).get_by_text("estimate").bounding_box()["height"]
 
 
-@ON_EACH_DESKTOP
+@ON_A_DESKTOP
 def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(page):
     width, small = canvas_width(page), letters(page)
     tab(page, "View")

@@ -37,7 +37,7 @@ def test_the_foot_of_a_position_is_where_it_projects_and_none_far_from_the_line(
 @pytest.fixture
 def handles():
     """Handles on a line, the choices they change, and a function that passes them a drag."""
-    callbacks, removed, binding = {}, [], SimpleNamespace(choices=SimpleNamespace(cut=None), touch=lambda: None)
+    callbacks, removed, binding = {}, [], SimpleNamespace(choices=SimpleNamespace(cut=None))
 
     def choose(cut):
         binding.choices.cut = cut
