@@ -52,13 +52,13 @@ def serving(path):
 
 
 @contextlib.contextmanager
-def serving_here(scene, opening=False, port=0, lessons=()):
+def serving_here(scene=None, port=0, lessons=()):
     """Serve a scene's page from a thread of this process, which saves the imports of `serving`; give its address.
 
-    It has a session, controls and panels of its own. The opening does not play unless asked for.
+    It has a session, controls and panels of its own. Without a scene the opening plays.
     """
     stop, address = SimpleNamespace(received=False), Queue()
-    request = OpenRequest(scene, choices={} if opening else {"trails": False})  # one that a user has set up
+    request = None if scene is None else OpenRequest(scene)
     with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
         patch.setattr(app, "Interrupt", lambda: contextlib.nullcontext(stop))
         served = pool.submit(app.serve, request, port=port, on_ready=address.put, lessons=lessons)

@@ -10,7 +10,7 @@ from .primitives import Picture
 
 VIEWS = ("top", "3d", "close")
 MARGIN = {"3d": 1.06, "close": 1.06}  # size of the view, of the room's and of the search domain's with its rulers
-OBLIQUE = (-0.42, -0.88, 0.78)  # direction from the centre to the eye of the 3-D views
+OBLIQUE = (-0.38, -0.8, 1.05)  # direction from the centre to the eye of the 3-D views
 FOV_3D = 35.0  # degrees
 REFINEMENTS = 6  # of the 3-D view: perspective makes size and place in the image no simple function of the distance
 

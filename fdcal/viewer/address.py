@@ -120,6 +120,7 @@ class AddressBar:
         viewer, lessons = self._page.viewer, self._lessons
         if viewer is None:
             self._asked = client, asked
+            self._page.end_opening()
             return
         name = viewer.run.scene.name
         if asked.lesson:
@@ -130,7 +131,6 @@ class AddressBar:
             if asked.scene not in scene_names():
                 remedy = f"use {', '.join(scene_names())}"
                 raise InputError(f'the address names the scene "{shown(asked.scene)}"', remedy, key="scene")
-            viewer.binding.touch()
             request = OpenRequest(load_scene(asked.scene), choices=plain_choices())
             self._page.open(request)
             self._pending = request, client, asked
@@ -153,7 +153,6 @@ class AddressBar:
             map=asked.map if asked.map != now.map and not asked.lesson and asked.map else None,
         )
         if setting != Setting():
-            binding.touch()
             apply_setting(setting, viewer.tabs, lambda view: None, restarted=False)
         if asked.view is not None:
             self._page.nodes.cameras.request(client, asked.view)

@@ -11,7 +11,7 @@ from .server.process import Interrupt, error_log, share_one_heap
 
 
 def serve(
-    request: OpenRequest,
+    request: OpenRequest | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
     on_ready: Callable[[str], None] | None = None,
@@ -21,9 +21,10 @@ def serve(
 ) -> None:
     """Serve the page until Ctrl-C.
 
-    `request`: what the page shows first; `host`: address to listen at; `port`: 0 takes a free port; `on_ready`: called
-    with the page's address as soon as it can be opened; the simulation may still be running then; `lessons`: offered in
-    the tab Lessons, in this order; `begin`: the lesson to start with, whose scene is opened in place of `request`;
+    `request`: what the page shows first; the opening (`fdcal.viewer.opening`) unless given; `host`: address to listen
+    at; `port`: 0 takes a free port; `on_ready`: called with the page's address as soon as it can be opened; the
+    simulation may still be running then; `lessons`: offered in the tab Lessons, in this order; `begin`: the lesson to
+    start with, whose scene is opened in place of `request`;
     `on_progress`: called with the progress of the first session in words, and with "" when it is ready or refused.
     Raises InputError: the address or the scene cannot be used; StorageError: a file of the scene cannot be read.
     """
@@ -33,19 +34,24 @@ def serve(
         page = None
         try:
             server.gui.configure_theme(show_share_button=False, show_logo=False)
-            server.gui.set_panel_label(f"fdcal · {request.scene.name}")
+            server.gui.set_panel_label("fdcal")
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
+            from .opening import Opening
             from .preview import show_cached
             from .scene3d.nodes import SceneNodes
 
             nodes = SceneNodes(server)
-            if begin is None:
+            opening = Opening(nodes) if request is None and begin is None else None
+            if request is not None and begin is None:
                 show_cached(nodes, request)
             from .page import Page
 
-            page = Page(server, nodes, lessons, on_progress)
-            page.open(request) if begin is None else page.lessons.start(begin.title)
+            page = Page(server, nodes, lessons, on_progress, opening)
+            if begin is not None:
+                page.lessons.start(begin.title)
+            elif (first := request if opening is None else opening.request) is not None:
+                page.open(first)
             page.run(interrupt)
         finally:
             if page is not None:

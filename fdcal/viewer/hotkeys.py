@@ -136,6 +136,5 @@ def _add(gui: viser.GuiApi, page, key: Key) -> None:
     @command.on_trigger
     async def _(event) -> None:
         if event.client is not None:
-            if page.viewer is not None:
-                page.viewer.binding.touch()
+            page.end_opening()
             key.act(page, event.client)

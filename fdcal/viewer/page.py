@@ -20,7 +20,9 @@ from ..session.worker import WakeEvent
 from .address import AddressBar
 from .background.prepare import PreparedRun
 from .gui.binding import Binding
+from .gui.words import CanvasWords
 from .hotkeys import add_keys
+from .opening import Opening
 from .panels import Panels, SessionFolders
 from .preview import show_room
 from .scene3d.nodes import SceneNodes
@@ -29,63 +31,6 @@ from .session_switch import SessionSwitcher, StatusBar
 from .session_view import Viewer
 from .tabs.help import add_help
 from .tabs.lessons import LessonsTab
-
-OPENING_DELAY = 2.5  # s from a browser's connection and the first map, in which it draws both
-
-
-class Opening:
-    """Decides when the first sweep begins and ends; called by the main loop.
-
-    It begins and ends on viser's event loop, as all that users do: in between nobody can have pressed anything.
-    """
-
-    def __init__(self):
-        self._due: float | None = None
-        self._viewer: Viewer | None = None  # in which it plays, or is about to
-        self._began = False
-        self.done = False
-
-    def tick(self, viewer: Viewer, watched: bool, busy: bool, now: float) -> None:
-        """Begin when it is time, and stop for the user.
-
-        `viewer`: of the session that is shown; `watched`: whether a browser shows the page, and its first map is there;
-        `busy`: whether the page does something else: a lesson, or a compilation; `now`: time, s.
-        """
-        if self.done:
-            return
-        if self._viewer is not None:
-            ended = self._began and not viewer.tabs.sweep.playing
-            if touched(viewer) or ended or viewer is not self._viewer:
-                self.done = True
-                viewer.call(self._viewer.tabs.sweep.end_opening)
-                self._viewer = None  # another session may take its place
-            return
-        if touched(viewer) or not suitable(viewer):
-            self.done = True
-        elif watched and not busy:
-            self._due = now + OPENING_DELAY if self._due is None else self._due
-            if now >= self._due:
-                self._viewer = viewer
-                viewer.call(lambda: self._begin(viewer))
-
-    def _begin(self, viewer: Viewer) -> None:
-        """Begin, unless a user has touched something meanwhile."""
-        if not touched(viewer):
-            viewer.tabs.sweep.open()
-        self._began = True
-
-
-def touched(viewer: Viewer) -> bool:
-    """Whether a user has changed, pressed or moved anything."""
-    return viewer.binding.touches + viewer.nodes.cameras.user_moves > 0
-
-
-def suitable(viewer: Viewer) -> bool:
-    """Whether a session begins with the sweep: one that nobody has begun or set up, with more than one mode."""
-    run, opening = viewer.run, viewer.run.opening
-    plain = not (opening.play or opening.states or opening.choices)
-    return plain and run.problem.search is not None and viewer.binding.modes > 1
-
 
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
 COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
@@ -99,7 +44,8 @@ class Page:
     """Owns the panels, the scene, and the session that is shown.
 
     `lessons`: offered in the tab Lessons, in this order; `on_progress`: called with the progress of the first session
-    in words, and with "" when it is ready or refused. `viewer`: Viewer of the session that is shown, or None.
+    in words, and with "" when it is ready or refused; `opening`: that plays first; no session is shown meanwhile.
+    `viewer`: Viewer of the session that is shown, or None; `words`: on the canvas.
     """
 
     def __init__(
@@ -108,11 +54,13 @@ class Page:
         nodes: SceneNodes,
         lessons: Sequence[Lesson] = (),
         on_progress: Callable[[str], None] = lambda text: None,
+        opening: Opening | None = None,
     ):
-        self._server, self.nodes, self.panels, self.switcher = server, nodes, Panels(server.gui), SessionSwitcher()
+        self._server, self.nodes, self.switcher = server, nodes, SessionSwitcher()
+        self.panels = Panels(server.gui, folded=opening is not None)
         self.status_bar = StatusBar(self.panels, self.switcher)
         self.viewer: Viewer | None = None
-        self._opening = Opening()
+        self.words, self._opening = CanvasWords(self.panels.overlay), opening
         self.lessons = LessonsTab(self, lessons)
         with self.panels.tab("Help"):
             add_help(server.gui)
@@ -126,13 +74,22 @@ class Page:
 
     def open(self, request: OpenRequest) -> None:
         """Show something else as soon as it is ready. Any thread; the last request counts."""
+        if self._opening is not None and request is not self._opening.request:
+            self._opening.end()
         self.switcher.open(request)
+
+    def end_opening(self) -> None:
+        """End the opening where it plays: somebody has touched something."""
+        if self._opening is not None:
+            self._opening.end()
 
     def _prefer(self, dark: bool) -> None:
         """Follow a browser's preference for a dark page, unless a user has chosen; on viser's event loop."""
         self._dark = dark
         if self.viewer is None:
             self.panels.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
+            if self._opening is not None:
+                self._opening.dark = dark
         elif not self.viewer.binding.choices.themed:
             self.viewer.tabs.view.darken(dark, preferred=True)
 
@@ -146,7 +103,7 @@ class Page:
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
-            self.nodes.cameras.request(client, "top")
+            self.nodes.cameras.request(client, self.nodes.cameras.view)
             self.panels.overlay.greet(client)
 
             @client.camera.on_update
@@ -175,8 +132,10 @@ class Page:
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date once, at the time `now`, s."""
-        prepared = self.switcher.poll()
+        plays = self._opening is not None and self._opening.playing
+        prepared = self.switcher.poll(wait=plays)
         first = self.viewer is None
+        self.nodes.settle(now)
         if first:
             self._report_progress()
             if self.switcher.error is not None:
@@ -184,13 +143,11 @@ class Page:
         if prepared is not None:
             self._replace_session(prepared)
         self.status_bar.show(first)
+        if self._opening is not None:
+            self._opening.tick(self.words, now)
         if self.viewer is not None:
             self.viewer.tabs.run_bar.wait(self.switcher.progress is not None)
             self.viewer.guarded_tick(now)
-            warmup = self.viewer.run.warmup
-            compiles = warmup is not None and bool(warmup.text)
-            watched = bool(self._server.get_clients()) and self.viewer.picture.floor is not None
-            self._opening.tick(self.viewer, watched, compiles or self.lessons.active, now)
         elif self.nodes.is_empty and self.switcher.measured is not None:
             show_room(self.nodes, *self.switcher.measured)
             self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
@@ -213,7 +170,8 @@ class Page:
         try:
             with self._server.atomic():
                 before = old and old.binding.choices
-                new = Viewer(self._server, prepared, folders, self.nodes, self.open, before, self._wake.set)
+                floor = self._opening.floor if self._opening is not None and old is None else None
+                new = Viewer(self._server, prepared, folders, self.nodes, self.open, before, self._wake.set, floor)
                 if old is not None:
                     old.take_down()
         except Exception as error:
@@ -230,7 +188,8 @@ class Page:
             old.close()
         elif self._dark:
             self._server.get_event_loop().call_soon_threadsafe(self._prefer, True)
-        if old is None or old.picture.focus != new.picture.focus:
+        if floor is None and (old is None or old.picture.focus != new.picture.focus):
+            self.nodes.cameras.view = "top"
             self.nodes.cameras.set_initial(new.picture)
             for client in self._server.get_clients().values():
                 self.nodes.cameras.place(client, "top")

@@ -55,10 +55,10 @@ class Panels:
 
     `top`: folder above everything else, for messages about the page as a whole; `run_bar`: folder between `top` and the
     tabs; `canvas`: tab of the panel on the canvas, which has the colour bar and the legend; `overlay`: regions on the
-    canvas; `numbers`: counts the sessions.
+    canvas; `numbers`: counts the sessions; `folded`: whether they are folded away at first.
     """
 
-    def __init__(self, gui: viser.GuiApi):
+    def __init__(self, gui: viser.GuiApi, folded: bool = False):
         self.gui, self.numbers, self.overlay = gui, itertools.count(), Overlay(gui)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_WIDTH)
@@ -73,7 +73,7 @@ class Panels:
         self._left, self._legend = panel, gui.add_panel()
         self.canvas = self._legend.add_tab("Legend")
         self._folded: bool | None = None
-        self.fold(False)
+        self.fold(folded)
         self._legend.expand()  # on a phone, where sections are folded at first
 
     def fold(self, folded: bool) -> None:
@@ -176,7 +176,6 @@ class RunBar:
             ),
             self.limit_rate,
         )  # fmt: skip
-        self.note = gui.add_html("", visible=False)  # below, so that no button moves away from the pointer
 
     @property
     def _rate(self) -> int:
@@ -201,10 +200,6 @@ class RunBar:
     def wait(self, waiting: bool) -> None:
         """Hide the status while another session is prepared, whose progress stands above."""
         self.status.visible = not waiting
-
-    def announce(self, text: str) -> None:
-        """Show a line of HTML below; none for ""."""
-        self.note.content, self.note.visible = text, bool(text)
 
     def toggle(self) -> None:
         """Run the solver, or pause it."""

@@ -171,7 +171,8 @@ class Viewer:
 
     `folders`: SessionFolders for the controls; `nodes`: SceneNodes that show the picture; `open_other`: function that
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
-    function that makes the main loop update the page at once. Raises InputError: the request of the run has choices
+    function that makes the main loop update the page at once; `floor`: the map that is shown until there is one of this
+    session, or None. Raises InputError: the request of the run has choices
     that are not possible. `snapshot`: what is on the screen; `call`: runs a function on viser's event loop.
     """
 
@@ -184,6 +185,7 @@ class Viewer:
         open_other: Callable[[OpenRequest], None] = lambda request: None,
         before: Choices | None = None,
         wake: Callable[[], None] = lambda: None,
+        floor: Floor | None = None,
     ):
         self.run, self.nodes, self._folders = run, nodes, folders
         self.call = server.get_event_loop().call_soon_threadsafe
@@ -193,6 +195,7 @@ class Viewer:
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
         self._key: tuple = ()  # of what is drawn
+        self._first_floor = floor
         self._assessed: tuple[Assessment | None, PositionUncertainty | None] = None, None  # of the last verdict
         try:
             self._build(server)
@@ -203,7 +206,7 @@ class Viewer:
     def _build(self, server: viser.ViserServer) -> None:
         run, binding, folders, nodes = self.run, self.binding, self._folders, self.nodes
         self._picture = SessionPicture(run)
-        picture = self._picture.draw(run.session.view, binding.choices, self._selected)
+        picture = self._picture.draw(run.session.view, binding.choices, self._selected, self._first_floor)
         self.snapshot = ViewSnapshot(run, picture, run.session.view, binding.choices, self._selected, None)
         self.tabs = Tabs(folders, binding, nodes.cameras.request, self.export)
         self.canvas = CanvasPanel(folders, binding, self.tabs, picture)
@@ -279,13 +282,15 @@ class Viewer:
         )  # fmt: skip
         self._draw(tick, choices)
         tick = replace(tick, picture=self.picture)
-        tabs.run_bar.announce(tabs.sweep.note)
         tabs.show(tick)
         self.canvas.show(tick)
 
     def _draw(self, tick: Tick, choices: Choices) -> None:
         """Draw the picture again where anything of it has changed."""
         floor, volume = self._picture.faded_parts(tick.drawn, choices.style)
+        if tick.drawn is not None or tick.reason or not choices.shown:
+            self._first_floor = None
+        floor = floor or self._first_floor
         marked, planned = self.tabs.comparison.marked(tick.runs), self.tabs.plan.planned
         parts = floor, volume, tick.uncertainty, marked, planned
         key = tick.revision, choices, tick.microphone, *map(id, parts)

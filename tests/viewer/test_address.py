@@ -59,9 +59,9 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(shown):
     assert (choices.microphone, choices.modes, choices.style.relief) == (5, (2, 3, 4, 6), True)
     (_, camera), *_ = [one for one in page.nodes.cameras._requests if one[1] is not None][-1:]
     assert camera.position == (1, 2, 30) and camera.look_at == (1, 2, 0) and camera.fov == 0.02
-    touches = page.viewer.binding.touches
+    before = page.viewer.binding.choices
     command(page, f"open={written}")
-    assert page.viewer.binding.touches == touches, "a page that is loaded again changes nothing"
+    assert page.viewer.binding.choices is before, "a page that is loaded again changes nothing"
 
 
 def test_a_link_to_another_scene_opens_it_and_then_sets_the_map(shown):

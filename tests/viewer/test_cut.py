@@ -37,7 +37,7 @@ def test_the_foot_of_a_position_is_where_it_projects_and_none_far_from_the_line(
 @pytest.fixture
 def handles():
     """Handles on a line, the choices they change, and a function that passes them a drag."""
-    callbacks, removed, binding = {}, [], SimpleNamespace(choices=SimpleNamespace(cut=None), touch=lambda: None)
+    callbacks, removed, binding = {}, [], SimpleNamespace(choices=SimpleNamespace(cut=None))
 
     def choose(cut):
         binding.choices.cut = cut
@@ -138,4 +138,4 @@ def test_the_line_to_the_lowest_cost_goes_through_estimate_and_minimum(opened):
     here = np.asarray(binding.session.view.state.positions)[binding.choices.microphone]
     direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     across = np.array([-direction[1], direction[0]])
-    assert abs((here - ends[0]) @ across) < 1e-6 and abs((floor.minimum - ends[0]) @ across) < 1e-6
+    assert abs((here - ends[0]) @ across) < 1e-6 and abs((floor.lowest[0] - ends[0]) @ across) < 1e-6

@@ -49,9 +49,9 @@ def page():
         "kinds": MAP_KINDS,
     }
     tabs = CallRecorder(calls, binding=binding, map=CallRecorder(calls, "map", **handles))
-    touched = CallRecorder(calls, touch=lambda: touches.append(1))
     touches: list[int] = []
-    return CallRecorder(calls, viewer=SimpleNamespace(binding=touched, tabs=tabs), touches=touches), calls
+    viewer = SimpleNamespace(tabs=tabs)
+    return CallRecorder(calls, viewer=viewer, end_opening=lambda: touches.append(1), touches=touches), calls
 
 
 @pytest.fixture

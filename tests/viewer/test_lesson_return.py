@@ -167,19 +167,3 @@ def test_what_the_user_opens_during_a_lesson_stays(opened):
     for _ in range(5):
         page.tick(0.0)
     assert page.switcher.idle and page.viewer.binding.run.opening is mine
-
-
-def test_a_lesson_that_begins_during_the_opening_brings_back_the_map_without_it(page_of):
-    page, turn_until = page_of
-    page.open(OpenRequest(load_scene(SMALL)))
-    turn_until(lambda: page.viewer is not None)
-    first, lessons = page.viewer, LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
-    page.lessons = lessons
-    first.tabs.sweep.open()
-    turn_until(lambda: first.binding.choices.modes is not None)
-    lessons.start("Mine")
-    turn_until(lambda: page.viewer is not first and page.switcher.idle)
-    of_the_lesson = page.viewer
-    lessons.end()
-    turn_until(lambda: page.viewer is not of_the_lesson and page.switcher.idle)
-    assert page.viewer.binding.choices.modes is None and not page.viewer.tabs.sweep.playing

@@ -22,7 +22,7 @@ def picker():
     binding = SimpleNamespace(
         place=lambda *arguments: placed.append(arguments), measurement=SimpleNamespace(count=5, search=SEARCH),
         choices=SimpleNamespace(release=False, plan=PlanChoices()),
-        run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))), touch=lambda: None,
+        run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))),
     )  # fmt: skip
     disc = SimpleNamespace(
         on_click=lambda call: callbacks.update(click=call), on_drag=lambda _: lambda call: callbacks.update(drag=call)

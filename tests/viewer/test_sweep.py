@@ -1,21 +1,16 @@
-"""The sweep of modes: its maps are those of the page, its counts are theirs; the opening ends with the first touch."""
+"""The sweep of modes: its maps are those of the page, its counts are theirs."""
 
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from browsing import WAIT
 from doubles import set_by_client
 
 from fdcal.cost.basins import local_minima
 from fdcal.cost.maps import cost_maps, refined
 from fdcal.session.request import OpenRequest
-from fdcal.viewer import page as page_module
 from fdcal.viewer.background import mode_sweep
-from fdcal.viewer.tabs import sweep as playback
-from fdcal.viewer.tabs import sweep as sweep_tab
-from fdcal.viewer.tabs.sweep import DOWN, FIRST_TIME, LAST_TIME, Playback
+from fdcal.viewer.tabs.sweep import DOWN, Playback
 
 
 def played(playback, stops, ready, times):
@@ -39,27 +34,11 @@ def test_a_playback_waits_for_maps_and_leaves_none_out():
     assert all(now >= stop for now, stop in shown)
 
 
-def test_the_opening_stays_longer_at_its_first_and_its_last_map():
-    playback, stops = Playback(rate=2.5, opening=True), (1, 2, 3)
-    shown = played(playback, stops, lambda now: 3, np.arange(0, 9, 0.01))
-    times = [now for now, _ in shown]
-    assert np.diff(times) == pytest.approx([FIRST_TIME, 0.4], abs=0.02)
-    assert not playback.ended(stops, times[-1] + LAST_TIME - 0.1) and playback.ended(stops, times[-1] + LAST_TIME)
-
-
 @pytest.mark.parametrize(("summed", "then"), [(0, 1), (3, 4), (4, 5), (5, 1)])
 def test_play_goes_on_after_the_present_sum_and_from_the_beginning_after_the_last(summed, then):
     playback = Playback(rate=1.0)
     playback.continue_from(summed, range(1, 6))
     assert playback.advance(range(1, 6), 5, 0.0) == then
-
-
-@pytest.mark.parametrize("count", [1, 2, 17, 18, 19, 99, 400])
-def test_few_stops_begin_with_one_mode_and_end_with_all(count):
-    stops = mode_sweep.stops_of(count, 18)
-    assert stops[0] == 1 and stops[-1] == count and len(stops) <= 18
-    gaps = np.diff(stops)
-    assert (gaps > 0).all() and (np.diff(gaps[gaps > 1]) >= -1).all(), "they become rarer"
 
 
 @pytest.fixture
@@ -158,113 +137,3 @@ def test_a_sweep_of_another_state_stops(opened, monkeypatch):
     viewer.run.session.step()
     turn_until(lambda: sweep._wanted is None and not sweep.worker.worker.busy)
     assert len(made.frames) < 19
-
-
-def begin_opening(viewer, turn_until):
-    """Let the opening begin as if a browser had shown the page for long enough."""
-    made = page_module.Opening()
-    made.tick(viewer, True, False, 0.0)
-    made.tick(viewer, True, False, page_module.OPENING_DELAY)
-    turn_until(lambda: viewer.binding.choices.modes is not None)
-    return made
-
-
-def test_the_opening_begins_with_several_minima_and_ends_where_it_began(opened, monkeypatch):
-    monkeypatch.setattr(sweep_tab, "OPENING_RATE", 8.0)
-    monkeypatch.setattr(playback, "LAST_TIME", 0.3)
-    viewer, turn_until = opened
-    sweep, notes, now = viewer.tabs.sweep, [], time.perf_counter()
-    made = begin_opening(viewer, turn_until)
-
-    def over():
-        notes.append(viewer.tabs.run_bar.note.content)
-        return not sweep.playing
-
-    turn_until(over)
-    assert viewer.binding.choices.modes is None and time.perf_counter() - now < WAIT
-    counted = list(dict.fromkeys(note for note in notes if "microphone" in note))
-    assert "alone" in counted[0] and "minima" in counted[0]
-    assert len(counted) > 5, "modes are added"
-    made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
-    assert made.done
-    turn_until(lambda: not viewer.tabs.run_bar.note.visible)
-
-
-def test_the_opening_ends_as_soon_as_a_user_touches_anything(opened):
-    viewer, turn_until = opened
-    made = begin_opening(viewer, turn_until)
-    set_by_client(viewer.tabs.view.trails, True)
-    made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
-    assert made.done
-    turn_until(lambda: viewer.binding.choices.modes is None)
-    assert not viewer.tabs.sweep.playing
-
-
-def test_the_opening_ends_as_soon_as_a_user_turns_the_scene(opened):
-    viewer, turn_until = opened
-    made = begin_opening(viewer, turn_until)
-    viewer.nodes.cameras.user_moves += 1
-    made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
-    assert made.done
-    turn_until(lambda: viewer.binding.choices.modes is None)
-    assert not viewer.tabs.sweep.playing
-
-
-def test_play_plays_during_the_opening_too(opened):
-    """Whoever presses Play as the opening begins has not seen it yet: the press pauses nothing."""
-    viewer, turn_until = opened
-    sweep = viewer.tabs.sweep
-    set_by_client(sweep.rate, 20, client=False)
-    made = begin_opening(viewer, turn_until)
-    turn_until(lambda: viewer.tabs.run_bar.note.visible)
-    assert sweep.play.label == "Play", "the opening ends with any touch and needs no button"
-    set_by_client(sweep.play, True)
-    made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
-    assert made.done
-    counts = []
-    turn_until(lambda: counts.append(len(viewer.binding.choices.modes or ())) or not sweep.playing)
-    counts = [count for count in dict.fromkeys(counts) if count]
-    assert counts == sorted(counts) and counts[0] <= 2 and counts[-1] == len(sweep._sequence()), "it plays, up to all"
-    assert len(viewer.binding.choices.modes) == counts[-1], "what a user has played stays"
-
-
-def test_play_pressed_as_the_opening_is_due_is_not_undone_by_it(opened, monkeypatch):
-    viewer, turn_until = opened
-    sweep, made, calls = viewer.tabs.sweep, page_module.Opening(), []
-    monkeypatch.setattr(viewer, "call", calls.append)  # which the event loop has not run yet
-    made.tick(viewer, True, False, 0.0)
-    made.tick(viewer, True, False, page_module.OPENING_DELAY)
-    set_by_client(sweep.play, True)
-    made.tick(viewer, True, False, page_module.OPENING_DELAY + 0.1)
-    for call in calls:
-        call()
-    assert calls and made.done and sweep.playing
-    turn_until(lambda: "alone" in sweep.text.content)
-
-
-def test_modes_chosen_during_the_opening_stay(opened):
-    viewer, turn_until = opened
-    made = begin_opening(viewer, turn_until)
-    set_by_client(viewer.tabs.map.text, "2-4")
-    made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
-    turn_until(lambda: not viewer.tabs.sweep.playing)
-    assert viewer.binding.choices.modes == (2, 3, 4)
-
-
-def test_the_opening_waits_for_a_browser_and_does_not_begin_after_a_touch(opened):
-    viewer, _ = opened
-    unwatched, touched = page_module.Opening(), page_module.Opening()
-    for now in (0.0, 10.0, 20.0):
-        unwatched.tick(viewer, False, False, now)
-    assert not viewer.tabs.sweep.playing and not unwatched.done
-    viewer.binding.touch()
-    touched.tick(viewer, True, False, 0.0)
-    assert touched.done and not viewer.tabs.sweep.playing
-
-
-@pytest.mark.parametrize("given", [{"play": True}, {"choices": {"modes": [2]}}, {"states": (1,)}])
-def test_a_session_that_was_set_up_has_no_opening(given):
-    given = {"play": False, "states": (), "choices": {}} | given
-    run = SimpleNamespace(opening=SimpleNamespace(**given), problem=SimpleNamespace(search=1))
-    viewer = SimpleNamespace(run=run, binding=SimpleNamespace(modes=9))
-    assert not page_module.suitable(viewer)

@@ -1,7 +1,6 @@
-"""The opening, the sweep of modes and the cut through the map in a real browser."""
+"""The sweep of modes and the cut through the map in a real browser."""
 
 import re
-import threading
 
 import numpy as np
 import pytest
@@ -10,19 +9,6 @@ from browsing import COARSE, EXACT, WAIT, hover, on_screen, press, serving_here,
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.viewer import page as page_module
-from fdcal.viewer.tabs import sweep as sweep_tab
-from fdcal.viewer.tabs.sweep import Playback
-
-NOTE = re.compile(r"microphone \d+, (mode (\d+) alone|sum of (\d+) modes, \d+ to \d+): (no|\d+) local minim")
-RECORD = """() => {
-    window.notes = [];
-    const note = /microphone \\d+, (mode \\d+ alone|sum of \\d+ modes, \\d+ to \\d+): (no|\\d+) local minim\\w+/;
-    new MutationObserver(() => {
-        const now = document.body?.innerText.match(note)?.[0] ?? "";
-        if (window.notes.at(-1) != now) window.notes.push(now);
-    }).observe(document, {subtree: true, childList: true, characterData: true, attributes: true});
-}"""  # all that the line of the opening says, in order
 
 
 @pytest.fixture(scope="module")
@@ -37,67 +23,17 @@ def query():
 
 @pytest.fixture
 def page(browser, kernels, scene, capsys, query):
-    """The page of `tiny`, fresh for each test: its opening plays once."""
-    with serving_here(scene, opening=True) as url:
+    """The page of `tiny`, fresh for each test."""
+    with serving_here(scene) as url:
         page = browser.new_page(viewport={"width": 1280, "height": 720})
         page.set_default_timeout(WAIT * 1e3)
-        page.add_init_script(f"({RECORD})()")
         page.goto(f"{url}/{query}")
         yield page
         page.close()
     assert "Traceback" not in capsys.readouterr().err
 
 
-@pytest.fixture
-def lasting_opening(monkeypatch):
-    """The opening stays at its first map until this event is set: no machine is too slow to see it."""
-    may_go_on, advance = threading.Event(), Playback.advance
-
-    def held(self, stops, ready, now):
-        waits = self.opening and self.next == 1 and not may_go_on.is_set()
-        return None if waits else advance(self, stops, ready, now)
-
-    monkeypatch.setattr(page_module, "OPENING_DELAY", 0.5)
-    monkeypatch.setattr(sweep_tab, "OPENING_RATE", 6.0)
-    monkeypatch.setattr(sweep_tab, "LAST_TIME", 0.5)
-    monkeypatch.setattr(Playback, "advance", held)
-    return may_go_on
-
-
-def test_the_page_opens_with_a_map_of_several_minima_to_which_modes_are_added(lasting_opening, page):
-    page.get_by_text(NOTE).first.wait_for()
-    lasting_opening.set()
-    page.wait_for_function("window.notes.filter(Boolean).length > 0 && window.notes.at(-1) == ''")
-    notes = [note for note in page.evaluate("window.notes") if note]
-    first = NOTE.search(notes[0])
-    assert first[2] and int(first[4]) > 1, "one mode, several minima"
-    summed = [int(NOTE.search(note)[3]) for note in notes[1:]]
-    assert len(summed) > 3 and summed == sorted(set(summed)), "modes are added"
-    tab(page, "Map")
-    page.get_by_label("Modes shown", exact=True).wait_for(state="attached")
-    page.get_by_text(re.compile("sum of 20 modes")).first.wait_for()  # those of the solver again
-
-
-def test_the_opening_ends_with_the_first_click_and_the_speed_is_at_hand(lasting_opening, page):
-    page.get_by_text(NOTE).first.wait_for()
-    slider(page, "Steps per second").wait_for()
-    press(page, "Run")
-    page.get_by_text(NOTE).first.wait_for(state="hidden")
-    slider(page, "Steps per second").press("End")
-    page.get_by_text("Converged").wait_for()
-
-
-@pytest.mark.parametrize("query", [EXACT])
-def test_the_opening_ends_when_the_user_moves_the_camera(lasting_opening, page, scene):
-    page.get_by_text(NOTE).first.wait_for()
-    (x, y), _ = on_screen(page, scene, np.array([[*scene.search.origin, 0.0], [*scene.search.origin, 1.0]]))
-    page.mouse.move(x - 30, y + 30)  # beside the map, where there is no microphone
-    page.mouse.wheel(0, 200)
-    page.get_by_text(NOTE).first.wait_for(state="hidden")
-
-
-def test_play_pause_and_the_slider_of_the_sweep(lasting_opening, page):
-    page.get_by_text(NOTE).first.wait_for()
+def test_play_pause_and_the_slider_of_the_sweep(page):
     tab(page, "Sweep")
     page.get_by_text("Order and speed", exact=True).click()
     slider(page, "Modes per second").press("Home")  # so slowly that no machine sees the end before Pause

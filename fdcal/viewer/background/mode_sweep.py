@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...cost.maps import ambiguous_mode, partial_sums, refined
+from ...cost.maps import partial_sums, refined
+from ...cost.scale import Minima
 from ...graphics.basin_map import TABLE, table_numbers
 from ...graphics.heatmap import colour_limits, colour_numbers, normalise, of_colour_numbers
 from ...graphics.primitives import Floor
@@ -19,7 +20,6 @@ from .cost_map import CostMap, CostMapRequest, MapStyle, cost_map
 from .prepare import PreparedRun
 from .threads import Threads
 
-FEW_STOPS = 18  # maps of a sweep that leaves some out
 NO_IMAGE = np.zeros((1, 1, 3), np.uint8)
 
 
@@ -30,12 +30,11 @@ class SweepRequest:
     revision: int  # counts the states on the screen
     microphone: int  # counted from 0
     modes: tuple[int, ...]  # those that can be summed, ascending, counted from 1
-    highest: int | None  # the highest mode of the sum; None for the mode whose own map has most local minima
+    highest: int  # the highest mode of the sum
     descending: bool  # whether the highest mode comes first
     order_offset: int | None  # of the maps; None for what the solver minimises
     log: bool  # whether the scale is logarithmic
     basins: bool  # whether the maps show basins of attraction
-    few: bool  # whether sums are left out, the more the more modes they have
     state: RunState = field(compare=False)  # of the solver
 
 
@@ -51,7 +50,7 @@ class Sweep:
     @property
     def counts(self) -> tuple[int, ...]:
         """The numbers of local minima so far."""
-        return tuple(frame.map.minima for frame in self.frames[:])
+        return tuple(frame.count for frame in self.frames[:])
 
     def frame(self, count: int) -> SweepFrame | None:
         """Return the map of the first `count` modes, or None where there is none, or not yet."""
@@ -68,15 +67,9 @@ class SweepFrame:
     """One map of a sweep."""
 
     map: CostMap
+    count: int  # local minima of the map
     floor: Floor  # of the map, without its image
     numbers: np.ndarray  # (ny, nx) uint8, the image: numbers of colours
-
-
-def stops_of(count: int, max_count: int) -> tuple[int, ...]:
-    """Return how many of `count` modes the maps of a sweep are the sums of: all numbers, or `max_count` at most."""
-    if count <= max_count:
-        return tuple(range(1, count + 1))
-    return tuple(int(n) for n in np.unique(np.geomspace(1, count, max_count).round()))
 
 
 def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
@@ -130,20 +123,16 @@ class SweepWorker:
         run, state, n, offset = self._run, request.state, request.microphone, request.order_offset
         if run.problem.search is None:
             return
-        modes, highest = request.modes, request.highest
-        if highest is None:
-            highest = ambiguous_mode(run.problem, run.solver, state, n, modes, offset)
-        modes = tuple(mode for mode in modes if mode <= highest)
-        stops = stops_of(len(modes), FEW_STOPS if request.few else len(modes))
-        sweep = Sweep(request, modes[::-1] if request.descending else modes, stops)
+        modes = tuple(mode for mode in request.modes if mode <= request.highest)
+        sweep = Sweep(request, modes[::-1] if request.descending else modes, tuple(range(1, len(modes) + 1)))
         self._sweep = sweep
         search = refined(run.problem.search)
-        for sums in partial_sums(run.problem, run.solver, state, n, sweep.modes, offset, search, stops):
+        for sums in partial_sums(run.problem, run.solver, state, n, sweep.modes, offset, search):
             if not self.worker.wants(request):
                 return
             sweep.frames.append(self._frame(request, sums.modes, sums.cost, sums.minima, search))
 
-    def _frame(self, request: SweepRequest, modes, cost: np.ndarray, minima, search) -> SweepFrame:
+    def _frame(self, request: SweepRequest, modes, cost: np.ndarray, minima: Minima, search) -> SweepFrame:
         style = MapStyle(log=request.log, basins=request.basins)
         of = CostMapRequest(
             request.revision, request.microphone, tuple(sorted(modes)), request.order_offset, True, style,
@@ -158,4 +147,4 @@ class SweepWorker:
             low, high, _ = colour_limits(cost, request.log)
             numbers = colour_numbers(normalise(cost, low, high, request.log))
         floor = replace(drawn.floor, rgb=NO_IMAGE)
-        return SweepFrame(replace(drawn, floor=None), floor, numbers)
+        return SweepFrame(replace(drawn, floor=None), minima.count, floor, numbers)

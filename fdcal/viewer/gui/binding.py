@@ -70,7 +70,7 @@ class Binding:
     as soon as that is ready; `before`: Choices of the session that was shown before, or None; `wake`: function that
     makes the main loop update the page at once; `call`: runs a function on viser's event loop. `row`: what the page
     calls a row of the measurement: "mode", or "row" where there are several takes; `sent`: the values that `send` has
-    sent last, by the identity of the control; `touches`: how many times a user has changed or pressed anything.
+    sent last, by the identity of the control.
     """
 
     def __init__(
@@ -89,18 +89,12 @@ class Binding:
         self.choices, self._wake = initial_choices(run, modes, before), wake
         self.threads = Threads(wake)
         self.sent: dict[int, object] = {}
-        self.touches = 0
-
-    def touch(self) -> None:
-        """Note that a user has changed or pressed something."""
-        self.touches += 1
 
     def on(self, handle: Control, act: Callable[[Any], object]) -> Control:
         """Call `act(value)` when a client, and not this program, has changed a control; return the control."""
 
         async def respond(event) -> None:
             if event.client is not None:
-                self.touch()
                 self.session.yield_to_ui()
                 act(event.target.value)
 
@@ -115,7 +109,6 @@ class Binding:
         @button.on_click
         async def _(event) -> None:
             if event.client is not None:
-                self.touch()
                 act(event.client, event.target.value)
 
         return handle

@@ -104,19 +104,27 @@ PHONE_MARGINS = (48, 24, 110)  # pixels left, right and top there
 class Cameras:
     """Owns the last commands to the pages' cameras.
 
-    `picture`: what there is to be seen, or None; `legend_beside`: whether the legend stands beside the scene, as in
-    lecture mode, and not below it; `user_moves`: how many times a user has moved a camera away from where it was
-    placed.
+    `picture`: what there is to be seen, or None; `view`: of a page that opens, as in graphics.camera.VIEWS;
+    `margins`: pixels left, bottom, right and top of what is looked at; None for those that rulers and legend need;
+    `legend_beside`: whether the legend stands beside the scene, as in lecture mode, and not below it; `user_moves`: how
+    many times a user has moved a camera away from where it was placed.
     """
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
         self.picture: Picture | None = None
+        self.view = "top"
+        self.margins: tuple[int, int, int, int] | None = None
         self.legend_beside, self.user_moves = False, 0
         self._at_rest: set[int] = set()  # pages whose camera is where it was placed
         self._placements: dict[int, Placement] = {}
         self._looks: dict[int, int] = {}  # by page: looks since its camera was placed
         self._requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = collections.deque()
+
+    @property
+    def placed(self) -> bool:
+        """Whether a page draws the scene with the camera that it was given."""
+        return bool(self._at_rest)
 
     def request(self, client: viser.ClientHandle, view: str | Camera | None = None) -> None:
         """Have the main loop place a page's camera or, without a view, check whether its canvas has changed.
@@ -177,7 +185,8 @@ class Cameras:
             return
         camera = client.camera
         size, beside = canvas(camera), self.legend_beside
-        wanted = camera_for(self.picture, size, view, _margins(size, beside), fov=TOP_FOV if view == "top" else None)
+        margins = self.margins or _margins(size, beside)
+        wanted = camera_for(self.picture, size, view, margins, fov=TOP_FOV if view == "top" else None)
         x, y, z = self._server.initial_camera.position
         before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
         before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
@@ -248,11 +257,13 @@ class Cameras:
         self._at_rest.discard(client.client_id)
 
     def set_initial(self, picture: Picture, size: tuple[int, int] = (680, 720)) -> None:
-        """Set the camera of a page that opens, until its size is known.
+        """Set the camera of a page that opens, until its size is known: that of `view`.
 
         `picture`: what there is to be seen; `size` (width, height) that is assumed, pixels.
         """
-        wanted, first = camera_for(picture, size, "top", MARGINS, fov=TOP_FOV), self._server.initial_camera
+        fov = TOP_FOV if self.view == "top" else None
+        first, margins = self._server.initial_camera, self.margins or MARGINS
+        wanted = camera_for(picture, size, self.view, margins, fov=fov)
         first.near, first.far = planes(wanted)
         first.fov, first.up, first.position, first.look_at = wanted.fov, wanted.up, wanted.position, wanted.look_at
 

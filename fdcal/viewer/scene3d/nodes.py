@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -85,6 +86,7 @@ def same_frame(one: Plate, other: Plate) -> bool:
     return (one.axis, one.origin, one.size) == (other.axis, other.origin, other.size)
 
 
+REPLACING_TIME = 0.3  # s that a relief stays beside the one that replaces it
 RULER_TEXT = 1.5  # height of a ruler's numbers, in radii of a marker
 
 Part = Lines | Mesh | Label | Floor | Surface | Plate
@@ -105,6 +107,8 @@ class SceneNodes:
         self._handles: dict[str, Any] = {}
         self._marker: float | None = None
         self._text = 1.0  # size of labels
+        self._numbers = itertools.count()
+        self._replaced: list[tuple[float | None, Any]] = []  # reliefs that others replace, and since when, s
         self.cameras = Cameras(server)
 
     @property
@@ -138,6 +142,15 @@ class SceneNodes:
                     self._handles[name] = self._send(f"/{name}", old, self._handles.get(name), part)
         self._parts = parts
 
+    def settle(self, now: float) -> None:
+        """Remove reliefs once every page has drawn those that replace them; called by the main loop at the time `now`.
+
+        A page takes a moment to read a surface, and shows none meanwhile.
+        """
+        self._replaced = [(now if since is None else since, handle) for since, handle in self._replaced]
+        while self._replaced and now - (self._replaced[0][0] or now) > REPLACING_TIME:
+            self._replaced.pop(0)[1].remove()
+
     def _send(self, name: str, old: Part | None, handle, part: Part):
         """Create the node of `part`, or update the one that shows `old`, and return its handle."""
         if isinstance(part, Lines):
@@ -162,7 +175,9 @@ class SceneNodes:
 
     def _send_floor(self, name: str, old: Part | None, handle, floor: Floor):
         if floor.heights is not None:
-            surface = surface_of(floor, floor.heights)
+            if handle is not None:
+                self._replaced.append((None, handle))
+            surface, name = surface_of(floor, floor.heights), f"{name}/{next(self._numbers)}"
             return self._server.scene.add_mesh_trimesh(name, surface, cast_shadow=False, receive_shadow=False)
         if isinstance(old, Floor) and same_extent(old, floor):
             handle.image = image_of(floor)

@@ -61,13 +61,11 @@ class MicrophonePicker:
 
         @discs.on_click
         async def _(event) -> None:
-            self._binding.touch()
             if self._exists(event.instance_index):
                 self._select(event.instance_index)
 
         @discs.on_drag("left")
         async def _(event) -> None:
-            self._binding.touch()
             self._drag(event)
 
         return discs
@@ -187,7 +185,6 @@ class LineHandles:
 
         @self._discs.on_drag("left")
         async def _(event) -> None:
-            self._binding.touch()
             self._drag(event)
 
     def _drag(self, event) -> None:

@@ -170,6 +170,10 @@ class LessonPage(Protocol):
         """Show something else as soon as it is ready."""
         ...
 
+    def end_opening(self) -> None:
+        """End the opening where it plays."""
+        ...
+
 
 class LessonsTab:
     """Owns the controls of the tab, the settings that wait for a scene, and what the page showed before.
@@ -201,8 +205,6 @@ class LessonsTab:
         if lesson is None:
             return
         if viewer is not None and self.progress.lesson is None:
-            viewer.binding.touch()
-            viewer.tabs.sweep.end_opening()  # what comes back later is the page without it
             self._before = self._returning or PageBefore.of(viewer, self._page.nodes.cameras)
         self._returning = None
         self.progress = LessonProgress(lesson, number)

@@ -30,17 +30,12 @@ from ..gui.html import CARD
 from ..gui.plots import BLUE, RED, Plot, dots
 from .map import MapTab
 
-OPENING_RATE = 2.5  # maps per second of the sweep with which a page opens
-FIRST_TIME, LAST_TIME = 1.2, 1.5  # s that its first and its last map stay
-
 
 @dataclass
 class Playback:
     """A sweep that plays."""
 
     rate: float  # maps per second
-    opening: bool = False  # whether it is the one with which the page opens, which ends where it began
-    before: tuple[int, ...] | None = None  # modes of the map before it began, None for those of the solver
     next: int = 0  # which map is next, counted from 0
     due: float = float("-inf")  # when that is, s; at once unless given
     shown: tuple[int, ...] | None = None  # modes that the playback showed last
@@ -57,10 +52,7 @@ class Playback:
         """
         if self.next >= min(ready, len(stops)) or now < self.due:
             return None
-        time = 1 / self.rate
-        if self.opening and self.next in (0, len(stops) - 1):
-            time = FIRST_TIME if self.next == 0 else LAST_TIME
-        self.next, self.due = self.next + 1, now + time
+        self.next, self.due = self.next + 1, now + 1 / self.rate
         return stops[self.next - 1]
 
     def continue_from(self, summed: int, stops: Sequence[int]) -> None:
@@ -162,43 +154,21 @@ class SweepTab(Tab):
         """Whether modes are being added."""
         return self._playing is not None
 
-    @property
-    def note(self) -> str:
-        """What the opening shows, as HTML; "" unless it plays."""
-        playing = self._playing
-        return self._caption() if playing is not None and playing.opening and playing.shown else ""
-
     def toggle(self) -> None:
-        """Play from the modes of the map, or pause; the opening ends first, and what the user wants plays."""
-        self.end_opening()
+        """Play from the modes of the map, or pause."""
         if self._playing is not None:
             self.pause()
             return
-        playing = Playback(self.rate.value, before=self._binding.choices.modes)
+        playing = Playback(self.rate.value)
         sequence = self._sequence()
         playing.continue_from(self._summed_now(sequence), range(1, len(sequence) + 1))
-        self._begin(playing)
-
-    def open(self) -> None:
-        """Play the sweep with which a page opens: from the most ambiguous mode down, and back to the modes before."""
-        self.order.value = DOWN
-        self._begin(Playback(OPENING_RATE, opening=True, before=self._binding.choices.modes))
-
-    def _begin(self, playing: Playback) -> None:
         if not self._binding.choices.shown:
             self._map.show_as(FLOOR)
         self._revision, self._playing = NEXT, playing
 
     def pause(self) -> None:
-        """Stop; the opening puts the modes of the map back, unless someone else has chosen modes meanwhile."""
-        playing, self._playing = self._playing, None
-        if playing is not None and playing.opening and self._binding.choices.modes == playing.shown:
-            self._map.choose_modes(playing.before)
-
-    def end_opening(self) -> None:
-        """Stop the opening where it still plays."""
-        if self._playing is not None and self._playing.opening:
-            self.pause()
+        """Stop."""
+        self._playing = None
 
     def sum_modes(self, count: int) -> None:
         """Pause, and show the sum of the first `count` modes of the sweep."""
@@ -266,11 +236,9 @@ class SweepTab(Tab):
 
     def _request(self, view: SessionView, revision: int, microphone: int) -> SweepRequest:
         choices = self._binding.choices
-        opening = self._playing is not None and self._playing.opening
-        highest = None if opening else self.highest.value
         return SweepRequest(
-            revision, microphone, self._usable(), highest, self.order.value == DOWN, choices.map_order,
-            choices.style.log, choices.style.basins, opening, view.state,
+            revision, microphone, self._usable(), self.highest.value, self.order.value == DOWN, choices.map_order,
+            choices.style.log, choices.style.basins, view.state,
         )  # fmt: skip
 
     def _step(self, sweep: Sweep | None, now: float) -> None:
@@ -296,13 +264,10 @@ class SweepTab(Tab):
     def _update(self, sweep: Sweep | None, now: float) -> None:
         binding, sequence = self._binding, self._sequence() if sweep is None else sweep.modes
         summed = self._summed_now(sequence)
-        pauses = self._playing is not None and not self._playing.opening
-        label = "Pause" if pauses else "Play"
+        label = "Pause" if self.playing else "Play"
         if self.play.label != label:
-            self.play.label, self.play.icon = label, viser.Icon.PLAYER_PAUSE if pauses else viser.Icon.PLAYER_PLAY
+            self.play.label, self.play.icon = label, viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLAYER_PLAY
         binding.send(self.summed, self._shown_now(sequence) or len(sequence))
-        if sweep is not None and sweep.request.highest is None:
-            binding.send(self.highest, max(sweep.modes))
         self.text.content = self._caption()
         self._plot.settle()
         if now - self._updated > INTERVAL:
@@ -330,6 +295,4 @@ class SweepTab(Tab):
         if sweep is None or frame is None:
             return html.remark(ADVICE.format(self._binding.row))
         layer = self._binding.measurement.array_dimension == 3
-        return caption(
-            self._binding.measurement, sweep.request.microphone, sweep.of_first(summed), frame.map.minima, layer
-        )
+        return caption(self._binding.measurement, sweep.request.microphone, sweep.of_first(summed), frame.count, layer)

@@ -1,0 +1,41 @@
+"""Large words at the top of the canvas, with buttons below them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from html import escape
+from types import MappingProxyType
+
+from .overlay import Overlay
+
+# All panels and all other regions are hidden, which would speak of a session that does not exist yet.
+ALONE = (
+    "<style>[data-dock-group], [data-floating-window], #fdcal > :not([data-region=words]) {visibility: hidden}</style>"
+)
+Buttons = Mapping[str, Callable[[], object]]  # by label, what is called on viser's event loop when one is pressed
+NO_BUTTONS: Buttons = MappingProxyType({})
+
+
+class CanvasWords:
+    """Owns the region of the words."""
+
+    def __init__(self, overlay: Overlay):
+        self._overlay, self._buttons = overlay, NO_BUTTONS
+        overlay.on("words", lambda client, label: self.press(label))
+
+    def press(self, label: str) -> None:
+        """Do what a button does; nothing for a button that is not there any more."""
+        self._buttons.get(label, lambda: None)()
+
+    def show(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS, alone: bool = False) -> None:
+        """Show words, a smaller line below them, and buttons; nothing for "".
+
+        `alone`: whether all else than the scene is hidden.
+        """
+        self._buttons = buttons
+        text = f"<div>{escape(words)}</div>" if words else ""
+        text += f"<p>{escape(detail)}</p>" if detail else ""
+        labels = [escape(label, quote=True) for label in buttons]
+        kind = 'class="first"' if detail else ""  # without a line that asks for it, a button is no invitation
+        text += "".join(f'<button {kind} data-do="words={label}">{label}</button>' for label in labels)
+        self._overlay.show("words", (ALONE if alone else "") + text)
