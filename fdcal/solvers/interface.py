@@ -198,7 +198,7 @@ def require_affordable(problem: Problem, settings: SolverSettings, traits: Trait
             f"the known microphones lie up to {2 * extent:.3g} m apart, farther than {count} microphones resolve at"
             f" {problem.frequencies[modes - 1]:.4g} Hz ({2 * limit:.3g} m)"
         )
-        raise InputError(fault, "give positions in metres, or use fewer <modes>", key="known_positions")
+        raise InputError(fault, "give positions in metres, or use fewer modes (<modes>)", key="known_positions")
 
 
 def radius(positions: np.ndarray) -> float:

@@ -11,6 +11,7 @@ import itertools
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
+import numpy as np
 import viser
 
 from ..graphics.legend import legend_of
@@ -231,7 +232,8 @@ class RunBar:
         """Bring the status lines up to date."""
         run, good = self._binding.run, tick.found is not None and tick.found.verdict == "good"
         sought = run.sought if tick.sought is None else tick.sought
-        self.status.content = html.status(tick.view, run.measurement, tick.fault, tick.note, sought, good)
+        left_out = [run.measurement.names[n] for n in np.setdiff1d(run.sought, sought)]
+        self.status.content = html.status(tick.view, run.measurement, tick.fault, tick.note, sought, good, left_out)
 
 
 class Tabs:

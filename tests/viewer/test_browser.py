@@ -247,7 +247,6 @@ def saved(page, label):
     return download.value.suggested_filename, Path(download.value.path()).read_bytes()
 
 
-@pytest.mark.slow
 def test_every_file_is_saved_and_can_be_read(page, tmp_path, require_gl):
     import pyvista
 
