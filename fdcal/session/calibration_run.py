@@ -232,7 +232,7 @@ def last_state(
                 check_deadline()
                 state = next(states)
     except OutOfTime:
-        why = f"the solver was stopped after {limit:g} s of processor time; use fewer <modes> or a longer"
+        why = f"the solver was stopped after {limit:g} s of processor time; use fewer modes (<modes>) or a longer"
         return ended_early(state), f"{why} <time_limit>", end
     except KeyboardInterrupt:
         return ended_early(state), "the solver was interrupted; these are the best positions so far", end

@@ -46,7 +46,7 @@ class StateCosts:
         except np.linalg.LinAlgError:
             value = float("nan")
         key = id(state)
-        self._duration = time.thread_time() - began
+        self._duration = time.thread_time() - began if self.count else 0.0  # the first one also makes its tables
         self._values[key] = weakref.ref(state, lambda _: self._values.pop(key, None)), value
         self.newest, self.count = value, self.count + 1
 
