@@ -1,4 +1,4 @@
-"""Files that anyone may have written are refused at once; those written are complete or absent; the cache is bounded."""
+"""Files that anyone may have written are refused at once; those written are whole or absent; the cache is bounded."""
 
 from __future__ import annotations
 
