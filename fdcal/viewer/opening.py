@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..graphics.ball import along, with_ball
 from ..graphics.heatmap import cost_floor
 from ..graphics.picture import compose
 from ..graphics.primitives import Floor, Picture
@@ -95,13 +96,6 @@ class Moment:
     words: str
 
 
-def along(path: np.ndarray, share: float) -> np.ndarray:
-    """Return the place on a path (P, D) at a share of its length, as a ball that gains speed and comes to rest."""
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    at = lengths[-1] * share * share * (3 - 2 * share)
-    return np.array([np.interp(at, lengths, column) for column in path.T])
-
-
 @functools.cache
 def film() -> Film:
     """Return the film that comes with fdcal."""
@@ -132,7 +126,8 @@ class Projector:
         positions = np.array(self._measurement.positions, float)
         positions[MICROPHONE] = moment.place
         floor = self.floor(moment)
-        return compose(None, self._measurement, positions, MICROPHONE, floor, dark=dark)
+        picture = compose(None, self._measurement, positions, MICROPHONE, floor, dark=dark)
+        return with_ball(picture, moment.place, floor)
 
     def floor(self, moment: Moment) -> Floor:
         """Return the map of a moment; the same object for the same map as last time."""
