@@ -10,9 +10,9 @@ import numpy as np
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.basins import basins_of, local_minima
+from fdcal.cost.basins import basins_of
 from fdcal.cost.descent_path import descent_path
-from fdcal.cost.maps import map_positions, partial_sums
+from fdcal.cost.maps import map_minima, partial_sums
 from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
@@ -32,9 +32,9 @@ def main() -> None:
     sums = list(partial_sums(problem, solver, state, n, modes, ORDER_OFFSET, counts=SUMMED))
     costs = np.stack([one.cost for one in sums])
     last, search = costs[-1], problem.search
-    minima = [map_positions(local_minima(cost), search) for cost in costs]
+    minima = [map_minima(problem, solver, state, n, one.modes, ORDER_OFFSET, one.cost, search) for one in sums]
     # it begins in the false minimum of the first map from which the way to the last one is longest
-    ways = [descent_path(np.log10(last), search, basins_of(last), place) for place in minima[0]]
+    ways = [descent_path(np.log10(last), search, basins_of(last), place) for place in minima[0].lowest]
     path = max((way for way in ways if way.basin == 0), key=lambda way: len(way.points))
     film = opening.Film(
         modes=np.array(modes), summed=np.array(SUMMED), decibels=10 * np.log10(costs),
@@ -45,7 +45,7 @@ def main() -> None:
     film.save()
     for file in (opening.MEASUREMENT, opening.MAPS):
         print(f"{file.name}: {file.stat().st_size} bytes")
-    print("local minima:", [len(places) for places in minima], "from", path.points[0], "to", path.points[-1])
+    print("local minima:", [one.count for one in minima], "from", path.points[0], "to", path.points[-1])
 
 
 if __name__ == "__main__":

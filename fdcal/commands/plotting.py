@@ -110,14 +110,14 @@ def floor_of(cost: np.ndarray, search: Search, basin: tuple[np.ndarray, str] | N
     `basin`: a place and its name, whose basin of attraction comes first among all basins; None for the cost itself.
     """
     from ..cost.basins import basins_of
-    from ..cost.maps import map_positions
+    from ..cost.maps import minima_of
     from ..graphics.basin_map import basin_floor
     from ..graphics.heatmap import cost_floor
 
+    minima = minima_of(cost, search)
     if basin is None:
-        return cost_floor(cost, search, log=True)
-    lowest = map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), search)[0]
-    return basin_floor(basins_of(cost), search, *basin, lowest=lowest)
+        return cost_floor(cost, search, log=True, minima=minima)
+    return basin_floor(basins_of(cost), search, minima, *basin)
 
 
 def map_of(
@@ -152,7 +152,7 @@ def sliced_volume(
 
     through = float(place["xyz".find(axis)]) if position is None else position
     if basin is not None:
-        return basin_slice(basins_of(sampled.cost), sampled.search, axis, through, *basin, lowest=sampled.lowest)
+        return basin_slice(basins_of(sampled.cost), sampled.search, axis, through, sampled.minima, *basin)
     return sliced(drawn_volume(sampled), sampled, axis, through)
 
 
@@ -166,7 +166,7 @@ def write_volume(
     sampled = volume_around(inputs, positions, n, len(inputs.measurement.frequencies))
     text = volume(sampled.cost, sampled.search, basins)
     write_atomically(path, lambda file: file.write_text(text, encoding="ascii"), force)
-    place = ", ".join(f"{x:.4g}" for x in sampled.lowest)
+    place = ", ".join(f"{x:.4g}" for x in sampled.minima.lowest[0])
     print(f"{path}: microphone {n}, least cost {sampled.cost.min():.3g} of the power at ({place}) m")
 
 

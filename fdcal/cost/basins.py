@@ -1,9 +1,10 @@
 """Local minima of a map, and their basins of attraction: from each place, the minimum where descent ends.
 
-A minimum counts by its prominence, which the watershed algorithm finds. Steepest descent from neighbour to neighbour
-divides the map into the basins of all its minima. The pass between two basins is the lowest place where they touch.
-Passes are taken in ascending order: at each the two basins merge, and the one with the higher minimum ends. The climb
-from that minimum to the pass is its prominence. Only the passes are sorted, which are a few per cent of the points.
+A minimum counts by its prominence (`fdcal.cost.scale`), which the watershed algorithm finds. Steepest descent from
+neighbour to neighbour divides the map into the basins of all its minima. The pass between two basins is the lowest
+place where they touch. Passes are taken in ascending order: at each the two basins merge, and the one with the higher
+minimum ends. The climb from that minimum to the pass is its prominence. Only the passes are sorted, which are a few per
+cent of the points.
 
 The basins of attraction follow the gradient of the cost, interpolated between the places of the lattice, and stay
 inside the map. From place to neighbouring place alone descent would keep to eight directions, and the borders between
@@ -19,8 +20,8 @@ from ..acoustics.compiled import compiled
 from ..model.settings import Search
 from ..model.types import Integers, Reals
 from ..model.validation import frozen_array
+from .scale import DEPTH, on_scale
 
-DEPTH = 1e-3  # least prominence of a local minimum, as a share of the map's range
 STRIDE = 0.7  # of descent, in steps of the lattice
 OUTSIDE = -1  # of a place from which descent ends at the edge of the map, beyond which the cost is unknown
 
@@ -29,10 +30,10 @@ def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:
     """Return the local minima of a map (ny, nx) or volume (nz, ny, nx), the lowest first.
 
     They are indices, (K, 2) int64 of rows and columns, or (K, 3). A minimum counts where its prominence, the climb out
-    of it to a lower one, exceeds `depth` of the map's range: a valley oblique to the lattice has a string of shallower
-    ones. Minima at the edge do not count, because the cost beyond it is unknown.
+    of it to a lower one, exceeds `depth` of the scale of the map. Minima at the edge do not count, because the cost
+    beyond it is unknown.
     """
-    return _inside(prominent_minima(cost, depth * float(np.ptp(cost))), cost.shape)[0]
+    return _inside(prominent_minima(on_scale(cost), depth), cost.shape)[0]
 
 
 def prominent_minima(cost: np.ndarray, depth: float) -> np.ndarray:
@@ -174,7 +175,7 @@ class Basins:
 
 def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
     """Return the basins of attraction of a map (ny, nx) or volume (nz, ny, nx); `depth` as of `local_minima`."""
-    minima, heirs = merged_basins(cost, depth * float(np.ptp(cost)))
+    minima, heirs = merged_basins(on_scale(cost), depth)
     places, inside = _inside(minima, cost.shape)
     numbers = np.full(cost.size, OUTSIDE)
     numbers[minima[inside]] = np.arange(len(places))

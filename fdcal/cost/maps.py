@@ -5,6 +5,7 @@
     likelihood_maps                 the likelihood, which the other solvers minimise
     cost_maps                       one of these, as the page asks for it
     partial_sums                    the map while modes are added one by one
+    map_minima, minima_of           what is marked on a map
     mode_shape                      the sound field of one mode, as the microphones recorded it
 
 A lattice is far finer than the field. With microphone n at x all costs are simple functions of two fields,
@@ -32,12 +33,13 @@ from ..acoustics.dictionary import fourier_bessel, max_order
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.types import Complexes, Integers, Reals
-from ..model.validation import InputError
+from ..model.validation import InputError, frozen_array
 from .channel_correction import ChannelCorrection, SolverState, equalised
 from .eq7 import LeaveOneOutFit, coefficients, known_weights, leave_one_out_fits
 from .expansion import FieldExpansion, expansion_of, functions, require_carried, search_domain
 from .kernels import circular_dictionary, diffuse_correlation
 from .likelihood import isotropic_field
+from .scale import DECADES, DEPTH, FEW_MODES, Minima, on_scale
 
 NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a map that is left out
 VOLUME_NEGLIGIBLE = 1e-8  # likewise of a volume, of the field that a microphone records
@@ -455,7 +457,7 @@ class PartialSum:
 
     modes: tuple[int, ...]  # in the order in which they were added, counted from 1
     cost: Reals  # (ny, nx) float64, of Eq. 7 relative to the power of the pressures of these modes
-    minima: Integers  # (K, 2) int64, rows and columns of its local minima, the lowest first
+    minima: Minima
 
 
 def partial_sums(
@@ -467,8 +469,7 @@ def partial_sums(
     The work of a step is that of one mode. Parameters are as of `cost_maps`, with which each sum agrees; `counts` says
     how many modes the sums have that are yielded, ascending, 1 to P unless given.
     """
-    from .basins import local_minima  # compiled code, loaded with the first map
-
+    search = search_domain(problem) if search is None else search
     modes, counts = tuple(modes), range(1, len(modes) + 1) if counts is None else counts
     share = np.ones(len(modes)) if order_offset is None else power_shares(problem, state, modes)
     total, power = np.zeros(1), 0.0
@@ -477,7 +478,39 @@ def partial_sums(
         power += share[i]
         if i + 1 in counts:
             cost = total if order_offset is None else total / power
-            yield PartialSum(modes[: i + 1], cost, local_minima(cost))
+            yield PartialSum(modes[: i + 1], cost, minima_of(cost, search))
+
+
+def map_minima(
+    problem: Problem, solver: HasLandscape, state: SolverState, n: int, modes: Sequence[int], order_offset: int | None,
+    cost: Reals, search: Search,
+) -> Minima:  # fmt: skip
+    """Return what is marked on the map of `cost_maps`, summed over `modes`, whatever its lattice.
+
+    `cost` (ny, nx) float64: the map on the lattice `search`. The minima of a sum of few modes are those of a fine one.
+    """
+    if len(modes) <= FEW_MODES and max(search.shape[:2]) < FINE:
+        search = refined(search_domain(problem))
+        cost = cost_maps(problem, solver, state, n, modes, order_offset, search).sum(axis=0)
+    return minima_of(cost, search)
+
+
+def minima_of(cost: Reals, search: Search) -> Minima:
+    """Return what is marked on a map (ny, nx) or volume (nz, ny, nx) over the lattice `search`."""
+    from .basins import local_minima  # compiled code, loaded with the first map
+
+    values, found = on_scale(cost), local_minima(cost)
+    lowest = np.array(np.unravel_index(values.argmin(), values.shape))[None]
+    found = found[(found != lowest).any(axis=1)]
+    fits = values[tuple(found.T)] <= values.min() + DEPTH
+    high, count = float(np.max(cost)), len(found) + int(_is_inside(lowest[0], values.shape))
+    end = high * 10.0**-DECADES if 0 <= np.min(cost) < high * 10.0**-DECADES else None
+    marked, others = map_positions(np.concatenate([lowest, found[fits]]), search), map_positions(found[~fits], search)
+    return Minima(frozen_array(marked, float), frozen_array(others, float), count, end)
+
+
+def _is_inside(point: Integers, shape: tuple[int, ...]) -> bool:
+    return bool(np.all((point > 0) & (point < np.array(shape) - 1)))
 
 
 def mode_shape(

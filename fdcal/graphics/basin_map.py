@@ -18,9 +18,11 @@ import numpy as np
 
 from ..cost.basins import OUTSIDE, Basins
 from ..cost.maps import map_positions
+from ..cost.scale import Minima
 from ..model.settings import Search
 from ..model.texts import length_text
 from ..model.validation import frozen_array
+from .heatmap import marks_of
 from .primitives import Area, Colour, Floor, Surface
 from .volume import AXES, Volume, plate_of
 
@@ -92,25 +94,24 @@ def _areas(basins: Basins, by_size: Sequence[int], here: int | None, name: str) 
 
 
 def basin_floor(
-    basins: Basins, search: Search, place=None, name: str = "true position", *, lowest, height: float = 0.0
+    basins: Basins, search: Search, minima: Minima, place=None, name: str = "true position", height: float = 0.0
 ) -> Floor:
     """Return the map of basins of attraction.
 
-    `basins`: of the map; `search`: lattice of the map; `place` (2,) float64, metres, whose basin has the first colour;
-    None for no such basin; `name`: of that place; `lowest` (2,) float64, metres, where the cost is lowest; `height`: of
-    the map, metres.
+    `basins`: of the map; `search`: lattice of the map; `minima`: to be marked; `place` (2,) float64, metres, whose
+    basin has the first colour; None for no such basin; `name`: of that place; `height`: of the map, metres.
     """
     image = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name)
     half, (ny, nx) = search.step / 2, basins.labels.shape
-    minima = map_positions(basins.minima, search)
+    lowest, others = marks_of(minima)
     return Floor(
         rgb=frozen_array(TABLE[image.numbers], np.uint8),
         origin=(search.origin[0] - half, search.origin[1] - half),
         size=(nx * search.step, ny * search.step),
         bar=None,
-        minimum=(float(lowest[0]), float(lowest[1])),
+        lowest=lowest,
         height=height,
-        minima=tuple((float(x), float(y)) for x, y in minima),
+        minima=others,
         areas=image.areas,
     )
 
@@ -120,17 +121,15 @@ def basin_slice(
     search: Search,
     axis: str,
     position: float,
+    minima: Minima,
     place=None,
     name: str = "true position",
-    *,
-    lowest,
 ) -> Volume:
     """Return a slice through the basins of attraction in space, without isosurfaces.
 
     `basins`: of the volume; `search`: lattice of the volume; `axis`: "x", "y" or "z", across the slice; any other word
-    for no slice; `position`: along that axis, metres; beyond the lattice, its edge; `place` (3,) float64, metres, whose
-    basin has the first colour; None for no such basin; `name`: of that place; `lowest` (3,) float64, metres, where the
-    cost is lowest.
+    for no slice; `position`: along that axis, metres; beyond the lattice, its edge; `minima`: to be marked; `place`
+    (3,) float64, metres, whose basin has the first colour; None for no such basin; `name`: of that place.
     """
     number, domain = AXES.find(axis), np.stack([search.origin, np.add(search.origin, search.size)])
     at = int(np.clip(np.rint((position - domain[0][number]) / search.step), 0, basins.labels.shape[2 - number] - 1))
@@ -138,9 +137,7 @@ def basin_slice(
     image = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name, labels)
     edges = domain + np.multiply([[-0.5], [0.5]], search.step)
     plate = plate_of(TABLE[image.numbers], number, domain[0][number] + at * search.step, edges)
-    minima = np.concatenate([[lowest], map_positions(basins.minima, search)])
-    places = tuple((float(x), float(y), float(z)) for x, y, z in minima)
-    return Volume(NO_SURFACE, plate if axis in AXES else None, None, (), places, image.areas)
+    return Volume(NO_SURFACE, plate if axis in AXES else None, None, (), minima, image.areas)
 
 
 def descent_text(basins: Basins, search: Search, place, name: str = "true position") -> str:

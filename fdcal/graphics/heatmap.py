@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import matplotlib
 import numpy as np
 
+from ..cost.scale import DECADES, Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor
@@ -57,7 +58,6 @@ def relief_grid(origin, size, heights: np.ndarray) -> ReliefGrid:
     return ReliefGrid(axes[0], axes[1], np.pad(np.asarray(heights, float), 1, mode="edge"))
 
 
-DECADES = 4  # of cost that a logarithmic map shows below its highest value
 RELIEF_HEIGHT = 0.3  # of a map in relief, of the longer side of the search domain
 
 
@@ -67,7 +67,7 @@ def cost_floor(
     log: bool = False,
     label: str = "cost (dimensionless)",
     *,
-    minima=(),
+    minima: Minima | None = None,
     relief: bool = False,
     relief_height: float = RELIEF_HEIGHT,
     height: float = 0.0,
@@ -76,14 +76,15 @@ def cost_floor(
     """Return a map of costs over the search lattice, or over one layer of it; a pixel is one lattice cell.
 
     `cost` (ny, nx) float64, row 0 at low y; `log`: whether the scale is logarithmic, over DECADES decades at most;
-    linear if no cost is positive; `label`: name and unit of the cost; `minima` (K, 2) float64, metres, to be marked;
-    `relief`: whether the map has heights, which rise with its colours, and is shaded; `relief_height`: of the highest
-    cost, of the longer side of the search domain; `height`: of the map, metres; `decibels`: whether the numbers of a
-    logarithmic scale are decibels re 1.
+    linear if no cost is positive; `label`: name and unit of the cost; `minima`: to be marked, only the lowest cost
+    unless given; `relief`: whether the map has heights, which rise with its colours, and is shaded; `relief_height`: of
+    the highest cost, of the longer side of the search domain; `height`: of the map, metres; `decibels`: whether the
+    numbers of a logarithmic scale are decibels re 1.
     """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
     minimum = (float(search.origin[0] + ix * search.step), float(search.origin[1] + iy * search.step))
+    lowest, others = ((minimum,), ()) if minima is None else marks_of(minima)
     low, high, clipped = colour_limits(cost, log)
     log = log and low > 0
     fractions = normalise(cost, low, high, log)
@@ -99,11 +100,17 @@ def cost_floor(
         origin=(search.origin[0] - half, search.origin[1] - half),
         size=size,
         bar=bar,
-        minimum=minimum,
+        lowest=lowest,
         height=height,
-        minima=tuple((float(x), float(y)) for x, y in minima),
+        minima=others,
         heights=heights,
     )
+
+
+def marks_of(minima: Minima) -> tuple[tuple[tuple[float, float], ...], tuple[tuple[float, float], ...]]:
+    """Return where the lowest costs and the other minima are marked on a floor, (x, y) in metres."""
+    lowest, others = (tuple((float(p[0]), float(p[1])) for p in places) for places in (minima.lowest, minima.others))
+    return lowest, others
 
 
 def colour_limits(cost: np.ndarray, log: bool) -> tuple[float, float, bool]:
@@ -160,7 +167,7 @@ def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor
         origin=(search.origin[0] - half, search.origin[1] - half),
         size=(field.shape[1] * search.step, field.shape[0] * search.step),
         bar=ColourBar(-1.0, 1.0, False, label, colour_map=DIVERGING_COLOUR_MAP),
-        minimum=(float(search.origin[0] + column * search.step), float(search.origin[1] + row * search.step)),
+        lowest=((float(search.origin[0] + column * search.step), float(search.origin[1] + row * search.step)),),
         height=height,
         show_minima=False,
     )

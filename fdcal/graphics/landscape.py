@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..assessment.calibration import Calibration
-from ..cost.basins import OUTSIDE, basins_of, local_minima
+from ..cost.basins import OUTSIDE, basins_of
 from ..cost.expansion import require_modes, require_plane_field, search_domain
-from ..cost.maps import descent_maps, map_positions
+from ..cost.maps import descent_maps, map_positions, minima_of, refined
+from ..cost.scale import DECADES, Minima
 from ..model.channels import microphone_index
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -28,9 +29,7 @@ from ..model.validation import InputError, frozen_array, shown_literal
 from ..session.api import mode_numbers, require_measurement, require_settings
 from ..session.blas_threads import one_blas_thread
 from .basin_map import TABLE, basin_image
-from .heatmap import DECADES
 from .markers import ESTIMATE, LOWEST
-from .picture import PLANE_MARKER
 from .primitives import COLOUR_MAP, fractions
 
 if TYPE_CHECKING:
@@ -90,16 +89,13 @@ def label_axes(axes, count: int, columns: int) -> None:
             panel.set_ylabel("y (m)")
 
 
-def draw_marks(panel: Any, cost: np.ndarray, search: Search, lowest, truth, estimate) -> None:
+def draw_marks(panel: Any, minima: Minima, truth, estimate) -> None:
     """Draw the marks of the page on one map, each with a white halo."""
     from matplotlib import patheffects
 
     amber, red = fractions(LOWEST), fractions(ESTIMATE)
-    others = map_positions(local_minima(cost), search)
-    near = PLANE_MARKER * search.step * max(cost.shape)
-    others = others[np.hypot(*(others - lowest).T) > near]
-    marks = [("true", truth, "o", "black", 15, 2.0), ("other minimum", others, "D", amber, 5, 1.5)]
-    marks += [("lowest cost", lowest, "D", amber, 11, 2.0), ("estimate", estimate, "x", red, 11, 2.5)]
+    marks = [("true", truth, "o", "black", 15, 2.0), ("other minimum", minima.others, "D", amber, 5, 1.5)]
+    marks += [("lowest cost", minima.lowest, "D", amber, 11, 2.0), ("estimate", estimate, "x", red, 11, 2.5)]
     for name, places, shape, colour, size, width in marks:
         if places is None or not len(places):
             continue
@@ -131,6 +127,8 @@ class LandscapePanels:
     search : Search
     mode_count : int
         Modes in the sum, not all of which need a map here.
+    marks : tuple of Minima
+        Of each map, the lowest costs and the other local minima.
     """
 
     microphone: int
@@ -140,6 +138,7 @@ class LandscapePanels:
     minima: np.ndarray
     search: Search
     mode_count: int
+    marks: tuple[Minima, ...]
 
     def plot(self, truth=None, basins: bool = False) -> Figure:
         """Return a matplotlib figure of the maps.
@@ -169,15 +168,25 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
     if problem.search is not None:
         require_modes(problem, order_offset, max(modes))
     maps, search = descent_maps(problem, positions, n, modes, order_offset), search_domain(problem)
-    return panels_of(maps, maps.sum(axis=0), modes, problem.frequencies, n, search, len(modes))
+    fine, marks, total = refined(search), [], np.zeros(1)
+    for mode in modes:  # a mode alone has its minima on a fine lattice: `fdcal.cost.scale`
+        cost = descent_maps(problem, positions, n, (mode,), order_offset, search=fine)[0]
+        marks.append(minima_of(cost, fine))
+        total = total + cost
+    marks.append(minima_of(total, fine))
+    return panels_of(maps, maps.sum(axis=0), modes, problem.frequencies, n, search, len(modes), marks)
 
 
-def panels_of(maps, total, modes: Sequence[int], frequencies, n: int, search: Search, count: int) -> LandscapePanels:
+def panels_of(
+    maps, total, modes: Sequence[int], frequencies, n: int, search: Search, count: int,
+    marks: Sequence[Minima] | None = None,
+) -> LandscapePanels:  # fmt: skip
     """Return panels of maps that exist, the last of the sum.
 
     `maps` (P, ny, nx) float64, of `modes`; `total` (ny, nx) float64, the sum, perhaps over more modes; `modes`: P
     modes, counted from 1; `frequencies` (M,) Hz, of all modes measured; `n`: microphone, counted from 0; `search`:
-    lattice of the maps; `count`: modes in the sum.
+    lattice of the maps; `count`: modes in the sum; `marks`: of the maps and the sum, found on their
+    lattice unless given.
     """
     drawn = np.concatenate([np.asarray(maps, float), np.asarray(total, float)[None]])
     lowest = np.column_stack(np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), drawn.shape[2]))
@@ -189,6 +198,7 @@ def panels_of(maps, total, modes: Sequence[int], frequencies, n: int, search: Se
         minima=frozen_array(map_positions(lowest, search), float),
         search=search,
         mode_count=count,
+        marks=tuple(minima_of(cost, search) for cost in drawn) if marks is None else tuple(marks),
     )
 
 
@@ -201,7 +211,7 @@ def draw_landscape(
     decibels: bool = False,
     basins: bool = False,
 ) -> Figure:
-    """Return a figure of the panels with the marks of the page: diamonds at the minima, the lowest one large.
+    """Return a figure of the panels with the marks of the page: diamonds at the minima, the lowest large.
 
     `truth` (2,) metres, the true position, drawn as a circle; or None; `label`: of the colour bars; `heading`: of the
     figure; by default it names the microphone; `estimate` (2,) metres, the estimated position, drawn as a cross; or
@@ -219,14 +229,14 @@ def draw_landscape(
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
     titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
-    for panel, title, cost, minimum in zip(axes, titles, panels.maps, panels.minima, strict=False):
+    for panel, title, cost, minima in zip(axes, titles, panels.maps, panels.marks, strict=False):
         if basins:
             place = (estimate, "estimate") if truth is None else (truth, "true position")
             draw_basins(panel, cost, panels.search, *place)
         else:
             ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10]) if decibels else None
             figure.colorbar(draw_map(panel, cost, panels.search, decibels), ax=panel, label=label, ticks=ticks)
-        draw_marks(panel, cost, panels.search, minimum, truth, estimate)
+        draw_marks(panel, minima, truth, estimate)
         panel.set_title(title)
     label_axes(axes, count, columns)
     heading = heading or f"{'Basins of attraction' if basins else 'Cost'} of moving microphone {panels.microphone}"

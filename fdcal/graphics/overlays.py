@@ -134,15 +134,14 @@ def with_comparison(
 def with_volume(picture: Picture, volume: Volume | None) -> Picture:
     """Return the picture with isosurfaces, slice and minima of the cost of a microphone in space; None adds nothing.
 
-    The minima are diamonds, upright and level, so that they show from every side; the lowest is the largest.
+    The minima are diamonds, upright and level, so that they show from every side; the lowest are the largest.
     """
     if volume is None:
         return picture
     radius, meshes = picture.marker_radius, picture.meshes
-    lowest, others = volume.minima[:1], volume.minima[1:]
-    others = tuple(place for place in others if np.linalg.norm(np.subtract(place, lowest[0])) > radius)
+    lowest, others = ((), ()) if volume.minima is None else (volume.minima.lowest, volume.minima.others)
     for name, places, reach, width in (("minima", others, 1.6, 0.32), ("lowest", lowest, 2.8, 0.45)):
-        if places:
+        if len(places):
             loops = [glyphs.loop(np.roll(_DIAMOND, turn, axis=1), 0.0) for turn in (0, 1)]
             shape = reach * radius * np.concatenate(loops)
             segments = (np.array(places)[:, None, None, :] + shape).reshape(-1, 2, 3)

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw
 
-from ..cost.basins import local_minima
-from ..cost.maps import map_positions
+from ..cost.maps import minima_of
+from ..cost.scale import Minima
 from ..model.settings import Search
 from .annotations import font
 from .heatmap import colour_limits, normalise, to_rgb
 from .markers import ESTIMATE, HALO, LOWEST, TRUE
-from .picture import PLANE_MARKER
 from .primitives import DARK, Colour, Theme
 
 CELL, GAP, CAPTION = 252, 18, 34  # pixels: longer edge of a map, between maps, above each
@@ -21,6 +20,7 @@ DARK_PANEL = (36, 36, 36)  # behind the controls of a dark page
 HALO_STROKE, STROKE = 7, 3  # pixels, widths of a mark and its halo
 
 Point = tuple[float, float]
+NONE = Minima(np.zeros((0, 2)), np.zeros((0, 2)), 0, None)
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def mosaic(
     shared: bool = False,
     columns: int = 2,
 ) -> np.ndarray:
-    """Return the maps side by side, each with its caption, diamonds at its lowest cost and its minima, and the marks.
+    """Return the maps side by side, each with its caption, diamonds at its lowest costs and its minima, and the marks.
 
     `maps`: each (ny, nx) float64, row 0 at low y; `captions`: one for each map; `search`: the lattice of the maps;
     `log`: whether the scales are logarithmic; `shared`: one scale for all maps instead of one for each; `columns`: of
@@ -77,25 +77,7 @@ class _Tile:
     search: Search
     cost: np.ndarray
 
-    @property
-    def lowest(self) -> Point:
-        """Where the cost is lowest, metres."""
-        row, column = np.unravel_index(self.cost.argmin(), self.cost.shape)
-        x, y = self.search.origin[:2]
-        return float(x + column * self.search.step), float(y + row * self.search.step)
-
-    @property
-    def other_minima(self) -> list[Point]:
-        """The other local minima, metres, as on the floor of the scene."""
-        places = map_positions(local_minima(self.cost), self.search)
-        return [(float(x), float(y)) for x, y in places if np.hypot(x - self.lowest[0], y - self.lowest[1]) > self.near]
-
-    @property
-    def near(self) -> float:
-        """Distance from the lowest cost up to which a minimum has no mark of its own, metres."""
-        return PLANE_MARKER * self.search.step * max(self.cost.shape)
-
-    def pixel(self, place: Point) -> Point | None:
+    def pixel(self, place: Sequence[float] | np.ndarray) -> Point | None:
         """The pixel of a place, metres; None outside the map."""
         across, up = ((place[a] - self.search.origin[a]) / self.search.step + 0.5 for a in (0, 1))
         (ny, nx), (left, top), (width, height) = self.cost.shape, self.corner, self.size
@@ -104,12 +86,12 @@ class _Tile:
 
 
 def _draw_marks(tile: _Tile, marks: Marks) -> None:
-    """Draw a circle at the truth, diamonds at the minima, the lowest one large, and a cross at the estimate."""
-    small = [(place, _diamond, LOWEST, 6) for place in tile.other_minima] if marks.minima else []
+    """Draw a circle at the truth, diamonds at the minima, the lowest large, and a cross at the estimate."""
+    minima = minima_of(tile.cost, tile.search) if marks.minima else NONE
     for place, shape, colour, radius in (
         (marks.true, _circle, TRUE, 9),
-        *small,
-        (tile.lowest if marks.minima else None, _diamond, LOWEST, 13),
+        *((place, _diamond, LOWEST, 6) for place in minima.others),
+        *((place, _diamond, LOWEST, 13) for place in minima.lowest),
         (marks.estimate, _cross, ESTIMATE, 8),
     ):
         pixel = None if place is None else tile.pixel(place)

@@ -164,7 +164,7 @@ def static_picture(
 
 
 def with_floor(picture: Picture, floor: Floor | None) -> Picture:
-    """Return the picture with a map on the floor, a diamond at its lowest cost and small ones at its other minima.
+    """Return the picture with a map on the floor, diamonds at its lowest costs and small ones at its other minima.
 
     None removes the map.
     """
@@ -172,13 +172,11 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
         return replace(picture, floor=floor)
     radius = picture.marker_radius
     diamond = radius * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-    others = [place for place in floor.minima if np.hypot(*np.subtract(place, floor.minimum)) > radius]
     meshes = picture.meshes
-    if others:
-        small = np.concatenate([_loop_on(floor, 2.2 * diamond + place, radius) for place in others])
-        meshes += strokes("minima", small, radius, LOWEST, 0.45, halo=0.3)
-    lowest = _loop_on(floor, 2.8 * diamond + floor.minimum, radius)
-    meshes += strokes("lowest", lowest, radius, LOWEST, 0.45, halo=0.25)
+    for name, places, reach in (("minima", floor.minima, 2.2), ("lowest", floor.lowest, 2.8)):
+        if places:
+            loops = np.concatenate([_loop_on(floor, reach * diamond + place, radius) for place in places])
+            meshes += strokes(name, loops, radius, LOWEST, 0.45, halo=0.25)
     return replace(picture, floor=floor, meshes=meshes)
 
 
@@ -228,7 +226,7 @@ def with_estimate(
         return picture
     name = f"microphone {measurement.names[microphone]}"
     others = np.delete(positions, microphone, axis=0)[:, :2]
-    minima = np.empty((0, 2)) if floor is None or not floor.show_minima else np.array([floor.minimum, *floor.minima])
+    minima = np.empty((0, 2)) if floor is None or not floor.show_minima else np.array([*floor.lowest, *floor.minima])
     marks = np.concatenate([others, minima] if truth is None else [others, minima, truth[:, :2]])
     return _with_selected(picture, name, positions[microphone], None if truth is None else truth[microphone], marks)
 

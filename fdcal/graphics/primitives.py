@@ -217,7 +217,7 @@ class Floor:
     origin: tuple[float, float]
     size: tuple[float, float]
     bar: ColourBar | None  # ColourBar; None where the colours stand for areas
-    minimum: tuple[float, float]  # where the cost is lowest, metres
+    lowest: tuple[tuple[float, float], ...]  # where the cost is lowest, and the minima that fit as well, metres
     height: float = 0.0  # of the map, metres
     minima: tuple[tuple[float, float], ...] = ()  # where the other local minima are, metres
     opacity: float = 1.0  # 0 to 1

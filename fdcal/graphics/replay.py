@@ -27,12 +27,13 @@ import numpy as np
 
 from ..cost.expansion import CarriedModes, carried_modes
 from ..cost.reference_cost import ReferenceCost, reference_cost_of
+from ..cost.scale import DECADES, DEPTH, FEW_MODES
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.settings import search_round
-from .heatmap import DECADES, to_rgb
+from .heatmap import to_rgb
 from .surroundings import focus_of, wall_height, z_range_of
 
 
@@ -108,6 +109,8 @@ def map_data(problem: Problem) -> tuple[dict, dict[str, np.ndarray]] | None:
         "left_out": len(carried.modes) - len(modes),
         "dimension": problem.dimension,
         "decades": DECADES,
+        "depth": DEPTH,
+        "few": FEW_MODES,
         "colours": to_rgb(np.arange(256) / 255).ravel().tolist(),
     }
     return data, _arrays(problem, CarriedModes(modes, carried.orders[kept], carried.order_offset))

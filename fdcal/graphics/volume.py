@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from ..cost.basins import local_minima
-from ..cost.maps import CostVolume, area, map_positions
+from ..cost.maps import CostVolume, area, minima_of
+from ..cost.scale import Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .glyphs import round_ticks
@@ -86,8 +86,7 @@ class Volume:
     plate: Plate | None  # the slice, or None
     bar: ColourBar | None  # of both; None where the colours of the slice stand for areas
     levels: tuple[float, ...]  # of the isosurfaces, in the unit of `bar`, ascending
-    # places of the lowest cost and of the other local minima, in this order, metres; none to mark none
-    minima: tuple[tuple[float, float, float], ...] = ()
+    minima: Minima | None = None  # to be marked, or None
     areas: tuple[Area, ...] = ()  # what the colours of a slice without a bar stand for
 
     @property
@@ -116,11 +115,11 @@ def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
     return tuple(float(levels[i]) for i in chosen) if levels else ()
 
 
-def volume_of(cost: np.ndarray, search: Search, log: bool, minima=()) -> Volume:
+def volume_of(cost: np.ndarray, search: Search, log: bool, minima: Minima | None = None) -> Volume:
     """Return the isosurfaces of costs on a lattice, without a slice.
 
     `cost` (nz, ny, nx) float64, relative to the power; `search`: the lattice; `log`: whether the colours follow
-    decibels; `minima` (K, 3) float64, metres, the lowest first, to be marked.
+    decibels; `minima`: to be marked.
     """
     low, high, clipped = colour_limits(cost, log)
     decibels = 10 * np.log10(np.maximum(cost, 1e-16))
@@ -131,8 +130,7 @@ def volume_of(cost: np.ndarray, search: Search, log: bool, minima=()) -> Volume:
     bar = ColourBar(10 * np.log10(low), 10 * np.log10(high), False, "cost, Eq. 7 (dB)", clipped)
     if not log:
         bar = ColourBar(low, high, False, "cost, Eq. 7 (relative to the power)", clipped)
-    places = tuple((float(x), float(y), float(z)) for x, y, z in minima)
-    return Volume(_surface(parts, colours), None, bar, levels, places)
+    return Volume(_surface(parts, colours), None, bar, levels, minima)
 
 
 def slice_of(cost: np.ndarray, axis: int, position: float, domain: np.ndarray, bar: ColourBar, log: bool) -> Plate:
@@ -208,13 +206,7 @@ class SampledVolume:
     terms: CostVolume
     search: Search  # the lattice
     cost: np.ndarray  # (nz, ny, nx) float64
-    minima: np.ndarray  # (K, 3) float64, metres, local minima
-
-    @property
-    def lowest(self) -> np.ndarray:
-        """Where the cost is lowest : (3,) float64, metres."""
-        index = np.array([np.unravel_index(self.cost.argmin(), self.cost.shape)])
-        return map_positions(index, self.search)[0]
+    minima: Minima
 
 
 def sampled_volume(
@@ -233,8 +225,7 @@ def sampled_volume(
     cost = terms.on(x, y, z, cancelled)
     if cost is None:
         return None
-    minima = map_positions(local_minima(cost), search)
-    return SampledVolume(terms, search, cost, minima)
+    return SampledVolume(terms, search, cost, minima_of(cost, search))
 
 
 def drawn_volume(sampled: SampledVolume, log: bool = True, minima: bool = True) -> Volume:
@@ -242,8 +233,7 @@ def drawn_volume(sampled: SampledVolume, log: bool = True, minima: bool = True) 
 
     `log`: whether the colours follow decibels; `minima`: whether the minima are marked.
     """
-    places = np.concatenate([sampled.lowest[None], sampled.minima]) if minima else ()
-    return volume_of(sampled.cost, sampled.search, log, places)
+    return volume_of(sampled.cost, sampled.search, log, sampled.minima if minima else None)
 
 
 def sliced(

@@ -16,6 +16,7 @@ import numpy as np
 from ..cost.basins import Basins, basins_of
 from ..cost.descent_path import DescentPath, descent_path
 from ..cost.maps import cost_maps, refined
+from ..cost.scale import FEW_MODES
 from ..graphics.ball import along
 from ..model.settings import Search
 from ..model.types import Reals
@@ -26,7 +27,6 @@ from .gui.words import NO_BUTTONS, CanvasWords
 
 ROLL_TIME = 1.4  # s from where the microphone is let go to its minimum
 PATIENCE = 4.0  # s that a microphone waits for its path; after that it stays where it was let go
-FEW_MODES = 8  # whose map has its minima on a fine lattice
 CONTINUE = "Continue from here"
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..cost.scale import Minima
 from ..graphics.ball import along, with_ball
 from ..graphics.heatmap import cost_floor
 from ..graphics.picture import compose
@@ -40,21 +41,22 @@ class Film:
     modes: np.ndarray  # (M,) int64, in the order in which they are added, counted from 1
     summed: np.ndarray  # (K,) int64, how many of them each map is the sum of, ascending from 1
     decibels: np.ndarray  # (K, ny, nx) float64, cost of each map over the search lattice, dB
-    minima: tuple[np.ndarray, ...]  # of each map (n, 2) float64, metres: its local minima
+    minima: tuple[Minima, ...]  # of each map
     path: np.ndarray  # (P, 2) float64, metres
 
     def save(self) -> None:
         """Write the film to its file."""
         np.savez_compressed(
-            MAPS, modes=self.modes, summed=self.summed, path=self.path, places=np.concatenate(self.minima),
-            counts=[len(places) for places in self.minima],
+            MAPS, modes=self.modes, summed=self.summed, path=self.path,
+            places=np.concatenate([places for one in self.minima for places in (one.lowest, one.others)]),
+            counts=[len(places) for one in self.minima for places in (one.lowest, one.others)],
             levels=np.rint(LEVELS * (1 - self.decibels / LOWEST)).astype(np.uint16),
         )  # fmt: skip
 
     @property
     def times(self) -> tuple[float, ...]:
         """When each map begins, s; those with several minima take three quarters of the time."""
-        several = sum(len(places) > 1 for places in self.minima) or 1
+        several = sum(one.count > 1 for one in self.minima) or 1
         stay = [FEW_TIME / several] * several
         rest = len(self.minima) - several
         return tuple(np.cumsum([0.0, *stay, *[ONE_TIME / max(rest, 1)] * rest]).tolist())
@@ -75,7 +77,7 @@ class Film:
         return Moment(index, float(share * share * (3 - 2 * share)), place, self._words(index, float(rolled)))
 
     def _words(self, index: int, rolled: float) -> str:
-        modes, places = int(self.summed[index]), len(self.minima[index])
+        modes, places = int(self.summed[index]), self.minima[index].count
         many = NUMBERS[modes] if modes < len(NUMBERS) else str(modes)
         words = f"{many} frequenc{'y' if modes == 1 else 'ies'}: {places} place{'' if places == 1 else 's'} fit"
         return words + ("s" if places == 1 else "") if rolled < 1 else FOUND
@@ -102,7 +104,10 @@ def film() -> Film:
     with np.load(MAPS) as file:
         places = np.split(file["places"], np.cumsum(file["counts"])[:-1])
         decibels = LOWEST * (1 - file["levels"] / LEVELS)
-        return Film(file["modes"], file["summed"], decibels, tuple(places), file["path"])
+        minima = [
+            Minima(*both, len(both[0]) + len(both[1]), None) for both in zip(places[::2], places[1::2], strict=True)
+        ]
+        return Film(file["modes"], file["summed"], decibels, tuple(minima), file["path"])
 
 
 RELIEF_HEIGHT = 0.22  # of the highest cost, of the longer side of the map: so low that no hill hides a hole
@@ -141,7 +146,7 @@ class Projector:
         if not still:
             decibels = (share * decibels + (1 - share) * self.film.decibels[index - 1])[::COARSE, ::COARSE]
             search = replace(search, step=COARSE * search.step)
-        minima = self.film.minima[index] if still else ()
+        minima = self.film.minima[index] if still else None
         floor = cost_floor(
             10 ** (decibels / 10), search, True, "cost, Eq. 7 (dB)",
             minima=minima, relief=True, relief_height=RELIEF_HEIGHT, decibels=True,

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from fdcal.cost.basins import OUTSIDE, basins_of, local_minima, merged_basins, prominent_minima
+from fdcal.cost.maps import minima_of
 from fdcal.model.settings import Search
 
 STEP = 0.01
@@ -95,6 +96,28 @@ def test_every_minimum_of_an_egg_box_of_three_dimensions_is_found():
     assert all(np.abs(np.subtract(found, place)).max(axis=1).min() <= 1 for place in expected)
 
 
+def test_holes_below_the_end_of_the_scale_fit_equally_and_a_chain_of_them_is_one():
+    x, y = lattice()
+    left, right = ((x - at) ** 2 + (y - 0.45) ** 2 for at in (0.3, 0.9))
+    ring = np.abs(np.hypot(x - 0.6, y - 0.45) - 0.3) ** 2 + 1e-7  # on a lattice a chain of holes
+    holes = minima_of(np.minimum(left + 1e-9, right + 1e-6), SEARCH)
+    assert holes.count == 2 and len(holes.lowest) == 2 and not len(holes.others), "60 dB and 90 dB below the highest"
+    assert holes.end == pytest.approx(1e-4 * float(np.minimum(left, right).max()), rel=1e-3)
+    assert minima_of(ring, SEARCH).count == 1
+    shallow = minima_of(np.minimum(left + 1e-3, right + 1e-2), SEARCH)
+    assert shallow.count == 2 and len(shallow.others) == 1 and shallow.end is None
+    np.testing.assert_allclose([*shallow.lowest, *shallow.others], [[0.3, 0.45], [0.9, 0.45]], atol=1e-9)
+
+
+@pytest.mark.parametrize("factor", [1e-6, 7.0])
+def test_the_marks_do_not_depend_on_the_unit_of_the_cost(factor):
+    x, y = lattice()
+    cost = 12 + waves(np.random.default_rng(2))[0](np.stack([x, y], axis=-1))
+    one, other = minima_of(cost, SEARCH), minima_of(factor * cost, SEARCH)
+    np.testing.assert_array_equal(one.lowest, other.lowest)
+    np.testing.assert_array_equal(one.others, other.others)
+
+
 def climbs(cost):
     """Prominence of every local minimum of a map or volume of different costs, by its flat index."""
     flat, around = cost.ravel(), np.ones((3,) * cost.ndim)
@@ -157,7 +180,7 @@ def test_every_place_of_a_basin_ends_at_its_minimum_by_explicit_descent(seed):
     """At all places but those within two steps of a border: there the lattice decides."""
     cost, gradient = waves(np.random.default_rng(seed))
     x, y = lattice()
-    basins = basins_of(cost(np.stack([x, y], axis=-1)))
+    basins = basins_of(cost(np.stack([x, y], axis=-1)), 0.001)
     labels = basins.labels
     inner = np.ones(labels.shape, bool)
     for axis in (0, 1):
@@ -192,7 +215,7 @@ def test_a_minimum_too_shallow_to_be_marked_belongs_to_its_neighbour():
     cost = (x - 0.3) ** 2 * (x - 0.9) ** 2 + 0.05 * (y - 0.45) ** 2
     cost[45, 50] -= 3.6e-4
     assert len(basins_of(cost, 0.0).minima) == 3
-    basins = basins_of(cost, 1e-3)
+    basins = basins_of(cost, 0.6)
     np.testing.assert_array_equal(np.sort(basins.minima[:, 1]), [30, 90])
     assert basins.shares == pytest.approx([0.5, 0.5], abs=0.01)
     assert basins.labels[45, 50] == basins.labels[45, 30] != basins.labels[45, 90]

@@ -47,10 +47,10 @@ def test_a_diamond_stands_where_the_cost_is_lowest():
     cost = np.ones((3, 5))
     cost[1, 3] = 0.5
     floor = cost_floor(cost, search)
-    np.testing.assert_allclose(floor.minimum, (1.3, 2.1))
+    np.testing.assert_allclose(floor.lowest, [(1.3, 2.1)])
     bare = Picture(LIGHT, (1.0, 2.0, 1.4, 2.2), (1.0, 2.0, 1.4, 2.2), 0.01)
     diamond = next(solid for solid in with_floor(bare, floor).meshes if solid.name == "lowest")
-    np.testing.assert_allclose(diamond.vertices.mean(axis=0)[:2], floor.minimum, atol=1e-6)
+    np.testing.assert_allclose(diamond.vertices.mean(axis=0)[:2], floor.lowest[0], atol=1e-6)
     assert with_floor(bare, None).meshes == ()
     # In the browser a name is a path, and what lies below the map's node is drawn relative to it.
     assert not any(solid.name.startswith("map") for solid in with_floor(bare, floor).meshes)

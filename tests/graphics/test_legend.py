@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fdcal.cost.scale import Minima
 from fdcal.graphics.annotations import annotate, legend_height, margins
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.legend import MARKS, legend_of, symbol
@@ -62,7 +63,8 @@ def estimate(measurement):
 @pytest.fixture(scope="module")
 def floor(scene):
     ny, nx = scene.search.shape[::-1]
-    return cost_floor(np.add.outer(np.arange(ny), np.arange(nx)) + 1.0, scene.search, minima=[(0.7, 0.6)])
+    minima = Minima(np.array([scene.search.origin]), np.array([[0.7, 0.6]]), 1, None)
+    return cost_floor(np.add.outer(np.arange(ny), np.arange(nx)) + 1.0, scene.search, minima=minima)
 
 
 @pytest.fixture(scope="module")

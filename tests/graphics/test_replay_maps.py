@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 from replays import contents, wait_for
 
-from fdcal.cost.basins import local_minima
 from fdcal.cost.channel_correction import ChannelCorrection
-from fdcal.cost.maps import eq7_maps, map_positions, refined
+from fdcal.cost.maps import eq7_maps, minima_of, refined
 from fdcal.cost.reference_cost import reference_cost_of
 from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search
 
 SEARCH = Search((0.0, -0.2), (1.0, 0.8), 0.05, 0.5)
-POINTS = 120  # of the map in a replay, along its longer edge
+POINTS, FINE_POINTS = 120, 480  # of the map in a replay, along its longer edge; of few modes
 
 MAP = """([t, n, indices]) => {
     const positions = [];
@@ -102,12 +101,14 @@ def test_the_map_shown_is_the_sum_of_the_modes_chosen_and_its_minima_are_marked(
     text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
     page = opened(browser, tmp_path / "sum.html", text, "#step=30&microphone=12&modes=2-6")
     _, _, positions = contents(text)
-    lattice = refined(problem.search, POINTS)
+    lattice = refined(problem.search, FINE_POINTS)  # of few modes
     total = eq7_maps(problem, positions[3], 12, range(2, 7), 2, lattice).sum(axis=0)
     cost = np.array(page.evaluate("[...replay.map.cost]")).reshape(total.shape)
     np.testing.assert_allclose(cost, total, atol=1e-4 * total.max())
-    there = map_positions(local_minima(total), lattice)
-    np.testing.assert_allclose(page.evaluate("replay.map.minima"), there, atol=1.01 * lattice.step)
+    marked, there = page.evaluate("replay.map.minima"), minima_of(total, lattice)
+    assert marked["count"] == there.count and len(marked["lowest"]) == len(there.lowest)
+    for name, places in (("lowest", there.lowest), ("others", there.others)):
+        np.testing.assert_allclose(np.reshape(marked[name], (-1, 2)), places, atol=1.01 * lattice.step)
     page.context.close()
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fdcal.cost.scale import Minima
 from fdcal.graphics import paraview, snapshot
 from fdcal.graphics.camera import project
 from fdcal.graphics.heatmap import to_rgb
@@ -106,7 +107,7 @@ def image_of(painted, picture, view):
 
 def test_the_png_shows_surfaces_slice_and_the_lowest_cost_in_their_places(picture, painted):
     low, middle = 0.3, float(CENTRE[2])
-    volume = volume_of(cost(), SEARCH, True, minima=[CENTRE])
+    volume = volume_of(cost(), SEARCH, True, minima=Minima(CENTRE[None], np.zeros((0, 3)), 1, None))
     surfaces = with_volume(picture, volume)
     bare, at = image_of(painted, with_volume(picture, None), "top")
     drawn, at = image_of(painted, surfaces, "top")

@@ -5,8 +5,7 @@ import pytest
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.basins import local_minima
-from fdcal.cost.maps import cost_maps, interpolate, map_positions, refined
+from fdcal.cost.maps import cost_maps, map_minima, map_positions, minima_of, refined
 from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.gauge import position_errors
 from fdcal.session.calibration_run import solve
@@ -39,25 +38,22 @@ def square():
     return problem, descent, state, maps, fine, truth, measurement
 
 
-def minima_of(cost, fine, truth):
-    """Distance from the truth, metres, and cost of each local minimum, the deepest first."""
-    found = local_minima(cost)
-    return np.hypot(*(map_positions(found, fine) - truth).T), cost[tuple(found.T)]
+def distances(places, truth):
+    """Distances from the truth, metres, the nearest first."""
+    return np.sort(np.hypot(*(places - truth).T))
 
 
 def test_one_mode_has_many_minima(square, lesson_text):
     _, _, _, maps, fine, truth, measurement = square
     text, f = lesson_text("1_many_minima"), measurement.frequencies
-    distances, costs = minima_of(maps[38], fine, truth)
-    assert len(costs) == 4 and 10 * np.log10(maps[38].max() / costs.max()) > 55
-    assert "four local minima" in text and "more than 55 dB below the highest cost of the map" in text
-    assert round(100 * distances[0]) == 24 and "the lowest is another one, 24 cm away" in text
-    assert round(1e3 * distances[1]) == 2 and "One is 2 mm from the true position" in text
-    _, costs = minima_of(maps[37], fine, truth)
-    there = interpolate(maps[37], fine, truth)
-    assert len(costs) == 4 and "There are four" in text and 10 * np.log10(there / costs[0]) < 3, "its valley is there"
-    places = [map_positions(local_minima(maps[mode]), fine) for mode in (37, 38)]
-    assert np.linalg.norm(places[0][:, None] - places[1], axis=2).min() > 0.03, "none is one of mode 38"
+    found = {mode: minima_of(maps[mode], fine) for mode in (37, 38)}
+    assert all(one.end is not None and len(one.lowest) == one.count for one in found.values()), "all fit equally"
+    away = distances(found[38].lowest, truth)
+    assert len(away) == 4 and "four holes" in text and away[0] < fine.step and round(100 * away[1]) == 24
+    away = distances(found[37].lowest, truth)
+    assert len(away) == 5 and "There are five" in text and away[0] < fine.step < 0.1 < away[1]
+    between = np.linalg.norm(found[37].lowest[:, None] - found[38].lowest, axis=2)
+    assert (between < 2 * fine.step).sum() == 1 and np.sort(between, axis=None)[1] > 0.03, "only the true position"
     for mode, words in ((38, "211.5 Hz"), (37, "207.7 Hz"), (1, "28.6 Hz")):
         assert f"{f[mode - 1]:.1f} Hz" == words and words in text
     assert round(f[37] - f[36]) == 4 and "4 Hz apart" in text
@@ -66,8 +62,8 @@ def test_one_mode_has_many_minima(square, lesson_text):
 
 def test_one_mode_alone_leaves_a_valley(square):
     """Its dark cells span the map: one number does not fix two coordinates."""
-    _, _, _, maps, fine, truth, _ = square
-    assert len(minima_of(maps[1], fine, truth)[1]) == 1
+    _, _, _, maps, fine, _, _ = square
+    assert minima_of(maps[1], fine).count == 1
     rows, columns = np.nonzero(maps[1] < maps[1].min() + 0.01 * np.ptp(maps[1]))
     assert np.ptp(rows) + 1 == maps[1].shape[0] and fine.step * (np.ptp(columns) + 1) == pytest.approx(0.15, abs=0.005)
     rows, columns = np.nonzero(maps[38] < maps[38].min() + 0.01 * np.ptp(maps[38]))
@@ -77,14 +73,13 @@ def test_one_mode_alone_leaves_a_valley(square):
 def test_modes_together_share_one_minimum(square, lesson_text):
     problem, descent, state, maps, fine, truth, _ = square
     text = lesson_text("2_joint_minimum")
-    distances, costs = minima_of(maps[38] + maps[39], fine, truth)
-    assert len(costs) == 4 and distances[0] < 0.002 and distances[1] == pytest.approx(0.24, abs=0.005)
-    assert 10 * np.log10(costs[1] / costs[0]) == pytest.approx(8.6, abs=0.1) and "24 cm away, is only 8.6 dB" in text
-    distances, costs = minima_of(maps[38] + maps[39] + maps[40], fine, truth)
-    assert len(costs) == 1 and distances[0] < 0.002 and "One, at the true position" in text
+    two, three = (minima_of(sum(maps[mode] for mode in modes), fine) for modes in ((38, 39), (38, 39, 40)))
+    assert two.count == 4 and "four minima are left" in text
+    np.testing.assert_allclose(distances(two.lowest, truth), [0.0, 0.24], atol=0.005)
+    assert three.count == 1 and distances(three.lowest, truth) < 0.002 and "One, at the true position" in text
     whole = cost_maps(problem, descent, state, 16, tuple(range(1, 58)), 2, fine).sum(axis=0)
-    distances, costs = minima_of(whole, fine, truth)
-    assert len(costs) == 1 and distances[0] < 0.002
+    found = minima_of(whole, fine)
+    assert found.count == 1 and distances(found.lowest, truth) < 0.002
     np.testing.assert_allclose(descent.step(problem, state).positions[16], truth, atol=1e-12)
 
 
@@ -139,7 +134,9 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, lesson_text):
         for n in problem.free:
             cost = cost_maps(problem, descent, state, int(n), range(1, last + 1), None).sum(axis=0)
             lowest = map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), scene.search)[0]
-            found[int(n)] = len(local_minima(cost)), float(np.hypot(*(lowest - measurement.positions[n])))
+            modes = range(1, last + 1)
+            marked = map_minima(problem, descent, state, int(n), modes, None, cost, scene.search)
+            found[int(n)] = marked.count, float(np.hypot(*(lowest - measurement.positions[n])))
         return found
 
     few, many = maps(3), maps(20)
@@ -150,7 +147,8 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, lesson_text):
     )
     assert np.mean([distance for _, distance in few.values()]) == pytest.approx(0.03, abs=0.002)
     assert (
-        np.mean([count for count, _ in many.values()]) == pytest.approx(4, abs=0.3) and "four minima on average" in text
+        np.mean([count for count, _ in many.values()]) == pytest.approx(2.4, abs=0.1)
+        and "two minima on average" in text
     )
     assert np.mean([distance for _, distance in many.values()]) == pytest.approx(0.26, abs=0.005)
     assert few[8][0] == 1 < many[8][0] and many[8][1] == pytest.approx(0.44, abs=0.01) and "44 cm" in text

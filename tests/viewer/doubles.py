@@ -72,14 +72,16 @@ class Solver:
     """A solver whose maps wait for a gate; the column of the lowest cost is the number of their microphone."""
 
     def __init__(self, measurement):
-        self.gate, self.shape = threading.Semaphore(0), measurement.search.shape[::-1]
+        self.gate, self.search = threading.Semaphore(0), measurement.search
         self.TRAITS = solvers.load("joint").TRAITS
 
     def usable_modes(self, problem, settings):
         return len(problem.frequencies)
 
     def landscape(self, problem, state, n, modes, search=None):
-        assert self.gate.acquire(timeout=WAIT)
-        cost = np.ones((modes.stop - modes.start, *self.shape))
-        cost[0, 0, n] = 0.5
+        search = self.search if search is None else search
+        if search.step == self.search.step:  # the lattice of the map; the finer one of its marks needs no gate
+            assert self.gate.acquire(timeout=WAIT)
+        cost = np.ones((modes.stop - modes.start, *search.shape[::-1]))
+        cost[0, 0, round((self.search.origin[0] - search.origin[0] + n * self.search.step) / search.step)] = 0.5
         return cost

@@ -7,8 +7,10 @@ import pytest
 from doubles import set_by_client
 
 from fdcal.cost.basins import basins_of
-from fdcal.cost.maps import cost_maps, map_positions, power_shares, refined
+from fdcal.cost.maps import cost_maps, minima_of, power_shares, refined
+from fdcal.cost.scale import Minima
 from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, descent_text, table_numbers
+from fdcal.graphics.heatmap import marks_of
 from fdcal.graphics.legend import legend_of
 from fdcal.model.settings import Search
 from fdcal.session.request import OpenRequest
@@ -17,6 +19,7 @@ from fdcal.viewer.tabs import export as exports
 from fdcal.viewer.tabs.export import map_request
 from fdcal.viewer.tabs.map import EQ7
 
+NO_MARKS = Minima(np.zeros((0, 2)), np.zeros((0, 2)), 0, None)
 SEARCH = Search(origin=(0.0, 0.0), size=(1.2, 0.9), step=0.01, radius=1.0)
 
 
@@ -39,7 +42,7 @@ def shown(viewer, turn_until, n, modes):
         drawn = viewer.snapshot.picture.floor
         alike = viewer.snapshot.microphone == n and map_request(viewer.snapshot).modes == modes
         there = alike and drawn is not None and drawn.areas and f"microphone {n}," in tab.caption.content
-        return there and drawn.minima == fine
+        return there and drawn.lowest + drawn.minima == fine
 
     tab, fine = viewer.tabs.map, expected(viewer, n, modes)[1]
     turn_until(ready)
@@ -52,9 +55,9 @@ def expected(viewer, n, modes):
     search, offset = refined(run.problem.search), viewer.binding.choices.order_offset
     maps = [cost_maps(run.problem, run.solver, state, n, (mode,), offset, search)[0] for mode in modes]
     share = power_shares(run.problem, state, modes)
-    basins = basins_of(sum(a * one for a, one in zip(share, maps, strict=True)))
-    places = map_positions(basins.minima, search)
-    return basins, tuple((float(x), float(y)) for x, y in places), search
+    cost = sum(a * one for a, one in zip(share, maps, strict=True))
+    lowest, others = marks_of(minima_of(cost, search))
+    return basins_of(cost), lowest + others, search
 
 
 @pytest.mark.parametrize("n, modes", [(9, (20,)), (9, (3, 4)), (12, (20,))])
@@ -66,7 +69,7 @@ def test_the_basins_are_those_of_the_microphone_and_the_modes(opened, n, modes):
     floor = shown(viewer, turn_until, n, modes)
     basins, _, search = expected(viewer, n, modes)
     truth = viewer.run.measurement.positions[n]
-    wanted = basin_floor(basins, search, truth, lowest=floor.minimum)
+    wanted = basin_floor(basins, search, NO_MARKS, truth)
     np.testing.assert_array_equal(floor.rgb, wanted.rgb)
     assert floor.areas == wanted.areas and floor.bar is None
     assert descent_text(basins, search, truth) in tab.caption.content
@@ -93,7 +96,7 @@ def test_a_sweep_shows_the_basins_of_each_sum(opened):
     n = viewer.binding.choices.microphone
     basins, _, search = expected(viewer, n, (1, 2, 3))
     floor = viewer.snapshot.picture.floor
-    wanted = basin_floor(basins, search, viewer.run.measurement.positions[n], lowest=floor.minimum)
+    wanted = basin_floor(basins, search, NO_MARKS, viewer.run.measurement.positions[n])
     assert np.mean(floor.rgb == wanted.rgb) > 0.999, "the same to rounding"
 
 
@@ -109,7 +112,7 @@ def test_files_show_the_basins_of_the_page(opened, monkeypatch):
     assert len(panels) == 3 and "Basins of attraction" in figures[0].get_suptitle()
     basins, _, search = expected(viewer, viewer.snapshot.microphone, (7, 20))
     truth = viewer.run.measurement.positions[viewer.snapshot.microphone]
-    areas = basin_floor(basins, search, truth, lowest=(0, 0)).areas
+    areas = basin_floor(basins, search, NO_MARKS, truth).areas
     assert [text.get_text() for text in panels[-1].get_legend().get_texts()] == [area.text for area in areas]
     assert 'Name="basin of the sum"' in exports.KINDS["Map (VTI for ParaView)"].make(snapshot).decode()
 
@@ -126,7 +129,7 @@ def three_wells():
 def test_the_first_colour_is_that_of_the_true_position_and_shares_add_up():
     basins = basins_of(three_wells())
     for place, share in (((0.2, 0.1), 50), ((0.7, 0.1), 33), ((1.05, 0.8), 17)):
-        floor = basin_floor(basins, SEARCH, place, lowest=(0.3, 0.45))
+        floor = basin_floor(basins, SEARCH, NO_MARKS, place)
         first = floor.areas[0]
         assert (first.colour, first.text) == (PLACE, f"basin of the true position {share} %")
         assert [int(area.text.split()[-2]) for area in floor.areas] == pytest.approx(
@@ -135,13 +138,13 @@ def test_the_first_colour_is_that_of_the_true_position_and_shares_add_up():
         finer = floor.rgb.shape[1] // 121
         row, column = (round(value / 0.01) * finer + finer // 2 for value in place[::-1])
         assert tuple(floor.rgb[row, column]) == PLACE
-    assert basin_floor(basins, SEARCH, None, lowest=(0.3, 0.45)).areas[0].colour != PLACE
+    assert basin_floor(basins, SEARCH, NO_MARKS).areas[0].colour != PLACE
 
 
 def test_many_basins_share_a_grey_and_the_edge_has_its_own():
     x, y = np.meshgrid(np.linspace(0, 1.2, 121), np.linspace(0, 0.9, 91))
     basins = basins_of(np.cos(27 * x) * np.cos(25 * y) + 0.1 * x)
-    floor = basin_floor(basins, SEARCH, (0.3, 0.3), lowest=(0.1, 0.1))
+    floor = basin_floor(basins, SEARCH, NO_MARKS, (0.3, 0.3))
     colours = [area.colour for area in floor.areas]
     assert OTHERS in colours and EDGE in colours and len(colours) == len(set(colours))
     percent = [float(area.text.split()[-2]) for area in floor.areas]

@@ -138,4 +138,4 @@ def test_the_line_to_the_lowest_cost_goes_through_estimate_and_minimum(opened):
     here = np.asarray(binding.session.view.state.positions)[binding.choices.microphone]
     direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     across = np.array([-direction[1], direction[0]])
-    assert abs((here - ends[0]) @ across) < 1e-6 and abs((floor.minimum - ends[0]) @ across) < 1e-6
+    assert abs((here - ends[0]) @ across) < 1e-6 and abs((floor.lowest[0] - ends[0]) @ across) < 1e-6

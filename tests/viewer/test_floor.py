@@ -23,7 +23,7 @@ def mapped(viewer):
 
 def shown(viewer):
     floor, search = viewer.snapshot.picture.floor, viewer.run.measurement.search
-    return None if floor is None else round((floor.minimum[0] - search.origin[0]) / search.step)
+    return None if floor is None else round((floor.lowest[0][0] - search.origin[0]) / search.step)
 
 
 def test_a_map_stands_under_its_own_microphone_only(viewer):

@@ -13,8 +13,7 @@ from matplotlib.colors import to_rgb
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.basins import local_minima
-from fdcal.cost.maps import map_positions
+from fdcal.cost.maps import map_positions, minima_of
 from fdcal.graphics.markers import ESTIMATE, LOWEST
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.background import prepare
@@ -76,9 +75,9 @@ def test_the_file_for_paraview_has_the_map_of_the_screen(snapshot, drawn, tmp_pa
     assert grid.dimensions[:2] == drawn.floor.rgb.shape[1::-1], "as fine as the screen"
     total = grid["sum"].reshape(drawn.panels.total.shape)
     np.testing.assert_allclose(total, drawn.panels.total, rtol=1e-6)
-    assert np.allclose(grid.points[grid["sum"].argmin()][:2], drawn.floor.minimum)
-    places = map_positions(local_minima(total.astype(float)), drawn.panels.search)
-    assert np.allclose(places, drawn.floor.minima) and len(places) == drawn.minima
+    assert np.allclose(grid.points[grid["sum"].argmin()][:2], drawn.floor.lowest[0])
+    marked = minima_of(total.astype(float), drawn.panels.search)
+    assert np.allclose(marked.lowest, drawn.floor.lowest) and np.allclose(marked.others, drawn.minima.others)
     assert path.stat().st_size < 30e6
 
 
@@ -102,7 +101,7 @@ def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
         assert np.allclose(to_rgb(lines["lowest cost"].get_color()), np.array(LOWEST) / 255)
         assert axes.images[0].get_array().shape == cost.shape, "as fine as the screen"
     assert np.allclose(
-        {line.get_label(): line for line in panels[-1].lines}["lowest cost"].get_xydata()[0], drawn.floor.minimum
+        {line.get_label(): line for line in panels[-1].lines}["lowest cost"].get_xydata()[0], drawn.floor.lowest[0]
     )
 
 
@@ -111,4 +110,4 @@ def test_the_thumbnails_are_of_the_lattice_of_the_map(snapshot, drawn):
     np.testing.assert_allclose(drawn.panels.maps.sum(axis=0), drawn.panels.total)
     row, column = np.unravel_index(drawn.panels.total.argmin(), drawn.panels.total.shape)
     lowest = map_positions(np.array([[row, column]]), drawn.panels.search)[0]
-    assert np.allclose(lowest, drawn.floor.minimum)
+    assert np.allclose(lowest, drawn.floor.lowest[0])

@@ -9,8 +9,7 @@ from browsing import COARSE, WAIT, press, serving_here
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.basins import local_minima
-from fdcal.cost.maps import interpolate, map_positions, partial_sums
+from fdcal.cost.maps import interpolate, map_minima, partial_sums
 from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
@@ -34,11 +33,14 @@ def test_the_files_hold_what_the_scene_computes_to():
     sums = partial_sums(problem, solver, state, opening.MICROPHONE, film.modes, ORDER_OFFSET, counts=counts)
     for one, decibels, minima in zip(sums, film.decibels, film.minima, strict=True):
         np.testing.assert_allclose(decibels, 10 * np.log10(one.cost), atol=TOLERANCE)
-        np.testing.assert_allclose(minima, map_positions(local_minima(one.cost), problem.search), atol=1e-9)
+        there = opening.MICROPHONE, one.modes, ORDER_OFFSET, one.cost, problem.search
+        computed = map_minima(problem, solver, state, *there)
+        np.testing.assert_allclose(minima.lowest, computed.lowest, atol=1e-9)
+        np.testing.assert_allclose(minima.others, computed.others, atol=1e-9)
     last = film.decibels[-1]
     heights = [interpolate(last, problem.search, place) for place in film.path]
     assert np.all(np.diff(heights) < TOLERANCE), "the microphone rolls downhill"
-    np.testing.assert_allclose(film.path[-1], film.minima[-1][0])
+    np.testing.assert_allclose(film.path[-1], film.minima[-1].lowest[0])
     np.testing.assert_allclose(film.path[-1], measurement.positions[opening.MICROPHONE], atol=problem.search.step)
     assert sum(file.stat().st_size for file in (opening.MAPS, opening.MEASUREMENT)) < 600_000
 
@@ -48,8 +50,8 @@ def test_the_words_say_how_many_places_fit_and_three_quarters_of_the_time_have_s
     shown = [film.at(t) for t in np.arange(0, film.length + 1, 0.05)]
     numbers = [re.search(r"(\w+) frequenc\w+: (\d+) place", moment.words) for moment in shown]
     told = [(moment.index, int(match[2])) for moment, match in zip(shown, numbers, strict=True) if match]
-    assert all(places == len(film.minima[index]) for index, places in told)
-    counts = [len(minima) for minima in film.minima]
+    assert all(places == film.minima[index].count for index, places in told)
+    counts = [one.count for one in film.minima]
     assert counts[0] >= 5 and counts == sorted(counts, reverse=True) and counts[-1] == 1
     several = np.mean([places > 1 for _, places in told])
     assert 0.7 < several < 0.85

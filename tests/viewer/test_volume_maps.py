@@ -75,10 +75,10 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(worker, snapshot)
     assert len(fine.volume.surface.faces) > 2 * len(coarse.volume.surface.faces)
     assert fine.cost_here == pytest.approx(coarse.cost_here, rel=0.05)
     assert fine.lowest <= fine.cost_here and coarse.lowest <= coarse.cost_here
-    place = fine.volume.minima[0]
+    place = fine.volume.minima.lowest[0]
     truth = snapshot.run.measurement.positions[MICROPHONE]
     assert np.linalg.norm(place - truth) < 0.05
-    assert np.linalg.norm(np.subtract(coarse.volume.minima[0], place)) < 0.05
+    assert np.linalg.norm(np.subtract(coarse.volume.minima.lowest[0], place)) < 0.05
     assert fine.volume.text in caption(fine, snapshot.run.measurement) and "dB" in fine.volume.text
 
 

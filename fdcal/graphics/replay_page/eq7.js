@@ -155,13 +155,13 @@ function ontoPlaces(count, places) {  // places: -1 to 1
   return matrix;
 }
 
-// Costs of a microphone over the search domain on a lattice of POINTS along its longer edge, one mode after another.
+// Costs of a microphone over the search domain on a lattice of `points` along its longer edge, one mode after another.
 class Landscapes {
-  constructor(maps, arrays, count, arrayDimension) {
+  constructor(maps, arrays, count, arrayDimension, points = Landscapes.POINTS) {
     Object.assign(this, {maps, arrays, N: count, spatial: arrayDimension == 3, tables: new Map()});
     this.kind = maps.dimension == 2 ? "plane" : this.spatial ? "space" : "layer";
     const edge = maps.shape.map(count => count * maps.step), longest = Math.max(...edge);
-    this.step = longest / Landscapes.POINTS;
+    this.step = longest / points;
     this.edge = edge;
     this.corner = maps.origin.map(o => o - maps.step / 2);
     this.shape = edge.map(e => Math.max(Math.round(e / this.step), 2));
@@ -226,12 +226,18 @@ class Landscapes {
   }
 }
 Landscapes.POINTS = 120;
+Landscapes.FINE = 480;  // of a map of few modes, whose narrow valleys have false minima on a coarse lattice
 
-// Local minima of a map, off its edges, whose climb to a lower one exceeds `depth` of its range, the lowest first, as
-// flat indices: fdcal/cost/basins.py.
-function prominentMinima(cost, nx, ny, depth) {
+// What is marked on a map, as fdcal/cost/scale.py says: its lowest cost and the local minima that fit as well, and the
+// other minima, as flat indices; `count` local minima off the edges.
+function minimaOf(cost, nx, ny, {decades, depth}) {
   const order = Uint32Array.from(cost.keys()).sort((a, b) => cost[a] - cost[b]), basin = new Int32Array(cost.length).fill(-1);
-  const least = depth * (cost[order[order.length - 1]] - cost[order[0]]), survives = new Set(), root = i => {
+  const high = cost[order[order.length - 1]], below = v => Math.log10(Math.max(v, 1e-300) / high);
+  const span = Math.min(decades, -below(cost[order[0]])) || 1, values = Float64Array.from(cost, v => {
+    const share = 1 + below(v) / span;
+    return share < 0 ? 1e-6 * share : share;
+  });
+  const survives = new Set(), root = i => {
     while (basin[i] != i) i = basin[i] = basin[basin[i]];
     return i;
   };
@@ -242,12 +248,13 @@ function prominentMinima(cost, nx, ny, depth) {
       if (basin[v * nx + u] < 0) continue;
       let [one, other] = [root(here), root(v * nx + u)];
       if (one == other) continue;
-      if (cost[one] < cost[other]) [one, other] = [other, one];
-      if (cost[here] - cost[one] > least) survives.add(one);
+      if (values[one] < values[other]) [one, other] = [other, one];
+      if (values[here] - values[one] > depth) survives.add(one);
       basin[one] = other;
     }
   }
-  survives.add(root(order[0]));
-  const inside = here => here % nx > 0 && here % nx < nx - 1 && here >= nx && here < nx * (ny - 1);
-  return order.filter(here => survives.has(here) && inside(here));
+  const inside = here => here % nx > 0 && here % nx < nx - 1 && here >= nx && here < nx * (ny - 1), first = order[0];
+  const found = [...survives].filter(here => here != first && inside(here)).sort((a, b) => values[a] - values[b]);
+  const fits = here => values[here] <= values[first] + depth;
+  return {lowest: [first, ...found.filter(fits)], others: found.filter(here => !fits(here)), count: found.length + inside(first)};
 }

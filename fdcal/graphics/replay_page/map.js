@@ -1,5 +1,5 @@
 // The map on the floor: the cost of moving one microphone at the state that is shown, from the modes that are chosen.
-const MINIMUM = "#ffb000", DEPTH = 1e-3;  // least climb out of a minimum, of the range of the map
+const MINIMUM = "#ffb000";
 const free = [...Array(N).keys()].filter(n => !known.has(n));
 let map = null, wanted = null, working = false, modeMaps = {key: "", found: new Map()};
 
@@ -28,10 +28,11 @@ async function work() {
   while (wanted.indices.length && map?.key != wanted.key) {
     const job = wanted, begun = performance.now(), positions = [];
     for (let n = 0; n < N; n++) positions.push(...placeOf(job.t, n));
-    if (modeMaps.key != [job.t, job.n].join()) modeMaps = {key: [job.t, job.n].join(), found: new Map()};
+    const lattice = job.indices.length <= maps.few && !playing ? fineLandscapes : landscapes, key = [job.t, job.n, lattice.step].join();
+    if (modeMaps.key != key) modeMaps = {key, found: new Map()};
     let paused = begun, found = modeMaps.found, dropped = false;
     for (const index of job.indices) {
-      if (!found.has(index)) found.set(index, landscapes.map(index, job.n, positions, job.t));
+      if (!found.has(index)) found.set(index, lattice.map(index, job.n, positions, job.t));
       if (performance.now() - paused < 14) continue;
       await new Promise(resolve => setTimeout(resolve));
       paused = performance.now();
@@ -39,14 +40,14 @@ async function work() {
       if (dropped) break;
     }
     if (dropped) continue;
-    map = finished(job, found); scene(); showModes();
+    map = finished(job, found, lattice); scene(); showModes();
   }
   working = false;
 }
 
 // The sum of the modes relative to their power, its image and its minima.
-function finished(job, found) {
-  const [nx, ny] = landscapes.shape, cost = new Float64Array(nx * ny);
+function finished(job, found, lattice) {
+  const [nx, ny] = lattice.shape, cost = new Float64Array(nx * ny);
   let power = 0;
   for (const index of job.indices) {
     const one = found.get(index);
@@ -64,7 +65,8 @@ function finished(job, found) {
     pixels.data.set([maps.colours[colour], maps.colours[colour + 1], maps.colours[colour + 2], 255], 4 * ((ny - 1 - j) * nx + i));
   }
   pen.putImageData(pixels, 0, 0);
-  const minima = Array.from(prominentMinima(cost, nx, ny, DEPTH), i => [landscapes.places[0][i % nx], landscapes.places[1][Math.floor(i / nx)]]);
+  const marked = minimaOf(cost, nx, ny, maps), place = i => [lattice.places[0][i % nx], lattice.places[1][Math.floor(i / nx)]];
+  const minima = {lowest: marked.lowest.map(place), others: marked.others.map(place), count: marked.count};
   return {...job, cost, image, minima, clipped, low: 10 * Math.log10(floor), high: 10 * Math.log10(high)};
 }
 
@@ -79,11 +81,11 @@ function floorMap(pen, project) {
 }
 
 function drawMinima(pen, project, r) {
-  map.minima.forEach(([x, y], i) => {
-    const [u, v] = project([x, y, z0]), size = (i ? 1.1 : 2) * r;
+  for (const [places, reach, wide] of [[map.minima.others, 1.1, 1.6], [map.minima.lowest, 2, 2.4]]) for (const [x, y] of places) {
+    const [u, v] = project([x, y, z0]), size = reach * r;
     const corners = [[u + size, v], [u, v + size], [u - size, v], [u, v - size]];
-    withHalo((c, width) => stroke(pen, corners, c, width, true), MINIMUM, i ? 1.6 : 2.4, 2.2);
-  });
+    withHalo((c, width) => stroke(pen, corners, c, width, true), MINIMUM, wide, 2.2);
+  }
 }
 
 const rangeText = indices => indices.length > 1 ? `${data.row}s ${maps.modes[indices[0]]} to ${maps.modes[indices.at(-1)]}` : `${data.row} ${maps.modes[indices[0]]}`;
@@ -91,7 +93,7 @@ const rangeText = indices => indices.length > 1 ? `${data.row}s ${maps.modes[ind
 // Caption and colour bar, in decibels relative to the power of the pressures of these modes.
 function colourBar(pen, w) {
   const left = 14, top = 26, wide = Math.min(300, w - 134), ink = css("--ink"), [low, high] = [map.low, map.high];
-  const minima = map.minima.length == 1 ? "1 minimum" : `${map.minima.length} minima`, layer = D == 3 ? ` at z = ${placeOf(map.t, map.n)[2].toFixed(2)} m` : "";
+  const minima = map.minima.count == 1 ? "1 minimum" : `${map.minima.count} minima`, layer = D == 3 ? ` at z = ${placeOf(map.t, map.n)[2].toFixed(2)} m` : "";
   pen.fillStyle = css("--back"); pen.fillRect(0, 0, w, STRIP - 4);
   pen.fillStyle = ink; pen.font = "600 13px system-ui, sans-serif"; pen.textAlign = "left";
   pen.fillText(`Cost of microphone ${data.names[map.n]}${layer}: ${rangeText(map.indices)}, ${minima}`, left, 16, w - 20);
@@ -134,4 +136,4 @@ function mapControls() {
   $("map").onchange = show;
 }
 // For tests, and for curious people with the console open.
-window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, placeOf, data, arrays};
+window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, placeOf, data, arrays};

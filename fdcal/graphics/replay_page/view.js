@@ -6,6 +6,7 @@ const arrays = await unpack(data.packed), {step, sweep, stage, moved, first, las
 const N = data.names.length, D = data.dimension, T = data.count, known = new Set(data.known), maps = data.maps;
 const places = Float64Array.from(arrays.positions, v => v * data.unit);
 const landscapes = maps && new Landscapes(maps, arrays, N, D);
+const fineLandscapes = maps && new Landscapes(maps, arrays, N, D, Landscapes.FINE);
 const RED = "#d61828", BLUE = "#1f78c8", ORANGE = "#e08a1e", TRAIL = "#8c5ab4";
 const STRIP = maps ? 56 : 0, TURNED = 35 * Math.PI / 180;  // above the scene, for the scale; angles of the view 3-D
 let at = 0, playing = false, selected = data.microphone ?? -1, drawnAt = null, flat = true;

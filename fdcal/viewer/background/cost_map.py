@@ -9,7 +9,8 @@ import numpy as np
 
 from ...cost.basins import basins_of
 from ...cost.expansion import expansion_of
-from ...cost.maps import cost_maps, interpolate, map_positions, power_shares, refined
+from ...cost.maps import cost_maps, interpolate, power_shares, refined
+from ...cost.scale import Minima
 from ...graphics.basin_map import basin_floor, descent_text
 from ...graphics.heatmap import cost_floor, cost_label
 from ...graphics.primitives import Area, ColourBar, Floor
@@ -219,7 +220,7 @@ class CostMap:
     request: CostMapRequest
     floor: Floor | None  # or None of a volume
     panels: ModePanels | None  # ModePanels of some of the single modes and of the sum, which the floor shows; or None
-    minima: int  # local minima in the map
+    minima: Minima | None  # of the map; None of the shape of a mode
     cost_here: float  # cost at the estimated position of the microphone
     lowest: float  # lowest cost of the map
     fine: bool = False  # whether its lattice is finer than the solver's
@@ -244,25 +245,30 @@ class CostMap:
 
 
 def cost_map(
-    run: PreparedRun, request: CostMapRequest, total, search: Search, minima, panels: ModePanels | None = None
+    run: PreparedRun,
+    request: CostMapRequest,
+    total,
+    search: Search,
+    minima: Minima,
+    panels: ModePanels | None = None,
 ) -> CostMap:
     """Return a finished map on the floor.
 
     `request`: what the map is of, and how it is drawn; `total` (ny, nx) float64, the cost; `search`: lattice of
-    `total`; `minima` (K, 2) int64, rows and columns of the local minima; `panels`: maps of single modes, or None.
+    `total`; `minima`: to be marked; `panels`: maps of single modes, or None.
     """
     style, n = request.style, request.microphone
     here = interpolate(total, search, request.state.positions[n])
-    figures = len(minima), here, float(total.min())
+    figures = minima, here, min(here, float(total.min()))  # the lowest cost may lie between lattice points
     height = z_range_of(run.known_scene, run.measurement)[0]
     if style.basins:
-        floor, note = basins_floor(run, request, total, search, height)
+        floor, note = basins_floor(run, request, total, search, minima, height)
         return CostMap(request, floor, panels, *figures, note=note)
     label = f"{map_label(run, request)}, {modes_label(run.measurement, request.modes)}"
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:.2f} m"
     floor = cost_floor(
-        total, search, style.log, label, minima=map_positions(minima, search),
+        total, search, style.log, label, minima=minima,
         relief=style.relief, relief_height=style.relief_height, height=height,
         decibels=request.order_offset is not None,
     )  # fmt: skip
@@ -270,15 +276,14 @@ def cost_map(
 
 
 def basins_floor(
-    run: PreparedRun, request: CostMapRequest, total: np.ndarray, search: Search, height: float
+    run: PreparedRun, request: CostMapRequest, total: np.ndarray, search: Search, minima: Minima, height: float
 ) -> tuple[Floor, str]:
     """Return the basins of attraction of a cost (ny, nx), and a sentence on them.
 
-    `run`, `request`, `search`: as of `cost_map`; `height`: of the map, metres.
+    `run`, `request`, `search`, `minima`: as of `cost_map`; `height`: of the map, metres.
     """
     basins, (place, name) = basins_of(total), place_of_basin(run, request)
-    lowest = map_positions(np.array([np.unravel_index(total.argmin(), total.shape)]), search)[0]
-    floor = basin_floor(basins, search, place, name, lowest=lowest, height=height)
+    floor = basin_floor(basins, search, minima, place, name, height)
     return replace(floor, show_minima=request.style.minima), descent_text(basins, search, place, name)
 
 

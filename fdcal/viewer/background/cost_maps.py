@@ -15,9 +15,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...cost.basins import Basins, basins_of, local_minima
-from ...cost.maps import VOLUME_NEGLIGIBLE, CostVolume, cost_maps, cost_volume, mode_shape
+from ...cost.basins import Basins, basins_of
+from ...cost.maps import (
+    VOLUME_NEGLIGIBLE,
+    CostVolume,
+    cost_maps,
+    cost_volume,
+    map_minima,
+    minima_of,
+    mode_shape,
+    refined,
+)
 from ...cost.reference_cost import ORDER_OFFSET
+from ...cost.scale import FEW_MODES, Minima
 from ...graphics.basin_map import basin_slice, descent_text
 from ...graphics.heatmap import field_floor
 from ...graphics.surroundings import z_range_of
@@ -102,9 +112,9 @@ class VolumeMaps:
         basins, (place, name) = self._found[fine][1], place_of_basin(self._run, request)
         position = request.state.positions[request.microphone]
         volume = basin_slice(
-            basins, sampled.search, style.slice_axis, place_of(style, position), place, name, lowest=sampled.lowest
+            basins, sampled.search, style.slice_axis, place_of(style, position), sampled.minima, place, name
         )
-        volume = volume if style.minima else replace(volume, minima=())
+        volume = volume if style.minima else replace(volume, minima=None)
         note = descent_text(basins, sampled.search, place, name)
         return CostMap(request, None, None, *_figures(sampled, position), fine, volume, note, sampled)
 
@@ -129,11 +139,11 @@ def place_of(style: MapStyle, position: np.ndarray) -> float:
     return float(position[AXES.index(style.slice_axis)]) if style.slice_position is None else style.slice_position
 
 
-def _figures(sampled: SampledVolume, position: np.ndarray) -> tuple[int, float, float]:
-    """Return the number of local minima, the cost at a position (3,), metres, and the lowest cost that is known."""
+def _figures(sampled: SampledVolume, position: np.ndarray) -> tuple[Minima, float, float]:
+    """Return the local minima, the cost at a position (3,), metres, and the lowest cost that is known."""
     found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
     here = float("nan") if found is None else float(found[0, 0, 0])
-    return len(sampled.minima), here, float(np.nanmin([lowest, here]))  # a minimum may lie between lattice points
+    return sampled.minima, here, float(np.nanmin([lowest, here]))  # a minimum may lie between lattice points
 
 
 def _key(request: CostMapRequest) -> tuple:
@@ -193,8 +203,13 @@ class CostMapWorker:
             self._since = now
             self.worker.newest(wanted)
         drawn = latest is not None and latest.request[0] == wanted
-        flat_cost = not (wanted.style.relief or wanted.style.shape)
-        if flat_cost and drawn and not running and self.worker.wants(wanted) and now - self._since > IDLE_TIME:
+        if (
+            not wanted.style.shape
+            and drawn
+            and not running
+            and self.worker.wants(wanted)
+            and now - self._since > IDLE_TIME
+        ):
             self._fine_worker.newest(wanted)
         return wanted
 
@@ -209,14 +224,18 @@ class CostMapWorker:
             return self._volumes.coarse(request)
         if request.style.shape:
             return self._compute_shape(request)
-        run, search = self._run, self._search()
-        key = (request.revision, request.microphone, request.modes, request.order_offset)
+        run, search, few = self._run, self._search(), len(request.modes) <= FEW_MODES
+        search = refined(search) if few and request.style.basins else search  # no basins of false minima
+        key = (request.revision, request.microphone, request.modes, request.order_offset, search)
         if self._costs.get("fast", (None,))[0] != key:
             n, modes = request.microphone, request.modes
-            maps = cost_maps(run.problem, run.solver, request.state, n, modes, request.order_offset)
+            maps = cost_maps(run.problem, run.solver, request.state, n, modes, request.order_offset, search)
             shown = shown_modes(len(modes))
             panels = ModePanels(tuple(modes[i] for i in shown), maps[shown], maps.sum(axis=0), search)
-            self._costs["fast"] = key, panels, local_minima(panels.total)
+            found = map_minima(
+                run.problem, run.solver, request.state, n, modes, request.order_offset, panels.total, search
+            )
+            self._costs["fast"] = key, panels, found
         _, panels, minima = self._costs["fast"]
         return cost_map(self._run, request, panels.total, panels.search, minima, panels)
 
@@ -227,7 +246,7 @@ class CostMapWorker:
         shape = mode_shape(run.problem, state.positions, mode, state.order_offset, state.channels)
         label = f"pressure of {row_label(run.measurement, mode)} (normalised to a peak of 1)"
         height = z_range_of(run.known_scene, run.measurement)[0]
-        return CostMap(request, field_floor(shape, self._search(), label, height), None, 0, 0.0, 0.0)
+        return CostMap(request, field_floor(shape, self._search(), label, height), None, None, 0.0, 0.0)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
@@ -239,8 +258,12 @@ class CostMapWorker:
             panels = fine_panels(run, request, lambda: not self.worker.wants(request))
             if panels is None:
                 return None
-            self._costs["fine"] = key, panels, local_minima(panels.total)
+            self._costs["fine"] = key, panels, minima_of(panels.total, panels.search)
         _, panels, minima = self._costs["fine"]
+        if request.style.relief:  # a finer surface would take seconds to send: only the maps side by side are finer
+            latest = self.worker.latest
+            drawn = None if latest is None or latest.request[0] != request else latest.result
+            return None if drawn is None else replace(drawn, panels=panels, fine=True)
         return replace(cost_map(self._run, request, panels.total, panels.search, minima, panels), fine=True)
 
     def _search(self) -> Search:

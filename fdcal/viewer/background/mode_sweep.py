@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...cost.maps import partial_sums, refined
+from ...cost.scale import Minima
 from ...graphics.basin_map import TABLE, table_numbers
 from ...graphics.heatmap import colour_limits, colour_numbers, normalise, of_colour_numbers
 from ...graphics.primitives import Floor
@@ -49,7 +50,7 @@ class Sweep:
     @property
     def counts(self) -> tuple[int, ...]:
         """The numbers of local minima so far."""
-        return tuple(frame.map.minima for frame in self.frames[:])
+        return tuple(frame.count for frame in self.frames[:])
 
     def frame(self, count: int) -> SweepFrame | None:
         """Return the map of the first `count` modes, or None where there is none, or not yet."""
@@ -66,6 +67,7 @@ class SweepFrame:
     """One map of a sweep."""
 
     map: CostMap
+    count: int  # local minima of the map
     floor: Floor  # of the map, without its image
     numbers: np.ndarray  # (ny, nx) uint8, the image: numbers of colours
 
@@ -130,7 +132,7 @@ class SweepWorker:
                 return
             sweep.frames.append(self._frame(request, sums.modes, sums.cost, sums.minima, search))
 
-    def _frame(self, request: SweepRequest, modes, cost: np.ndarray, minima, search) -> SweepFrame:
+    def _frame(self, request: SweepRequest, modes, cost: np.ndarray, minima: Minima, search) -> SweepFrame:
         style = MapStyle(log=request.log, basins=request.basins)
         of = CostMapRequest(
             request.revision, request.microphone, tuple(sorted(modes)), request.order_offset, True, style,
@@ -145,4 +147,4 @@ class SweepWorker:
             low, high, _ = colour_limits(cost, request.log)
             numbers = colour_numbers(normalise(cost, low, high, request.log))
         floor = replace(drawn.floor, rgb=NO_IMAGE)
-        return SweepFrame(replace(drawn, floor=None), floor, numbers)
+        return SweepFrame(replace(drawn, floor=None), minima.count, floor, numbers)

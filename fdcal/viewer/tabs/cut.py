@@ -198,7 +198,7 @@ class CutPanel(Tab):
         self._microphone, drawn = tick.microphone, tick.drawn
         self._plot.settle()
         if drawn is not None and drawn.floor is not None:
-            self._lowest = drawn.floor.minimum
+            self._lowest = drawn.floor.lowest[0]
         binding, choices, state = self._binding, self._binding.choices, tick.view.state
         if choices.cut is None or choices.cut[0] == choices.cut[1]:
             if self._shown is not None:

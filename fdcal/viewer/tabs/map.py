@@ -54,11 +54,11 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
     """
     if drawn is None:
         return ""
-    request, count = drawn.request, drawn.minima
-    if request.style.shape:
+    request, found = drawn.request, drawn.minima
+    if found is None:
         text = "Snapshot of the field reconstructed at the estimated positions (Eq. 6)"
         return f"<div style='{html.CARD}'>{text}</div>"
-    minima = "no local minimum" if not count else "1 local minimum" if count == 1 else f"{count} local minima"
+    minima = "no local minimum" if not found.count else f"{found.count} local minim{'um' if found.count == 1 else 'a'}"
     several, modes = len(request.modes) > 1, request.modes
     what = f"sum of {count_label(measurement, modes)}" if several else f"{modes_label(measurement, modes)} alone"
     if request.order_offset is None:
@@ -67,7 +67,10 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
         here, lowest = (f"{decibels(cost):.1f} dB" for cost in (drawn.cost_here, drawn.lowest))
     what = f"microphone {request.microphone}, {what}"
     what += f": <b>{minima}</b> in the map" if request.style.minima else ""
-    lowest = f", lowest {lowest}" if request.style.minima else ""
+    if found.end is not None:
+        lowest = f"below {decibels(found.end):.1f} dB" if request.order_offset is not None else lowest
+    places = f" at {len(found.lowest)} places" if len(found.lowest) > 1 else ""
+    lowest = f", lowest {lowest}{places}" if request.style.minima else ""
     orders = f"<br>{drawn.note}" * bool(drawn.note) + (f"<br>{orders}" if orders else "")
     orders = f"<br>{drawn.volume.text}{orders}" if drawn.volume is not None and drawn.volume.text else orders
     return f"<div style='{html.CARD}'>{what}<br>cost at the estimate <b>{here}</b>{lowest}{orders}</div>"

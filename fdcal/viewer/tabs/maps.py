@@ -36,7 +36,7 @@ def panel_image(run: PreparedRun, drawn: CostMap) -> np.ndarray | None:
     positions = np.asarray(request.state.positions)
     truth = run.measurement.aligned_truth(positions)
     true = None if truth is None else tuple(truth[n][:2])
-    marks = Marks(true, tuple(positions[n][:2]), request.style.minima)
+    marks = Marks(true, tuple(positions[n][:2]), request.style.minima and drawn.fine)
     return mosaic(
         [*panels.maps, panels.total], captions, panels.search, marks,
         DARK if request.style.dark else LIGHT,

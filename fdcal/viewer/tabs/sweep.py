@@ -295,6 +295,4 @@ class SweepTab(Tab):
         if sweep is None or frame is None:
             return html.remark(ADVICE.format(self._binding.row))
         layer = self._binding.measurement.array_dimension == 3
-        return caption(
-            self._binding.measurement, sweep.request.microphone, sweep.of_first(summed), frame.map.minima, layer
-        )
+        return caption(self._binding.measurement, sweep.request.microphone, sweep.of_first(summed), frame.count, layer)
