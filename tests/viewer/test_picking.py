@@ -20,12 +20,14 @@ def picker():
     """A picker, the moves that it reported, and a function that passes it a drag of viser's."""
     placed, selected, callbacks = [], [], {}
     binding = SimpleNamespace(
+        place=lambda *arguments: placed.append(arguments),
         measurement=SimpleNamespace(count=5, search=SEARCH),
         choices=SimpleNamespace(release=False, plan=PlanChoices()),
         run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))),
     )  # fmt: skip
     disc = SimpleNamespace(
-        on_click=lambda call: callbacks.update(click=call), on_drag=lambda _: lambda call: callbacks.update(drag=call)
+        on_click=lambda call: callbacks.update(click=call),
+        on_drag=lambda _, modifier="drag": lambda call: callbacks.update({modifier: call}),
     )
     server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=lambda *_, **__: disc))
     picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
@@ -49,6 +51,12 @@ def test_the_position_is_where_the_line_of_sight_meets_the_floor(picker):
     microphone, place, gesture, released = picker.placed[0]
     assert microphone == 2 and gesture is not None and not released
     np.testing.assert_allclose(place, [1.3, 2.2])
+
+
+def test_with_shift_the_microphone_goes_where_the_pointer_is(picker):
+    for phase in ("start", "end"):
+        picker.shift(event(phase, 2, (1.25, 2.1, 2.5), eye=(1.2, 2.0, 5.0)))
+    assert [(index, *place) for index, place, _ in picker.placed] == [(2, *pytest.approx([1.3, 2.2]))] * 2
 
 
 def test_a_drag_is_one_gesture_and_the_next_is_another(picker):

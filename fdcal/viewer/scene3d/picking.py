@@ -23,8 +23,11 @@ DISC_RADIUS = 1.7  # in radii of a marker
 DISC_HEIGHT = 14 / 24  # over the floor, in radii of a marker: above everything that is drawn
 
 
+Move = Callable[[int, np.ndarray, int, bool], None]  # microphone, place, number of the gesture, whether it was let go
+
+
 class MicrophonePicker:
-    """Owns the discs.
+    """Owns the discs. With Shift a microphone stays where it is let go.
 
     `binding`: of the session; `picture`: as drawn, for the extent of the search domain and the size of the markers;
     `select`: called with the number of the microphone that was clicked; `move`: called with the number of one that is
@@ -38,7 +41,7 @@ class MicrophonePicker:
         binding: Binding,
         picture: Picture,
         select: Callable[[int], None],
-        move: Callable[[int, np.ndarray, int, bool], None],
+        move: Move,
         name: str = "/picking",
     ):
         self._binding, self._select, self._move = binding, select, move
@@ -65,7 +68,11 @@ class MicrophonePicker:
 
         @discs.on_drag("left")
         async def _(event) -> None:
-            self._drag(event)
+            self._drag(event, self._move)
+
+        @discs.on_drag("left", modifier="shift")
+        async def _(event) -> None:
+            self._drag(event, lambda index, place, gesture, released: self._binding.place(index, place, gesture))
 
         return discs
 
@@ -78,7 +85,7 @@ class MicrophonePicker:
         free = choices.release or choices.plan.shown
         return self._exists(index) and (free or index not in binding.run.problem.known)
 
-    def _drag(self, event) -> None:
+    def _drag(self, event, move: Move) -> None:
         """Move the microphone to where the line of sight meets its height, or its slice, inside the search domain."""
         if event.phase == "start":
             self._gesture[event.client_id] = next(self._gestures)
@@ -92,7 +99,7 @@ class MicrophonePicker:
             place = plane_point(eye, point, self._across, float(here[self._across]))
         if place is not None:
             low, high = self._low[: len(place)], self._high[: len(place)]
-            self._move(index, np.clip(place, low, high), gesture, event.phase == "end")
+            move(index, np.clip(place, low, high), gesture, event.phase == "end")
         if event.phase == "end":
             self._gesture.pop(event.client_id, None)
 
