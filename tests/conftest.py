@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # several test processes share the cores; before NumPy is imported
@@ -136,9 +137,21 @@ def pytest_xdist_make_scheduler(config, log):
     return OneBrowser(config, log)
 
 
+@pytest.hookimpl(tryfirst=True)  # before -m chooses
 def pytest_collection_modifyitems(items) -> None:
-    """Begin with the browser tests, which take the longest together; the other files follow in their order."""
-    items.sort(key=lambda item: not has_browser(item.path))
+    """Mark what is slow, and begin with the browser tests, then with the files that take longest: workers end together.
+
+    Slow are the tests of slow.txt, which slow.py writes from the durations of a run, and those in a browser.
+    """
+    lines = (ROOT / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()
+    slow = {name: float(seconds) for name, seconds in map(str.split, lines)}
+    files = Counter()
+    for item in items:
+        if item.originalname in slow or has_browser(item.path):
+            item.add_marker("slow")
+    for path, name in dict.fromkeys((item.path, item.originalname) for item in items):
+        files[path] += slow.get(name, 0.0)
+    items.sort(key=lambda item: (not has_browser(item.path), -files[item.path]))
 
 
 def _missing(reason: str) -> None:

@@ -38,6 +38,7 @@ from .uncertainty import one_sigma
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly
 MIN_EIGENVALUE = 1e-13  # of the scaled information: directions with less are as good as undetermined
+BLOCK = 100_000  # numbers of the largest array of a block of modes
 
 
 @dataclass(frozen=True)
@@ -94,13 +95,14 @@ def diffuse_information(positions, wavenumbers, noise_fraction: float, dimension
     above 0 and below 1; `dimension` is that of the sound field: 3 for a plane array in space, too.
     """
     x = np.asarray(positions, float)
-    apart = x[:, None] - x[None]
+    N, D = x.shape
+    apart, k = x[:, None] - x[None], np.asarray(wavenumbers, float)
     distance = np.linalg.norm(apart, axis=-1).ravel()
     total = 0.0
-    for k in np.asarray(wavenumbers, float):
-        kappa, over = diffuse_kernel(distance, np.array([k]), dimension)
-        slopes = np.asarray(over).reshape(apart.shape[:2])[..., None] * apart
-        total = total + _of_mode(kappa.reshape(apart.shape[:2]), np.moveaxis(slopes, -1, 0), noise_fraction)
+    for some in np.array_split(k, min(len(k), 1 + len(k) * (N * D) ** 2 // BLOCK)):
+        kappa, over = diffuse_kernel(distance, some, dimension)
+        slopes = np.asarray(over).reshape(-1, 1, N, N) * np.moveaxis(apart, -1, 0)
+        total = total + _of_modes(kappa.reshape(-1, N, N), slopes, noise_fraction)
     return _with_sound_speed(x, np.asarray(total))
 
 
@@ -153,24 +155,26 @@ def aligned_rms(information: Information, prior: Prior) -> float:
     return float(np.sqrt(np.trace(Q @ P @ Q) / len(information.positions)))
 
 
-def _of_mode(kappa: np.ndarray, slopes: np.ndarray, noise_fraction: float) -> np.ndarray:
-    """Return the information of one mode on positions and gains, of unknown power : (N D + N, N D + N).
+def _of_modes(kappa: np.ndarray, slopes: np.ndarray, noise_fraction: float) -> np.ndarray:
+    """Return the information of modes on positions and gains, each of unknown power : (N D + N, N D + N).
 
-    kappa (N, N), and slopes d kappa_ij / dx_ia (D, N, N), 1/m.
+    kappa (M, N, N), and slopes d kappa_ij / dx_ia (M, D, N, N), 1/m.
     """
-    D, N = slopes.shape[:2]
-    K, S = (1 - noise_fraction) * kappa, (1 - noise_fraction) * slopes
-    C = K + noise_fraction * np.eye(N)
+    M, D, N = slopes.shape[:3]
+    K, S, one = (1 - noise_fraction) * kappa, (1 - noise_fraction) * slopes, np.eye(N)
+    C = K + noise_fraction * one
     Ci = np.linalg.inv(C)
-    CS = Ci @ S.swapaxes(1, 2)
-    places = (Ci * (S[:, None] @ CS) + CS * CS.swapaxes(1, 2)[:, None]).transpose(2, 0, 3, 1)
-    mixed = Ci * S + np.einsum("nj,anj->an", Ci, S)[:, None] * np.eye(N)
+    CS = Ci[:, None] @ S.swapaxes(2, 3)
+    places = Ci[:, None, None] * (S[:, :, None] @ CS[:, None]) + CS[:, None] * CS.swapaxes(2, 3)[:, :, None]
+    places = places.sum(axis=0).transpose(2, 0, 3, 1)
+    mixed = np.sum(Ci[:, None] * S, axis=0) + np.einsum("mnj,manj->an", Ci, S)[:, None] * one
     mixed = mixed.transpose(1, 0, 2).reshape(N * D, N)
-    F = 2 * np.block([[places.reshape(N * D, N * D), mixed], [mixed.T, C * Ci + np.eye(N)]])
+    F = 2 * np.block([[places.reshape(N * D, N * D), mixed], [mixed.T, np.sum(C * Ci, axis=0) + M * one]])
     # The Schur complement of the power of the field, dC/ds = K / s.
     inner = Ci @ K @ Ci
-    cross = 2 * np.append(np.einsum("anj,nj->na", S, inner), np.einsum("nj,nj->n", Ci, K))
-    return F - np.outer(cross, cross) / np.sum(inner * K)
+    cross = [np.einsum("manj,mnj->mna", S, inner).reshape(M, -1), np.einsum("mnj,mnj->mn", Ci, K)]
+    cross = 2 * np.concatenate(cross, axis=1)
+    return F - (cross / np.sum(inner * K, axis=(1, 2))[:, None]).T @ cross
 
 
 def _with_sound_speed(x: np.ndarray, F: np.ndarray) -> Information:

@@ -13,36 +13,16 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import click
 
 from ..model.validation import InputError
 from ..session.blas_threads import one_blas_thread_for_command
 from . import file_commands, plan_command, plot_commands, study_command
+from . import options as opt
 from . import parameter_types as types
-from .options import (
-    OPTIONS,
-    files_options,
-    force_option,
-    input_of,
-    modes_option,
-    open_request_of,
-    output_option,
-    output_path,
-    progress_bar,
-    radius_option,
-    scene_of,
-    search_option,
-    seed_option,
-    solver_option,
-    solver_options,
-)
-
-if TYPE_CHECKING:
-    from ..solvers.warmup import Piece
 
 INTERRUPTED = "interrupted; nothing is left half-written"
 NO_MEMORY = "there is not enough memory for this; use fewer microphones, frequencies or candidate positions"
@@ -67,10 +47,7 @@ def without_debug(args: Sequence[str]) -> tuple[list[str], bool]:
 
 @contextlib.contextmanager
 def guarded(debug: bool = False) -> Iterator[End]:
-    """Turn an exception into one line on standard error and the exit code that `fdcal.commands.cli` lists.
-
-    `debug`: whether the traceback is shown before that line.
-    """
+    """Turn an exception into one line on standard error, after the traceback with `debug`, and an exit code."""
     end = End()
     try:
         yield end
@@ -79,7 +56,10 @@ def guarded(debug: bool = False) -> Iterator[End]:
             with contextlib.suppress(OSError):
                 traceback.print_exc()
         message, end.code = _described(error)
-        _print_error(message)
+        line = " ".join(message.split())
+        line = line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
+        with contextlib.suppress(OSError, ValueError):  # where nobody reads it
+            print("error:", line, file=sys.stderr, flush=True)
 
 
 def _described(error: BaseException) -> tuple[str, int]:
@@ -91,7 +71,7 @@ def _described(error: BaseException) -> tuple[str, int]:
     if isinstance(error, click.ClickException):
         return error.format_message(), 2
     if isinstance(error, InputError):
-        return error.worded(OPTIONS), 2
+        return error.worded(opt.OPTIONS), 2
     if isinstance(error, MemoryError):
         return NO_MEMORY, 1
     if isinstance(error, OSError):
@@ -110,14 +90,6 @@ def _owners(error: click.NoSuchOption) -> str:
         if any(error.option_name in option.opts for option in command.params)
     ]
     return f"; it is an option of {', '.join(owners)}" if owners else ""
-
-
-def _print_error(message: str) -> None:
-    """Print one line to standard error, if anyone reads it."""
-    line = " ".join(message.split())
-    line = line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
-    with contextlib.suppress(OSError, ValueError):
-        print("error:", line, file=sys.stderr, flush=True)
 
 
 def flush_output() -> None:
@@ -168,7 +140,7 @@ def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_brows
     from .serving import check_address, open_page, warning
 
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
-    request = None if scene is None else open_request_of(scene)
+    request = None if scene is None else opt.open_request_of(scene)
     only_here = check_address(host, port)
     if not only_here:
         print(warning(host, port), file=sys.stderr)
@@ -188,12 +160,12 @@ def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_brows
 
 @commands.command()
 @click.argument("scene")
-@output_option("FILE.npz")
-@force_option
+@opt.output_option("FILE.npz")
+@opt.force_option
 def simulate(scene: str, output: str, force: bool):
     """Simulate a scene and write what its microphones measured."""
-    path = output_path(output, ".npz", force)
-    measurement = scene_of(scene).measurement
+    path = opt.output_path(output, ".npz", force)
+    measurement = opt.scene_of(scene).measurement
     from ..model.measurement_file import save_measurement
     from ..model.storage import write_atomically
 
@@ -205,16 +177,16 @@ def simulate(scene: str, output: str, force: bool):
 
 @commands.command()
 @click.argument("sources", nargs=-1, required=True, metavar="SCENE|FILE...")
-@solver_option
-@solver_options
+@opt.solver_option
+@opt.solver_options
 @click.option(
     "--gain-sigma",
     type=types.gain_sigma,
     metavar="DB,DEG",
     help="Spread of the channels for solver robust, as 1dB,5deg.  [default: estimated]",
 )
-@modes_option
-@seed_option
+@opt.modes_option
+@opt.seed_option
 @click.option(
     "--exclude",
     type=types.microphone_names,
@@ -240,11 +212,11 @@ def simulate(scene: str, output: str, force: bool):
 @click.option(
     "--positions", metavar="FILE.xml|csv", help="Positions to compare with instead: Acoular's XML, or name,x,y[,z]."
 )
-@output_option("RESULT.json", required=False)
-@files_options
-@search_option
-@radius_option
-@force_option
+@opt.output_option("RESULT.json", required=False)
+@opt.files_options
+@opt.search_option
+@opt.radius_option
+@opt.force_option
 def calibrate(
     sources, solver, gain_sigma, modes, seed, exclude, estimate_sound_speed, distance, room, time_limit, check,
     positions, output, files, split, number, search, radius, force, **settings,
@@ -257,20 +229,20 @@ def calibrate(
     The exit code is 4 if the result cannot be trusted, and 5 if --check finds channels exchanged or a list that does
     not fit.
     """
-    path = output_path(output, ".json", force, *sources) if output else None
+    path = opt.output_path(output, ".json", force, *sources) if output else None
     from ..session.calibration_run import solve
     from ..session.sources import with_settings
     from . import report
 
-    inputs = input_of(sources, search, radius, exclude, positions, files=files, split=split, source=number)
+    inputs = opt.input_of(sources, search, radius, exclude, positions, files=files, split=split, source=number)
     solver = types.room_solver(room, solver)
     settings |= dict(zip(("gain_sigma_db", "phase_sigma_deg"), gain_sigma or (), strict=False))
     inputs = with_settings(inputs, solver, modes, seed, room=room, **settings)
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
     if check:
         report.require_positions(inputs.measurement)
-    with progress_bar("calibrating") as progress:
-        result = solve(inputs, progress, OPTIONS)
+    with opt.progress_bar("calibrating") as progress:
+        result = solve(inputs, progress, opt.OPTIONS)
     compared = report.comparison(inputs, result) if check else None
     if path is not None:
         from ..assessment.result_file import save_result
@@ -309,7 +281,7 @@ def warm():
         print(f" {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
 
 
-def all_pieces() -> list[Piece]:
+def all_pieces() -> list[tuple[str, Callable[[], object]]]:
     """Return what is compiled, in words, and the calls that compile it."""
     from ..solvers.warmup import MINIMA, SEARCH
 

@@ -16,9 +16,8 @@ def _import_options(command):
     types = typing.get_type_hints(ImportOptions)
     for field in reversed([field for field in fields(ImportOptions) if "help" in field.metadata]):
         choices = field.metadata["choices"]
-        kind = next(
-            (one for one in (int, float) if one in (types[field.name], *typing.get_args(types[field.name]))), str
-        )
+        allowed = types[field.name], *typing.get_args(types[field.name])
+        kind = next((one for one in (int, float) if one in allowed), str)
         command = click.option(
             f"--{field.name.replace('_', '-')}",
             type=RecordingKind(choices) if field.name == "kind" else click.Choice(choices) if choices else kind,
@@ -83,7 +82,9 @@ def export(result, output, frame, original, table, force):
     from ..recordings.export import export_gains, export_positions
 
     if table == "gains":
-        _require_positions(frame=frame, original=original)
+        for key, value in (("frame", frame), ("original", original)):
+            if value is not None:
+                raise InputError("--table gains writes no positions", f"leave out <{key}>", key=key, value=value)
         path = output_path(output, ".csv", force, result)
         calibration = load_result(result)
         export_gains(calibration, path, force)
@@ -95,13 +96,6 @@ def export(result, output, frame, original, table, force):
         raise InputError(f"--original {original} is for -o FILE.sofa", remedy, key="original", value=original)
     placed = export_positions(load_result(result), path, frame, original, force)
     print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")
-
-
-def _require_positions(**given: str | None) -> None:
-    """Raise InputError for options that only positions have."""
-    for key, value in given.items():
-        if value is not None:
-            raise InputError("--table gains writes no positions", f"leave out <{key}>", key=key, value=value)
 
 
 COMMANDS = (import_, export)

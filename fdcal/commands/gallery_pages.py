@@ -73,10 +73,7 @@ Progress = Callable[..., None]
 
 
 def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each file, the index last.
-
-    `progress`: called with the fraction done, 0 to 1, and a note.
-    """
+    """Yield name and text of each file, the index last; `progress` gets the fraction done and a note."""
     entries, count = [], len(SHOWS) + 1
     for i, show in enumerate(SHOWS):
         progress(i / count, show.scene)

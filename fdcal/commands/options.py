@@ -1,4 +1,4 @@
-"""Where a command may write its result."""
+"""The options that commands share, and what they stand for: where to write, what to read, how to solve."""
 
 from __future__ import annotations
 
@@ -15,16 +15,7 @@ from ..model.declared import declaration
 from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import InputError, StorageError
 from ..solvers import names
-from .parameter_types import (
-    KnownChoice,
-    duration,
-    length,
-    noise_level,
-    numbers,
-    percentage,
-    search_domain,
-    source_number,
-)
+from . import parameter_types as types
 
 if TYPE_CHECKING:
     from ..assessment.calibration import Calibration
@@ -33,37 +24,28 @@ if TYPE_CHECKING:
 
 
 def output_path(text: str, suffix: str | list[str], force: bool, *inputs: str | None) -> Path:
-    """Return the path of a result; it is checked before the work begins, which may take long.
+    """Return the path of the option -o, checked before the work begins, which may take long.
 
-    `text`: of the option -o; `suffix`, str or list of str, allowed suffixes, in lower case; `force`: whether an
-    existing file may be overwritten; `*inputs`: files that must not be overwritten. Raises InputError, StorageError:
-    the suffix is wrong, the file exists or is one of the inputs; its folder does not exist.
+    `suffix`: those allowed, in lower case; `inputs`: files that must not be overwritten, even by `force`.
     """
     path = Path(text)
     allowed = [suffix] if isinstance(suffix, str) else suffix
     if path.suffix.lower() not in allowed:
-        problem, remedy = (
-            f'-o "{text}" must end in {" or ".join(allowed)}',
-            f"write {path.stem or 'result'}{allowed[0]}",
-        )
-        raise InputError(problem, remedy, key="output", value=text)
+        problem = f'-o "{text}" must end in {" or ".join(allowed)}'
+        raise InputError(problem, f"write {path.stem or 'result'}{allowed[0]}", key="output", value=text)
     if path.is_dir():
         raise InputError(f"-o {text} is a folder", "name a file", key="output", value=text)
     if not path.parent.is_dir():
         raise StorageError(f"-o {text} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
-    for source in inputs:
-        if source is not None and (Path(source).resolve() == path.resolve() or _same_file(Path(source), path)):
+    for source in map(Path, filter(None, inputs)):
+        linked = source.exists() and path.exists() and source.samefile(path)  # as hard links are
+        if linked or source.resolve() == path.resolve():
             problem = f"-o {text} is the input itself, which is never overwritten"
             raise InputError(problem, "choose another name", key="output", value=text)
     if path.exists() and not force:
         remedy = "add <force> to overwrite it, or choose another name"
         raise InputError(f"-o {text} exists", remedy, key="output", value=text)
     return path
-
-
-def _same_file(one: Path, other: Path) -> bool:
-    """Return whether two paths lead to one file, as hard links do."""
-    return one.exists() and other.exists() and one.samefile(other)
 
 
 SESSIONS = (".zip", ".json")
@@ -158,7 +140,7 @@ solver_option = click.option(
 )
 search_option = click.option(
     "--search",
-    type=numbers,
+    type=types.numbers,
     metavar="ORIGIN,SIZE,STEP",
     help="Search domain, five numbers in metres: x,y of its lowest corner, width,height, step."
     " For example 2.01,1.71,1.2,1.2,0.01",
@@ -168,8 +150,9 @@ radius_option = click.option("--radius", type=float, metavar="R", help="Radius R
 
 def solver_options(command):
     """Add an option for each of SOLVER_OPTIONS; a field of `SolverSettings` that is declared there needs no more."""
-    special = {"known": (KnownChoice(["all", "minimal", "none"]), None), "noise": (noise_level, "DB|auto|reported")}
-    units = {"m": (length, "LENGTH"), "": (percentage, "PERCENT")}
+    known = types.KnownChoice(["all", "minimal", "none"])
+    special = {"known": (known, None), "noise": (types.noise_level, "DB|auto|reported")}
+    units = {"m": (types.length, "LENGTH"), "": (types.percentage, "PERCENT")}
     for key, declared in reversed(SOLVER_OPTIONS.items()):
         kind = declaration(SolverSettings, key)[0]
         choices = click.Choice(get_args(kind)) if get_origin(kind) is Literal else None
@@ -196,8 +179,8 @@ def files_options(command):
     for option in reversed((
         click.option("--takes", "files", flag_value="takes", help="Several files are takes of the same channels."),
         click.option("--channels", "files", flag_value="channels", help="Several files are channels of one take."),
-        click.option("--split", type=duration, metavar="TIME", help="Cut a long recording into takes, as 10s."),
-        click.option("--source", "number", type=source_number, metavar="I|all",
+        click.option("--split", type=types.duration, metavar="TIME", help="Cut a long recording into takes, as 10s."),
+        click.option("--source", "number", type=types.source_number, metavar="I|all",
                      help="Which of several sources, from 0; all: each is a take."),
     )):  # fmt: skip
         command = option(command)
@@ -213,11 +196,10 @@ def input_of(
     positions: str | None = None,
     **recorded: Any,
 ) -> CalibrationInput:
-    """Return the measurement of a scene or of files.
+    """Return the measurement of a scene or of files, with the values of the options.
 
-    `source`, str or sequence of str, scene, measurements or recordings; `search`, `radius`: values of --search and
-    --radius; `excluded`: microphones to leave out; `positions`: file of the positions of all microphones, to compare
-    with; `**recorded`: of recordings: fields of `fdcal.recordings.import_options.ImportOptions`; None leaves out one.
+    `positions`: file of the positions of all microphones, to compare with; `recorded`: of recordings, fields of
+    `fdcal.recordings.import_options.ImportOptions`; None leaves one out.
     """
     from ..session.sources import compared_with_file, is_recording, load_input
 
@@ -236,7 +218,7 @@ def input_of(
     if positions is not None:
         inputs = compared_with_file(inputs, positions)
     measurement = inputs.measurement
-    domain = search_domain(measurement.search, measurement.array_dimension or measurement.dimension, search, radius)
+    domain = types.search_domain(measurement.search, measurement.array_dimension, search, radius)
     return replace(inputs, measurement=replace(measurement, search=domain))
 
 

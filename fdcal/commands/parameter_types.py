@@ -207,12 +207,7 @@ class KnownChoice(click.Choice):
 def search_domain(
     own: Search | None, dimension: int, search: list[float] | None, radius: float | None
 ) -> Search | None:
-    """Return the search domain of --search and --radius; what is not given is that of the measurement.
-
-    `own`: of the measurement; `dimension`: 2 or 3, of the array; `search`: origin, size and step, metres; `radius`: R
-    of Eq. 3, metres. Raises InputError: a part is given neither here nor in the measurement, or `search` has a wrong
-    number of values.
-    """
+    """Return the search domain of --search and --radius; what is not given is that of the measurement, its `own`."""
     if search is None and radius is None:
         return own
     if own is None and (search is None or radius is None):

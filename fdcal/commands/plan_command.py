@@ -59,23 +59,9 @@ BOUND_ONLY = (
 @output_option("PLAN.html|json|png", required=False)
 @force_option
 def plan(
-    layout,
-    room,
-    rt60,
-    snr,
-    frequencies,
-    known,
-    known_sigma,
-    gain_sigma,
-    accuracy,
-    takes,
-    trials,
-    solver,
-    workers,
-    seed,
-    output,
-    force,
-):
+    layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, trials, solver, workers,
+    seed, output, force,
+):  # fmt: skip
     """Tell beforehand how exact an array will be calibrated.
 
     LAYOUT is a table name,x,y[,z] (.csv), a geometry of Acoular (.xml), a scene, or a geometry in words: "circle 16
@@ -90,7 +76,7 @@ def plan(
     array = read_layout(layout, seed)
     request = PlanRequest(
         layout=array,
-        room=room or _own_room(array),
+        room=room or (None if array.scene is None else array.scene.room.size),
         reverberation_time=rt60,
         snr_db=snr,
         band=_band(frequencies),
@@ -104,21 +90,15 @@ def plan(
     )
     simulated = None
     if trials:
+        information, workers = request_information(request), workers or workers_for(trials)
         with progress_bar("simulating") as progress:
-            simulated = run_trials(
-                request, request_information(request), trials, progress, workers or workers_for(trials)
-            )
+            simulated = run_trials(request, information, trials, progress, workers)
     found = make_plan(request, trials=simulated)
     if path is not None:
         _write(path, found, force)
     if not trials:
         print(BOUND_ONLY)
     print("\n".join(plan_lines(found)))
-
-
-def _own_room(array) -> tuple[float, ...] | None:
-    """Return the lengths of the room of an array's own scene, None without a rectangle."""
-    return None if array.scene is None or array.scene.room.size is None else tuple(array.scene.room.size)
 
 
 def _band(text: str | None) -> tuple[float, float] | None:

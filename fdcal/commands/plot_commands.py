@@ -3,23 +3,8 @@
 import click
 
 from ..model.validation import InputError
+from . import options as opt
 from . import parameter_types as types
-from .options import (
-    basins_option,
-    force_option,
-    input_of,
-    modes_option,
-    output_option,
-    output_path,
-    progress_bar,
-    radius_option,
-    result_of,
-    result_option,
-    scene_of,
-    search_option,
-    seed_option,
-    solver_option,
-)
 from .parameter_types import microphone_number, mode_numbers
 
 
@@ -33,12 +18,12 @@ from .parameter_types import microphone_number, mode_numbers
     metavar="M,M,...",
     help="Modes to draw, counted from 1.  [default: 1,5,9]",
 )
-@basins_option
-@result_option
-@output_option("FIG.png|svg|vti")
-@search_option
-@radius_option
-@force_option
+@opt.basins_option
+@opt.result_option
+@opt.output_option("FIG.png|svg|vti")
+@opt.search_option
+@opt.radius_option
+@opt.force_option
 def landscape(source, microphone, numbers, basins, result, output, search, radius, force):
     """Draw the cost of moving one microphone, mode by mode.
 
@@ -48,17 +33,17 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     true positions, or at those of a result. Of an array in space there are numbers alone, in three dimensions and
     summed over all modes. With --basins, colours say at which local minimum descent from each place ends.
     """
-    path = output_path(output, [".png", ".svg", ".vti"], force)
+    path = opt.output_path(output, [".png", ".svg", ".vti"], force)
     from ..graphics.landscape import landscape_panels
     from ..model.given_positions import with_search_domain
     from ..model.storage import write_atomically
     from .plotting import shown_positions, write_volume
 
-    inputs = input_of(source, search, radius)
+    inputs = opt.input_of(source, search, radius)
     measurement = inputs.measurement
     n = microphone_number(microphone, measurement.count)
     modes = mode_numbers(numbers, len(measurement.frequencies))
-    positions = shown_positions(measurement, result_of(result))
+    positions = shown_positions(measurement, opt.result_of(result))
     if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
         write_volume(path, inputs, positions, n, force, basins)
         return
@@ -84,7 +69,7 @@ def _landscape_bytes(suffix: str, panels, measurement, basins: bool) -> bytes:
 
 @click.command()
 @click.argument("source", metavar="SCENE|FILE")
-@result_option
+@opt.result_option
 @click.option(
     "--frequencies",
     type=types.numbers,
@@ -92,8 +77,8 @@ def _landscape_bytes(suffix: str, panels, measurement, basins: bool) -> bytes:
     help="Measured frequencies.  [default: lowest, middle and highest]",
 )
 @click.option("--step", type=float, metavar="METRES", help="Lattice step.  [default: a 60th of the longest side]")
-@output_option("FILE.npz|csv|png|vti")
-@force_option
+@opt.output_option("FILE.npz|csv|png|vti")
+@opt.force_option
 def field(source, result, frequencies, step, output, force):
     """Map the sound field inside the array.
 
@@ -103,9 +88,9 @@ def field(source, result, frequencies, step, output, force):
     from ..model.storage import write_atomically
     from .plotting import field_inside
 
-    path = output_path(output, sorted(field_files.WRITERS), force, source, result)
-    found = result_of(result)
-    inputs = input_of(source, excluded=found.excluded if found else ())
+    path = opt.output_path(output, sorted(field_files.WRITERS), force, source, result)
+    found = opt.result_of(result)
+    inputs = opt.input_of(source, excluded=found.excluded if found else ())
     mapped = field_inside(inputs.measurement, found, frequencies, step)
     write_atomically(path, lambda file: field_files.write(file, path, mapped), force)
     listed = ", ".join(f"{f:.1f}" for f in mapped.frequencies)
@@ -114,14 +99,14 @@ def field(source, result, frequencies, step, output, force):
 
 @click.command()
 @click.argument("scene")
-@result_option
+@opt.result_option
 @click.option(
     "--microphone",
     type=int,
     metavar="N",
     help="Draw the cost landscape of this one: on the floor, or isosurfaces of an array in space.",
 )
-@basins_option
+@opt.basins_option
 @click.option(
     "--slice",
     "plane",
@@ -135,12 +120,12 @@ def field(source, result, frequencies, step, output, force):
     "--view", type=click.Choice(["top", "3d", "close"]), default="top", show_default=True, help="Camera position."
 )
 @click.option("--size", type=types.picture_size, default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
-@output_option("FILE.png")
-@force_option
+@opt.output_option("FILE.png")
+@opt.force_option
 def snapshot(scene, result, microphone, basins, plane, view, size, output, force):
     """Draw a room, its microphones and a result, without a browser."""
-    path = output_path(output, ".png", force)
-    inputs, found = scene_of(scene), result_of(result)
+    path = opt.output_path(output, ".png", force)
+    inputs, found = opt.scene_of(scene), opt.result_of(result)
     from ..graphics.overlays import with_volume
     from ..graphics.picture import compose
     from ..graphics.snapshot import render
@@ -167,21 +152,21 @@ def snapshot(scene, result, microphone, basins, plane, view, size, output, force
 
 @click.command()
 @click.argument("source", metavar="SCENE|FILE")
-@solver_option
-@modes_option
-@seed_option
+@opt.solver_option
+@opt.modes_option
+@opt.seed_option
 @click.option("--microphone", type=int, metavar="N", help="Whose map is shown first, counted from 0.")
-@output_option("FILE.html")
-@search_option
-@radius_option
-@force_option
+@opt.output_option("FILE.html")
+@opt.search_option
+@opt.radius_option
+@opt.force_option
 def replay(source, solver, modes, seed, microphone, output, search, radius, force):
     """Write a calibration as a page that plays in any browser.
 
     The page maps the cost of moving any microphone, at any step, from any modes; the address after # leads to a moment,
     as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
     """
-    path = output_path(output, ".html", force)
+    path = opt.output_path(output, ".html", force)
     from ..cost.reference_cost import reference_cost_of
     from ..graphics.replay import replay_html
     from ..model.given_positions import with_search_domain
@@ -192,33 +177,25 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     from ..session.sources import with_settings
     from .plotting import counted_microphones
 
-    inputs = with_settings(input_of(source, search, radius), solver, modes, seed)
+    inputs = with_settings(opt.input_of(source, search, radius), solver, modes, seed)
     if microphone is not None:
         microphone_number(microphone, inputs.measurement.count)
-    with progress_bar("calibrating") as progress:
+    with opt.progress_bar("calibrating") as progress:
         states = recorded(states_of(inputs, progress))
     title = inputs.title or inputs.name if inputs.scene is None else inputs.scene.title
     source = with_search_domain(inputs.measurement, states[-1].positions)
     measurement = source if inputs.scene is None else as_given(inputs.scene, source)
     problem = source.problem(inputs.settings.weights, inputs.settings.known)
     sought = counted_microphones(inputs, states[-1])
-    text = replay_html(
-        inputs.scene,
-        measurement,
-        states,
-        title,
-        reference_cost_of(problem),
-        sought,
-        problem=problem,
-        microphone=microphone,
-    )
+    cost = reference_cost_of(problem)
+    text = replay_html(inputs.scene, measurement, states, title, cost, sought, problem=problem, microphone=microphone)
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
     print(f"{path}: {len(states)} states of {inputs.settings.name}, {len(text) / 1e6:.2g} MB")
 
 
 @click.command()
-@output_option("FOLDER")
-@force_option
+@opt.output_option("FOLDER")
+@opt.force_option
 def gallery(output: str, force: bool):
     """Write a static site of replays with an index page, which any web server can host and any browser opens.
 
@@ -231,7 +208,7 @@ def gallery(output: str, force: bool):
         from .gallery_pages import gallery_pages
 
         sizes = []
-        with progress_bar("calibrating") as progress:
+        with opt.progress_bar("calibrating") as progress:
             for name, text in gallery_pages(progress):
                 (folder / name).write_text(text, encoding="utf-8")
                 sizes.append((folder / name).stat().st_size)

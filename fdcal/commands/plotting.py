@@ -24,12 +24,7 @@ if TYPE_CHECKING:
 
 
 def shown_positions(measurement: Measurement, result: Calibration | None) -> np.ndarray:
-    """Return the positions of a result, or the true ones without a result.
-
-    Returns (N, D) float64, metres; those of a blind result are moved as a whole onto the true positions, where these
-    are known. Raises InputError: there are neither a result nor true positions, or the result is of another
-    measurement.
-    """
+    """Return the positions (N, D), metres, of a result, a blind one moved onto the true ones; or the true ones."""
     if result is not None:
         return result.positions_for(measurement)
     if measurement.positions is None:
@@ -47,23 +42,15 @@ def error_title(measurement: Measurement, result: Calibration) -> str:
 
 
 def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
-    """Return the numbers of the microphones whose errors are averaged, as `fdcal calibrate` does: (K,) int64.
-
-    Those that are sought; without the channels that are faulty, where the solver judges them.
-    """
-    free = np.setdiff1d(np.arange(inputs.measurement.count), inputs.given)
+    """Return the numbers (K,) of the microphones whose errors are averaged: those sought with healthy channels."""
+    everything = np.arange(inputs.measurement.count)
+    free = np.setdiff1d(everything, inputs.given)
     found = None if state.channels is None else assess_state(inputs, problem_of(inputs), state)
-    return healthy_microphones(
-        free if len(free) else np.arange(inputs.measurement.count), inputs.measurement.names, found
-    )
+    return healthy_microphones(free if len(free) else everything, inputs.measurement.names, found)
 
 
 def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> np.ndarray:
-    """Return what a step of solver descent on one microphone minimises: the sum over the lowest modes.
-
-    `positions` (N, D) float64, metres; `n`: the microphone that is moved; `modes`: how many modes are summed, from the
-    lowest up. Returns (ny, nx) float64, cost on the search lattice.
-    """
+    """Return what a step of solver descent on microphone `n` minimises: the sum over the lowest modes : (ny, nx)."""
     from ..cost.maps import descent_maps  # compiled code, which reading a file does not need
     from ..solvers.descent import order_offset_of
 
@@ -75,10 +62,9 @@ def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, mo
 
 
 def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
-    """Return the cost of moving a microphone of an array in space through the search domain, as the page shows it.
+    """Return the cost of moving microphone `n` of an array in space (N, 3) through the search domain, as on the page.
 
-    `positions` (N, 3) float64, metres; `n`: the microphone that is moved; `modes`: how many modes are summed, from the
-    lowest up; those that the microphones can carry.
+    `modes`: how many are summed, from the lowest up, of those that the microphones can carry.
     """
     from ..cost.expansion import expansion_of
     from ..cost.maps import cost_volume
@@ -105,10 +91,7 @@ def place_of_basin(measurement: Measurement, positions: np.ndarray, n: int) -> t
 
 
 def floor_of(cost: np.ndarray, search: Search, basin: tuple[np.ndarray, str] | None) -> Floor:
-    """Return a map on the floor of a cost (ny, nx).
-
-    `basin`: a place and its name, whose basin of attraction comes first among all basins; None for the cost itself.
-    """
+    """Return a map on the floor of a cost (ny, nx), or of its basins, that of a place with a name first."""
     from ..cost.basins import basins_of
     from ..cost.maps import minima_of
     from ..graphics.basin_map import basin_floor
@@ -125,9 +108,7 @@ def map_of(
 ) -> dict[str, Any]:
     """Return what a snapshot shows of the cost of a microphone: {"floor": Floor} or, in space, {"volume": Volume}.
 
-    `inputs`, `positions`, `n`, `modes`: as of `summed_landscape`; `plane`: axis across the slice through a volume, and
-    its place along it, metres, None for that of the microphone; `basins`: whether the colours are those of basins of
-    attraction.
+    `plane`: axis across the slice through a volume, and its place along it, metres, None for that of the microphone.
     """
     measurement = inputs.measurement
     if measurement.search is None:
@@ -142,10 +123,7 @@ def map_of(
 def sliced_volume(
     sampled: SampledVolume, place, axis: str, position: float | None, basin: tuple[np.ndarray, str] | None
 ) -> Volume:
-    """Return a volume with a slice across an axis, at `position` or through the microphone at `place` (3,), metres.
-
-    `basin` as of `floor_of`.
-    """
+    """Return a volume with a slice across an axis, at `position` or through the microphone at `place` (3,), metres."""
     from ..cost.basins import basins_of
     from ..graphics.basin_map import basin_slice
     from ..graphics.volume import drawn_volume, sliced
@@ -173,11 +151,7 @@ def write_volume(
 def field_inside(
     measurement: Measurement, result: Calibration | None, frequencies: list[float] | None, step: float | None
 ) -> FieldMap:
-    """Return the sound field inside the array, from the positions of a result or the true ones.
-
-    `measurement`: without the microphones that the result leaves out; `frequencies`: hz; the lowest, middle and highest
-    unless given; `step`: of the lattice, metres.
-    """
+    """Return the sound field inside the array, from the positions of a result or the true ones."""
     positions = shown_positions(measurement, result)
     if frequencies is None and result is not None:
         frequencies = [result.frequencies[i] for i in (0, len(result.frequencies) // 2, -1)]

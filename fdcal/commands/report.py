@@ -33,9 +33,8 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
         f"error   {_error(result, inputs)}",
     ]
     if result.cost_db is not None:
-        lines.insert(
-            3, f"cost    {result.cost_db:.1f} dB of the power (Eq. 7, of all modes that the microphones carry)"
-        )
+        cost = f"{result.cost_db:.1f} dB of the power (Eq. 7, of all modes that the microphones carry)"
+        lines.insert(3, f"cost    {cost}")
     if inputs.remark:
         lines.append(f"list    {inputs.remark}")
     if inputs.estimate_sound_speed:

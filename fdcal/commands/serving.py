@@ -16,8 +16,6 @@ def check_address(host: str, port: int) -> bool:
     """Return whether an address can be reached from this machine only (a loopback address).
 
     The port is bound once, because a viewer with an address that cannot be served would wait indefinitely.
-
-    Raises InputError: the address cannot be served.
     """
     if not 0 <= port <= 65535:
         raise InputError(f"--port {port} is out of range", f"{PORTS} for a free one", key="port", value=port)

@@ -41,9 +41,8 @@ def study(file, output, workers, scheduler, resume, dry_run, report, axes, at):
     found = load_study(file)
     if dry_run:
         seconds = expected_seconds(found, workers or 2)
-        print(
-            f"{found.count} calibrations at {found.points} points, about {_duration(seconds)}, {workers or 2} workers"
-        )
+        count = f"{found.count} calibrations at {found.points} points"
+        print(f"{count}, about {_duration(seconds)}, {workers or 2} workers")
         return 0
     _require(output is not None, "output", "no folder is named for the results", "give -o FOLDER")
     return _run(found, output, workers or 2, scheduler, resume)

@@ -13,12 +13,7 @@ from ..model.given_positions import MicrophonePositions, with_known, with_positi
 from ..model.measurement import Measurement
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
-from ..model.validation import (
-    InputError,
-    require_array,
-    shown_literal,
-    unexpected_argument,
-)
+from ..model.validation import InputError, require_array, shown_literal, unexpected_argument
 from .blas_threads import one_blas_thread
 from .calibration_run import solve
 from .sources import Progress, is_recording, load_input, measurement_input, scene_input, with_settings
@@ -223,27 +218,23 @@ def calibrate(
     """
     require_measurement(measurement, "calibrate")
     require_settings(settings)
-    require_truth_value("estimate_sound_speed", estimate_sound_speed)
+    convert(estimate_sound_speed, bool, "estimate_sound_speed")
     require_callable("progress", progress)
-    _require_settings_named(others)
+    fields_known = {field.name for field in fields(SolverSettings)}
+    for name in sorted(set(others) - fields_known):
+        raise unexpected_argument("calibrate", name, fields_known | set(inspect.signature(calibrate).parameters))
     gauge = known if isinstance(known, str) else None
     if known is not None and gauge is None:
-        measurement = with_known(measurement, known_microphones(known))
+        measurement = with_known(measurement, known if isinstance(known, Mapping) else microphone_names("known", known))
     inputs = measurement_input(measurement, excluded=microphone_names("exclude", exclude), settings=settings)
     others |= {"known": gauge, "noise": None if noise is None else str(noise)}
     if room is not None:
-        solver, others["room"] = solver or "room", lengths("room", room)
+        sides = _entries("room", room, "lengths", "(7.0, 6.0), metres")
+        solver, others["room"] = solver or "room", convert(sides, tuple[float, ...], "room")
     inputs = with_settings(inputs, solver, modes, seed, **others)
     pair = known_distance(distance)
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=pair, time_limit=time_limit)
     return solve(inputs, progress)
-
-
-def _require_settings_named(others: dict) -> None:
-    """Raise TypeError for an argument of `calibrate` that is neither its own nor a field of `SolverSettings`."""
-    known = {field.name for field in fields(SolverSettings)}
-    for name in sorted(set(others) - known):
-        raise unexpected_argument("calibrate", name, known | set(inspect.signature(calibrate).parameters))
 
 
 def microphone_names(key: str, values: Any) -> tuple[str, ...]:
@@ -254,25 +245,18 @@ def microphone_names(key: str, values: Any) -> tuple[str, ...]:
     return tuple(str(one) for one in values)
 
 
-def known_microphones(known: Any) -> Any:
-    """Return known microphones that are not named by a word: a mapping, or a tuple of texts."""
-    return known if isinstance(known, Mapping) else microphone_names("known", known)
-
-
-def lengths(key: str, values: Any) -> tuple[float, ...]:
-    """Return lengths, metres, whose number and sign others check."""
+def _entries(key: str, values: Any, what: str, example: str) -> list[Any]:
+    """Return the entries of a list; InputError, that it is no list of `what`, for a text and for what is none."""
     if isinstance(values, str) or not isinstance(values, Iterable):
-        problem = f"{key} = {shown_literal(values)} is no list of lengths"
-        raise InputError(problem, f"write <{key}> = (7.0, 6.0), metres", key=key, value=values)
-    return convert(list(values), tuple[float, ...], key)
+        problem = f"{key} = {shown_literal(values)} is no list of {what}"
+        raise InputError(problem, f"write <{key}> = {example}", key=key, value=values)
+    return list(values)
 
 
 def mode_numbers(modes: Any, count: int) -> list[int]:
     """Return numbers of modes, counted from 1, of `count`."""
-    if isinstance(modes, str) or not isinstance(modes, Iterable):
-        problem = f"modes = {shown_literal(modes)} is no list of modes"
-        raise InputError(problem, "write <modes> = [1, 5, 9]", key="modes", value=modes)
-    return convert(list(modes), list[Annotated[int, within(1, count)]], "modes")
+    entries = _entries("modes", modes, "modes", "[1, 5, 9]")
+    return convert(entries, list[Annotated[int, within(1, count)]], "modes")
 
 
 def known_distance(values: Any) -> tuple[str, str, float] | None:
@@ -298,11 +282,6 @@ def require_settings(settings: Any) -> None:
     if settings is not None and not isinstance(settings, SolverSettings):
         problem = f"settings = {shown_literal(settings)} are not those of a solver"
         raise InputError(problem, "give those of a scene: fdcal.load_scene(...).solver", key="settings", value=settings)
-
-
-def require_truth_value(key: str, value: Any) -> None:
-    """Raise InputError unless `value` is True or False."""
-    convert(value, bool, key)
 
 
 def require_callable(key: str, value: Callable | None) -> None:

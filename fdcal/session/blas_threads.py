@@ -22,12 +22,6 @@ def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread in the block; the last of several blocks that overlap restores what was before.
 
     The limit holds for the process, since BLAS knows no other.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> with one_blas_thread():
-    ...     _ = np.linalg.inv(np.eye(3))
     """
     import numpy  # noqa: F401  a library that is loaded later would not be limited
     import scipy.linalg  # noqa: F401  has a BLAS of its own

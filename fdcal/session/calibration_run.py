@@ -81,10 +81,7 @@ def require_room_for_array(measurement: Measurement, settings: SolverSettings) -
 def assess_state(
     inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS
 ) -> Assessment:
-    """Assess the last state of a run, with the sound speed estimated where `inputs` ask for it.
-
-    `wording`: how the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
-    """
+    """Assess the last state of a run; `wording`: how the verdict's text calls the arguments that it mentions."""
     estimate = load(inputs.settings.name).result(problem, state)
     scale = None if inputs.distance is None else scale_of(state.positions, inputs)
     found = replace(assess(estimate, inputs.measurement.names, scale), wording=wording)
@@ -96,10 +93,7 @@ def assess_state(
 
 
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
-    """Return the numbers of the two microphones whose distance is given.
-
-    Raises InputError: a name is unknown, or both are the same microphone.
-    """
+    """Return the numbers of the two microphones whose distance is given."""
     if inputs.distance is None:
         raise InputError("no distance is given", "give <distance>", key="distance")
     names = inputs.measurement.names
@@ -120,10 +114,7 @@ def scale_of(positions, inputs: CalibrationInput) -> float:
 
 
 def healthy_microphones(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
-    """Return the microphones whose errors are averaged: those sought, without the faulty channels of an assessment.
-
-    `sought` (K,) int64; `names`: of all microphones.
-    """
+    """Return the microphones whose errors are averaged: those sought, without the faulty channels of an assessment."""
     faults = () if found is None or found.channels is None else found.channels.faults
     faulty = {fault.name for fault in faults if fault.kind != "misplaced"}
     kept = np.array([n for n in sought if names[n] not in faulty], np.int64)
@@ -141,8 +132,7 @@ def problem_of(inputs: CalibrationInput) -> Problem:
 def states_of(inputs: CalibrationInput, progress: Progress | None = None, problem: Problem | None = None) -> Iterator:
     """Check the inputs and return an iterator over every state of the solver, from the start to the end.
 
-    `progress`: called with the fraction done, 0 to 1, and a note; what it raises ends the run; `problem`: the one of
-    `problem_of`, if already made. Raises InputError: the solver cannot start.
+    `progress`: called with the fraction done, 0 to 1, and a note; what it raises ends the run.
     """
     require_inside_search(inputs)
     problem, last = problem_of(inputs) if problem is None else problem, inputs.settings.modes
@@ -166,13 +156,10 @@ def solve(
     wording: Mapping[str, str] = ARGUMENTS,
     clock: Callable[[], float] = time.process_time,
 ) -> Calibration:
-    """Run the solver to its end and assess the positions, with one thread of BLAS.
+    """Run the solver to its end and assess the positions, with one thread of BLAS; parameters as of the others here.
 
-    `progress`: as of `states_of`; `wording`: how the verdict's text calls the arguments that it mentions; by their
-    names in Python unless given; `clock`: seconds by which the solver's time is limited; those of the processor unless
-    given. Raises InputError: the solver cannot start; KeyboardInterrupt before the solver has started. An interrupt of
-    the solver ends it, as `inputs.time_limit` does: the best positions so far are assessed, with the verdict
-    "not_converged".
+    `clock`: seconds by which the solver's time is limited. An interrupt of the solver ends it, as `inputs.time_limit`
+    does: the best positions so far are assessed, with the verdict "not_converged".
     """
     settings = inputs.settings
     free = inputs.estimate_sound_speed and inputs.distance is None and settings.sound_speed_sigma is None
@@ -199,10 +186,8 @@ def solve(
                 break
             settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))
             inputs = replace(inputs, settings=settings, all_modes=False, time_limit=left)
-            above = (
-                f"{len(problem.frequencies) - fewer} modes above {problem.frequencies[fewer - 1]:.0f} Hz are left out"
-            )
-            note = f"; {above}, since the array found cannot interpolate all of them (Eq. 9)"
+            above = f"{len(problem.frequencies) - fewer} modes above {problem.frequencies[fewer - 1]:.0f} Hz"
+            note = f"; {above} are left out, since the array found cannot interpolate all of them (Eq. 9)"
         found = replace(found, message=found.message + note)
     measurement = inputs.measurement
     return Calibration(
@@ -238,9 +223,7 @@ def last_state(
 
     The start is not interrupted, since there are no positions before it.
     """
-    limit = inputs.time_limit
-    if limit is None:
-        limit = time_limit(problem, inputs.settings.modes)
+    limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
     end, states = clock() + limit, states_of(inputs, progress, problem)
     state = next(states)
     try:
@@ -249,7 +232,7 @@ def last_state(
                 check_deadline()
                 state = next(states)
     except OutOfTime:
-        why = f"the solver was stopped after {limit:g} s of processor time; use fewer <modes> or a longer"
+        why = f"the solver was stopped after {limit:g} s of processor time; use fewer modes (<modes>) or a longer"
         return ended_early(state), f"{why} <time_limit>", end
     except KeyboardInterrupt:
         return ended_early(state), "the solver was interrupted; these are the best positions so far", end
@@ -259,9 +242,8 @@ def last_state(
 def cost_in_decibels(found: Assessment) -> float | None:
     """Return Eq. 7 over all modes that the microphones can carry, dB of their power, as `fdcal.cost.reference_cost`.
 
-    A problem without a search domain gets one round the positions found, as on the page.
-
-    Returns none where a position is not finite, or the microphones are too few for any mode.
+    A problem without a search domain gets one round the positions found, as on the page. None where a position is not
+    finite, or the microphones are too few for any mode.
     """
     problem = found.problem
     if not np.isfinite(found.positions).all():
@@ -284,9 +266,8 @@ def with_estimated_domain(
 ) -> Measurement:
     """Return a measurement with a search domain: its own, or one round an estimate of the positions.
 
-    `settings`: of the run. Its solver estimates the positions, so that they are in its axes; solver robust does so for
-    one that needs a search domain. A known room is the domain itself; `progress`: as of
-    `fdcal.session.calibration_run.states_of`. Returns as it is where the positions cannot be estimated.
+    The solver of the run estimates the positions, so that they are in its axes; solver robust does so for one that
+    needs a search domain. A known room is the domain itself.
     """
     if measurement.search is not None:
         return measurement

@@ -1,9 +1,5 @@
 """Two or three solvers from the same start, each on its own thread.
 
-    Comparison     the runs; play, pause, reset
-    ComparisonRun  one solver: its session and its timer
-    timed_states   solvers one after another, to their ends
-
 Time is processor time of the run's own thread, spent in steps, so that sharing a core makes no run slower.
 """
 
@@ -122,8 +118,8 @@ def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> 
 def timed_states(problem: Problem, settings: SolverSettings, names: tuple[str, ...], seed: int) -> dict:
     """Run solvers to their ends, one after another, from the same start.
 
-    `names`: of the solvers; `settings`, `seed`: of the start. Returns name to the states, as
-    `fdcal.session.history.recorded` keeps them, and the processor time up to each, (T,) float64, s.
+    Returns for each name the states, as `fdcal.session.history.recorded` keeps them, and the processor time up to each,
+    (T,), s.
     """
     settings = with_common_modes(problem, settings, names)
     begun, found = same_start(problem, settings, names, seed), {}

@@ -20,10 +20,9 @@ MAX_FILLED = 300  # states, evenly spaced over a run, whose cost is computed whe
 
 
 class StateCosts:
-    """Costs of states, by the state itself; those of states that no longer exist are forgotten.
+    """Costs of states, dB, by the state itself; those of states that no longer exist are forgotten.
 
-    `reference_cost`: returns the cost of a state, dB; without one every cost is NaN. `newest`: the cost computed last,
-    dB; `count`: how many were computed.
+    `reference_cost` returns the cost of a state; without it every cost is NaN. `newest`: the cost computed last.
     """
 
     def __init__(self, reference_cost: Callable[..., float] | None = None):
@@ -47,7 +46,7 @@ class StateCosts:
         except np.linalg.LinAlgError:
             value = float("nan")
         key = id(state)
-        self._duration = time.thread_time() - began
+        self._duration = time.thread_time() - began if self.count else 0.0  # the first one also makes its tables
         self._values[key] = weakref.ref(state, lambda _: self._values.pop(key, None)), value
         self.newest, self.count = value, self.count + 1
 
@@ -57,10 +56,7 @@ class StateCosts:
         return self._reference_cost is None or (found is not None and found[0]() is state)
 
     def compute_in_passing(self, state: RunState, spent: float) -> None:
-        """Compute the cost of a state of a running solver, unless costs have had their share of the time.
-
-        `spent`: processor time of the step, s.
-        """
+        """Compute the cost of a state after a step of `spent` s, unless costs have had their share."""
         self._credit = min(self._credit + COST_TIME * spent, 2 * self._duration + COST_TIME * spent)
         if self._credit >= self._duration:
             self.compute(state)
@@ -80,8 +76,7 @@ MAX_STATES = 4000  # of a run that are kept, about 6 kB each; beyond it every se
 class History(Sequence):
     """The first `count` entries of a list that is only appended to: a frozen sequence without a copy.
 
-    `lineage` is the same object for all histories of one run; a reset, or continuing from an earlier state, makes a
-    new one.
+    `lineage` is one object for all histories of a run; a reset, or continuing from an earlier state, makes a new one.
     """
 
     __slots__ = ("_count", "_states", "lineage")

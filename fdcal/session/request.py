@@ -1,10 +1,4 @@
-"""Requests to open a page: a scene, perhaps changed, and where its session begins.
-
-OpenRequest  one request, plain data, of the command line, the page, a lesson or a session file
-as_given     a measurement with the known microphones that the solver is given
-table_of     a scene as the table of its TOML file
-edited       a scene with some keys changed, checked as if it had been read from a file
-"""
+"""Requests to open a page: a scene, perhaps changed, and where its session begins."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -69,16 +63,13 @@ def table_of(scene: Scene) -> dict[str, Any]:
 
 
 def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    """Return `scene` with some keys changed.
-
-    `changes`: as {"room.walls": "absorbing", "seed": 3}; None removes a key. Raises InputError for unknown keys and
-    impossible values, as `load_scene`.
-    """
+    """Return `scene` with some keys changed, as {"room.walls": "absorbing", "seed": 3}; None removes a key."""
     table = table_of(scene)
-    if isinstance(scene, MeasuredScene):
-        _require_editable(changes)
     for key, value in changes.items():
         *path, last = key.split(".")
+        if isinstance(scene, MeasuredScene) and key.split(".")[0] not in ("solver", "seed", "title"):
+            problem = f"{key} cannot be changed: the scene is a measurement"
+            raise InputError(problem, "change solver or seed, or take a scene that is simulated", key=key, value=value)
         inner = table
         for part in path:
             inner = inner.setdefault(part, {})
@@ -89,14 +80,6 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
         if value is not None:
             inner[last] = plain(value)
     return build(type(scene), table)
-
-
-def _require_editable(changes: Mapping[str, Any]) -> None:
-    """Raise InputError for a change of what is measured."""
-    for key, value in changes.items():
-        if key.split(".")[0] not in ("solver", "seed", "title"):
-            problem = f"{key} cannot be changed: the scene is a measurement"
-            raise InputError(problem, "change solver or seed, or take a scene that is simulated", key=key, value=value)
 
 
 def plain(value: Any) -> Any:

@@ -1,7 +1,4 @@
-"""The parameters of a scene that can be changed without editing its file.
-
-    parameters_of    the present parameters of a scene
-    with_parameters  the scene with other parameters; what depends on them follows
+"""The parameters of a scene that can be changed without editing its file; what depends on them follows.
 
 The search domain and the radius R of the expansion scale with the array. If the number of known microphones changes,
 those that are farthest from one another are chosen.
@@ -41,7 +38,7 @@ class SceneParameters:
 
 def parameters_of(scene: Scene) -> SceneParameters:
     """Return the present parameters of a scene."""
-    count = _count(scene.array)
+    count = scene.array.number
     reflection = (1 - scene.room.admittance) / (1 + scene.room.admittance)
     return SceneParameters(
         microphones=count,
@@ -56,17 +53,14 @@ def parameters_of(scene: Scene) -> SceneParameters:
 
 
 def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
-    """Return `scene` with other parameters and a title that lists what has changed.
-
-    Raises InputError for values that are impossible, as far as can be checked without simulating.
-    """
+    """Return `scene` with other parameters and a title that lists what has changed, checked without simulating."""
     before = parameters_of(scene)
     if parameters == before:
         return scene
     array = _array(scene.array, parameters, before)
     changed = replace(
         scene,
-        title=_title(scene, parameters, before, _count(array)),
+        title=_title(scene, parameters, before, array.number),
         room=replace(scene.room, walls=parameters.walls, admittance=_admittance(parameters, before, scene)),
         array=array,
         search=_search(scene, parameters.radius / before.radius),
@@ -83,10 +77,6 @@ def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
 def min_known(scene: Scene) -> int:
     """Return how many known microphones fix translation, rotation and mirror; 0 for a room of three dimensions."""
     return 0 if scene.room.dimension == 3 else scene.array.dimension + 1
-
-
-def _count(array: Array) -> int:
-    return (array.count or 0) + math.prod(array.shape or (0,)) + array.random + len(array.positions or ())
 
 
 def _radius(array: Array) -> float:
@@ -163,7 +153,7 @@ def _search(scene: Scene, q: float) -> Search | None:
 
 def _gauge(scene: Scene, parameters: SceneParameters, before: SceneParameters) -> Gauge:
     """The known microphones: as before where their number, and that of all, stays."""
-    count = _count(scene.array)
+    count = scene.array.number
     if (parameters.known, count) == (before.known, before.microphones):
         return scene.gauge
     least, known = min_known(scene), parameters.known

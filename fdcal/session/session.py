@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from .. import solvers
 from ..model.validation import frozen_array
 from ..solvers.interface import bounded
 from .history import MAX_STATES, History, SessionView, StateCosts, thinned
@@ -156,11 +157,8 @@ log = logging.getLogger(__name__)
 class SolverRun:
     """The states of a run and the commands that change them; for one thread.
 
-    `problem`: or whatever the solver's functions take; `settings`: its name selects the solver; `seed`: of the start;
-    `module`: has `init`, `step` and `use_modes`; the solver named in `settings` unless given; `states`: with which the
-    history begins, oldest first; the start alone if empty; `index`: which of them is shown; the last unless given;
-    `on_change`: called after `view` has changed; `costs`: of the states. `view`: the newest view, frozen; any thread
-    may read it; `pause_between_steps`: least time between two steps, s.
+    Parameters as of `Session`; `on_change`: called after `view`, frozen, which any thread may read, has changed;
+    `pause_between_steps`: least time between two steps, s.
     """
 
     def __init__(
@@ -175,7 +173,7 @@ class SolverRun:
         costs: StateCosts | None = None,
     ):
         self._problem, self._settings, self._seed = problem, settings, int(seed)
-        self._module = _solver(settings.name) if module is None else module
+        self._module = solvers.load(settings.name) if module is None else module
         self._on_change, self._costs = on_change, costs or StateCosts()
         self._states = list(states) or [self._module.init(problem, settings, self._seed)]
         count = len(self._states)
@@ -291,7 +289,7 @@ class SolverRun:
         if settings is None:
             settings = self._settings
         elif settings.name != self._settings.name:
-            module = _solver(settings.name)
+            module = solvers.load(settings.name)
         state = module.init(self._problem, settings, seed)
         self._module, self._settings, self._seed, self._reached = module, settings, seed, None
         self._keep([state])
@@ -331,37 +329,15 @@ class SolverRun:
         self._gesture = gesture
 
 
-def _solver(name: str):
-    """Return the solver of a name; it is imported here, because that takes seconds."""
-    from .. import solvers
-
-    return solvers.load(name)
-
-
 YIELD_TIME = 0.15  # s without a step after a request of the user
 
 
 class Session:
-    """A solver on its own thread.
+    """A solver on its own thread; its exceptions pause the session and appear in `view.error`.
 
-    `problem`: or whatever the solver's functions take; `settings`: its name selects the solver; `seed`: of the start;
-    `module`: has `init(problem, settings, seed)`, `step(problem, state)` and `use_modes(problem, state, first, last,
-    automatic)`; the solver named in `settings` unless given; `states`: with which the history begins, oldest first; the
-    start alone unless given; `index`: which of them is shown; the last unless given; `reference_cost`: returns the cost
-    of a state, dB, by which those of all solvers are compared (`fdcal.cost.reference_cost`); without one their cost is
-    NaN; `yield_time`: time without a step after `yield_to_ui`, s. Raises Exception: what the solver's `init` raises.
-    Later exceptions pause the session and appear in `view.error`.
-
-    Examples
-    --------
-    >>> import fdcal
-    >>> scene = fdcal.load_scene("tiny")
-    >>> session = Session(fdcal.simulate(scene).problem(), scene.solver, scene.seed)
-    >>> session.sweep()
-    >>> session.wait_for(lambda view: view.state.sweep == 1, timeout=60)
-    True
-    >>> session.close(timeout=60)
-    True
+    `module`: has `init`, `step` and `use_modes`; the solver named in `settings` unless given; `states`: with which the
+    history begins, oldest first, the start alone unless given; `index`: which of them is shown; `reference_cost`:
+    returns the cost of a state, dB, comparable between solvers (`fdcal.cost.reference_cost`).
     """
 
     def __init__(

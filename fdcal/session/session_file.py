@@ -28,24 +28,13 @@ VERSION = 2
 TABLE, ARRAYS = "session.json", "session.npz"
 
 
-@dataclasses.dataclass(frozen=True)
-class SessionLimits:
-    """How large a session file may be, bytes."""
-
-    unpacked_bytes: int = 400_000_000  # size that an archive may unpack to
-    written_bytes: int = 64_000_000  # size of the states that are written; of longer runs fewer are kept, evenly spaced
-
-
-LIMITS = SessionLimits()
-
+UNPACKED_BYTES = 400_000_000  # size that an archive may unpack to
+WRITTEN_BYTES = 64_000_000  # size of the states that are written; of longer runs fewer are kept, evenly spaced
 KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 
 
 def write(opening: OpenRequest) -> bytes:
-    """Return the bytes of the .zip of a request that has a measurement and states.
-
-    Raises InputError: as `write_states`, for a state with numbers that are not finite.
-    """
+    """Return the bytes of the .zip of a request that has a measurement and states; InputError for NaN or infinity."""
     if opening.measurement is None:
         raise ValueError("a session that is written has a measurement")
     scene = opening.scene
@@ -72,10 +61,7 @@ def write(opening: OpenRequest) -> bytes:
 
 
 def read(path: str | Path) -> OpenRequest:
-    """Return what a session's .zip holds, or its .json with the .npz of the same name beside it.
-
-    Raises InputError: the file is no session; StorageError: the file cannot be read.
-    """
+    """Return what a session's .zip holds, or its .json with the .npz of the same name beside it."""
     path = Path(path)
     try:
         require_regular(path)
@@ -93,7 +79,7 @@ def _of_zip(path: Path) -> tuple[bytes, bytes]:
         with zipfile.ZipFile(path) as archive:
             if not {TABLE, ARRAYS} <= set(archive.namelist()):
                 raise InputError(f"{path} is no session", f"a session holds {TABLE} and {ARRAYS}", key="session")
-            _require_small(archive, path)
+            _require_small(path, sum(entry.file_size for entry in archive.infolist()))
             return archive.read(TABLE), archive.read(ARRAYS)
     except (InputError, OSError):
         raise
@@ -105,23 +91,15 @@ def _of_two(path: Path) -> tuple[bytes, bytes]:
     beside = path.with_suffix(".npz")
     for file in (path, beside):
         require_regular(file)
-        if (size := file.stat().st_size) > LIMITS.unpacked_bytes:
-            raise _too_large(file, size)
+        _require_small(file, file.stat().st_size)
     return path.read_bytes(), beside.read_bytes()
 
 
-def _require_small(archive: zipfile.ZipFile, name: str | Path) -> None:
-    """Raise InputError for an archive that would fill the memory; no entry gives more bytes than it says."""
-    size = sum(entry.file_size for entry in archive.infolist())
-    if size > LIMITS.unpacked_bytes:
-        raise _too_large(name, size)
-
-
-def _too_large(name: str | Path, size: int) -> InputError:
-    problem = f"{name} would take {size / 1e6:.0f} MB of memory"
-    return InputError(
-        problem, f"a session takes {LIMITS.unpacked_bytes / 1e6:.0f} MB at most", key="session", value=size
-    )
+def _require_small(name: str | Path, size: int) -> None:
+    """Raise InputError for what would fill the memory; no entry of an archive gives more bytes than it says."""
+    if size > UNPACKED_BYTES:
+        problem = f"{name} would take {size / 1e6:.0f} MB of memory"
+        raise InputError(problem, f"a session takes {UNPACKED_BYTES / 1e6:.0f} MB at most", key="session", value=size)
 
 
 def _table(text: bytes) -> dict:
@@ -144,7 +122,7 @@ def _opening(table: dict, packed: bytes) -> OpenRequest:
         scene = dataclasses.replace(scene, file="")  # a session reads no other file
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-            _require_small(archive, ARRAYS)
+            _require_small(ARRAYS, sum(entry.file_size for entry in archive.infolist()))
         arrays = read_archive(io.BytesIO(packed), lambda key: key.startswith("states_"))
     except InputError:
         raise
@@ -164,7 +142,7 @@ def _opening(table: dict, packed: bytes) -> OpenRequest:
 def kept_states(run, index: int | None) -> list[int]:
     """Return the indices of the states to keep: all, or so many that the file stays small, state `index` among them."""
     largest = max(state_bytes(state) for state in (run[0], run[len(run) // 2], run[-1]))
-    most = min(MAX_STATES, max(2, LIMITS.written_bytes // largest))
+    most = min(MAX_STATES, max(2, WRITTEN_BYTES // largest))
     if len(run) <= most:
         return list(range(len(run)))
     even = np.linspace(0, len(run) - 1, most - 1).round().astype(int).tolist()

@@ -64,16 +64,15 @@ def load_input(
 ) -> CalibrationInput:
     """Return the measurement of .npz files, of recordings, or of a scene.
 
-    `text`, str or sequence of str, the path of a file or folder, or the name of a scene. Several are recordings, or
-    measurements, each a take; `progress`: called with the fraction done, 0 to 1, and a note while a scene is simulated;
-    `excluded`: names or numbers of microphones to leave out; `options`: how recordings are imported. Raises InputError,
-    StorageError: the source cannot be used, or cannot be read.
+    `text`: the path of a file or folder, or the name of a scene. Several are recordings, or measurements, each a take.
+    `excluded`: names or numbers of microphones to leave out; `options`: how recordings are imported.
     """
     texts = [text] if isinstance(text, str) else list(text)
     if not texts:
         raise InputError("no file is given", "give one or several", key="source")
     if len(texts) != 1:
-        return replace(measurement_input(_of_takes(texts, excluded, options), _name_of(texts)), excluded=excluded)
+        name = f"{Path(texts[0]).stem} and {len(texts) - 1} other {'file' if len(texts) == 2 else 'files'}"
+        return replace(measurement_input(_of_takes(texts, excluded, options), name), excluded=excluded)
     text = texts[0]
     if is_recording(text):
         from ..recordings import importer  # brings the signal library, which a measurement does not need
@@ -108,22 +107,13 @@ def _of_takes(texts: Sequence[str], excluded: tuple[str, ...], options: ImportOp
     return Measurement.from_takes([load_measurement(text, excluded) for text in texts])
 
 
-def _name_of(texts: Sequence[str]) -> str:
-    others = len(texts) - 1
-    return f"{Path(texts[0]).stem} and {others} other {'file' if others == 1 else 'files'}"
-
-
 def measurement_input(
     measurement: Measurement,
     name: str = "measurement",
     excluded: tuple[str, ...] = (),
     settings: SolverSettings | None = None,
 ) -> CalibrationInput:
-    """Return a measurement with settings that suit it: all modes, up to what the array can interpolate.
-
-    `excluded`: names or numbers of microphones to leave out; `settings`: settings to begin with; of their number of
-    modes as many as were measured.
-    """
+    """Return a measurement with settings that suit it: all modes, up to what the array can interpolate."""
     settings = settings or SolverSettings()
     if settings.modes != ALL_MODES:
         modes = min(settings.modes, len(measurement.frequencies))
@@ -143,10 +133,7 @@ def with_mode_number(inputs: CalibrationInput) -> CalibrationInput:
 
 
 def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
-    """Return `inputs` whose results are compared with the positions in a file of Acoular (.xml) or a table (.csv).
-
-    Raises InputError, StorageError: the file cannot be read, or does not fit the microphones.
-    """
+    """Return `inputs` whose results are compared with the positions in a file of Acoular (.xml) or a table (.csv)."""
     from ..model.given_positions import row_order_remark, with_positions
     from ..recordings.formats.positions import read_positions
 
@@ -157,10 +144,7 @@ def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
 
 
 def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationInput:
-    """Return the measurement of a scene, simulated or from the cache; of a measured one, from its file.
-
-    Raises InputError, StorageError.
-    """
+    """Return the measurement of a scene, simulated or from the cache; of a measured one, from its file."""
     from ..acoustics.measure import cached_measurement  # brings the simulation, which only scenes need
 
     measurement = cached_measurement(scene, progress)
@@ -186,10 +170,7 @@ def _without(measurement: Measurement, excluded: tuple[str, ...]) -> Measurement
 
 
 def check_scene(scene: Scene) -> None:
-    """Check what can be checked without a simulation: array, source, band, outline of the room, CFL limit.
-
-    Raises InputError.
-    """
+    """Check what can be checked without a simulation: array, source, band, outline of the room, CFL limit."""
     if isinstance(scene, MeasuredScene):
         return
     from ..acoustics.fdtd import make_grid
@@ -209,11 +190,7 @@ def with_settings(
     seed: int | None = None,
     **others: str | float | tuple[float, ...] | None,
 ) -> CalibrationInput:
-    """Return `inputs` with another solver, number of modes, seed, or other fields of `SolverSettings`.
-
-    `solver`, `modes`, `seed`, `**others`: none leaves a setting as it is. Raises InputError: a value is out of range,
-    or does nothing with this solver.
-    """
+    """Return `inputs` with another solver, number of modes, seed, or fields of `SolverSettings`; None: as is."""
     given = {key: value for key, value in others.items() if value is not None}
     settings = replace(inputs.settings, **given)
     if seed is not None:

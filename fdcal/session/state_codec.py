@@ -24,14 +24,11 @@ from .request import plain
 LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
 NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold
 INFINITE = ("inf", "-inf")
+PLACES = ("positions", "poses", "shape", "origin", "centre", "place")  # arrays of coordinates, metres
 
 
 class StateReader:
-    """Values out of JSON, checked against the types and the problem.
-
-    `arrays`: the stacks of arrays, by name; `settings`: the settings that the states refer to; `problem`: which
-    determines the shapes and ranges.
-    """
+    """Values out of JSON, checked against the types and the problem, which determines the shapes and ranges."""
 
     def __init__(self, arrays: Mapping[str, np.ndarray], settings: list[SolverSettings], problem: Problem):
         self._arrays, self._settings = arrays, settings
@@ -119,10 +116,7 @@ class StateReader:
         if wanted is not None and array.shape != wanted:
             remedy = f"with this measurement it is {wanted}"
             raise InputError(f"states.{key} has shape {array.shape}", remedy, key=f"states.{key}", value=array.shape)
-        if (
-            key in ("positions", "poses", "shape", "origin", "centre", "place")
-            and np.abs(array).max(initial=0.0) > LIMITS.coordinate
-        ):
+        if key in PLACES and np.abs(array).max(initial=0.0) > LIMITS.coordinate:
             raise InputError(f"states.{key} is too far away", f"use coordinates up to {LIMITS.coordinate:g} m")
         return array
 
@@ -156,10 +150,7 @@ class _ArrayStore:
 
 
 def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray]]:
-    """Return the states as a table for JSON and arrays by name.
-
-    Raises InputError for a state with numbers that are not finite.
-    """
+    """Return the states as a table for JSON and arrays by name; InputError for numbers that are not finite."""
     store = _ArrayStore()
     kinds = list(dict.fromkeys(state.solver for state in states))
     tables = []
@@ -195,12 +186,10 @@ def _out(value: Any, store: _ArrayStore) -> Any:
 def read_states(
     table: Any, arrays: Mapping[str, np.ndarray], problem: Problem, solver: str, most: int
 ) -> tuple[RunState, ...]:
-    """Return the states of a table.
+    """Return the states, `most` at most, of a table of `write_states` out of JSON and its arrays.
 
-    `table`: what JSON gives of the table of `write_states`; `arrays`: the arrays, by name; `problem`: that the states
-    are of; `solver`: name of the solver; of a chain, states of each of its members are possible; `most`: number of
-    states at most. Raises InputError for whatever is not of the type, the shape and the range that a state of `problem`
-    has.
+    InputError for what is not of the type, the shape and the range that a state of `problem` has. Of a chain, states of
+    each of its members are possible.
     """
     order, kinds, settings = (_list(table, key) for key in ("order", "kinds", "settings"))
     if not 1 <= len(order) <= most:

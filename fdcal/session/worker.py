@@ -15,10 +15,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Delivery:
-    """Result of a `LatestWorker`: the arguments of the request, and its result or its exception, also as text.
-
-    `began` and `ended` are readings of `time.perf_counter`, s.
-    """
+    """Result of a `LatestWorker`: the request, its result or its exception, and readings of `time.perf_counter`, s."""
 
     request: tuple
     result: Any = None
@@ -46,12 +43,9 @@ class WakeEvent:
 
 
 class LatestWorker:
-    """A thread that runs only the newest requests; older ones that still wait are dropped.
+    """A thread that calls `function` with the newest requests; older ones than the `keep` that wait are dropped.
 
-    An exception becomes `latest.error`; the thread continues.
-
-    `function`: what is called with the arguments of a request; `name`: of the thread; `keep`: requests that may wait;
-    they run oldest first; `notify`: called from the thread after every delivery.
+    An exception becomes `latest.error`; the thread continues, and calls `notify` after every delivery.
     """
 
     def __init__(

@@ -139,10 +139,7 @@ class Solver(Protocol):
     def landscape(
         self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None = None, /
     ) -> np.ndarray:
-        """Return the cost of microphone `n` over a lattice, that of the problem unless given, mode by mode.
-
-        (modes, ny, nx) float64.
-        """
+        """Return the cost of microphone `n` over a lattice, the problem's unless given : (modes, ny, nx)."""
         ...
 
     def result(self, problem: Problem, state: Any) -> Estimate | RoomEstimate:
@@ -201,7 +198,7 @@ def require_affordable(problem: Problem, settings: SolverSettings, traits: Trait
             f"the known microphones lie up to {2 * extent:.3g} m apart, farther than {count} microphones resolve at"
             f" {problem.frequencies[modes - 1]:.4g} Hz ({2 * limit:.3g} m)"
         )
-        raise InputError(fault, "give positions in metres, or use fewer <modes>", key="known_positions")
+        raise InputError(fault, "give positions in metres, or use fewer modes (<modes>)", key="known_positions")
 
 
 def radius(positions: np.ndarray) -> float:

@@ -16,6 +16,7 @@ import viser
 
 from ..assessment.findings import root_mean_square
 from ..graphics.ball import with_ball
+from ..graphics.legend import legend_of
 from ..graphics.overlays import (
     ellipse_scale,
     with_bound,
@@ -42,8 +43,9 @@ from .background.verdict import PositionUncertainty, VerdictWorker, uncertainty_
 from .drop import Drop, Dropped
 from .gui.binding import Binding, Tick
 from .gui.choices import Choices
+from .gui.legend_html import canvas_legend
 from .gui.words import CanvasWords
-from .panels import CanvasPanel, SessionFolders, Tabs
+from .panels import SessionFolders, Tabs
 from .scene3d.nodes import SceneNodes
 from .scene3d.picking import LineHandles, MicrophonePicker
 from .tabs.export import Exports, ViewSnapshot
@@ -217,7 +219,6 @@ class Viewer:
         picture = self._picture.draw(run.session.view, binding.choices, self._selected, self._first_floor)
         self.snapshot = ViewSnapshot(run, picture, run.session.view, binding.choices, self._selected, None)
         self.tabs = Tabs(folders, binding, nodes.cameras.request, self.export)
-        self.canvas = CanvasPanel(folders, binding, self.tabs, picture)
         self.maps, self._verdict = CostMapWorker(run, binding.threads), VerdictWorker(run, binding.threads)
         self.exports = Exports(binding.threads)
         self.tabs.run_bar.apply_rate()
@@ -277,7 +278,6 @@ class Viewer:
     def tick(self, now: float) -> None:
         """Bring the screen up to date at the time `now`, s."""
         view, choices, tabs = self.run.session.view, self.binding.choices, self.tabs
-        self.canvas.fold(self.nodes.cameras)
         if view.state is not self._state:
             self._revision, self._state = self._revision + 1, view.state
         drawn, reason = self._select_map(view, choices, now)
@@ -293,7 +293,6 @@ class Viewer:
         self._draw(tick, choices, self.drop.tick(view, drawn, now))
         tick = replace(tick, picture=self.picture)
         tabs.show(tick)
-        self.canvas.show(tick)
 
     def _draw(self, tick: Tick, choices: Choices, dropped: Dropped | None) -> None:
         """Draw the picture again where anything of it has changed."""
@@ -311,7 +310,7 @@ class Viewer:
         sought = np.asarray(tick.sought)
         self.snapshot = ViewSnapshot(self.run, picture, tick.view, choices, tick.microphone, sigma, volume, sought)
         self.nodes.show(picture)
-        self.canvas.show_picture(picture)
+        self._folders.overlay.show("legend", canvas_legend(picture.bar, legend_of(picture)))
         across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
         self._picker.show(self._picture.places, picture.floor, across if across >= 0 else 2)
         self._line_handles.show(choices.cut, floor)

@@ -224,7 +224,7 @@ def test_a_limit_is_where_the_verdict_changes(estimate, row, altered):
 
 def test_a_remedy_names_its_arguments_as_the_reader_knows_them(estimate):
     found = replace(assess(replace(estimate, converged=False)), wording={"modes": "the number of modes"})
-    assert found.message.endswith("use other <modes>") and found.verdict_text.endswith("use other the number of modes")
+    assert found.message.endswith("(<modes>)") and found.verdict_text.endswith("(the number of modes)")
 
 
 # --- what the rows rest on -------------------------------------------------------------------------------------------
@@ -432,8 +432,9 @@ def test_descent_far_from_the_truth_is_not_good():
     assert assess(at(room(), away)).verdict != "good"
 
 
-@pytest.mark.parametrize("noise_given", [True, False], ids=["noise given", "noise estimated"])
-@pytest.mark.parametrize("known", [CORNERS, []], ids=["known", "blind"])
+@pytest.mark.parametrize(
+    ("known", "noise_given"), [([], True), (CORNERS, False)], ids=["blind, noise given", "known, noise estimated"]
+)
 @pytest.mark.parametrize("kind", ["gain", "phase", "garbage"])
 def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(kind, known, noise_given):
     measurement, rng = room(known), np.random.default_rng(1)
@@ -484,8 +485,9 @@ def test_blind_a_given_distance_gives_the_sound_speed():
     assert np.linalg.norm(align(found.positions, TRUTH) - TRUTH, axis=1).max() < 0.02
 
 
-@pytest.mark.parametrize("noise_given", [True, False], ids=["noise given", "noise estimated"])
-@pytest.mark.parametrize("pair", [(4, 18), (4, 22)], ids=["with an unknown one", "with a known one"])
+@pytest.mark.parametrize(
+    ("pair", "noise_given"), [((4, 18), True), ((4, 22), False)], ids=["with an unknown one", "with a known one"]
+)
 def test_a_swap_that_involves_a_known_microphone_is_not_good(pair, noise_given):
     measurement = room()
     p = np.array(measurement.pressures)
@@ -505,10 +507,10 @@ def test_an_array_too_wide_for_its_modes_is_undersampled():
     assert assess(at(measurement, few, int(np.sum(measurement.frequencies < limit)))).verdict != "undersampled"
 
 
-@pytest.mark.parametrize("count", [8, 9, 10, 11])
+@pytest.mark.parametrize("count", [8, 10])
 def test_a_sparse_array_whose_rim_is_hard_to_predict_has_no_faulty_channel(count):
     corners = [[2.2, 1.9], [3.0, 1.9], [2.6, 2.7]]
-    for seed in range(6):
+    for seed in range(4):
         inside = np.random.default_rng(seed).uniform(-0.5, 0.5, (count - 3, 2)) + [2.6, 2.3]
         few = np.array([*corners, *inside])
         measurement = measured(few, np.array([0, 1, 2]), highest=38 * count, snr_db=30, seed=seed)

@@ -101,7 +101,6 @@ def test_bending_waves_of_a_plate_are_a_mismatch_and_not_too_many_frequencies():
 
 
 @pytest.mark.parametrize("known", [KNOWN, np.zeros(0, int)])
-@pytest.mark.slow  # channels at fault at once, so that no restart ends early
 def test_on_a_rigid_sphere_no_channel_is_odd_and_nothing_is_good(known):
     # a rigid sphere hears a diffuse field as a larger open one does: its shape is right and its size is not
     found = fdcal.calibrate(measured(rigid_sphere(), known), solver="robust")

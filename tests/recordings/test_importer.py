@@ -348,7 +348,7 @@ def test_the_uncertainty_of_few_microphones_in_a_room_is_not_too_small(name, sol
     recorded_samples = stationary_source(20, 30)[0] if name == "noise" else swept(5, 30)[0]
     soundfile.write(tmp_path / "a.wav", recorded_samples.T / np.abs(recorded_samples).max() * 0.9, FS, subtype="PCM_24")
     measurement, _ = import_recording(
-        tmp_path / "a.wav", ImportOptions(known=str(folder / "known.csv"), sound_speed=SPEED, most=150)
+        tmp_path / "a.wav", ImportOptions(known=str(folder / "known.csv"), sound_speed=SPEED, most=80)
     )
     inputs = measurement_input(measurement, "a")
     inputs = replace(inputs, settings=replace(inputs.settings, name=solver))

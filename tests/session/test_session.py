@@ -466,3 +466,16 @@ def test_costs_of_states_that_are_gone_are_forgotten():
     del gone, state
     gc.collect()
     assert costs.knows(kept) and not costs.knows(Count(step=2))
+
+
+def test_tables_that_the_first_cost_makes_do_not_delay_the_next_cost():
+    def reference_cost(state):
+        end = time.thread_time() + (0.05 if state.step == 0 else 0.0)
+        while time.thread_time() < end:
+            pass
+        return float(state.step)
+
+    costs, states = StateCosts(reference_cost), [Count(step=step) for step in range(2)]
+    costs.compute(states[0])
+    costs.compute_in_passing(states[1], 0.001)
+    assert costs.of(states[1]) == 1.0

@@ -147,8 +147,7 @@ def test_the_two_files_may_lie_in_a_folder(folder, joint_session, tmp_path):
 
 
 def test_of_a_long_run_fewer_states_are_written(joint_session, monkeypatch):
-    limits = session_file.SessionLimits(written_bytes=6 * session_file.state_bytes(joint_session.states[0]))
-    monkeypatch.setattr(session_file, "LIMITS", limits)
+    monkeypatch.setattr(session_file, "WRITTEN_BYTES", 6 * session_file.state_bytes(joint_session.states[0]))
     states = [dataclasses.replace(joint_session.states[-1], step=i) for i in range(100)]
     kept = session_file.kept_states(states, 17)
     assert 4 <= len(kept) <= 6 and {0, 17, 99} <= set(kept)
@@ -265,8 +264,8 @@ def test_a_file_that_claims_or_unpacks_to_too_much_is_refused(tmp_path, folder, 
     with zipfile.ZipFile(arrays, "w") as archive:
         archive.writestr("states_0.npy", header.getvalue())
     path = tmp_path / "huge.zip"
-    for limit, packed in ((session_file.LIMITS.unpacked_bytes, arrays.getvalue()), (1000, bytes(5000))):
-        monkeypatch.setattr(session_file, "LIMITS", session_file.SessionLimits(unpacked_bytes=limit))
+    for limit, packed in ((session_file.UNPACKED_BYTES, arrays.getvalue()), (1000, bytes(5000))):
+        monkeypatch.setattr(session_file, "UNPACKED_BYTES", limit)
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("session.json", table)
             archive.writestr("session.npz", packed)

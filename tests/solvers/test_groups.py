@@ -101,7 +101,6 @@ def test_odd_channels_move_with_their_group_and_do_not_decide_its_pose():
     np.testing.assert_array_equal(other_poses(wrong, changed, field), found)
 
 
-@pytest.mark.slow
 def test_robust_finds_groups_of_which_it_had_one_in_a_wrong_pose():
     rng = np.random.default_rng(6)
     x = two_groups(rng)

@@ -196,7 +196,6 @@ def test_an_array_of_three_wavelengths(noise):
     assert rms_of_shape(starts.affine(problem, len(K)), x) > 0.4, "the low modes are not affine over so large an array"
 
 
-@pytest.mark.slow
 def test_robust_finds_an_array_of_three_wavelengths_with_a_noisy_and_an_inverted_channel():
     rng = np.random.default_rng(3)
     x = rng.uniform(0, 3.2, (50, 2))

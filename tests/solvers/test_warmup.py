@@ -87,7 +87,6 @@ def test_the_command_loads_only_what_a_calibration_needs(tiny_file):
     assert "verdict good" in printed[-2] and printed[-1] == "[]"
 
 
-@pytest.mark.slow
 def test_nothing_is_compiled_after_its_warmup():
     assert run(SEARCH) == "True True []"
 

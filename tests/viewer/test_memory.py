@@ -5,7 +5,6 @@ import time
 import weakref
 
 import numpy as np
-import pytest
 from browsing import WAIT
 
 from benchmarks.bench_switches import MAX_GROWTH, soak
@@ -63,7 +62,6 @@ def turn_until_ready(page):
         time.sleep(0.01)
 
 
-@pytest.mark.slow
 def test_the_memory_of_a_server_does_not_grow_by_scene_switches():
     seen = soak(8, ["tiny"], settle_time=3.0)
     assert seen.end - seen.start <= MAX_GROWTH and seen.threads_left <= 0 and not seen.errors

@@ -26,7 +26,7 @@ from fdcal.session.request import OpenRequest
 from fdcal.session.sources import CalibrationInput, scene_input
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.verdict import IDLE_TIME, VerdictWorker, uncertainty_of
-from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, GOOD, verdict_html
+from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, verdict_html
 from fdcal.viewer.tabs.microphones import channel_table, given_table
 
 
@@ -70,6 +70,8 @@ def test_the_line_is_coloured_by_the_code():
     bad = verdict_html(found("model_mismatch", "no", evidence=Evidence(1.0, leave_one_out_db=-12.34)))
     assert "<b>model mismatch</b>" in bad, "words, not a code"
     assert DOUBTFUL in bad and GOOD not in bad and "leave-one-out error -12.3 dB" in bad
+    dead = found("good", "odd: b dead", channels=Channels(*np.zeros((5, 3)), (ChannelFault("b", "dead"),)))
+    assert FAULTY in verdict_html(dead) and GOOD not in verdict_html(dead), "not all is good"
 
 
 def test_odd_channels_do_not_count_in_the_mean_error_once_they_are_named():

@@ -1,5 +1,6 @@
 """What would improve a calibration, with numbers: one more microphone, a tape measure, less noise, another size."""
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -51,21 +52,14 @@ class AccuracyAdvice:
 
 
 def accuracy_advice(request: PlanRequest, margin: float | None = None) -> AccuracyAdvice:
-    """Return what reaches the accuracy of a request.
-
-    `margin`: error of a calibration over the bound, as trials have shown it.
-    """
-    margin, sizes = usual_margin(request) if margin is None else margin, sizes_of(request)
+    """Return what reaches the accuracy of a request; `margin`: error of a calibration over the bound, as of trials."""
+    usual = ACCURACY_RULES.plane_margin if request.is_plane_in_room else ACCURACY_RULES.margin
+    margin, sizes = usual if margin is None else margin, sizes_of(request)
     if not np.isfinite(margin):
         return AccuracyAdvice(margin, None, None, sizes, None)
     snr = needed_snr(request, margin)
     factor = None if snr is None else 10 ** ((snr - request.snr_db) / 10)
     return AccuracyAdvice(margin, snr, factor, sizes, largest_size(sizes, request.accuracy / margin))
-
-
-def usual_margin(request: PlanRequest) -> float:
-    """Return the error of a calibration over the bound that is reckoned with where no trials have shown it."""
-    return ACCURACY_RULES.plane_margin if request.is_plane_in_room else ACCURACY_RULES.margin
 
 
 def needed_snr(request: PlanRequest, margin: float) -> float | None:
@@ -91,21 +85,16 @@ def sizes_of(request: PlanRequest) -> np.ndarray:
     A band that was given stays, but for frequencies that the enlarged array cannot interpolate; without one, every
     array has the band that it can interpolate.
     """
-    rows = [(1.0, position_bound(sparse_information(request, request.layout.positions), request.prior).rms)]
-    for factor in ACCURACY_RULES.sizes:
-        try:
-            other = resized(request, factor)
-        except InputError:  # its band holds too few frequencies
-            continue
-        rows.append((factor, position_bound(sparse_information(other, other.layout.positions), request.prior).rms))
+    rows = []
+    for factor in (1.0, *ACCURACY_RULES.sizes):
+        with contextlib.suppress(InputError):  # the band of such an array holds too few frequencies
+            other = request if factor == 1 else resized(request, factor)
+            rows.append((factor, position_bound(sparse_information(other, other.layout.positions), request.prior).rms))
     return np.array(sorted(rows))
 
 
 def resized(request: PlanRequest, factor: float) -> PlanRequest:
-    """Return `request` with an array that is `factor` times as large.
-
-    Raises InputError: the band of this array holds too few frequencies.
-    """
+    """Return `request` with an array that is `factor` times as large."""
     x = request.layout.positions
     scaled = x.mean(axis=0) + factor * (x - x.mean(axis=0))
     return replace(request, layout=replace(request.layout, positions=scaled))
@@ -177,10 +166,7 @@ class Advice:
 
 
 def advise(request: PlanRequest, information: Information, margin: float | None = None) -> Advice:
-    """Return the advice for a request.
-
-    `information`: of all its frequencies; `margin`: error of a calibration over the bound, as trials have shown it.
-    """
+    """Return the advice for a request, from the information of all its frequencies; `margin` as of trials."""
     return Advice(best_addition(request), best_tape(request, information), accuracy_advice(request, margin))
 
 

@@ -29,8 +29,6 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
     """Return the microphones in the room : (N, 2 or 3) float64, metres.
 
     Their own coordinates where these lie inside; otherwise the array is moved off the room's middle.
-
-    Raises InputError: the array is larger than the room.
     """
     size, x = np.array(request.room), request.layout.positions
     if x.shape[1] < len(size):
@@ -56,10 +54,7 @@ def _inside(places: np.ndarray, size: np.ndarray) -> bool:
 
 
 def source_place(request: PlanRequest, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return a random source in the room, away from the microphones : (2 or 3,) float64, metres.
-
-    Raises InputError: there is no such place.
-    """
+    """Return a random source in the room, away from the microphones : (2 or 3,) float64, metres; or InputError."""
     source = random_source(
         request.room, places, LIMITS.clearance, rng, lambda place: not encloses(places[:, :2], place[:2])
     )
@@ -109,22 +104,18 @@ def request_information(request: PlanRequest) -> Information:
 
     The fields of two takes are independent draws, so that each adds as much as the first.
     """
-    used = request.spaced(LIMITS.max_frequencies)
-    k = 2 * np.pi * used / request.sound_speed
-    found = diffuse_information(request.layout.positions, k, request.noise_fraction, request.dimension)
-    return found.scaled(request.takes * len(request.frequencies) / len(used))
+    return sparse_information(request, request.layout.positions, most=LIMITS.max_frequencies)
 
 
-def sparse_information(request: PlanRequest, positions, share: float | None = None) -> Information:
-    """Return the information of a few frequencies, scaled to all of them.
+def sparse_information(
+    request: PlanRequest, positions, noise: float | None = None, most: int = LIMITS.search_frequencies
+) -> Information:
+    """Return the information of `most` frequencies, scaled to all of them, of an array (N, D), metres.
 
-    `positions` (N, D) float64, metres, in place of those of the request; `share`: power of the noise in that of the
-    pressures, that of the request unless given.
+    `noise`: its power in that of the pressures; that of the request unless given.
     """
-    used = request.spaced(LIMITS.search_frequencies)
-    share = request.noise_fraction if share is None else share
-    k = 2 * np.pi * used / request.sound_speed
-    found = diffuse_information(positions, k, share, request.dimension)
+    used, noise = request.spaced(most), request.noise_fraction if noise is None else noise
+    found = diffuse_information(positions, 2 * np.pi * used / request.sound_speed, noise, request.dimension)
     return found.scaled(request.takes * len(request.frequencies) / len(used))
 
 

@@ -44,12 +44,7 @@ class Plan:
 
 
 def make_plan(request: PlanRequest, with_advice: bool = True, trials: Trials | None = None) -> Plan:
-    """Return the bounds of a request, and the advice that follows from them.
-
-    `with_advice`: whether to search for better layouts, which takes longer; `trials`: of this request: the advice
-    reckons with the errors that they have shown. Raises InputError: the room has no place for the array or for a
-    source.
-    """
+    """Return the bounds of a request, and the advice, which takes longer, with the errors that trials have shown."""
     with one_blas_thread():
         information = request_information(request)
         bound = position_bound(information, request.prior)
@@ -144,9 +139,10 @@ def plan_lines(plan: Plan) -> list[str]:
     request, bound = plan.request, plan.bound
     low, high = request.limits
     field = "a diffuse field" if request.room is None else f"a room of {'x'.join(f'{v:g}' for v in request.room)} m"
+    takes = f", the source at {request.takes} places, recorded equally long from each" if request.takes > 1 else ""
     lines = [
         f"{len(request.layout.names)} microphones ({request.layout.name}) in {field},"
-        f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB{_takes(request)}",
+        f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB{takes}",
         f"frequencies: {plan.modes} independent ones from {low:.0f} to {high:.0f} Hz;"
         f" the array interpolates up to {plan.f_max:.0f} Hz{_left_out(request)}",
         f"least error (Cramer-Rao bound): {_mm(bound.rms)} rms, {_mm(bound.sigma[bound.free].max())} at the worst"
@@ -162,18 +158,11 @@ def plan_lines(plan: Plan) -> list[str]:
     else:
         lines.append("no calibration errs less than the bound; simulated trials show how near they come to it")
         if request.is_plane_in_room:
-            lines.append(
-                "a plane array in a room: calibrations err 2 to 4 times the bound, which assumes equal waves from"
-                " all directions; trials show how much"
-            )
+            bound_of = "2 to 4 times the bound, which assumes equal waves from all directions"
+            lines.append(f"a plane array in a room: calibrations err {bound_of}; trials show how much")
     if plan.advice is not None:
         lines += advice_lines(plan, plan.advice)
     return lines
-
-
-def _takes(request: PlanRequest) -> str:
-    """Return in words how many places the source has; "" for one."""
-    return f", the source at {request.takes} places, recorded equally long from each" if request.takes > 1 else ""
 
 
 def takes_lines(cases: Sequence[TakesCase], own: int = 1) -> list[str]:

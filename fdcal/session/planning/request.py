@@ -20,11 +20,7 @@ from ...model.declared import Metres, MetresPerSecond, Seconds, Seed, check, wit
 from ...model.geometry import ball, box, circle, rectangle
 from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_names
-from ...model.validation import (
-    InputError,
-    frozen_array,
-    refusal,
-)
+from ...model.validation import InputError, frozen_array, refusal
 from ...recordings.formats.positions import READERS, read_positions
 
 FLAT_M = 1e-6  # heights that differ by less are one plane
@@ -43,41 +39,30 @@ class Layout:
 
 
 def read_layout(text: str, seed: int = 0) -> Layout:
-    """Return the array that `text` names.
+    """Return the array of a table (.csv), a geometry of Acoular (.xml), a scene, or a geometry in words.
 
-    `text`: a table with the columns name,x,y[,z] (.csv), a geometry of Acoular (.xml), a scene, or a geometry in words:
-    its name as in scenes, then count and radius, or shape and size, metres; `seed`: of the random geometries "ball" and
-    "box". Raises InputError, StorageError: it names no array, or the file cannot be read.
+    Words are its name as in scenes, then count and radius, or shape and size, metres; `seed`: of "ball" and "box".
     """
     words = text.split()
     if Path(text).suffix.lower() in READERS:
         placed = read_positions(text)
-        return Layout(Path(text).name, placed.names, _flattened(placed.positions))
+        columns = 2 if np.ptp(placed.positions[:, 2]) < FLAT_M else 3
+        return Layout(Path(text).name, placed.names, frozen_array(placed.positions[:, :columns], float))
     if len(words) > 1 or text in FORMS:
         positions = _of_words(words, text, seed)
         return Layout(text, tuple(map(str, range(len(positions)))), frozen_array(positions, float))
     if text in scene_names() or text.lower().endswith(".toml"):
         scene = load_scene(text)
-        if isinstance(scene, MeasuredScene):
-            return _of_measurement(scene)
-        positions = positions_of(scene)
-        return Layout(scene.name, tuple(map(str, range(len(positions)))), positions, scene)
-    remedy = f"give a .csv or .xml file of positions, a scene ({', '.join(scene_names())}), or a geometry as {EXAMPLES}"
-    raise InputError(f'"{text}" names no array', remedy, key="layout", value=text)
-
-
-def _of_measurement(scene: MeasuredScene) -> Layout:
-    measurement = cached_measurement(scene)
-    if measurement.positions is None:
+        if not isinstance(scene, MeasuredScene):
+            positions = positions_of(scene)
+            return Layout(scene.name, tuple(map(str, range(len(positions)))), positions, scene)
+        measurement = cached_measurement(scene)
+        if measurement.positions is not None:
+            return Layout(scene.name, measurement.names, measurement.positions)
         problem = f"{scene.name} is a measurement without positions"
         raise InputError(problem, "give a table of them, or another scene", key="layout", value=scene.name)
-    return Layout(scene.name, measurement.names, measurement.positions)
-
-
-def _flattened(positions: np.ndarray) -> np.ndarray:
-    """Return the positions of a horizontal array without their heights."""
-    flat = np.ptp(positions[:, 2]) < FLAT_M
-    return frozen_array(positions[:, :2] if flat else positions, float)
+    remedy = f"give a .csv or .xml file of positions, a scene ({', '.join(scene_names())}), or a geometry as {EXAMPLES}"
+    raise InputError(f'"{text}" names no array', remedy, key="layout", value=text)
 
 
 def _of_words(words: list[str], text: str, seed: int) -> np.ndarray:
@@ -118,23 +103,6 @@ def require_layout(layout: Layout, most: int) -> None:
     if apart[first, second] <= ONE_PLACE * apart.max():
         problem = f"microphones {layout.names[first]} and {layout.names[second]} are at one place"
         raise InputError(problem, "move them apart, or leave one out", key="layout")
-
-
-def require_room(room: tuple[float, ...] | None, array_dimension: int) -> None:
-    """Raise InputError unless a room has two or three lengths, and heights where the array has them."""
-    if room is not None and len(room) not in (2, 3):
-        raise refusal("room", list(room), f"has {len(room)} lengths", "give <room> two or three")
-    if room is not None and len(room) < array_dimension:
-        raise InputError("the array has heights and the room has none", "give <room> three lengths", key="room")
-
-
-def require_given(known: tuple[int, ...], known_sigma: float, positions: np.ndarray) -> None:
-    """Raise InputError for given microphones that do not exist, or a sigma of positions that are not given."""
-    N, D = positions.shape
-    measurement_checks.known(known, None, positions, N, D)
-    if known_sigma and not len(known):
-        why = "is of given positions, and none is given"
-        raise refusal("known_sigma", known_sigma, why, "give <known>, or leave out <known_sigma>", "m")
 
 
 @dataclass(frozen=True)
@@ -182,10 +150,7 @@ MIN_FREQUENCIES = 3  # of a calibration
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """An array, and the circumstances of its calibration.
-
-    Raises InputError: a value is out of range, or the band holds too few frequencies.
-    """
+    """An array, and the circumstances of its calibration."""
 
     layout: Layout
     # (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
@@ -216,8 +181,15 @@ class PlanRequest:
         if not 0 < self.snr_db <= LIMITS.max_snr_db:
             remedy = f"use more than 0 and at most {LIMITS.max_snr_db:g}"
             raise refusal("snr", self.snr_db, "is out of range", remedy, "dB")
-        require_room(self.room, self.layout.positions.shape[1])
-        require_given(self.known, self.known_sigma, self.layout.positions)
+        (N, D), room = self.layout.positions.shape, self.room
+        if room is not None and len(room) not in (2, 3):
+            raise refusal("room", list(room), f"has {len(room)} lengths", "give <room> two or three")
+        if room is not None and len(room) < D:
+            raise InputError("the array has heights and the room has none", "give <room> three lengths", key="room")
+        measurement_checks.known(self.known, None, self.layout.positions, N, D)
+        if self.known_sigma and not self.known:
+            why = "is of given positions, and none is given"
+            raise refusal("known_sigma", self.known_sigma, why, "give <known>, or leave out <known_sigma>", "m")
         if len(self.frequencies) < MIN_FREQUENCIES:
             low, high = self.limits
             problem = f"{low:g} to {high:.0f} Hz with a reverberation time of {self.reverberation_time:g} s hold"

@@ -79,12 +79,10 @@ def run_trials(
     progress: Callable[[float, str], None] | None = None,
     workers: int = 1,
 ) -> Trials:
-    """Return the results of `count` simulated calibrations.
+    """Return the results of `count` simulated calibrations; `information`: of all frequencies of the request.
 
-    `information`: of all frequencies of the request; `progress`: called with the fraction done, 0 to 1, and a note;
-    `workers`: processes that share the trials; the results do not depend on it. With more than one, a script that calls
-    this needs the guard `if __name__ == "__main__"` that `multiprocessing` asks for. Raises InputError: a worker has
-    ended early, which happens where the memory does not suffice.
+    `workers` processes share them, on which the results do not depend. With more than one, a script that calls this
+    needs the guard `if __name__ == "__main__"` that `multiprocessing` asks for.
     """
     used = len(request.spaced(MAX_FREQUENCIES)) / len(request.frequencies)
     bound = position_bound(information.scaled(used), request.prior)

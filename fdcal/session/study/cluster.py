@@ -39,10 +39,7 @@ PACE = Pace()
 
 @contextmanager
 def connected(workers: int, scheduler: str | None) -> Iterator[Client]:
-    """Give a client of Dask: of a scheduler by its address, or of a local cluster of processes of one thread each.
-
-    Raises InputError: dask is missing, or no scheduler answers.
-    """
+    """Give a client of Dask: of a scheduler by its address, or of a local cluster of processes of one thread each."""
     try:
         from distributed import Client, LocalCluster
     except ImportError as error:
@@ -69,11 +66,7 @@ def run_study(
     client: Client,
     progress: Callable[[float, str], None] | None = None,
 ) -> int:
-    """Compute the calibrations of a study that its folder lacks, and write each row once.
-
-    `progress`: called with the fraction done, 0 to 1, and a note. Returns calibrations that were computed now. Raises
-    InputError: another run writes to the folder.
-    """
+    """Compute the calibrations of a study that its folder lacks, write each row once, and return how many they were."""
     with results.held():
         return _run(study, results, client, progress)
 

@@ -1,4 +1,4 @@
-"""Which code computed a row of a study: the version of fdcal, a hash of its sources, the commit where there is one."""
+"""A study as a TOML file: a scene, axes of values, draws. And which code computes its rows."""
 
 import hashlib
 import json
@@ -41,7 +41,9 @@ def version_text(version: str, source: str, commit: str | None) -> str:
 @cache
 def code_version() -> CodeVersion:
     """Return the version of the code of this process, as its files are at the first call."""
-    return CodeVersion(version("fdcal"), source_hash(PACKAGE), _commit(PACKAGE))
+    commit = _git(PACKAGE, "log", "-1", "--format=%h")
+    changed = "+" if commit and _git(PACKAGE, "status", "--porcelain") else ""
+    return CodeVersion(version("fdcal"), source_hash(PACKAGE), commit and commit + changed)
 
 
 def source_hash(package: Path) -> str:
@@ -51,11 +53,6 @@ def source_hash(package: Path) -> str:
         found.update(path.relative_to(package).as_posix().encode())
         found.update(path.read_bytes().replace(b"\r\n", b"\n"))
     return found.hexdigest()
-
-
-def _commit(folder: Path) -> str | None:
-    commit = _git(folder, "log", "-1", "--format=%h")
-    return commit and commit + ("+" if _git(folder, "status", "--porcelain") else "")
 
 
 def _git(folder: Path, *words: str) -> str | None:
@@ -105,7 +102,8 @@ class Study:
             if not isinstance(values, list) or not values:
                 remedy = f'write it as "{shown(key)}" = [...]'
                 raise InputError(f"axes.{shown(key)} is no list of values", remedy, key=f"axes.{key}")
-            if len({_kind(value) for value in values}) > 1:
+            kinds = {type(value) for value in values}
+            if len(kinds) > 1 and kinds != {int, float}:
                 problem = f"axes.{shown(key)} mixes numbers with texts or lists"
                 raise InputError(problem, "run a study for each kind", key=f"axes.{key}")
         if bool(self.scene) == (SCENE in self.axes):
@@ -151,17 +149,8 @@ class Study:
         return hashlib.blake2b(content.encode(), digest_size=12).hexdigest()
 
 
-def _kind(value: Any) -> type:
-    """Return the kind of a value of an axis: integers and other numbers are one."""
-    return float if isinstance(value, (int, float)) and not isinstance(value, bool) else type(value)
-
-
 def load_study(path: str | Path) -> Study:
-    """Return the study of a TOML file, checked as far as can be without calibrating.
-
-    Raises InputError for an unknown key or axis, or a point whose scene is impossible; StorageError: the file cannot be
-    read.
-    """
+    """Return the study of a TOML file, checked as far as can be without calibrating."""
     path = Path(path)
     try:
         table = parse_toml(read_bytes(path, what="study"), path)
@@ -175,10 +164,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
-    """Return the scene of a study at a point, with the seed of a draw.
-
-    Raises InputError: a key is of no scene, or a value is impossible.
-    """
+    """Return the scene of a study at a point, with the seed of a draw."""
     from ..scene_edits import parameters_of, with_parameters
 
     values = {**(study.fixed or {}), **point}

@@ -41,12 +41,7 @@ COLUMNS = {  # those of every row, beside the axes; missing values are null
 
 
 class Results:
-    """The rows of a study in a folder.
-
-    `resume`: whether rows may be there already, of the same study. Raises InputError: the folder holds rows and
-    `resume` is not set, or those of another study or of other code; pandas or pyarrow is missing; StorageError: the
-    folder cannot be made.
-    """
+    """The rows of a study in a folder; `resume`: whether rows of the same study and code may be there already."""
 
     def __init__(self, folder: str | Path, study: Study, resume: bool):
         require_tables()
@@ -133,10 +128,7 @@ def _kind_of(values: list) -> str:
 
 
 def read_results(folder: str | Path) -> tuple[dict, pandas.DataFrame]:
-    """Return the head of a study's folder, and its rows in the order of their tasks.
-
-    Raises InputError: the folder holds no results.
-    """
+    """Return the head of a study's folder, and its rows in the order of their tasks."""
     require_tables()
     import pandas
 

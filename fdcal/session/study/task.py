@@ -25,10 +25,7 @@ _fields: dict[str, tuple[ModalPressures, ...]] = {}
 
 
 def run_task(study: Study, number: int) -> dict[str, Any]:
-    """Return the row of one calibration; a draw that the solver refuses is a row, too.
-
-    `number`: of the task, below `study.count`.
-    """
+    """Return the row of the calibration `number`; a draw that the solver refuses is a row, too."""
     draw, index = divmod(number, study.points)
     point, seed = study.point(index), study.seed + draw
     row: dict[str, Any] = {"task": number, "draw": draw, "seed": seed, **asdict(code_version())}
@@ -104,10 +101,7 @@ def _allowed(scene: Scene) -> bool:
 
 
 def _bound(inputs: CalibrationInput, modes: int) -> float | None:
-    """Return the Cramer-Rao bound in a diffuse field, root mean square in metres; None without noise.
-
-    Without given positions it is the bound of the array after the best rigid alignment.
-    """
+    """Return the Cramer-Rao bound, rms, metres, in a diffuse field, after the best alignment; None without noise."""
     assert inputs.scene is not None
     measurement, snr = inputs.measurement, inputs.scene.measurement.snr_db
     if not np.isfinite(snr):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -15,7 +16,7 @@ from ...session.calibration_run import Assessment
 from ...session.history import SessionView
 from ..server.process import log_location
 
-CARD = "padding: 0.15em 0.75em; font-size: 0.86em; line-height: 1.5;"
+CARD = "padding: 0.15em 0.75em; font-size: var(--text); line-height: 1.5;"
 RED = "#d61828"  # of errors and warnings
 MAX_ERROR_LENGTH = 400  # characters of an exception
 
@@ -23,12 +24,12 @@ MAX_ERROR_LENGTH = 400  # characters of an exception
 CONTROLS = {
     "frequencies": 'the slider "Frequencies" in the tab Plan',
     "known": 'the slider "Known microphones" in the tab Scene',
-    "modes": 'the slider "Last mode" in the tab Solver',
+    "modes": 'the slider "Last mode" in the settings of the solver',
     "radius": "its radius in the file that is shown",
     "search": "a search domain",
-    "seed": 'the field "Seed" in the tab Solver',
-    "solver": 'the list "Method" in the tab Solver',
-    "start": 'the list "Start" in the tab Solver',
+    "seed": 'the field "Seed" in the settings of the solver',
+    "solver": 'the list "Method" in the settings of the solver',
+    "start": 'the list "Start" in the settings of the solver',
 }
 
 
@@ -89,10 +90,13 @@ def modes_text(measurement: Measurement, first: int, last: int) -> str:
     return f"modes {first} to {last}, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
 
 
-def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = ALL) -> str:
+def error_text(
+    measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = ALL, left_out: Sequence[str] = ()
+) -> str:
     """Return the mean and largest error of (N, D) positions, in metres, over the microphones `sought`.
 
-    What the positions are compared with stands in a line of its own where they are moved as a whole, or are nominal.
+    A line of its own says what the positions are compared with where they are moved as a whole, or are nominal, and
+    which microphones with faulty channels are `left_out`.
     """
     errors = measurement.errors(positions, sought)
     if errors is None:
@@ -100,7 +104,8 @@ def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarr
     errors = errors[sought]
     words = ["from nominal"] if measurement.nominal else []
     words += ["after alignment"] if measurement.blind else []
-    below = f"<br><span style='opacity: 0.65'>{', '.join(words)}</span>" if words else ""
+    words += [f"without microphone {', '.join(left_out)}, faulty"] if left_out else []
+    below = f"<br><span style='opacity: 0.65'>{escape(', '.join(words))}</span>" if words else ""
     if len(errors) == 1:
         return f"<b>{length_text(errors[0])}</b>{below}"
     return f"mean <b>{length_text(errors.mean())}</b>, largest {length_text(errors.max())}{below}"
@@ -123,18 +128,20 @@ def status(
     note: str = "",
     sought: np.ndarray | slice = ALL,
     trusted: bool = False,
+    left_out: Sequence[str] = (),
 ) -> str:
     """Return the lines at the top of the main panel.
 
     `measurement`: with the true positions where they are known; `fault`: an exception of the page itself, as text;
     `note`: on work in the background; `sought`: numbers of the microphones whose errors count, all unless given;
-    `trusted`: whether the verdict on the state is good. Returns HTML.
+    `trusted`: whether the verdict on the state is good; `left_out`: names of microphones with faulty channels, which
+    are not among them. Returns HTML.
     """
     state = view.state
     rows = {
-        "Progress": f"step {state.step}, sweep {state.sweep}, stage {state.stage + 1}",
+        "Progress": f"step {state.step}, sweep {state.sweep}",
         "In use": escape(modes_text(measurement, state.first, state.last)),
-        "Deviation" if measurement.nominal else "Error": error_text(measurement, state.positions, sought),
+        "Deviation" if measurement.nominal else "Error": error_text(measurement, state.positions, sought, left_out),
         "Cost": cost_text(view.cost, state.channels is not None, row_word(measurement)),
     }
     cells = "".join(
@@ -150,14 +157,16 @@ def status(
     word = state_word(view, trusted)
     note = note or ("The step left is small beside one sigma." if word == "Ended" else "")
     lines += f"<div style='opacity: 0.65'>{escape(note)}</div>" if note else ""
-    head = f"<div style='font-size: 1.15em; font-weight: 600'>{word}</div>"
+    head = f"<div style='font-size: var(--head); font-weight: 600'>{word}</div>"
     return (
         f"<div style='{CARD} padding-bottom: 0.4em'>{head}{lines}<table style='border-spacing: 0'>{cells}</table></div>"
     )
 
 
-# On a light page and on a dark one.
-GOOD, DOUBTFUL = "light-dark(#1a7f37, #4cc26b)", "light-dark(#c2410c, #fb923c)"
+# On a light page and on a dark one: all is good; good but for faulty channels; not good.
+GOOD, FAULTY, DOUBTFUL = (
+    "light-dark(#1a7f37, #4cc26b)", "light-dark(#0b6aa8, #58b4f0)", "light-dark(#c2410c, #fb923c)"
+)  # fmt: skip
 LINE_LENGTH = 50  # characters of the words that fit into a line at least
 MAX_LINES = 2  # of the words that are shown before a click shows all of them; one more where channels are faulty
 GREY, PENDING = "#808894", "Assessing the result ..."
@@ -177,16 +186,16 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
     Long words are cut, faulty channels take the line of the figures, and a verdict that is `pending` has its room
     already, so that no button moves away below a pointer; a click shows all. "" where there is neither.
     """
-    card = f"<div style='{CARD} font-size: 0.8em; line-height: {VERDICT_LINE}; padding-bottom: 0.5em'>"
+    card = f"<div style='{CARD} font-size: var(--note); line-height: {VERDICT_LINE}; padding-bottom: 0.5em'>"
     height = f"padding-left: 0.6em; min-height: {VERDICT_LINE * (MAX_LINES + 1):.2f}em"
     if found is None:
         waiting = f"{card}<div style='border-left: 4px solid {GREY}; {height}; opacity: 0.75'>{PENDING}</div></div>"
         return waiting if pending else ""
-    colour = GOOD if found.verdict == "good" else DOUBTFUL
     error = found.evidence.leave_one_out_db
     figures = "" if error is None else f"leave-one-out error {error:.1f} dB"
     text = f"<b>{escape(verdict_word(found.verdict))}</b>: {escape(found.verdict_text)}"
     faults = bool(found.channels is not None and found.channels.faults)
+    colour = DOUBTFUL if found.verdict != "good" else FAULTY if faults else GOOD
     lines, kind = MAX_LINES + faults, " class='fdcal-cut'" if faults else ""
     more = "<u class='fdcal-more'>show all</u>" if figures and len(text) > LINE_LENGTH * lines else ""
     rest = f"<div{kind} style='opacity: 0.85'>{' &ensp;'.join(filter(None, (figures, more)))}</div>" if figures else ""

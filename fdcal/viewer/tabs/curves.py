@@ -20,13 +20,13 @@ from ..gui.plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
 
 MAX_POINTS = 600  # of a plot, which is sent whole each time
 INTERVAL = 0.25  # s between two updates
-MIN_ERROR = 1e-6  # m, drawn for anything below: logarithms have no zero
+ZERO = 1e-9  # mm, drawn for no error, below the axis: logarithms have no zero
 TICK, HIDDEN = 0.92, 2.0  # lower end of a stage's tick, and a height above the plot
 SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4))}
 # The lines of the stages have no value in the legend, and the number of a stage has no point in the plot.
 REMARK = (
     "<style>.u-legend .fdcal-lines, .u-cursor-pt.fdcal-lines, .u-cursor-pt.fdcal-stage {display: none}</style>"
-    "<div style='padding: 0 0.75em; font-size: 0.8em; opacity: 0.75'>Grey ticks at the top: a new stage (mode,"
+    "<div style='padding: 0 0.75em; font-size: var(--note); opacity: 0.75'>Grey ticks at the top: a new stage (mode,"
     " objective or start changed). Hover to read values.</div>"
 )
 
@@ -69,7 +69,9 @@ class CurvesTab(Tab):
         drawn = np.unique(np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int))
         begins = np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1
         if self.error is not None:
-            self.error.show(_with_stages(x, (mean, largest), drawn, begins, stage), decades_of(mean, largest))
+            drawn_errors = np.concatenate([mean, largest])
+            decades = decades_of(drawn_errors[drawn_errors > ZERO] if largest.max() > ZERO else np.array([0.1, 1.0]))
+            self.error.show(_with_stages(x, (mean, largest), drawn, begins, stage), decades)
         cost = np.array([view.costs.of(state) for state in self._states])
         known = np.flatnonzero(np.isfinite(cost))
         if len(known):  # between the costs that are known the curve is straight
@@ -93,8 +95,8 @@ class CurvesTab(Tab):
         all_at_once = state.step == state.sweep  # each step of the solver moves all microphones
         return (
             state.step if all_at_once else state.step / self._free,
-            1e3 * _drawable(errors.mean(), MIN_ERROR),
-            1e3 * _drawable(errors.max(), MIN_ERROR),
+            _drawable(1e3 * errors.mean(), ZERO),
+            _drawable(1e3 * errors.max(), ZERO),
             state.last,
             state.stage,
         )

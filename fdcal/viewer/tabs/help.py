@@ -18,7 +18,7 @@ NUMBERS = {
     " compare with are nominal, those of a plan, it is called deviation",
     "Cost (dB)": "the part of the pressures that no sound field explains (Eq. 7 of the paper), over all modes of the"
     " measurement and relative to their power; it falls as the positions improve, with any solver",
-    "Step, sweep, stage": "one move of the solver; each microphone moved once; one set of active modes",
+    "Step, sweep": "one move of the solver; each microphone moved once",
     "Mode (Hz)": "a peak of the room's power spectrum, numbered from 1 at the lowest frequency. Microphones are"
     " numbered from 0",
     "f_max (Hz)": "highest frequency at which the array can resolve a sound field (Eq. 9)",

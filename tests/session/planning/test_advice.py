@@ -63,7 +63,7 @@ def other_places(request):
     return extra.best, places[np.random.default_rng(1).choice(len(places), OTHERS, replace=False)]
 
 
-@pytest.mark.parametrize("text", [*LAYOUTS, "circle 10 0.3"])
+@pytest.mark.parametrize("text", ["rectangle 4x3 0.6x0.4", "circle 10 0.3"])
 def test_the_best_place_for_one_more_microphone_beats_the_median_place_in_drawn_fields(text):
     request = request_of(text)
     request, count = replace(request, band=request.limits), len(request.layout.positions)
@@ -104,7 +104,7 @@ def tape_choices(text):
     return request, best, sorted(bounds.items(), key=lambda pair: pair[1])
 
 
-@pytest.mark.parametrize("text", [*LAYOUTS, "circle 10 0.3"])
+@pytest.mark.parametrize("text", ["rectangle 3x3 0.4x0.4", "circle 10 0.3"])
 def test_the_microphones_to_measure_by_tape_beat_the_median_choice_in_drawn_fields(text):
     request, best, others = tape_choices(text)
     assert drawn_bound(taped(request, best), len(request.layout.positions)) < others[len(others) // 2][1]
@@ -121,7 +121,7 @@ def test_the_microphones_to_measure_by_tape_lower_the_error_of_the_solver():
     assert np.exp(np.mean(np.log(ratios))) < 0.95, ratios
 
 
-@pytest.mark.parametrize("text", LAYOUTS)
+@pytest.mark.parametrize("text", ["rectangle 4x3 0.6x0.4", "rectangle 3x3 0.4x0.4"])
 def test_the_advised_ratio_reaches_the_accuracy(text):
     """The median error of calibrations is at most a quarter above the accuracy, and no less than a third of it."""
     request = request_of(text, snr_db=10.0, accuracy=0.008)
@@ -138,7 +138,7 @@ def test_a_ratio_is_not_advised_where_noise_is_not_the_limit():
     assert median_error(replace(request, snr_db=50.0), 3) > request.accuracy
 
 
-@pytest.mark.parametrize(("text", "factor"), [*zip(LAYOUTS, (0.7, 2.5, 3.0), strict=True)])
+@pytest.mark.parametrize(("text", "factor"), [("rectangle 4x3 0.6x0.4", 0.7), ("rectangle 3x3 0.4x0.4", 2.5)])
 def test_the_advised_size_is_right_in_direction(text, factor):
     """An accuracy of `factor` times the bound: what reaches it does, what is twice as large does not."""
     request = request_of(text)
