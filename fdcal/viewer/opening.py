@@ -74,7 +74,8 @@ class Film:
         share = np.clip((time - starts[index]) / change, 0.0, 1.0) if index else 1.0
         rolled = np.clip((time - starts[-1]) / ROLL_TIME, 0.0, 1.0)
         place = along(self.path, float(rolled))
-        return Moment(index, float(share * share * (3 - 2 * share)), place, self._words(index, float(rolled)))
+        words = self._words(index if share > 0.5 else index - 1, float(rolled))
+        return Moment(index, float(share * share * (3 - 2 * share)), place, words)
 
     def _words(self, index: int, rolled: float) -> str:
         modes, places = int(self.summed[index]), self.minima[index].count
@@ -132,7 +133,8 @@ class Projector:
         positions[MICROPHONE] = moment.place
         floor = self.floor(moment)
         picture = compose(None, self._measurement, positions, MICROPHONE, floor, dark=dark)
-        return with_ball(picture, moment.place, floor)
+        meshes = tuple(part for part in picture.meshes if not part.name.startswith(("microphones/e", "selected/")))
+        return with_ball(replace(picture, meshes=meshes), moment.place, floor)
 
     def floor(self, moment: Moment) -> Floor:
         """Return the map of a moment; the same object for the same map as last time."""
