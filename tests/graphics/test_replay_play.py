@@ -93,3 +93,15 @@ def test_sweeps_move_all_and_the_recording_comes_back(page, run):
     shown = np.array([page.evaluate("n => replay.placeOf(0, n)", n) for n in range(measurement.count)])[:, :2]
     np.testing.assert_allclose(shown, states[0].positions, atol=1e-6)
     assert page.evaluate("replay.own") is None
+
+
+def test_the_opening_counts_the_places_that_fit_and_ends_with_any_touch(page):
+    page.evaluate(f"location.hash = '#step=0&microphone={MICROPHONE}&modes=17&view=top&opening=on'")
+    page.reload()
+    wait_for(page, "document.getElementById('words').innerText.startsWith('One frequency')")
+    count = page.evaluate("replay.map.minima.count")
+    fits = "1 place fits" if count == 1 else f"{count} places fit"
+    assert page.locator("#words").inner_text() == f"One frequency: {fits}"
+    page.keyboard.press("t")
+    wait_for(page, "document.getElementById('words').innerText == ''")
+    assert page.evaluate("replay.map.indices.length") == 1 and page.locator("#note").inner_text() == ""

@@ -54,7 +54,8 @@ function roll(time) {
 function landed(n) {
   const [x, y] = own.places[n], away = truth ? Math.hypot(x - truthOf(n)[0], y - truthOf(n)[1]) : NaN, home = away <= HOME;
   own.tries++; own.homes += home;
-  own.words = !truth ? `at rest, ${level(map, [x, y]).toFixed(1)} dB` : home ? "home" : `trapped, ${(100 * away).toFixed(0)} cm off`;
+  const hole = [...map.minima.lowest, ...map.minima.others].some(p => Math.hypot(p[0] - x, p[1] - y) < 2 * map.lattice.step);
+  own.words = !hole ? "at the edge of the map" : !truth ? `at rest, ${level(map, [x, y]).toFixed(1)} dB` : home ? "home" : `trapped, ${(100 * away).toFixed(0)} cm off`;
   show();
 }
 
@@ -131,6 +132,35 @@ function takeSteps(count) {
   Object.assign(own, {path: null, words: ""});
   show();
 }
+
+// The opening: lower and lower modes are added to the map, until one hole is left, into which the microphone rolls.
+let opening = false;
+async function open() {
+  const high = (chosen ?? [0, maps.modes.at(-1)])[1], pause = seconds => new Promise(resolve => setTimeout(resolve, 1e3 * seconds));
+  const say = words => { $("words").textContent = words; };
+  let places = null;  // the holes of the first map
+  opening = true; at = 0; giveBack();
+  for (let low = high, added = 1; opening; low = Math.max(low - added, 1), added = low > high - 4 ? 1 : 2 * added) {
+    chosen = [low, high]; show();
+    while (opening && (!map || map.key != wanted.key)) await pause(0.05);
+    if (!opening) break;
+    const count = high - low + 1, left = map.minima.count;
+    places ??= map.minima.lowest;
+    say(`${count == 1 ? "One frequency" : `${count} frequencies`}: ${left} place${left == 1 ? " fits" : "s fit"}`);
+    await pause(left > 1 ? 3 : 0.5);
+    if (low == 1) {
+      // it rolls from the hole of the first map from which the way home is longest
+      const home = path => Math.hypot(...path.at(-1).map((v, i) => v - map.minima.lowest[0][i])) < 2 * map.lattice.step;
+      const ways = places.map(place => downhill(map, place)).filter(home), start = ways.reduce((a, b) => b.length > a.length ? b : a, [map.minima.lowest[0]])[0];
+      takeOver(); own.places[map.n].splice(0, 2, ...start); release(map.n); await pause(1.5 + ROLL / 1e3);
+      say("Now you: drag it away, and let it go");
+      await pause(6);
+      break;
+    }
+  }
+  opening = false; say("");
+}
+for (const touch of ["pointerdown", "keydown", "wheel"]) addEventListener(touch, () => { opening = false; }, {capture: true});
 
 function drawPlay(pen, project, r) {
   if (!own) return;

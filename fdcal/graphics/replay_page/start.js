@@ -36,3 +36,4 @@ if (seconds && window.parent != window) {  // one of the two replays of a race, 
   document.documentElement.classList.add("led");
   window.parent.postMessage("ready", "*");
 }
+if (maps && new URLSearchParams(location.hash.slice(1)).get("opening") == "on") open();

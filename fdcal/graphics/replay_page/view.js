@@ -180,9 +180,8 @@ function curve(id, series, log) {
   for (let t = 1; t < T; t++) if (last[t] > last[t - 1]) stroke(pen, [[X(step[t]), top], [X(step[t]), h - bottom]], "#8a8f98", 1);
   pen.setLineDash([]);
   for (const [values, colour, width] of series) {
-    const line = [];
-    for (let t = 0; t < T; t++) if (usable(values[t])) line.push([X(step[t]), Y(values[t])]);
-    stroke(pen, line, colour, width);
+    let line = [];  // a logarithm has no place for 0: the line ends there
+    for (let t = 0; t <= T; t++) if (t < T && usable(values[t])) line.push([X(step[t]), Y(values[t])]); else { stroke(pen, line, colour, width); line = []; }
   }
   stroke(pen, [[X(step[at]), top], [X(step[at]), h - bottom]], ink, 1.5);
   for (const [values, colour] of series) if (usable(values[at])) {
@@ -222,7 +221,7 @@ function showTexts() {
 let span = [0, 1];
 function show() {
   requestMap(); scene(); showTexts(); showModes(); showPlay(); writeAddress();
-  if (mean) span = curve("error", [[largest.map(v => 1e3 * Math.max(v, 1e-6)), ORANGE, 1.3], [mean.map(v => 1e3 * Math.max(v, 1e-6)), RED, 2]], true);
+  if (mean) span = curve("error", [[largest, ORANGE, 1.3], [mean, RED, 2]].map(([values, ...style]) => [values.map(v => v < 1e-9 ? 0 : 1e3 * v), ...style]), true);
   if (cost) span = curve("costs", [[cost, BLUE, 2]], false);
   $("time").value = at;
   $("play").textContent = playing ? "Pause" : "Play";
