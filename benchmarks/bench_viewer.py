@@ -29,7 +29,7 @@ from .report import Figure
 from .watched import DRAG
 
 SCENE, SECONDS, MOVES, REST = "array1_circle", 8.0, 8, 0.6
-SLIDERS = (("Solver", "Last mode"), ("Map", "Microphone"), ("Map", "Opacity (%)"))
+SLIDERS = ("Last mode", "Microphone")
 MODES, POINTS = 9, 121  # of the map during a drag
 
 FRAMES = """seconds => new Promise(resolve => {
@@ -126,12 +126,12 @@ def _while_it_runs(page) -> float:
     page.get_by_role("button", name="Run", exact=True).click()
     page.get_by_text("Running").first.wait_for()
     frames = page.evaluate(FRAMES, SECONDS)
-    for tab, label in SLIDERS:
-        page.get_by_role("tab", name=tab, exact=True).click()
+    page.get_by_text("Settings", exact=True).click()
+    for label in SLIDERS:
         handle = slider(page, label)
         handle.focus()
         for move in range(MOVES):
-            handle.press("ArrowLeft" if label.startswith("Opacity") or move % 4 == 3 else "ArrowRight")
+            handle.press("ArrowLeft" if move % 4 == 3 else "ArrowRight")
             page.wait_for_timeout(1e3 * REST)
     return frames
 

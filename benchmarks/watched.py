@@ -99,7 +99,7 @@ def watch(log: Watch) -> None:
 
 
 def _watch_sliders(log: Watch) -> None:
-    use, choose, fade = SolverTab.use_modes, MapTab.choose_microphone, MapTab.fade
+    use, choose = SolverTab.use_modes, MapTab.choose_microphone
     drag = MicrophonePicker._drag
 
     def watched_drag(self, event):
@@ -117,17 +117,8 @@ def _watch_sliders(log: Watch) -> None:
         )
         choose(self, value)
 
-    def fade_map(self, value):
-        fade(self, value)
-        log.ask("Opacity (%)", lambda viewer: _opacity(viewer) == int(value))
-
-    SolverTab.use_modes, MapTab.choose_microphone, MapTab.fade = use_modes, choose_microphone, fade_map
+    SolverTab.use_modes, MapTab.choose_microphone = use_modes, choose_microphone
     MicrophonePicker._drag = watched_drag
-
-
-def _opacity(viewer: Viewer) -> int:
-    floor = viewer.picture.floor
-    return -1 if floor is None else round(100 * floor.opacity)
 
 
 if __name__ == "__main__":

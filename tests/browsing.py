@@ -20,8 +20,8 @@ from fdcal.viewer import app
 from fdcal.viewer.scene3d import cameras
 
 WAIT = 60.0  # s, bound of every wait
-EXACT = "?fixedDpr=1"  # of a page where it matters which pixel shows what: the page reports its canvas in pixels
-COARSE = "?fixedDpr=0.25"  # of any other page: software draws its scene, and a sixteenth of the pixels is enough
+EXACT = "?fixedDpr=1#face=expert"  # of a page where it matters which pixel shows what: its canvas is reported in pixels
+COARSE = "?fixedDpr=0.25#face=expert"  # of any other page: a sixteenth of the pixels is enough
 
 ARGUMENTS = [
     "--no-sandbox",
@@ -116,6 +116,11 @@ def choose(page, label, option):
 
 def tab(page, name):
     page.get_by_role("tab", name=name, exact=True).click()
+
+
+def unfold(page, name):
+    """Show the controls of a folder; again, to hide them."""
+    page.get_by_text(name, exact=True).click()
 
 
 STANDS = """([x, y, z]) => {

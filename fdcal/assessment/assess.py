@@ -63,11 +63,7 @@ class Assessment:
 
 
 def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None, scale: float | None = None):
-    """Return the assessment of what a solver has found.
-
-    names : of the microphones, their numbers unless given; scale : sound speed that follows from a given distance
-    over that of the problem, by which the array becomes larger
-    """
+    """Return the assessment of what a solver has found; `scale`: sound speed of a given distance over the problem's."""
     names = [str(n) for n in range(len(estimate.positions))] if names is None else list(names)
     if isinstance(estimate, RoomEstimate):
         return _in_room(estimate, names)

@@ -41,10 +41,7 @@ UNPREDICTED_TO_MEDIAN = 3.0  # the same over that of the median channel
 
 
 def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyChannel, ...]:
-    """Return all channels and given positions that stand out, in the order of the microphones.
-
-    covariance : (N, D, D) float64, metres^2, of each position
-    """
+    """Return all channels and given positions that stand out; `covariance` (N, D, D), metres^2, of each position."""
     faulty, channels = {}, estimate.channels
     tau, gains, terms = np.array(channels.noise), channels.gains, estimate.field.terms
     contradicted = estimate.given.contradicted

@@ -63,10 +63,7 @@ class Expansion:
 
 
 def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> list[Expansion]:
-    """Return the field of each mode in use, fitted to microphones at `positions` (N, D), metres.
-
-    `noise` (M,) is that of all measured modes, in the unit of abs(problem.pressures)**2; None to estimate it.
-    """
+    """Return the field of each mode in use, fitted at `positions` (N, D), metres; `noise` (M,) is estimated if None."""
     x, field = np.asarray(positions, float), _field(problem, positions, modes, noise)
     centre, radius = frozen_array(x.mean(axis=0), float), np.linalg.norm(x - x.mean(axis=0), axis=1).max()
     orders, found = max_order(field.wavenumbers, float(radius), EXTRA_ORDERS), []
@@ -133,10 +130,7 @@ class CrossValidation:
 def cross_validate(
     problem: Problem, positions, modes: slice, noise: np.ndarray | None = None, healthy: np.ndarray | None = None
 ) -> CrossValidation:
-    """Return the normalised leave-one-out errors; parameters as of `leave_one_out_errors`.
-
-    Where some channels are faulty, `problem` has pressures divided by the gains of the channels.
-    """
+    """Return the normalised leave-one-out errors; `problem` has pressures divided by the gains of the channels."""
     if healthy is not None and (np.all(healthy) or np.sum(healthy) <= problem.array_dimension):
         healthy = None
     errors = leave_one_out_errors(problem, positions, modes, noise, healthy)
@@ -144,10 +138,7 @@ def cross_validate(
 
 
 def summarise(pressures: np.ndarray, errors: np.ndarray, healthy: np.ndarray | None = None) -> CrossValidation:
-    """Return the normalised powers of leave-one-out errors of pressures, both (M, N) complex128 of the same unit.
-
-    The figures of the array and of each frequency are those of the `healthy` microphones (N,) bool alone.
-    """
+    """Return the normalised powers of leave-one-out errors of pressures (M, N); means are over `healthy` ones."""
     counted = slice(None) if healthy is None else healthy
     power = mode_power(pressures[:, counted])[:, None]
     signal, error = np.abs(pressures) ** 2 / power, np.abs(errors) ** 2 / power
@@ -189,9 +180,8 @@ def field_map(
 ) -> FieldMap:
     """Return the field between microphones at `positions` (N, D), metres, at some of the measured frequencies.
 
-    Of several takes it is the field of the first. `wanted` are frequencies, Hz, None for the lowest, the middle and the
-    highest; `step` is that of the lattice, metres, by default a sixtieth of the longest side; `speed` of sound, m/s,
-    takes the place of the measurement's.
+    Of several takes it is the field of the first. `wanted` are frequencies, Hz, the lowest, middle and highest unless
+    given; `step` is that of the lattice, a sixtieth of the longest side unless given.
     """
     x = np.asarray(positions, float)
     if measurement.take_count > 1:  # equal frequencies of other takes are other fields

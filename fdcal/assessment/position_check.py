@@ -52,10 +52,7 @@ ENOUGH = 0.9  # share of the points that must lie close to another for no furthe
 
 
 def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
-    """Return the ways in which `points` lie closest to `others`, each with another order; both (N, D), metres.
-
-    The closest comes first; those that leave the order as it is are among them.
-    """
+    """Return the ways in which `points` (N, D) lie closest to `others`, each with another order, the closest first."""
     from scipy.spatial import KDTree
 
     tolerance, tree = tolerance_of(others), KDTree(others)
@@ -391,9 +388,8 @@ def describe(
 ) -> str:
     """Return a comparison in words: what is exchanged, then the error of every microphone, the largest first.
 
-    `verdict` is a code of `fdcal.assessment.findings`; unless it is "good", finding no swap means that there is none
-    only where every microphone is near its place. `known` says whether known
-    microphones fixed the positions, `arguments` how the reader calls them, as of `word_arguments`.
+    Unless the `verdict` is "good", finding no swap means that there is none only where every microphone is near its
+    place. `known`: whether known microphones fixed the positions.
     """
     advice = word_arguments("; try <known> none", arguments or {}) if known else ""
     untrusted = "" if verdict == TRUSTED else f"not to be trusted ({verdict}){advice}"

@@ -337,10 +337,8 @@ def _type_error(message: str, table: dict, where: str) -> InputError:
 def position_table(measurement: Measurement, positions, sigma=None, by: slice | np.ndarray = slice(None)) -> str:
     """Return positions (N, D) as CSV; lengths in metres, unknown values empty, numbers to full precision.
 
-    Columns: name, known (yes or no), x_m, y_m[, z_m], true_x_m, true_y_m[, true_z_m], error_m, uncertainty_m, which is
-    `sigma` (N,). Without any known microphone the error is that after the best rigid motion or mirror image of the
-    whole array, which the microphones `by` determine, in a column called error_once_aligned_m. Nominal positions have
-    columns nominal_x_m and so on.
+    Without any known microphone the error is that after the best rigid motion or mirror image of the whole array, which
+    the microphones `by` determine, in a column called error_once_aligned_m. Nominal positions have columns nominal_x_m.
     """
     truth, errors, axes = measurement.positions, measurement.errors(positions, by), "xyz"[: measurement.array_dimension]
     unknown = np.full((measurement.count, len(axes) + 1), None)

@@ -23,10 +23,7 @@ from ..solvers.estimate import Estimate, scale_sigma
 
 
 def covariance_of(estimate: Estimate) -> np.ndarray:
-    """Return the covariance of each position : (N, D, D) float64, metres^2.
-
-    With the step that the solver has left, and with how far the positions depend on what is assumed of the field.
-    """
+    """Return the covariance of each position (N, D, D), metres^2, with the step left and the field's assumptions."""
     blocks, spread = curvature_of(estimate), estimate.spread
     N, D = blocks.shape[:2]
     influences = np.max([np.sum(v.reshape(-1, N, D) ** 2, axis=(0, 2)) for v in spread.influences], axis=0)
@@ -50,7 +47,7 @@ def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
 def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:
     """Return how far the optima of the search lie apart, weighted by their likelihood : (N,) float64, metres.
 
-    healthy : (N,) bool, microphones that determine the motion onto each other of arrays that nothing holds as a whole
+    `healthy` (N,) microphones determine the motion onto each other of arrays that nothing holds as a whole.
     """
     tried = estimate.tried
     if not tried:
@@ -87,9 +84,6 @@ def confidence_factor(probability: float, dimension: int) -> float:
 
 
 def ellipse_axes(blocks: np.ndarray, factor: float = 1.0) -> np.ndarray:
-    """Return the half axes (N, D, D), metres, of the ellipses of covariances (N, D, D), metres^2.
-
-    Row a of an entry is the vector of half axis a, shortest first, `factor` standard deviations long.
-    """
+    """Return the half axes (N, D, D), metres, in rows, shortest first, of ellipses of `factor` standard deviations."""
     values, vectors = np.linalg.eigh(blocks)
     return factor * np.sqrt(np.maximum(values, 0.0))[:, :, None] * vectors.swapaxes(1, 2)

@@ -48,10 +48,7 @@ def triangular_inverses(G: np.ndarray) -> np.ndarray:
 
 
 def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return C^-1 (M, N, N) and log det C (M,) of positive definite matrices; C may be overwritten.
-
-    Raises numpy.linalg.LinAlgError where one is not positive definite.
-    """
+    """Return C^-1 (M, N, N) and log det C (M,) of positive definite matrices, or LinAlgError; C may be overwritten."""
     if C.shape[1] <= FEW:
         try:
             G = np.linalg.cholesky(C)

@@ -36,11 +36,7 @@ class ChannelCorrection:
 
 
 def equalised(pressures: ArrayLike, channels: ChannelCorrection | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return pressures corrected and scaled to equal noise of all channels, and the scale of the rows of W.
-
-    `pressures` (M, N) complex128, as recorded; `channels`: None for channels without known gains. Returns `pressures`
-    (M, N) complex128; `scale` (N,) float64.
-    """
+    """Return pressures (M, N) corrected and scaled to equal noise of all channels, and the scale (N,) of rows of W."""
     pressures = np.asarray(pressures)
     if channels is None:
         return pressures, np.ones(int(pressures.shape[-1]))

@@ -33,11 +33,7 @@ RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest cou
 def residual(
     positions: Reals, pressures: Complexes, wavenumbers: Numbers, orders: Integers, centre: Reals
 ) -> np.ndarray:
-    """Return the residual of every mode, W W^+ p - p (Eq. 7).
-
-    `positions` (N, 2) float64, metres; `pressures` (M, N) complex128; `wavenumbers` (M,) complex128, rad/m; `orders`
-    (M,) int64; `centre` (2,) float64, metres. Returns (M, N) complex128, unit of `pressures`.
-    """
+    """Return the residual of every mode, W W^+ p - p (Eq. 7), of positions (N, 2), metres : (M, N) complex128."""
     dictionaries = (fourier_bessel(positions, k, L, centre) for k, L in zip(wavenumbers, orders, strict=True))
     fitted = [W @ coefficients(W, p) for W, p in zip(dictionaries, pressures, strict=True)]
     return np.reshape(fitted, pressures.shape) - pressures
@@ -100,11 +96,9 @@ class LeaveOneOutFit:
 def leave_one_out_fits(
     dictionaries: Sequence[Complexes], pressures: np.ndarray, n: int, weights: np.ndarray | None = None
 ) -> list[LeaveOneOutFit]:
-    """Return the fit of every mode to all microphones but `n`.
+    """Return the fit of every mode to all microphones but `n`, from M dictionaries (N, 2L + 1) and pressures (M, N).
 
-    `dictionaries`: M arrays (N, 2L + 1) complex128; `pressures` (M, N) complex128; `n`: microphone left out; `weights`
-    (N,) float64 or None, of the squared residual of each microphone; that of `n` counts as 1. Raises InputError: a mode
-    has more functions than there are microphones left.
+    `weights` (N,) are those of the squared residual of each microphone; that of `n` counts as 1.
     """
     others = np.arange(int(pressures.shape[1])) != n
     scale = np.ones(np.count_nonzero(others)) if weights is None else np.sqrt(weights[others])

@@ -58,20 +58,14 @@ def functions(problem: Problem, order: Any):
 
 
 def carried_modes(problem: Problem, order_offset: int) -> CarriedModes:
-    """Return the modes that the microphones can carry at the order L = ceil(k R) + `order_offset`.
-
-    Raises InputError for a problem without a search domain, whose radius is R.
-    """
+    """Return the modes that the microphones can carry at the order L = ceil(k R) + `order_offset`."""
     orders = np.asarray(max_order(problem.wavenumbers, search_domain(problem).radius, order_offset))
     carried = np.flatnonzero(functions(problem, orders) < problem.pressures.shape[1])
     return CarriedModes(carried, orders[carried], order_offset)
 
 
 def usable_modes(problem: Problem, order_offset: int) -> int:
-    """Return how many of the lowest modes the microphones can carry at the order ceil(k R) + `order_offset`.
-
-    All modes without a search domain, because no lattice is searched then.
-    """
+    """Return how many of the lowest modes the microphones can carry; all without a search domain, as no lattice is."""
     if problem.search is None:
         return len(problem.pressures)
     carried = carried_modes(problem, order_offset).modes
@@ -145,10 +139,7 @@ class FieldExpansion:
         return [chosen[orders == order] for order in np.unique(orders)]
 
     def rows(self, points: np.ndarray, centre: np.ndarray, group: np.ndarray) -> np.ndarray:
-        """Return the rows of W (B, C, K) at points (C, D) about a centre (D,), metres, up to a factor of each column.
-
-        `group` is (B,) int, modes of one order L as `groups` returns them.
-        """
+        """Return the rows of W (B, C, K) at points (C, D), metres, up to a factor, for modes (B,) of one order L."""
         order = int(self.carried.orders[group[0]])
         offsets = (points - centre) / self._radius
         radial = self._radial(np.einsum("cd,cd->c", offsets, offsets), order, group)

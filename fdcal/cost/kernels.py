@@ -220,10 +220,7 @@ def diffuse_correlation(z: np.ndarray, dimension: int) -> np.ndarray:
 
 
 def diffuse_kernel(distance: Reals, wavenumbers: Reals, dimension: int, slope: bool = True):
-    """Covariance (M, P) float64 of a diffuse field over `distance` (P,), metres, for real `wavenumbers` (M,), rad/m.
-
-    Returns it with (d kappa / d r) / r, (M, P) float64, 1/m^2, or None unless wanted.
-    """
+    """Covariance (M, P) of a diffuse field over `distance` (P,), metres, and (d kappa / d r) / r, 1/m^2, or None."""
     z = np.multiply.outer(wavenumbers, distance)
     k2 = wavenumbers[:, None] ** 2
     if dimension == 2:

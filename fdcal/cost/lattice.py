@@ -43,10 +43,7 @@ MAX_WALK = 40  # moves at the finest step
 
 @functools.lru_cache(maxsize=3)
 def search_lattice(problem: Problem, order_offset: int) -> LatticeDictionary:
-    """Return the lattice of a search domain in the plane, with every mode that the microphones can carry.
-
-    Raises InputError without a search domain, and with too few microphones for the lowest mode.
-    """
+    """Return the lattice of a search domain in the plane, with every mode that the microphones can carry."""
     search = search_domain(problem)
     require_plane_field(problem)
     require_modes(problem, order_offset, 1)
@@ -86,10 +83,7 @@ def best_candidate(
 
 
 class SpaceLattice:
-    """The candidates of a search domain of three dimensions; `orders` (M,) int64 are those of its modes.
-
-    Raises InputError for a problem without a search domain.
-    """
+    """The candidates of a search domain of three dimensions; `orders` (M,) int64 are those of its modes."""
 
     def __init__(self, problem: Problem, order_offset: int):
         self._expansion = expansion_of(problem, order_offset)

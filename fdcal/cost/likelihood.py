@@ -141,10 +141,8 @@ def likelihood_terms(
 ) -> Terms:
     """Return the terms at `positions` (N, D), metres, of `pressures` (M, N).
 
-    channels : (N, 2) or (N, 4) float64, a, nepers, b, radians, and if there are four of them d, metres, and kappa,
-        rad/m; without them all gains are 1, and the positions are the only parameters
-
-    Raises numpy.linalg.LinAlgError where a covariance is not positive definite or a position is not finite.
+    `channels` (N, 2) or (N, 4): a, nepers, b, radians, and d, metres, and kappa, rad/m; without them all gains are 1,
+    and the positions are the only parameters. LinAlgError for a covariance that is not positive definite.
     """
     x = np.asarray(positions, float)
     if not np.isfinite(x).all():  # LAPACK factorises a matrix of NaN without a complaint
@@ -171,10 +169,7 @@ def _largest(x: Reals, field: FieldModel, waves: FewWaves | None) -> int:
 
 
 def log_response(channels: Reals | None, wavenumbers: Reals) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return log g (M, N) complex128, or (1, N), and its derivatives by the parameters, which broadcast to (M, N).
-
-    channels : as of `likelihood_terms`; wavenumbers : (M,) float64, rad/m
-    """
+    """Return log g (M, N) complex128, or (1, N), and its derivatives by the parameters, which broadcast to (M, N)."""
     if channels is None:
         return np.zeros((1, 1), complex), []
     constant = (channels[:, 0] + 1j * channels[:, 1])[None]
@@ -399,10 +394,7 @@ def _joined(conditional: Terms, random: Terms, weight: float) -> Terms:
 
 
 def spectra(positions: Reals, corrected: Numbers, field: FieldModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return eigenvalues of T^-1/2 K T^-1/2 and |e^H T^-1/2 q|^2 along its eigenvectors e : two (M, N) float64.
-
-    positions : (N, D) float64, metres; corrected : (M, N) complex128, q
-    """
+    """Return eigenvalues of T^-1/2 K T^-1/2 and |e^H T^-1/2 q|^2 along its eigenvectors e : (M, N)."""
     x, weight = np.asarray(positions, float), 1 / np.sqrt(field.channel_noise)
     waves = few_waves(x, field)
 

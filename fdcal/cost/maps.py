@@ -219,11 +219,9 @@ def eq7_maps(
 ) -> np.ndarray:  # fmt: skip
     """Return the cost of each of `modes` with microphone `n` moved, relative to the power of all : (P, ny, nx).
 
-    `positions` (N, D) float64, metres; `n`: microphone; `modes` (P,) int, counted from 1; `order_offset`: added to
-    ceil(k R) in the order of every mode; `search`: lattice within the area of the problem's search domain; that
-    domain's own unless given; `channels`: gains and noise that the solver estimates; None for the pressures as
-    recorded. Raises InputError: there is no search domain, or a mode has too many functions for the microphones at this
-    order.
+    `modes` (P,) count from 1; `order_offset`: added to ceil(k R) in the order of every mode; `search`: lattice within
+    the area of the problem's search domain; that domain's own unless given; `channels`: gains and noise that the solver
+    estimates; None for the pressures as recorded.
     """
     moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
     return moved.maps(modes, search) / moved.power(modes)
@@ -282,7 +280,7 @@ def cost_volume(
     """Return the cost of `eq7_maps`, summed over `modes`, with microphone `n` anywhere in the search domain.
 
     None once `cancelled`, which tells whether the volume is no longer wanted. `negligible` is the Chebyshev coefficient
-    that is left out; a larger one makes a volume sooner. Raises InputError for an array in a plane, too.
+    that is left out; a larger one makes a volume sooner.
     """
     moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
     if len(moved.domain.origin) != 3 or len(moved.centre) != 3:
@@ -329,9 +327,7 @@ def likelihood_maps(
 
         cost(x) = log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log V + |p_n - f|^2 / (v V).
 
-    `positions` (N, D) float64, metres; `noise` (modes,) float64, v, in the unit of abs(pressures)**2; from 1e-6 of the
-    power the maps are exact; `search`: as of `eq7_maps`. Raises InputError: the problem has no search domain;
-    numpy.linalg.LinAlgError: a position is not finite.
+    `noise` (modes,), v, in the unit of abs(pressures)**2; from 1e-6 of the power the maps are exact.
     """
     x, domain = np.ascontiguousarray(positions, float), search_domain(problem)
     if not np.isfinite(x).all():
@@ -442,10 +438,7 @@ def cost_maps(
 
 
 def power_shares(problem: Problem, state: SolverState, modes: Sequence[int]) -> np.ndarray:
-    """Return the power of each of `modes`, counted from 1, as a share of that of all of them : (P,) float64.
-
-    With these weights, maps of Eq. 7 of single modes (`cost_maps`) add up to that of all modes.
-    """
+    """Return the power of `modes`, counted from 1, as a fraction of all of them : (P,), weights of maps that add up."""
     pressures, _ = equalised(problem.pressures[np.asarray(modes) - 1], state.channels)
     power = np.sum(np.abs(pressures) ** 2, axis=1)
     return power / power.sum()
@@ -519,7 +512,7 @@ def mode_shape(
     """Return the pressure of one mode over the search lattice, reconstructed from the microphones : (ny, nx).
 
     It is the real part of W alpha (Eq. 6) at the phase with most pressure, scaled to a largest magnitude of 1. It
-    matches the room among the microphones and where the positions are right. Raises InputError for a field in space.
+    matches the room among the microphones and where the positions are right.
     """
     search = problem.search
     if problem.dimension != 2 or search is None:
@@ -538,10 +531,7 @@ def mode_shape(
 
 
 def refined(search: Search, count: int = FINE) -> Search:
-    """Return a lattice of the same area, the cells at its edge included, `count` points along the longer edge.
-
-    In space it is of one layer.
-    """
+    """Return a lattice of one layer of the same area, edge cells included, `count` points along the longer edge."""
     step = search.step * max(search.shape[:2]) / count
     corner = np.subtract(search.origin[:2], search.step / 2)
     numbers = [max(round(search.step * n / step), 2) for n in search.shape[:2]]
@@ -551,19 +541,13 @@ def refined(search: Search, count: int = FINE) -> Search:
 
 
 def map_positions(indices: ArrayLike, search: Search) -> np.ndarray:
-    """Return the positions (K, 2), metres, of points of a map, indices (K, 2) of rows and columns.
-
-    Of a volume both are (K, 3), its layers first.
-    """
+    """Return the positions (K, 2), metres, of indices (K, 2) of rows and columns; of a volume (K, 3), layers first."""
     places = np.asarray(indices)[:, ::-1]
     return np.asarray(search.origin)[: places.shape[1]] + search.step * places
 
 
 def interpolate(cost: np.ndarray, search: Search, point: ArrayLike) -> float:
-    """Return the value of a map (ny, nx) at a point (2,) or (3,), metres, bilinear; outside, that of the nearest edge.
-
-    `search` is the lattice of the map.
-    """
+    """Return the value of a map (ny, nx) at a point (2,) or (3,), metres, bilinear; outside, of the nearest edge."""
     place = (np.asarray(point, float)[:2] - search.origin[:2]) / search.step
     x, y = np.clip(place, 0, np.array(cost.shape[::-1]) - 1)
     i, j = min(int(x), cost.shape[1] - 2), min(int(y), cost.shape[0] - 2)

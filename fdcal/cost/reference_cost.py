@@ -67,11 +67,7 @@ class ReferenceCost:
         self._pressures = problem.pressures[carried.modes]
 
     def __call__(self, positions: ArrayLike, channels: ChannelCorrection | None = None) -> float:
-        """Return the cost of positions (N, D), metres, in dB; NaN where a position is not finite.
-
-        `channels` are gains and noise that the solver estimates (`RunState.channels`); None for the pressures as
-        recorded.
-        """
+        """Return the cost of positions (N, D), metres, in dB, with `RunState.channels`; NaN where one is not finite."""
         positions = np.asarray(positions, float)
         if not np.isfinite(positions).all():
             return float("nan")

@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, project
 from .legend import ROW, Entry, draw_legend, legend_of, legend_rows
-from .primitives import Colour, ColourBar, Label, Picture, Theme
+from .primitives import ColourBar, Picture, Theme
 
 ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label, to Pillow's
 WHITE = (255, 255, 255)
@@ -28,10 +28,7 @@ def font(points: float) -> ImageFont.FreeTypeFont:
 
 
 def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, float, float]:
-    """Return the pixels that rulers, legend, colour bar and title take: left, bottom, right, top.
-
-    `size` (width, height), pixels.
-    """
+    """Return the pixels that rulers, legend, colour bar and title take: left, bottom, right, top."""
     scale, right = text_scale(size), 40 if picture.bar is None else 160
     return 90 * scale, 62 * scale + legend_height(picture, size), right * scale, 104 * scale
 
@@ -47,34 +44,24 @@ def _legend(picture: Picture, size: tuple[int, int]) -> tuple[tuple[Entry, ...],
 
 
 def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray:
-    """Return a copy of the image with all texts, the legend and the colour bar.
-
-    `pixels` (H, W, 3) uint8; `camera`: that the image was made with.
-    """
+    """Return a copy of an image (H, W, 3), made with `camera`, with all texts, the legend and the colour bar."""
     image = Image.fromarray(pixels)
     size, scale = image.size, text_scale(image.size)
     draw = ImageDraw.Draw(image)
     letters = font(16 * scale)
     positions = np.array([label.position for label in picture.labels]).reshape(-1, 3)
+    theme = picture.theme
     for label, (x, y) in zip(picture.labels, project(camera, size, positions), strict=True):
-        outline = _outline(label.colour, picture.theme)
-        _write(draw, (float(x), float(y)), label.text, letters, label.colour, _anchor(label), outline, scale)
+        vertical, horizontal = label.anchor.split("-")
+        anchor = ANCHORS[horizontal] + ANCHORS[vertical]
+        outline = theme.background if label.colour == theme.foreground else WHITE  # a text that is black on any
+        _write(draw, (float(x), float(y)), label.text, letters, label.colour, anchor, outline, scale)
     _draw_title(draw, picture, scale)
     corner = LEGEND_EDGE * scale, size[1] - legend_height(picture, size) - LEGEND_EDGE / 4 * scale
     draw_legend(image, _legend(picture, size), corner, letters, picture.theme)
     if picture.bar is not None:
         _draw_bar(draw, picture.bar, picture.theme, letters, _bar_place(picture, camera, size))
     return np.asarray(image)
-
-
-def _anchor(label: Label) -> str:
-    vertical, horizontal = label.anchor.split("-")
-    return ANCHORS[horizontal] + ANCHORS[vertical]
-
-
-def _outline(colour: Colour, theme: Theme) -> Colour:
-    """Colour around the letters of a text: the background's, or white where the text is black on any background."""
-    return theme.background if colour == theme.foreground else WHITE
 
 
 def _write(draw, place: tuple[float, float], text: str, letters, colour, anchor: str, outline, scale: float) -> None:

@@ -89,11 +89,7 @@ def _draw_view(panel: Any, result: Calibration, truth: np.ndarray | None, view: 
 
 
 def enlarged_ellipses(panel: Any, places: np.ndarray, covariance: np.ndarray, positions: np.ndarray) -> None:
-    """Draw 95 % ellipses, enlarged by a round factor where they are too small to see.
-
-    `places` (N, 2) float64, metres; `covariance` (N, 2, 2) float64, metres^2; `positions` (N, D) float64, metres, whose
-    extent decides on the factor.
-    """
+    """Draw 95 % ellipses at (N, 2), metres, enlarged by a round factor where they are small beside the array (N, D)."""
     axes = ellipse_axes(covariance, confidence_factor(0.95, 2))
     longest = np.linalg.norm(axes[:, -1], axis=1)
     shown = longest > 0

@@ -32,9 +32,8 @@ def camera_for(
 ) -> Camera:
     """Return the camera that fills an image with a picture.
 
-    `size` (width, height), pixels; `view`: "top" (north up, the search domain fills the image), "3d" (the whole room)
-    or "close" (the array alone); `margins`: left, bottom, right, top pixels to be left free; `fov`: radians; by default
-    parallel projection from the top and 35 degrees in 3-D. Raises InputError: `view` is unknown.
+    `view`: "top" (north up, the search domain fills the image), "3d" (the whole room) or "close" (the array alone);
+    `margins`: left, bottom, right, top pixels to be left free; `fov`: radians; parallel from the top by default.
     """
     require_choice("view", view, VIEWS)
     width, height = (max(int(length), 1) for length in size)
@@ -100,11 +99,7 @@ def _camera(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
 
 
 def project(camera: Camera, size: tuple[int, int], points) -> np.ndarray:
-    """Return the pixels at which points appear.
-
-    `size` (width, height) of the image, pixels; `points` (P, 3), metres. Returns (P, 2) float64, column and row,
-    counted from the upper left corner of the image.
-    """
+    """Return the pixels (P, 2), column and row from the upper left corner, at which points (P, 3), metres, appear."""
     width, height = size
     eye, look_at = np.array(camera.position), np.array(camera.look_at)
     forward = (look_at - eye) / np.linalg.norm(look_at - eye)

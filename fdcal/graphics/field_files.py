@@ -21,11 +21,7 @@ MAX_ROWS = 12  # frequencies in a picture
 
 
 def write(path: str | Path, target: str | Path, field: FieldMap) -> None:
-    """Write a sound field to a file.
-
-    `path`: of the file to be written; `target`: whose suffix, a key of WRITERS, selects the format. Raises InputError:
-    there are too many frequencies for a picture.
-    """
+    """Write a sound field to a file; the suffix of `target`, a key of WRITERS, selects the format."""
     WRITERS[Path(target).suffix.lower()](Path(path), field)
 
 

@@ -51,11 +51,7 @@ def index_html(title: str, introduction: str, entries: Sequence[Entry], opening:
 
 
 def race_html(title: str, files: Sequence[str], names: Sequence[str], seconds: Sequence[np.ndarray]) -> str:
-    """Return the page of a race.
-
-    `files`: of two replays that hold processor times, beside the page; `names`: of their solvers; `seconds`: for each,
-    (T,) float64, processor time from the start to each state, s.
-    """
+    """Return the page of a race of two replays beside the page; `seconds`: for each, times (T,) of its states, s."""
     ends = [float(times[-1]) for times in seconds]
     firsts = [float(times[times > 0].min(initial=1.0)) for times in seconds]
     data = {"files": list(files), "names": list(names), "ends": ends, "first": min(firsts)}
@@ -69,9 +65,8 @@ def race_html(title: str, files: Sequence[str], names: Sequence[str], seconds: S
 
 
 def picture_of(measurement: Measurement, problem: Problem, state, n: int, modes: Sequence[int] | None) -> str:
-    """Return a picture of the map of one microphone with the true and the estimated positions, as SVG.
+    """Return a picture of the map of microphone `n` with the true and the estimated positions, as SVG.
 
-    `state`: of any solver, whose positions are in the frame of the search domain; `n`: microphone, counted from 0;
     `modes`: counted from 1; all that the microphones can carry unless given.
     """
     reference_cost, domain = reference_cost_of(problem), problem.search
@@ -87,27 +82,20 @@ def picture_of(measurement: Measurement, problem: Problem, state, n: int, modes:
     width, height = image.size
     corner = np.asarray(lattice.origin[:2]) - lattice.step / 2
     truth = measurement.aligned_truth(state.positions)
-    marks = [_crosses(_pixels(state.positions, corner, lattice.step, height))]
+
+    def pixels(positions) -> np.ndarray:  # (N, 2), y downwards
+        places = (np.asarray(positions, float)[:, :2] - corner) / lattice.step
+        return np.column_stack([places[:, 0], height - places[:, 1]])
+
+    marks = ""
     if truth is not None:
-        marks.insert(0, _circles(_pixels(truth, corner, lattice.step, height)))
+        circles = (f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.7"/>' for x, y in pixels(truth))
+        marks = f'<g fill="none" stroke="#000" stroke-width="0.7">{"".join(circles)}</g>'
+    path = "".join(f"M{x - 1:.1f} {y - 1:.1f}l2 2m0-2l-2 2" for x, y in pixels(state.positions))
+    marks += f'<path d="{path}" stroke="#fff" stroke-width="1.3"/>'
+    marks += f'<path d="{path}" stroke="#d61828" stroke-width="0.7"/>'
     coded = base64.b64encode(file.getvalue()).decode("ascii")
     return (
         f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="Map with the microphones">'
-        f'<image href="data:image/png;base64,{coded}" width="{width}" height="{height}"/>{"".join(marks)}</svg>'
+        f'<image href="data:image/png;base64,{coded}" width="{width}" height="{height}"/>{marks}</svg>'
     )
-
-
-def _pixels(positions, corner: np.ndarray, step: float, height: int) -> np.ndarray:
-    """Return where positions (N, D), metres, lie in the picture, y downwards : (N, 2)."""
-    places = (np.asarray(positions, float)[:, :2] - corner) / step
-    return np.column_stack([places[:, 0], height - places[:, 1]])
-
-
-def _circles(places: np.ndarray) -> str:
-    marks = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.7"/>' for x, y in places)
-    return f'<g fill="none" stroke="#000" stroke-width="0.7">{marks}</g>'
-
-
-def _crosses(places: np.ndarray) -> str:
-    path = "".join(f"M{x - 1:.1f} {y - 1:.1f}l2 2m0-2l-2 2" for x, y in places)
-    return f'<path d="{path}" stroke="#fff" stroke-width="1.3"/><path d="{path}" stroke="#d61828" stroke-width="0.7"/>'

@@ -11,21 +11,14 @@ Triangles = tuple[np.ndarray, np.ndarray]
 
 
 def lift(points, z: float) -> np.ndarray:
-    """Return points raised by `z`, metres; points of a plane are at height 0.
-
-    `points` (P, 2) or (P, 3), metres; `z`: metres. Returns (P, 3) float64, metres.
-    """
+    """Return points (P, 2) or (P, 3) raised by `z` : (P, 3), metres; points of a plane are at height 0."""
     points = np.atleast_2d(np.asarray(points, float))
     heights = points[:, 2] if points.shape[1] == 3 else np.zeros(len(points))
     return np.column_stack([points[:, :2], heights + z])
 
 
 def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) -> Triangles:
-    """Return a flat ring around each centre: 2 `corners` vertices each, inner and outer in turn.
-
-    `centres` (P, 3), metres; `radius`: of the middle of the ring, metres; `width`: of the ring, metres; `corners`: of
-    its outline.
-    """
+    """Return a flat ring around each centre (P, 3): 2 `corners` vertices each, inner and outer in turn."""
     angles = np.repeat(2 * np.pi * np.arange(corners) / corners, 2)
     reach = np.tile([radius - width / 2, radius + width / 2], corners)
     circle = np.stack([reach * np.cos(angles), reach * np.sin(angles), 0 * angles], axis=1)
@@ -36,10 +29,7 @@ def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) 
 
 
 def strokes(segments: np.ndarray, width: float, extension: float = 0.0) -> Triangles:
-    """Return a flat bar along each segment, four vertices each.
-
-    `segments` (S, 2, 3), metres; `width`: horizontal, metres; `extension`: beyond both ends, metres.
-    """
+    """Return a flat bar along each segment (S, 2, 3), four vertices each; `extension`: beyond both ends, metres."""
     along = _unit(segments[:, 1] - segments[:, 0])
     level = _unit(along * [1.0, 1.0, 0.0])
     side = width / 2 * np.stack([-level[:, 1], level[:, 0], 0 * level[:, 0]], axis=1)
@@ -55,22 +45,14 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def stars(centres: np.ndarray, radius: float, arms: int = 2, turn: float = np.pi / 4) -> np.ndarray:
-    """Return `arms` segments through each centre; two of them, turned by 45 degrees, are a cross.
-
-    `centres` (P, 3), metres; `radius`: half the length of an arm, metres; `arms`: number of arms; `turn`: angle of the
-    first, radians. Returns (P arms, 2, 3) float64, metres.
-    """
+    """Return `arms` segments of half length `radius` through each centre (P, 3), the first at the angle `turn`."""
     angles = turn + np.pi * np.arange(arms) / arms
     arm = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     return (centres[:, None, None, :] + np.stack([-arm, arm], axis=1)).reshape(-1, 2, 3)
 
 
 def polygons(centres: np.ndarray, radius: float, corners: int) -> np.ndarray:
-    """Return the sides of a regular polygon around each centre, one side horizontal at the bottom.
-
-    `centres` (P, 3), metres; `radius`: of the circumscribed circle, metres; `corners`: of the polygon. Returns (P
-    corners, 2, 3) float64, metres.
-    """
+    """Return the sides (P corners, 2, 3) of a regular polygon around each centre (P, 3), one level at the bottom."""
     angles = -np.pi / 2 + np.pi / corners + 2 * np.pi * np.arange(corners) / corners
     rim = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     sides = np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)
@@ -118,11 +100,7 @@ def walls(vertices, height: float) -> Triangles:
 
 
 def floor_grid(vertices, spacing: float, z: float) -> np.ndarray:
-    """Return grid lines clipped to an outline.
-
-    `vertices` (V, 2), metres, corners of the outline; a line through a corner is clipped, too; `spacing`: between
-    lines, metres; `z`: height, metres. Returns (S, 2, 3) float64, metres.
-    """
+    """Return grid lines (S, 2, 3) at height `z` clipped to an outline (V, 2), metres."""
     vertices = np.asarray(vertices, float)
     pieces = []
     for axis in (0, 1):
@@ -155,11 +133,9 @@ def round_ticks(low: float, high: float, count: int) -> np.ndarray:
 def ruler(
     low: float, high: float, across: float, axis: int, length: float, z: float
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the ticks along an edge of a box.
+    """Return the ticks along an edge of a box: segments (T, 2, 3), label positions (T, 3), metres, and texts as "1.2".
 
-    `low`, `high`: ends of the edge, metres; `across`: its other coordinate, metres; `axis`: that the edge runs along;
-    `length`: of a tick, metres; `z`: height, metres. Returns segments (T, 2, 3) and label positions (T, 3), both
-    float64, metres; texts such as "1.2".
+    `low`, `high`: ends of the edge along `axis`; `across`: its other coordinate; `length`: of a tick, metres.
     """
     values = round_ticks(low, high, 8)
     ends = np.full((len(values), 2, 3), z)

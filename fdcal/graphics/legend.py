@@ -1,9 +1,5 @@
 """The legend of a picture: exactly the marks that are drawn in it, in one order, for every renderer.
 
-legend_of     the entries of a picture
-MARKS         every mark that has an entry, by the name of its part
-draw_legend   the entries in rows below the image of a scene
-
 A symbol is drawn in a square from -1 to 1, y upwards. The page, the PNG and the test of both read the same entries.
 """
 
@@ -16,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from .glyphs import polygons, stars
 from .markers import CUT, ELLIPSE, ESTIMATE, FAULTY, KNOWN, LOWEST, TRAIL, TRUE, solver_mark
 from .overlays import ELLIPSE_TEXT
-from .primitives import Area, Colour, Lines, Mesh, Picture, Theme
+from .primitives import Colour, Lines, Mesh, Picture, Theme
 
 CIRCLE_SIDES = 24
 OUTLINE: Colour = (128, 128, 128)  # of an area, which may be as light as the page
@@ -83,28 +79,21 @@ MARKS = {
 
 
 def legend_of(picture: Picture) -> tuple[Entry, ...]:
-    """Return the entries of a picture: areas of its map, the marks that can be seen in the order of MARKS, solvers.
-
-    `picture`: its `captions` add words to entries.
-    """
+    """Return the entries of a picture: areas of its map, the marks that can be seen in the order of MARKS, solvers."""
     seen = {part.name for part in (*picture.meshes, *picture.lines) if _is_visible(part, picture)}
     seen |= {"isosurfaces"} if picture.surfaces else set()
     seen |= {"slice"} if picture.plates else set()
     captions = dict(picture.captions)
     entries = [entry for name, entry in MARKS.items() if name in seen]
-    names = [
-        part.name for part in picture.meshes if part.name.startswith(COMPARED) and not part.name.endswith(HALO_SUFFIX)
-    ]
+    names = [name for part in picture.meshes if (name := part.name).startswith(COMPARED)]
+    names = [name for name in names if not name.endswith(HALO_SUFFIX)]
     entries += [compared_entry(name, captions.get(name, name.removeprefix(COMPARED))) for name in names]
     if picture.areas:  # the slice has the colours of the areas
         entries = [replace(entry, filled=False) if entry.name == "slice" else entry for entry in entries]
     named = tuple(replace(entry, text=captions.get(entry.name, entry.text)) for entry in entries)
-    return tuple(area_entry(area) for area in picture.areas) + named
-
-
-def area_entry(area: Area) -> Entry:
-    """Return the entry of an area of a map, which has a colour and no mark."""
-    return Entry(area.name, area.text, (_square(0.75),), area.colour, 0.1, filled=True, halo_colour=OUTLINE)
+    square = (_square(0.75),)  # an area has a colour and no mark
+    areas = (Entry(a.name, a.text, square, a.colour, 0.1, True, halo_colour=OUTLINE) for a in picture.areas)
+    return (*areas, *named)
 
 
 def compared_entry(name: str, solver: str) -> Entry:
@@ -161,11 +150,7 @@ def draw_legend(
     letters: ImageFont.FreeTypeFont,
     theme: Theme,
 ) -> None:
-    """Write rows of entries over an image.
-
-    `image`: PIL.Image.Image; `rows`: of `legend_rows`; `corner`: left and top of the first row, pixels; `letters`:
-    font.
-    """
+    """Write rows of entries, of `legend_rows`, over an image; `corner`: left and top of the first row, pixels."""
     draw, scale = ImageDraw.Draw(image), letters.size / 16
     left, top = corner
     for i, row in enumerate(rows):

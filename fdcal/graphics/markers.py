@@ -86,20 +86,15 @@ def layer_height(layer: int, marker_radius: float) -> float:
 
 
 def on_layer(points, base: float, marker_radius: float, layer: int) -> np.ndarray:
-    """Return points raised to a layer.
-
-    `points` (P, 2) on the floor or (P, 3) in space, metres; `base`: height of the floor, metres; `marker_radius`:
-    metres; `layer`: one of Layer. Returns (P, 3) float64, metres.
-    """
+    """Return points (P, 2) on the floor at height `base`, or (P, 3) in space, raised to a layer : (P, 3), metres."""
     return glyphs.lift(points, layer_height(layer, marker_radius) + (base if np.shape(points)[1] == 2 else 0.0))
 
 
 def drape(points, floor: Floor | None, radius: float = 0.0) -> np.ndarray:
-    """Return points with the height that a map in relief has there.
+    """Return points (P, 2) with the height that a map in relief has there : (P, 3), metres.
 
-    `points` (P, 2) or (P, 3), metres; `floor`: the map, or None; `radius`: of a flat mark at each point, metres, which
-    lies above the slope: the highest height within it counts. Returns (P, 3) float64, metres; the points unchanged
-    where the map is flat or missing, or where they have a height.
+    `radius`: of a flat mark at each point, which lies above the slope: the highest height within it counts. Points stay
+    unchanged where the map is flat or missing, or where they have a height.
     """
     points = np.atleast_2d(np.asarray(points, float))
     if floor is None or floor.heights is None or points.shape[1] == 3:
@@ -127,11 +122,7 @@ def mesh(name: str, triangles: tuple[np.ndarray, np.ndarray], colour: Colour, op
 def strokes(
     name: str, segments: np.ndarray, marker_radius: float, colour: Colour, width: float, halo: float = HALO_WIDTH
 ) -> tuple[Mesh, Mesh]:
-    """Return bars and their halo, one layer below.
-
-    `segments` (S, 2, 3), metres; `marker_radius`: metres; `width`, `halo`: of the bars, and by how much the halo is
-    wider, in radii of a marker.
-    """
+    """Return bars along (S, 2, 3), metres, and their halo, one layer below, by `halo` wider, in radii of a marker."""
     below = segments - [0, 0, layer_height(1, marker_radius)]
     outer, extension = (width + halo) * marker_radius, halo / 2 * marker_radius
     return (
@@ -143,10 +134,7 @@ def strokes(
 def circles(
     name: str, centres: np.ndarray, marker_radius: float, width: float, radius: float = 1.0
 ) -> tuple[Mesh, Mesh]:
-    """Return black circles and their halo, one layer below.
-
-    `centres` (P, 3), metres; `marker_radius`: metres; `width`, `radius`: of the circles, in radii of a marker.
-    """
+    """Return black circles around (P, 3), metres, and their halo; `width`, `radius` in radii of a marker."""
     below = centres - [0, 0, layer_height(1, marker_radius)]
     outer = (width + HALO_WIDTH) * marker_radius
     return (

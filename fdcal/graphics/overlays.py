@@ -24,10 +24,7 @@ FAULTY_RADIUS, FAULTY_SIDES = 2.4, 24  # of the circle around an odd channel, ra
 
 
 def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
-    """Return the picture with the path of each estimate; a microphone that does not move has none.
-
-    `paths` (T, N, D) float64, metres, oldest first; `floor`: a map in relief, on which the paths lie, or None.
-    """
+    """Return the picture with the paths (T, N, D), metres, oldest first, on a map in relief, of what has moved."""
     paths = np.asarray(paths, float)
     if len(paths) < 2:
         return picture
@@ -41,9 +38,9 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
 
 
 def ellipse_scale(axes, extent: float) -> float:
-    """Return the round factor, 1 or more, that makes most error ellipses visible.
+    """Return the round factor, 1 or more, that makes most error ellipses visible beside `extent`, metres.
 
-    `axes` (N, D, D) float64, metres, half axes in rows, the longest last; `extent`: of what is drawn, metres.
+    `axes` (N, D, D), metres, half axes in rows, the longest last.
     """
     longest = np.linalg.norm(np.asarray(axes, float)[:, -1], axis=1)
     drawn = longest[longest > NO_ELLIPSE]
@@ -64,11 +61,8 @@ def with_ellipses(
 ) -> Picture:
     """Return the picture with an error ellipse around each microphone, none where it is no larger than a dot.
 
-    The legend says by how much the ellipses are enlarged, or that they are too small to be seen.
-
-    `positions` (N, D) float64, metres; `axes` (N, D, D) float64, metres, half axes in rows, the longest last; the
-    largest section of an ellipsoid is drawn; `floor`: a map in relief, on which the microphones stand, or None;
-    `scale`: by which the ellipses are enlarged; `note`: further words for the legend.
+    The legend says by how much the ellipses are enlarged, or that they are too small to be seen; `note` adds words.
+    `axes` as of `ellipse_scale`; the largest section of an ellipsoid is drawn, `scale` times enlarged.
     """
     axes, positions = scale * np.asarray(axes, float), np.asarray(positions, float)
     long, middle = axes[:, -1], axes[:, -2]
@@ -94,11 +88,7 @@ def with_ellipses(
 
 
 def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | None = None) -> Picture:
-    """Return the picture with a barred circle around each microphone whose channel, or given position, is faulty.
-
-    `positions` (N, D) float64, metres; `faulty`: numbers of the microphones; `floor`: a map in relief, on which the
-    microphones stand, or None.
-    """
+    """Return the picture with a barred circle around each microphone whose channel, or given position, is faulty."""
     if not len(faulty):
         return picture
     radius = picture.marker_radius
@@ -113,11 +103,7 @@ def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | Non
 def with_comparison(
     picture: Picture, positions: Mapping[str, np.ndarray], free: np.ndarray, floor: Floor | None = None
 ) -> Picture:
-    """Return the picture with a mark at each position that the solvers of a comparison have estimated.
-
-    `positions`: by the name of the solver: (N, D) float64, metres; `free` (F,) numbers of the microphones to be marked;
-    `floor`: a map in relief, on which the microphones stand, or None.
-    """
+    """Return the picture with marks of the `free` microphones where the solvers of a comparison have estimated them."""
     radius, base, meshes, captions = picture.marker_radius, picture.z_range[0], picture.meshes, picture.captions
     for i, (name, estimate) in enumerate(positions.items()):
         mark = solver_mark(name)
@@ -155,10 +141,7 @@ def with_volume(picture: Picture, volume: Volume | None) -> Picture:
 
 
 def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:
-    """Return the picture with the line of a cut from A to B, a ring around each end.
-
-    `ends` (2, 2) float64, metres; `floor`: a map in relief, on which the line lies, or None.
-    """
+    """Return the picture with the line of a cut from A to B, `ends` (2, 2), metres, a ring around each end."""
     radius, pieces = picture.marker_radius, 1 if floor is None or floor.heights is None else CUT_PIECES
     first, last = np.asarray(ends, float)
     points = drape(np.linspace(first, last, pieces + 1), floor)
@@ -180,10 +163,7 @@ SECTIONS = ((-1, -2), (-1, 0), (-2, 0))  # pairs of half axes: the principal sec
 def with_bound(picture: Picture, positions, axes) -> Picture:
     """Return the picture with the least error of each microphone: an ellipse, in space the sections of an ellipsoid.
 
-    The legend says by how much they are enlarged.
-
-    `picture`: from `fdcal.graphics.picture.static_picture` of the planned array; `positions` (N, D) float64, metres;
-    `axes` (N, D, D) float64, metres, half axes in rows, the longest last; zeros of a microphone that is given.
+    The legend says by how much they are enlarged. `axes` as of `ellipse_scale`; zeros of a microphone that is given.
     """
     axes, positions = np.asarray(axes, float), np.asarray(positions, float)
     captions = (*picture.captions, ("microphones/true", "planned microphone"))

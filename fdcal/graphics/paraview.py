@@ -1,10 +1,4 @@
-"""Maps and microphones as files for ParaView, written by VTK, which is loaded with the first of them.
-
-image        values at the points of a lattice: .vti
-landscape    the cost of moving one microphone, mode by mode and summed: .vti, values at the lattice points
-volume       the same in space, summed over the modes: .vti
-point_cloud  microphones as points: .vtp
-"""
+"""Maps (.vti) and microphones (.vtp) as files for ParaView, written by VTK, which is loaded with the first of them."""
 
 from collections.abc import Mapping, Sequence
 
@@ -19,10 +13,10 @@ ESTIMATED, TRUE, KNOWN = 0, 1, 2  # `kind` of a point
 
 
 def landscape(panels: LandscapePanels, height: float = 0.0, basins: bool = False) -> str:
-    """Return the text of a .vti file with one field for each mode, and their sum.
+    """Return the text of a .vti file with one field for each mode, and their sum, at a `height`, metres.
 
-    `height`: of the map, metres; `basins`: whether there is a field with the number of the minimum of the sum where
-    descent from each point ends, the lowest minimum being 0; -1 where it ends at the edge of the map.
+    `basins`: whether there is a field with the number of the minimum of the sum where descent from each point ends, the
+    lowest minimum being 0; -1 where it ends at the edge of the map.
     """
     modes = zip(panels.modes, panels.frequencies, panels.maps[:-1], strict=True)
     fields = {f"mode {m}, {f:.2f} Hz": cost for m, f, cost in modes}
@@ -37,10 +31,8 @@ def landscape(panels: LandscapePanels, height: float = 0.0, basins: bool = False
 def volume(cost: np.ndarray, search: Search, basins: bool = False) -> str:
     """Return the text of a .vti file of the cost of moving one microphone in space.
 
-    Fields of every point: `cost`, relative to the power, `cost_dB`, and `basin` where `basins` asks for it: the number
-    of the minimum where descent ends, the lowest minimum being 0, and -1 at the edge of the domain.
-
-    `cost` (nz, ny, nx) float64; `search`: the lattice.
+    Fields of every point: `cost` (nz, ny, nx), relative to the power, `cost_dB`, and `basin` where `basins` asks for
+    it, as of `landscape`.
     """
     values = np.asarray(cost, float).ravel()
     fields = {"cost": values, "cost_dB": 10 * np.log10(np.maximum(values, np.finfo(float).tiny))}
@@ -57,10 +49,8 @@ def point_cloud(measurement: Measurement, positions, sigma=None, height: float =
     metres, from the true position to the estimate, `error_length` and `uncertainty` (one sigma), metres; NaN where
     unknown. To see errors as arrows: Threshold by kind 1, Glyph by error without scaling.
 
-    Without any known microphone the true positions are moved as a whole to the estimate.
-
-    `positions` (N, D) float64, metres, the estimate; `sigma` (N,) float64, metres, one standard deviation of each
-    position, or None; `height`: of an array in a plane, metres.
+    Without any known microphone the true positions are moved as a whole to the estimate (N, D). `sigma` (N,), metres;
+    `height`: of an array in a plane, metres.
     """
     N, truth, known = measurement.count, measurement.aligned_truth(positions), measurement.known
     everyone = np.arange(N)
@@ -93,11 +83,7 @@ def _in_space(values, height: float) -> np.ndarray:
 def image(
     shape: Sequence[int], origin: Sequence[float], spacing: Sequence[float], fields: Mapping[str, np.ndarray]
 ) -> str:
-    """Return the text of an image file (.vti).
-
-    `shape`: points along x, y and z; `origin`, `spacing` (3,), metres, of the first point and between points; `fields`:
-    by name, a value for each point, x fastest, then y.
-    """
+    """Return the text of an image file (.vti) of fields with a value for each point, x fastest; lengths in metres."""
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
@@ -109,10 +95,7 @@ def image(
 
 
 def _points(positions: np.ndarray, lines: np.ndarray, fields: Mapping[str, np.ndarray]) -> str:
-    """Return the text of a file of points (P, 3), metres, with `lines` (S, 2) between some of them (.vtp).
-
-    `fields`: by name, (P,) or (P, 3) numbers or (P,) texts.
-    """
+    """Return the text of a file (.vtp) of points (P, 3), metres, `lines` (S, 2) between some, and their fields."""
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData

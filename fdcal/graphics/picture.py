@@ -1,12 +1,5 @@
 """What there is to see, as primitives that any renderer can draw: one picture, two renderers.
 
-    static_picture  what stays: room, source, search domain, true and known microphones
-    with_estimate   what a step changes: crosses, error lines, the selected microphone and its name
-    with_floor      a map from `fdcal.graphics.heatmap`, and marks at its lowest cost and its other minima
-    compose         all of these at once
-
-`fdcal.graphics.overlays` adds trails, error ellipses and the positions of compared solvers.
-
 Lengths are metres, colours RGB from 0 to 255. `fdcal.graphics.markers` says what the marks look like.
 """
 
@@ -60,11 +53,7 @@ OUTSIDE = 100.0  # hidden marks that a text beyond the edge is worth
 def name_place(
     text: str, place, marks, focus: tuple[float, float, float, float], marker_radius: float
 ) -> tuple[tuple[float, float], Anchor]:
-    """Return where a name stands, metres, and its anchor.
-
-    `place` (2,) float64, metres, of the microphone; `marks` (P, 2) float64, metres, of the other marks; `focus`: box
-    (x0, y0, x1, y1), metres, which the name does not leave if it can; `marker_radius`: metres.
-    """
+    """Return where the name of a microphone at `place` stands, metres, and its anchor: in `focus`, clear of `marks`."""
     best, least = SIDES[0], np.inf
     for side in SIDES:
         box = _box(text, place, side, marker_radius)
@@ -109,13 +98,7 @@ def compose(
     title: str = "",
     dark: bool = False,
 ) -> Picture:
-    """Return the whole picture.
-
-    `scene`: for room and source, or None; `measurement`: for true and known microphones, names and the search domain;
-    `positions` (N, D) float64, metres, the estimate; None draws none; `microphone`: the selected one, counted from 0,
-    which is drawn larger and named; or None; `floor`: the map, from `cost_floor`, or None; `dark`: whether the
-    background is.
-    """
+    """Return the whole picture; `microphone`: the selected one, which is drawn larger and named."""
     picture = static_picture(scene, measurement, dark, floor)
     if positions is not None:
         picture = with_estimate(picture, measurement, positions, microphone, floor)
@@ -132,9 +115,8 @@ def static_picture(
 ) -> Picture:
     """Return what stays the same while a solver runs.
 
-    `scene`: for room and source, or None; `measurement`: for true and known microphones, names and the search domain;
-    `dark`: whether the background is; `floor`: a map in relief, on which the microphones stand, or None; `with_floor`
-    draws it; `lecture`: whether texts, marks and contrast suit a projector; `take`: whose place of the source is
+    `scene`: for room and source; `floor`: a map in relief, on which the microphones stand, and which `with_floor`
+    draws; `lecture`: whether texts, marks and contrast suit a projector; `take`: whose place of the source is
     prominent; None for all places alike.
     """
     theme = theme_of(dark, lecture)
@@ -200,9 +182,7 @@ def with_estimate(
     the user has moved it, has a cross there, too. The true positions of an array without known microphones are moved as
     a whole to the estimate, for its gauge is free.
 
-    `picture`: from `static_picture`; `positions` (N, D) float64, metres; `microphone`: the selected one, counted from
-    0, or None; `floor`: a map in relief, on which the microphones stand, or None; `by`: numbers of the microphones that
-    determine how a blind array is moved.
+    `microphone`: the selected one; `by`: the microphones that determine how a blind array is moved.
     """
     truth = measurement.aligned_truth(positions, by)
     radius, known = picture.marker_radius, measurement.known

@@ -95,10 +95,7 @@ class ColourBar:
 
 
 def format_number(value: float, digits: int) -> str:
-    """Return a number with so many significant digits.
-
-    Whole numbers up to a million are written in full, very large and very small numbers as in "2·10⁷".
-    """
+    """Return a number with so many significant digits, whole ones up to a million in full, others as "2·10⁷"."""
     if 10.0**digits <= abs(value) < 1e6:
         return f"{value:.0f}"
     mantissa, _, power = f"{value:.{digits}g}".partition("e")

@@ -38,16 +38,9 @@ from .surroundings import focus_of, wall_height, z_range_of
 
 
 def packed(arrays: Mapping[str, np.ndarray]) -> dict:
-    """Return arrays as values that JSON has.
+    """Return arrays of int16, int32, float32 or float64 as JSON has them: "arrays", name to [type, shape], and "bytes".
 
-    `arrays`: of int16, int32, float32 or float64. A wrap round of differences is undone by the next one. Returns
-    "arrays", name to [type, shape], in order; "bytes", the base64 text of all of them.
-
-    Examples
-    --------
-    >>> arrays = {"step": np.arange(5, dtype="<i4"), "cost": np.array([0.5, -2.0])}
-    >>> unpacked(packed(arrays))["cost"]
-    array([ 0.5, -2. ])
+    A wrap round of differences is undone by the next one.
     """
     listed = {name: np.asarray(values) for name, values in arrays.items()}
     content = b"".join(_planes(values) for values in listed.values())
@@ -87,11 +80,9 @@ LEVELS = 32767  # of a real or imaginary part, of the largest of its mode: 96 dB
 
 
 def map_data(problem: Problem) -> tuple[dict, dict[str, np.ndarray]] | None:
-    """Return what the maps of a problem need, or None where there is no search domain or no mode is carried.
+    """Return data and arrays that the maps of a problem need; None where there is no search domain or mode carried.
 
-    Returns `data` search domain, modes (counted from 1), orders and the colours of the scale; `arrays` "wavenumbers"
-    (M, 2) rad/m, "pressures" (M, N, 2) int16, and what they are multiplied by: "mode_scale" (M,) and "channel_scale"
-    (N,).
+    "pressures" (M, N, 2) int16 are multiplied by "mode_scale" (M,) and "channel_scale" (N,).
     """
     reference_cost = reference_cost_of(problem)
     if reference_cost is None or problem.search is None:
@@ -169,15 +160,11 @@ def replay_html(
     seconds=None,
     max_bytes: int = MAX_BYTES,
 ) -> str:
-    """Return the HTML of a run.
+    """Return the HTML of a run of any solver.
 
-    `scene`: for walls and source, or None; `measurement`: for names, true and known microphones; `states`: of any
-    solver, oldest first, at least one. Beyond `max_bytes` fewer of them are kept, evenly spaced, with the first and the
-    last; `reference_cost`: the cost of every state; without it no cost is shown; `sought`: numbers of the microphones
-    whose errors count; those that are not known unless given; `problem`: what the solver saw of the measurement;
-    without it there are no maps; `microphone`: whose map is shown first, counted from 0; otherwise the one that the
-    step moved; `seconds` (T,) float64, processor time from the start to each state, s, where it is known; `max_bytes`:
-    of the file.
+    Beyond `max_bytes` fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown, without
+    `problem` no map. `sought`: numbers of the microphones whose errors count; `microphone`: whose map is shown first,
+    otherwise the one that the step moved; `seconds` (T,), processor time from the start to each state, s.
     """
     measurement, problem = _with_domain(measurement, problem, states[-1].positions)
     maps = None if problem is None else map_data(problem)

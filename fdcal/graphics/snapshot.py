@@ -1,10 +1,7 @@
 """A picture drawn off-screen by pyvista, to a PNG file or bytes.
 
-render      writes the file
-render_png  bytes, drawn by a child process (`python -m fdcal.graphics.snapshot`), which keeps a crash of the GL library
-            away from the caller, and VTK out of its memory
-draw        draws; for that child, whose main thread is the only one to use GL
-camera_of   the camera of a snapshot
+A child process (`python -m fdcal.graphics.snapshot`) draws: a crash of the GL library stays away from the caller, and
+VTK out of its memory. Its main thread is the only one to use GL.
 """
 
 import io
@@ -33,11 +30,7 @@ TIMEOUT = 120.0  # s
 
 
 def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = "top") -> bytes:
-    """Return the bytes of the PNG, drawn by a child process.
-
-    `size` (width, height), pixels; `view`: "top", "3d" or "close". Raises InputError: the size or the view is unusable;
-    StorageError: the child process failed: there is no GL library, or one of another version than fdcal needs.
-    """
+    """Return the bytes of the PNG, drawn by a child process; StorageError without a GL library of a fitting version."""
     require_size(size)
     require_choice("view", view, VIEWS)
     package = str(Path(__file__).resolve().parents[2])
@@ -78,12 +71,7 @@ PEELS = 12  # layers of translucent surfaces that are sorted
 def render(
     picture: Picture, path: str | Path, size: tuple[int, int] = (1280, 800), view: str = "top", force: bool = False
 ) -> None:
-    """Write the picture to a PNG file.
-
-    `path`: of the file; `size` (width, height), pixels; `view`: "top", "3d" or "close"; `force`: whether to overwrite
-    an existing file. Raises InputError: the size or the view is unusable, or the file exists; StorageError: there is no
-    GL library, or the file cannot be written.
-    """
+    """Write the picture to a PNG file; `force`: whether to overwrite an existing one."""
     from ..model.storage import write_atomically
 
     require_size(size)
@@ -101,10 +89,7 @@ def camera_of(picture: Picture, size: tuple[int, int], view: str) -> Camera:
 
 
 def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
-    """Return the image (H, W, 3) uint8.
-
-    To be called on the main thread of a process with a GL library. Parameters as of `render`.
-    """
+    """Return the image (H, W, 3) uint8, on the main thread of a process with a GL library."""
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
     import pyvista
 

@@ -1,9 +1,4 @@
-"""The report of a study: its figures as PNG and SVG, and one page of HTML.
-
-study_panels  which axes the figures show: two of them along y and x, a panel for each combination of the others
-draw_*        the figures: success over two axes, error beside the bound, error bars, and verdicts
-write_report  all of these in a folder
-"""
+"""The report of a study: its figures as PNG and SVG, and one page of HTML."""
 
 from __future__ import annotations
 
@@ -57,10 +52,7 @@ class StudyPanels:
     averaged: tuple[str, ...]  # axes over which every panel averages, since they would give too many panels
 
     def drawn(self, width: float, height: float) -> tuple[Figure, list[tuple[Any, dict[str, Any]]]]:
-        """Return a figure with one matplotlib axes for each panel, and the panels.
-
-        Each takes `width` x `height` inches, more where there are few.
-        """
+        """Return a figure with one matplotlib axes for each panel, `width` x `height` inches or more, and panels."""
         from matplotlib.figure import Figure
 
         rows = -(-len(self.panels) // self.columns)
@@ -71,15 +63,16 @@ class StudyPanels:
         for cell in cells[len(self.panels) :]:
             cell.set_visible(False)
         for cell, values in zip(cells, self.panels, strict=False):
-            cell.set_title(", ".join(title_of(name, value) for name, value in values.items()), fontsize="medium")
+            words = (one if isinstance(one, str) else f"{label_of(name)}: {one}" for name, one in values.items())
+            cell.set_title(", ".join(words), fontsize="medium")
         return figure, list(zip(cells, self.panels, strict=False))
 
 
 def study_panels(axes: dict[str, list], names: tuple[str, str] | None = None) -> StudyPanels:
-    """Return the layout of the axes of a study.
+    """Return the layout of the axes of a study, two along y and x, a panel for each combination of the others.
 
-    `axes`: values of each axis, by name; `names`: axes along y and x; unless given, the signal-to-noise ratio along x
-    and the last other axis of numbers along y, so that solvers and scenes are compared side by side.
+    `names`: axes along y and x; unless given, the signal-to-noise ratio along x and the last other axis of numbers
+    along y, so that solvers and scenes are compared side by side.
     """
     y, x = names or _usual(axes)
     others = [name for name, values in axes.items() if name not in (y, x) and len(values) > 1]
@@ -104,11 +97,6 @@ def _usual(axes: dict[str, list]) -> tuple[str, str]:
 def label_of(name: str) -> str:
     """Return what an axis of a study is called in a figure."""
     return LABELS.get(name, name.replace("_", " "))
-
-
-def title_of(name: str, value: Any) -> str:
-    """Return what a value of an axis is called in a figure: a name alone, a number with its axis."""
-    return str(value) if isinstance(value, str) else f"{label_of(name)}: {value}"
 
 
 SMALL = "small"
@@ -225,12 +213,13 @@ def write_report(
 ) -> Path:
     """Write the report of a study into the folder `report` of its own, and return its page.
 
-    `head`, `rows`: as of `fdcal.session.study.results.read_results`; `names`: axes along y and x of the figures; as of
-    `study_panels` unless given; `at`: values of other axes, as text. Raises InputError: an axis or a value is not of
-    the study.
+    `head`, `rows`: as of `fdcal.session.study.results.read_results`; `names`: axes along y and x; `at`: values of other
+    axes, as text.
     """
     axes = head["axes"]
-    _require_axes(axes, names)
+    for name in names or ():
+        if name not in axes:
+            raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
     rows = judged(selected(rows, axes, at))
     if not len(rows):
         raise InputError("no calibration of the study has these values", "leave out <at>", key="at")
@@ -252,12 +241,6 @@ def write_report(
     text = _page(head, rows, at)
     write_atomically(page, lambda file: file.write_text(text, encoding="utf-8"), True)
     return page
-
-
-def _require_axes(axes: dict, names: tuple[str, str] | None) -> None:
-    for name in names or ():
-        if name not in axes:
-            raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
 
 
 def code_text(rows: pandas.DataFrame) -> str:

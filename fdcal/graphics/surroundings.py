@@ -20,11 +20,9 @@ MIN_EDGE = 0.4  # m, of its longest edge
 
 
 def with_display_domain(measurement: Measurement, positions) -> Measurement:
-    """Return the measurement as it is to be drawn: with a search domain around the positions if it has none.
+    """Return the measurement as it is to be drawn: with a search domain around the positions (N, D) if it has none.
 
     For pictures alone: a solver must not take this domain for something known.
-
-    `positions` (N, D) float64, metres, the estimate.
     """
     if measurement.search is not None:
         return measurement

@@ -19,11 +19,7 @@ def cost_title(measurement: Measurement) -> str:
 
 
 def error_summary(measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = ALL) -> str:
-    """Return the mean and the largest position error in words, or that the true positions are unknown.
-
-    `positions` (N, D) float64, metres, the estimate; `sought`: numbers of the microphones whose errors count, all
-    unless given.
-    """
+    """Return the mean and the largest error of `sought` microphones in words, or that the truth is unknown."""
     errors = measurement.errors(positions, sought)
     if errors is None:
         return "true positions unknown"
@@ -31,10 +27,9 @@ def error_summary(measurement: Measurement, positions: np.ndarray, sought: np.nd
 
 
 def errors_in_words(errors: np.ndarray, aligned: bool, nominal: bool = False) -> str:
-    """Return the mean and the largest of some position errors (K,), metres, in words.
+    """Return the mean and the largest of some errors (K,), metres, in words.
 
-    `errors` (K,) float64, metres; `aligned`: whether the array was moved as a whole onto the true positions; `nominal`:
-    whether these are nominal.
+    `aligned`: whether the array was moved as a whole onto the true positions; `nominal`: whether these are nominal.
     """
     after = (" from nominal" if nominal else "") + (", after alignment" if aligned else "")
     word, mean, largest = "deviation" if nominal else "error", float(errors.mean()), float(errors.max())

@@ -93,15 +93,22 @@ def position_errors(estimate: ArrayLike, truth: ArrayLike | None) -> np.ndarray:
 
 
 def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(None)) -> np.ndarray:
-    """Return `estimate` moved onto `truth` by the best rigid motion in the least-squares sense.
+    """Return `estimate` moved onto `truth`, both (N, D), metres, by the `rigid_motion` of the microphones `by`."""
+    estimate, truth = np.asarray(estimate, float), np.asarray(truth, float)
+    turn, centre, target = rigid_motion(estimate[by], truth[by])
+    return (estimate - centre) @ turn + target
+
+
+def rigid_motion(x: Reals, places: Reals, mirror: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return turn, centre and target of the motion (x - centre) turn + target onto `places`; `mirror`: the other image.
 
     Kabsch's method without the condition on the determinant: a mirror image, which has the same pressures, is allowed.
-    `by`: the microphones that determine the motion. All are (N, D), metres.
     """
-    estimate, truth = np.asarray(estimate, float), np.asarray(truth, float)
-    centre, target = estimate[by].mean(axis=0), truth[by].mean(axis=0)
-    U, _, Vt = np.linalg.svd((estimate[by] - centre).T @ (truth[by] - target))
-    return (estimate - centre) @ (U @ Vt) + target
+    centre, target = x.mean(axis=0), places.mean(axis=0)
+    left, _, right = np.linalg.svd((x - centre).T @ (places - target))
+    if mirror:
+        left = left * np.append(np.ones(left.shape[1] - 1), -1.0)
+    return left @ right, centre, target
 
 
 def fixes_gauge(positions: ArrayLike) -> bool:

@@ -40,10 +40,7 @@ def names() -> list[str]:
 
 @cache
 def load(name: str) -> Solver:
-    """Return the solver or the chain called `name`.
-
-    Raises InputError if there is none of this name.
-    """
+    """Return the solver or the chain called `name`."""
     require_choice("solver.name", name, names())
     members = tuple(importlib.import_module(f"{__name__}.{modules()[part]}") for part in name.split("+"))
     if len(members) == 1:
@@ -54,10 +51,7 @@ def load(name: str) -> Solver:
 
 
 def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSettings:
-    """Return settings with a number of modes, where they ask for all.
-
-    `settings`: those with a number of modes are returned as they are.
-    """
+    """Return settings with a number of modes, where they ask for all."""
     if settings.modes != ALL_MODES:
         return settings
     from .requirements import mode_count
@@ -69,11 +63,8 @@ def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSetting
 def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunState]:
     """Yield the states of the solver `settings.name` from the start to the end.
 
-    A microphone that leaves what the frequencies can resolve ends the run (`fdcal.solvers.interface`).
-
-    `settings`: SolverSettings; where they ask for all modes, their number follows (`fdcal.solvers.requirements`);
-    `seed`: of whatever the solver draws. Raises InputError for a problem that the solver cannot work on, or one too
-    large for memory.
+    A microphone that leaves what the frequencies can resolve ends the run (`fdcal.solvers.interface`). Where the
+    settings ask for all modes, their number follows (`fdcal.solvers.requirements`).
     """
     from .interface import bounded, require_affordable
 

@@ -67,19 +67,14 @@ class State(RunState):
 
 
 def order_offset_of(settings: SolverSettings, modes: int) -> int:
-    """Return the number added to ceil(kR) in the order rule (Eq. 3).
-
-    It is 0 below `settings.ample_modes` modes: with more functions, few modes can be fitted at any positions.
-    """
+    """Return the number added to ceil(kR) (Eq. 3): 0 for few modes, which more functions fit at any positions."""
     return settings.order_offset if modes >= settings.ample_modes else 0
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
     """Return the first state: free microphones on the search lattice, known ones in their places.
 
-    `settings`: SolverSettings; `start` is "random" or "affine"; `seed`: of the random start and of the order in which
-    the microphones are moved. Raises InputError: without a search domain or known microphones that fix the gauge, for
-    modes that the microphones cannot resolve, or if there is no affine start.
+    `seed`: of the random start and of the order in which the microphones are moved.
     """
     _require_solvable(problem, settings)
     require_modes(problem, settings.order_offset, settings.modes)
@@ -172,10 +167,7 @@ def _cost(problem: Problem, state: State) -> float:
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
-    """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions.
-
-    Raises InputError for modes that are not there.
-    """
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions."""
     require_range(problem, first, last)
     require_modes(problem, state.settings.order_offset, last)
     changed = replace(state, first=first, last=last, automatic=automatic, finished=False, converged=False)

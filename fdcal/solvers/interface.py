@@ -139,10 +139,7 @@ class Solver(Protocol):
     def landscape(
         self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None = None, /
     ) -> np.ndarray:
-        """Return the cost of microphone `n` over a lattice, that of the problem unless given, mode by mode.
-
-        (modes, ny, nx) float64.
-        """
+        """Return the cost of microphone `n` over a lattice, the problem's unless given : (modes, ny, nx)."""
         ...
 
     def result(self, problem: Problem, state: Any) -> Estimate | RoomEstimate:

@@ -36,10 +36,7 @@ class State(robust_state.State):
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
-    """Return the first state, at the start that `settings.start` names or at `positions` (N, D), metres.
-
-    Raises InputError for what the likelihood solver cannot work on.
-    """
+    """Return the first state, at the start that `settings.start` names or at `positions` (N, D), metres."""
     from . import starts
 
     require_solvable(problem, settings)

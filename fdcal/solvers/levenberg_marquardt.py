@@ -56,10 +56,9 @@ def damped_step(
 ) -> Step:
     """Return the Gauss-Newton step with the least damping that lowers the cost; no step if none does.
 
-    `unknowns`: float64 array; `terms`: at `unknowns`; `cost`: cost of given unknowns; `advance`: unknowns after a step
-    (P,) of the parameters; `length`: how far given unknowns have moved, metres; `damping`: that is tried first;
-    `max_step`: metres; a longer step is damped more, since it could leave the basin for a distant one; `shortest`:
-    metres; a shorter step that does not lower the cost is the last one tried.
+    `advance`: unknowns after a step (P,) of the parameters; `length`: how far they have moved, metres; `max_step`:
+    metres; a longer step is damped more, since it could leave the basin for a distant one; `shortest`: metres; a
+    shorter step that does not lower the cost is the last one tried.
     """
     g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())

@@ -120,8 +120,7 @@ def require_modes(problem: Problem, count: int) -> None:
 def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
     """Raise InputError for a problem that no solver can work on with its lowest `modes` modes.
 
-    These are two known microphones at one place, too few microphones or modes, and microphones on a line (on a plane,
-    in space). `names` are those of the microphones.
+    These are two known microphones at one place, too few microphones or modes, and microphones on a line (or a plane).
     """
     places = problem.known_positions
     for (a, place), (b, other) in combinations(zip(problem.known, places, strict=True), 2):

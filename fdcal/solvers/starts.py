@@ -30,10 +30,7 @@ from .levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 
 
 def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
-    """Return free microphones anywhere in the search domain and known ones in their places : (N, D) float64, metres.
-
-    Raises InputError without a search domain.
-    """
+    """Return free microphones anywhere in the search domain and known ones in their places : (N, D) float64, metres."""
     if problem.search is None:
         raise InputError("a random start needs a search domain", "give <search> and <radius>", key="search")
     low, size = np.array(problem.search.origin), np.array(problem.search.size)
@@ -60,10 +57,7 @@ def plan(problem: Problem, modes: int, affine_first: bool = False) -> list[tuple
 
 
 def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: int) -> np.ndarray:
-    """Return the positions (N, D), metres, of one start; kind, lowest : of `plan`; noise : fraction that is reported.
-
-    Raises InputError where the modes show too few directions.
-    """
+    """Return the positions (N, D), metres, of one start; kind, lowest: of `plan`; noise: fraction that is reported."""
     if kind == "map":
         return affine(problem, modes, lowest)
     D = problem.array_dimension
@@ -81,8 +75,6 @@ def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarra
 
     modes : that may be used, from the lowest up; lowest : how many of them give the shape. Without known microphones
     the positions are about the origin.
-
-    Raises InputError for known microphones that do not fix the affine map, or modes that show too few directions.
     """
     shape, values, lowest = singular_vectors(problem, modes, lowest)
     if not len(problem.known):
@@ -103,10 +95,7 @@ def require_gauge(problem: Problem) -> None:
 
 
 def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the D dominant singular vectors (N, D) of the data matrix, their values (D,), and modes that gave them.
-
-    Parameters as of `affine`.
-    """
+    """Return the D dominant singular vectors (N, D) of the data matrix, their values (D,), and modes that gave them."""
     lowest = min(LOWEST[problem.dimension][0] if lowest is None else lowest, modes)
     data = np.concatenate([np.real(problem.pressures[:lowest]), np.imag(problem.pressures[:lowest])])
     data = data - data.mean(axis=1, keepdims=True)

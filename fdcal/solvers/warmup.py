@@ -19,10 +19,7 @@ Piece = tuple[str, Callable[[], object]]  # what is compiled, in words, and the 
 
 
 def warmup_calls(solver: str) -> list[Piece]:
-    """Return what a solver and the maps of its page need, in the order in which a run needs it.
-
-    `solver`: name of the solver.
-    """
+    """Return what a solver and the maps of its page need, in the order in which a run needs it."""
     return [*([SEARCH] if load(solver).TRAITS.needs_search else []), MINIMA]
 
 

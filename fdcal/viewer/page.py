@@ -19,12 +19,14 @@ from ..session.request import OpenRequest
 from ..session.worker import WakeEvent
 from .address import AddressBar
 from .background.prepare import PreparedRun
+from .explore import Explore
 from .gui.binding import Binding
 from .gui.words import CanvasWords
 from .hotkeys import add_keys
 from .opening import Opening
 from .panels import Panels, SessionFolders
 from .preview import show_room
+from .scene3d.cameras import Room
 from .scene3d.nodes import SceneNodes
 from .server.process import Interrupt, release_memory
 from .session_switch import SessionSwitcher, StatusBar
@@ -57,7 +59,7 @@ class Page:
         opening: Opening | None = None,
     ):
         self._server, self.nodes, self.switcher = server, nodes, SessionSwitcher()
-        self.panels = Panels(server.gui, folded=opening is not None)
+        self.panels = Panels(server.gui)
         self.status_bar = StatusBar(self.panels, self.switcher)
         self.viewer: Viewer | None = None
         self.words, self._opening = CanvasWords(self.panels.overlay), opening
@@ -65,6 +67,7 @@ class Page:
         with self.panels.tab("Help"):
             add_help(server.gui)
         add_keys(server.gui, self)
+        self.explore = Explore(self, self.lessons)
         self.address, self._dark = AddressBar(self, self.lessons), False
         self.panels.overlay.on("dark", lambda client, value: self._prefer(value == "on"))
         self._progress, self._on_progress = "", on_progress
@@ -147,6 +150,7 @@ class Page:
             self._opening.tick(self.words, now)
         if self.viewer is not None:
             self.viewer.tabs.run_bar.wait(self.switcher.progress is not None)
+            self.nodes.cameras.room = Room(self.viewer.binding.choices.lecture, self.lessons.active)
             self.viewer.guarded_tick(now)
         elif self.nodes.is_empty and self.switcher.measured is not None:
             show_room(self.nodes, *self.switcher.measured)
@@ -154,6 +158,7 @@ class Page:
         call = self._server.get_event_loop().call_soon_threadsafe
         self.lessons.show(call)
         self.address.tick(call)
+        self.explore.show()
         clients = self._server.get_clients().values()
         self.nodes.cameras.process_requests(clients)
         if now - self._canvases_checked > CANVAS_INTERVAL:

@@ -1,4 +1,4 @@
-"""The panels: their tabs, which stay as long as the server, and what one session has in them.
+"""The panels of the face Expert: their tabs, which stay as long as the server, and what one session has in them.
 
 A tab that stays keeps its place in every browser: a user who looks at a tab while another scene is opened sees the
 same tab afterwards. `Tabs` lists the tabs of a session: a new one is a line there, its name in LEFT or RIGHT, and a
@@ -14,85 +14,48 @@ from contextlib import AbstractContextManager, contextmanager
 import numpy as np
 import viser
 
-from ..graphics.legend import legend_of
-from ..graphics.primitives import Picture
 from .gui import html
 from .gui.binding import Binding, Tab, Tick
 from .gui.choices import MAX_RATE
-from .gui.legend_html import canvas_legend
 from .gui.overlay import Overlay
-from .scene3d.cameras import Cameras
 from .tabs.comparison import ComparisonTab
 from .tabs.curves import CurvesTab
 from .tabs.cut import CutPanel
 from .tabs.export import ExportTab
 from .tabs.map import MapTab
-from .tabs.maps import MapsTab
+from .tabs.maps import MapsPanel
 from .tabs.microphones import MicrophonesTab
-from .tabs.modes import ModesTab
 from .tabs.plan import PlanTab
 from .tabs.scene import SceneTab
 from .tabs.solver import SolverTab
+from .tabs.spectrum import SpectrumPanel
 from .tabs.sweep import SweepTab
 from .tabs.view import ViewTab
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
-# All tabs of a panel stay in one row of its width; on a phone, whose sheet is as wide as its screen, in as few rows as
-# they need. 100 % in place of 100vw would be of what the sheet holds, and grow with every plot that fills it.
-TABS_STYLE = (
-    "<style>[role=tab] {padding: 0 4px !important}"
-    "@media (max-width: 36em) {[style*='width: 20em'] {width: 100vw !important}"
-    " [role=tablist] {height: auto !important; flex-wrap: wrap !important}"
-    " [role=tab] {height: 2.2em !important; padding: 0 5px !important}}</style>"
-)
-LEGEND_EDGE, LEGEND_WIDTH = 8.0, 600.0  # pixels: from the edges of the canvas, and of the legend where there is room
-LECTURE_WIDTH = 400.0  # pixels, of the legend in lecture mode
-RIGHT = ("Solver", "Scene", "Map", "View", "Export", "Lessons", "Help")  # without icons, which would take too much room
-LEFT = ("Curves", "Maps", "Sweep", "Modes", "Mics", "Race", "Plan")  # those of a session are made by `Tabs`
+RIGHT = ("Curves", "Scene", "View", "Help")  # without icons, which would take too much room
+LEFT = ("Map", "Mics", "Race", "Plan")  # those of a session are made by `Tabs`
 
 
 class Panels:
-    """Owns the main panel on the right, the panel on the left, their tabs, and the panel on the canvas.
+    """Owns the main panel on the right, the panel on the left, and their tabs, which the face Explore hides.
 
     `top`: folder above everything else, for messages about the page as a whole; `run_bar`: folder between `top` and the
-    tabs; `canvas`: tab of the panel on the canvas, which has the colour bar and the legend; `overlay`: regions on the
-    canvas; `numbers`: counts the sessions; `folded`: whether they are folded away at first.
+    tabs; `overlay`: regions on the canvas; `numbers`: counts the sessions.
     """
 
-    def __init__(self, gui: viser.GuiApi, folded: bool = False):
+    def __init__(self, gui: viser.GuiApi):
         self.gui, self.numbers, self.overlay = gui, itertools.count(), Overlay(gui)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_WIDTH)
         self.top = gui.add_folder(None)
-        gui.add_html(TABS_STYLE)
         self.run_bar = gui.add_folder(None)
         gui.add_divider()
         group, panel = gui.add_tab_group(), gui.add_panel()
         self.tabs = {name: group.add_tab(name) for name in RIGHT} | {name: panel.add_tab(name) for name in LEFT}
         panel.dock_left()
         panel.set_width(LEFT_WIDTH)
-        self._left, self._legend = panel, gui.add_panel()
-        self.canvas = self._legend.add_tab("Legend")
-        self._folded: bool | None = None
-        self.fold(folded)
-        self._legend.expand()  # on a phone, where sections are folded at first
-
-    def fold(self, folded: bool) -> None:
-        """Fold both panels away and put the legend beside the scene, or unfold them and put it below the scene.
-
-        Nothing moves where that is so already; a user may have moved panels since.
-        """
-        if folded == self._folded:
-            return
-        self._folded = folded
-        if folded:
-            self.gui.main_panel.minimize()
-            self._left.minimize()
-            self._legend.float(x=-LEGEND_EDGE, y=LEGEND_EDGE, width=LECTURE_WIDTH)
-            return
-        self.gui.main_panel.expand()
-        self._left.expand()
-        self._legend.float(x=LEGEND_EDGE, y=-LEGEND_EDGE, width=LEGEND_WIDTH)
+        panel.expand()  # on a phone, where sections are folded at first
 
     def tab(self, name: str) -> viser.GuiTabHandle:
         """Return a tab; used as a context, controls are added to it."""
@@ -107,19 +70,12 @@ class SessionFolders:
 
     def __init__(self, panels: Panels):
         self._panels, self.gui, self.number = panels, panels.gui, next(panels.numbers)
+        self.overlay = panels.overlay
         self._folders: list[viser.GuiFolderHandle] = []
 
     def tab(self, name: str) -> AbstractContextManager[viser.GuiFolderHandle]:
         """Return a context in which controls are added to a tab."""
         return self._added(self._panels.tab(name))
-
-    def fold(self, folded: bool) -> None:
-        """Fold the panels away, or unfold them."""
-        self._panels.fold(folded)
-
-    def canvas(self) -> AbstractContextManager[viser.GuiFolderHandle]:
-        """Return a context in which controls are added to the panel on the canvas."""
-        return self._added(self._panels.canvas)
 
     def run_bar(self) -> AbstractContextManager[viser.GuiFolderHandle]:
         """Return a context in which controls are added above the tabs of the main panel."""
@@ -146,7 +102,7 @@ STEPS = ("Step", "Sweep", "Stage", "Reset")
 class RunBar:
     """Owns the controls above the tabs: status, verdict, Run or Pause, single steps, the history and the speed.
 
-    `restart`: function that starts the solver again, with the settings of the tab Solver.
+    `restart`: function that starts the solver again, with the settings below.
     """
 
     def __init__(self, binding: Binding, restart: Callable[[], None]):
@@ -158,7 +114,7 @@ class RunBar:
         )
         self.steps = on(
             gui.add_button_group(
-                "Solver", STEPS,
+                "Solve", STEPS,
                 hint="Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
                 " until a mode is added or the objective changes. Reset: return to the start",
             ),
@@ -251,27 +207,22 @@ class Tabs:
         export: Callable[[viser.ClientHandle, str], None],
     ):
         self.binding = binding
-        with folders.tab("Solver"):
-            self.solver = SolverTab(binding)
         with folders.run_bar():
-            self.run_bar = RunBar(binding, self.solver.restart)
+            self.run_bar = RunBar(binding, lambda: self.solver.restart())
+            self.solver = SolverTab(binding)
         with folders.tab("Scene"):
             self.scene = SceneTab(binding)
         with folders.tab("Map"):
             self.map = MapTab(binding)
+            self.sweep = SweepTab(binding, self.map)
+            self.maps = MapsPanel(binding)
+            self.spectrum = SpectrumPanel(binding)
+            self.cut = CutPanel(binding)
         with folders.tab("View"):
             self.view = ViewTab(binding, place)
-        with folders.tab("Export"):
             self.export = ExportTab(binding, export)
         with folders.tab("Curves"):
             self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought)
-        with folders.tab("Maps"):
-            self.maps = MapsTab(binding)
-        with folders.tab("Sweep"):
-            self.sweep = SweepTab(binding, self.map)
-            self.cut = CutPanel(binding)
-        with folders.tab("Modes"):
-            self.modes = ModesTab(binding, self.map)
         with folders.tab("Mics"):
             self.microphones = MicrophonesTab(binding)
         with folders.tab("Race"):
@@ -293,44 +244,3 @@ class Tabs:
         self.run_bar.show(tick)
         for tab in self:
             tab.show(tick)
-
-
-class CanvasPanel:
-    """Owns the controls on the canvas: colour bar and legend, and in lecture mode the run bar in large type.
-
-    In lecture mode the other panels are folded away.
-
-    `tabs`: which restart the solver and end lecture mode; `picture`: on the screen.
-    """
-
-    def __init__(self, folders: SessionFolders, binding: Binding, tabs: Tabs, picture: Picture):
-        self._binding, self._folders, gui = binding, folders, binding.gui
-        with folders.canvas():
-            self._folder = gui.add_folder(None, visible=binding.choices.lecture)
-            with self._folder:
-                self.run_bar = RunBar(binding, tabs.solver.restart)
-                icon = viser.Icon.LAYOUT_SIDEBAR_RIGHT_EXPAND
-                self.leave = binding.on(
-                    gui.add_button("Show panels", icon=icon, hint="End lecture mode; key H"),
-                    lambda _: tabs.view.lecture_mode(False),
-                )
-            self.text = gui.add_html("")
-        self._shown: tuple = ()
-        self.show_picture(picture)
-
-    def fold(self, cameras: Cameras) -> None:
-        """Fold the other panels away where lecture mode has begun, and unfold them where it has ended."""
-        cameras.legend_beside = self._binding.choices.lecture
-        self._folders.fold(cameras.legend_beside)
-
-    def show_picture(self, picture: Picture) -> None:
-        """Bring the legend up to date: it names the marks that are drawn now."""
-        content = picture.bar, legend_of(picture), self._binding.choices.lecture
-        if content != self._shown:
-            self._shown, self.text.content = content, canvas_legend(*content)
-
-    def show(self, tick: Tick) -> None:
-        """Bring the run bar up to date; called by the main loop."""
-        self._folder.visible = self._binding.choices.lecture
-        if self._folder.visible:
-            self.run_bar.show(tick)

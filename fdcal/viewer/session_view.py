@@ -15,6 +15,7 @@ import numpy as np
 import viser
 
 from ..assessment.findings import root_mean_square
+from ..graphics.legend import legend_of
 from ..graphics.overlays import (
     ellipse_scale,
     with_bound,
@@ -40,7 +41,8 @@ from .background.prepare import PreparedRun
 from .background.verdict import PositionUncertainty, VerdictWorker, uncertainty_of
 from .gui.binding import Binding, Tick
 from .gui.choices import Choices
-from .panels import CanvasPanel, SessionFolders, Tabs
+from .gui.legend_html import canvas_legend
+from .panels import SessionFolders, Tabs
 from .scene3d.nodes import SceneNodes
 from .scene3d.picking import LineHandles, MicrophonePicker
 from .tabs.export import Exports, ViewSnapshot
@@ -209,7 +211,6 @@ class Viewer:
         picture = self._picture.draw(run.session.view, binding.choices, self._selected, self._first_floor)
         self.snapshot = ViewSnapshot(run, picture, run.session.view, binding.choices, self._selected, None)
         self.tabs = Tabs(folders, binding, nodes.cameras.request, self.export)
-        self.canvas = CanvasPanel(folders, binding, self.tabs, picture)
         self.maps, self._verdict = CostMapWorker(run, binding.threads), VerdictWorker(run, binding.threads)
         self.exports = Exports(binding.threads)
         self.tabs.run_bar.apply_rate()
@@ -267,7 +268,6 @@ class Viewer:
     def tick(self, now: float) -> None:
         """Bring the screen up to date at the time `now`, s."""
         view, choices, tabs = self.run.session.view, self.binding.choices, self.tabs
-        self.canvas.fold(self.nodes.cameras)
         if view.state is not self._state:
             self._revision, self._state = self._revision + 1, view.state
         drawn, reason = self._select_map(view, choices, now)
@@ -283,7 +283,6 @@ class Viewer:
         self._draw(tick, choices)
         tick = replace(tick, picture=self.picture)
         tabs.show(tick)
-        self.canvas.show(tick)
 
     def _draw(self, tick: Tick, choices: Choices) -> None:
         """Draw the picture again where anything of it has changed."""
@@ -301,7 +300,7 @@ class Viewer:
         sought = np.asarray(tick.sought)
         self.snapshot = ViewSnapshot(self.run, picture, tick.view, choices, tick.microphone, sigma, volume, sought)
         self.nodes.show(picture)
-        self.canvas.show_picture(picture)
+        self._folders.overlay.show("legend", canvas_legend(picture.bar, legend_of(picture)))
         self._picker.show(self._picture.places, picture.floor)
         self._line_handles.show(choices.cut, floor)
         self._key = key

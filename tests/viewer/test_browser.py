@@ -26,6 +26,7 @@ from browsing import (
     slider,
     stands,
     tab,
+    unfold,
 )
 from PIL import Image
 from replays import contents
@@ -103,7 +104,8 @@ def test_run_becomes_pause(page):
             window.seen = [];
             window.widths = new Set();
             const measure = () => {
-                for (const plot of document.querySelectorAll(".uplot")) window.widths.add(plot.offsetWidth);
+                for (const plot of document.querySelectorAll(".uplot"))
+                    if (plot.checkVisibility()) window.widths.add(plot.offsetWidth);
                 requestAnimationFrame(measure);
             };
             measure();
@@ -155,10 +157,12 @@ def test_the_solver_continues_from_a_rewound_state(page):
 
 
 def test_a_slider_sets_the_modes_in_use(page):
+    unfold(page, "Settings")
     handle = slider(page, "Last mode")
     handle.focus()
     handle.press("ArrowRight")
     page.get_by_text(re.compile(r"^modes 1 to 4, ")).wait_for()
+    unfold(page, "Settings")
 
 
 def pick_known(page, scene):
@@ -217,14 +221,17 @@ def test_the_tabs_of_each_panel_are_in_one_row(page):
         assert len({round(box["y"]) for box in panel}) == 1
 
 
-def test_a_mode_is_switched_on_and_off(page):
+def test_the_spectrum_and_the_snapshot_follow_the_modes_of_the_map(page):
     tab(page, "Map")
-    tab(page, "Modes")
-    press(page, "●3")
-    page.get_by_text("sum of 2 modes").first.wait_for()
-    press(page, "○5")
-    page.get_by_text("sum of 3 modes").first.wait_for()
+    choose(page, "Modes shown", "Custom")
+    handle = slider(page, "Up to mode")
+    handle.focus()
+    handle.press("ArrowRight")
+    handle.press("ArrowRight")
+    page.get_by_text("sum of 5 modes").first.wait_for()
+    unfold(page, "Spectrum")
     page.get_by_text("highest in the map: mode 5").first.wait_for()
+    unfold(page, "Spectrum")
     choose(page, "Show", "Mode shape (last mode)")
     page.get_by_text("pressure of mode 5").first.wait_for()
     choose(page, "Show", "Flat map")
@@ -252,7 +259,7 @@ def test_every_file_is_saved_and_can_be_read(page, tmp_path, require_gl):
 
     press(page, "Sweep")
     page.get_by_text("step 13, sweep 1").wait_for()
-    tab(page, "Export")
+    tab(page, "View")
     files = {}
     for label in exports.KINDS:
         name, files[label] = saved(page, label)

@@ -7,7 +7,7 @@ from doubles import INVALID_VALUES, State, set_by_client, view_of
 from fdcal.graphics.picture import static_picture
 from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.choices import NOTHING
-from fdcal.viewer.tabs import map, modes
+from fdcal.viewer.tabs import map
 
 
 def test_controls_without_effect_are_hidden(controls):
@@ -16,7 +16,7 @@ def test_controls_without_effect_are_hidden(controls):
     map_.choose_modes([1, 2])
     assert map_.which.visible and map_.upto.visible and map_.scale.visible
     set_by_client(map_.kind, NOTHING)
-    assert not any(handle.visible for handle in (map_.which, map_.upto, map_.text, map_.scale, map_.opacity))
+    assert not any(handle.visible for handle in (map_.which, map_.upto, map_.text, map_.scale))
     picture = static_picture(None, panel.binding.measurement)
     panel.view.show(Tick(session.view, picture=picture))
     assert not panel.view.ellipses_text.visible and not panel.view.scale.visible
@@ -29,22 +29,10 @@ def test_controls_without_effect_are_hidden(controls):
     assert not panel.view.ellipses_text.visible
 
 
-def test_choosing_a_mode_shows_the_map_again(server, work):
-    binding = Binding(server.gui, work, 6)
-    map_ = map.MapTab(binding)
-    tab = modes.ModesTab(binding, map_)
-    for act in (lambda: set_by_client(tab.high, 4), lambda: tab.press("○5")):
-        set_by_client(map_.kind, NOTHING)
-        assert not binding.choices.shown
-        act()
-        assert binding.choices.shown and map_.kind.value != NOTHING
-    server.gui.reset()
-
-
 def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, work):
     unbounded = dataclasses.replace(work, problem=dataclasses.replace(work.problem, search=None))
     map_ = map.MapTab(Binding(server.gui, unbounded, 6))
-    assert not any(handle.visible for handle in (map_.kind, map_.which, map_.upto, map_.scale, map_.opacity))
+    assert not any(handle.visible for handle in (map_.kind, map_.which, map_.upto, map_.scale))
     map_.show(Tick(work.session.view, microphone=3))
     assert "search domain" in map_.caption.content
     server.gui.reset()
@@ -107,15 +95,9 @@ def test_only_a_picture_has_a_size_and_a_view(controls):
         assert panel.binding.choices.export_kind == "Replay (HTML)"
 
 
-def test_the_last_mode_of_the_map_cannot_be_removed(controls):
+def test_mode_numbers_that_cannot_be_read_change_nothing_but_the_error(controls):
     panel, _ = controls
-    panel.map.choose_modes([3])
-    panel.map.toggle_mode(3)
-    assert panel.binding.choices.modes == (3,)
-    panel.map.toggle_mode(1)
-    assert panel.binding.choices.modes == (1, 3) and panel.map.text.value == "1, 3"
-    panel.map.choose_modes(None)
-    panel.map.toggle_mode(2)
-    assert panel.binding.choices.modes == (1, 3), "those in use, 1 to 3, without the second"
+    set_by_client(panel.map.text, "3, 1")
+    assert panel.binding.choices.modes == (1, 3)
     set_by_client(panel.map.text, "1-99")
     assert panel.binding.choices.modes == (1, 3) and "1 to 6" in panel.binding.choices.modes_error

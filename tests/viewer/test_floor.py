@@ -65,7 +65,7 @@ def test_opacity_takes_no_new_map(viewer):
     viewer.tick(0.0)
     assert mapped(viewer) == 3
     before = viewer.picture.floor
-    set_by_client(viewer.tabs.map.opacity, 40)
+    viewer.binding.choose_style(opacity=0.4)
     viewer.tick(1.0)
     assert viewer.picture.floor.opacity == 0.4 and viewer.picture.floor.rgb is before.rgb
     assert not viewer.maps.busy
@@ -91,9 +91,9 @@ def test_a_drag_delays_the_solver_and_speeds_up_the_page(server, work):
     rung = []
     binding = Binding(server.gui, work, 6, wake=lambda: rung.append(True))
     tab = map.MapTab(binding)
-    set_by_client(tab.opacity, 50)
+    set_by_client(tab.relief, 50)
     assert work.session.ways == 1 and rung
-    set_by_client(tab.opacity, 60, client=False)
+    set_by_client(tab.relief, 60, client=False)
     assert work.session.ways == 1, "the user has not moved it"
     server.gui.reset()
 

@@ -11,9 +11,8 @@ from doubles import State, view_of
 from fdcal.assessment.uncertainty import confidence_factor
 from fdcal.viewer.background import verdict as uncertainty
 from fdcal.viewer.gui import html as words
-from fdcal.viewer.gui import legend_html
 from fdcal.viewer.server import process
-from fdcal.viewer.tabs import microphones, modes
+from fdcal.viewer.tabs import microphones, spectrum
 
 
 def test_microphones_are_listed_by_descending_error(measurement):
@@ -30,8 +29,8 @@ def test_microphones_are_listed_by_descending_error(measurement):
 
 
 def test_modes_beyond_f_max_give_a_warning(measurement):
-    assert "beyond" not in modes.caption(measurement, (1, 2), 500, 3)
-    html = modes.caption(measurement, (1, 6), 299, 3)
+    assert "beyond" not in spectrum.caption(measurement, (1, 2), 500, 3)
+    html = spectrum.caption(measurement, (1, 6), 299, 3)
     assert "beyond" in html and "300.0 Hz" in html and "299 Hz" in html and "7 functions for 10" in html
 
 
@@ -54,7 +53,7 @@ def test_texts_are_escaped(measurement):
     for html in (
         words.status(view_of([state], error=evil), measurement),
         words.waiting(evil, evil),
-        legend_html.colour_bar(None, evil),
+        words.remark(evil),
     ):
         assert "<script" not in html and "&lt;script" in html
 

@@ -42,7 +42,7 @@ def set_oddly(viewer):
     main.map.set_order(3)
     main.map.scale_as("Linear")
     main.map.mark_minima(False)
-    set_by_client(main.map.opacity, 60)
+    set_by_client(main.map.relief, 60)
     main.view.draw(trails=True, ellipses=True)
     main.view.darken(True)
     set_by_client(main.view.release, True)
@@ -73,8 +73,13 @@ def opened(page_of):
     session.seek(session.view.index - 4)
     assert session.wait_for(lambda view: view.state.step == 5, timeout=60)
     turn_until(lambda: page.viewer.tabs.run_bar.time.value == page.viewer.binding.session.view.index)
-    turn_until(lambda: page.viewer.tabs.modes.high.value == 6)  # follows the map
+    turn_until(lambda: "mode 6" in page.viewer.tabs.spectrum.text.content)  # follows the map
     return page, turn_until
+
+
+def prepared(page):
+    """Whether the caption asks about what is shown."""
+    return "being prepared" not in page.panels.overlay._regions["caption"].content
 
 
 def in_small(lesson):
@@ -100,13 +105,17 @@ def test_every_control_is_as_it_was_after_a_lesson(opened, name):
     choices, lessons = page.viewer.binding.choices, LessonsTab(page, [in_small(load_lesson(name))])
     page.lessons = lessons
     lessons.start(load_lesson(name).title)
-    turn_until(lambda: page.switcher.idle and "being prepared" not in lessons.controls.text.content)
+    turn_until(lambda: page.switcher.idle and prepared(page))
     for number in range(len(load_lesson(name).steps)):
         lessons.answer(0)
-        turn_until(lambda: page.switcher.idle and "being prepared" not in lessons.controls.text.content)
+        turn_until(
+            lambda: page.switcher.idle and "being prepared" not in page.panels.overlay._regions["caption"].content
+        )
         if number < len(load_lesson(name).steps) - 1:
             lessons.go("Next")
-            turn_until(lambda: page.switcher.idle and "being prepared" not in lessons.controls.text.content)
+            turn_until(
+                lambda: page.switcher.idle and "being prepared" not in page.panels.overlay._regions["caption"].content
+            )
     assert controls_of(page.viewer) != before, "the lesson has set something"
     shown = page.viewer
     lessons.end()
@@ -123,7 +132,7 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     page, turn_until = opened
     lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
     lessons.start("Mine")
-    turn_until(lambda: "being prepared" not in lessons.controls.text.content)
+    turn_until(lambda: prepared(page))
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
     kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "plan", "themed")}
     assert odd == replace(plain, style=replace(plain.style, dark=True), rate=60, **kept)
@@ -141,7 +150,7 @@ def test_a_race_waits_for_the_end_of_a_lesson(opened):
     turn_until(lambda: any(summary.step for summary in race.summaries))
     lessons.start("Mine")
     turn_until(lambda: race.released is not None)
-    assert "its race wait" in lessons.controls.text.content
+    assert "its race wait" in page.panels.overlay._regions["caption"].content
     waiting = race.released.comparison
     turn_until(lambda: page.viewer.tabs.comparison.worker is not race)
     assert not waiting.running and page.viewer.tabs.comparison.worker.summaries == ()

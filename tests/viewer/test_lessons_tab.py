@@ -1,5 +1,6 @@
 """The tab Lessons: it sets the page's own controls, and tolerates any file and any client."""
 
+import re
 from types import SimpleNamespace
 
 import pytest
@@ -14,8 +15,7 @@ from fdcal.viewer.gui.choices import MAP_KINDS
 from fdcal.viewer.lesson_settings import apply_setting, show_frame
 from fdcal.viewer.panels import Panels
 from fdcal.viewer.server.hardening import open_server
-from fdcal.viewer.tabs import lessons as lesson_html
-from fdcal.viewer.tabs.lessons import BACK, NEXT, RESTORE, LessonsTab
+from fdcal.viewer.tabs.lessons import NEXT, RESTORE, Caption, LessonsTab
 
 EVIL = "<script>alert(1)</script>"
 
@@ -125,18 +125,23 @@ def page(server, controls):
 
 
 def text_of(lessons):
-    return lessons.controls.text.content
+    return "" if lessons.caption is None else lessons.caption.html
 
 
 def answers_of(lessons):
     """The words on the buttons of the answers that can be given."""
-    return [button.label for button in lessons.controls.answers if button.visible]
+    return [] if lessons.caption is None else list(lessons.caption.answers)
+
+
+def steps_of(lessons):
+    """The commands of the buttons below a step."""
+    return re.findall(r"data-do='(back|restore|next)'", text_of(lessons))
 
 
 def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lesson = load_lesson("3_too_many_too_soon")
     lessons = LessonsTab(page, [lesson])
-    assert not answers_of(lessons) and not lessons.controls.navigation.visible
+    assert lessons.caption is None
     lessons.start("3. Too many too soon")
     assert "step 1 of 3" in text_of(lessons) and "being prepared" in text_of(lessons)
     assert not answers_of(lessons), "no question is asked before its picture is shown"
@@ -158,37 +163,40 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     page.calls.clear()
     lessons.go(NEXT)
     assert page.calls[0] == ("reset", 0) and page.calls[1] == ("use_modes", 1, 20, False)
-    assert lessons.controls.navigation.options == (BACK, RESTORE, NEXT) and "step 2 of 3" in text_of(lessons)
+    assert steps_of(lessons) == ["back", "restore", "next"] and "step 2 of 3" in text_of(lessons)
     lessons.go(NEXT)
-    assert lessons.controls.navigation.options == (BACK, RESTORE)
+    assert steps_of(lessons) == ["back", "restore"]
     lessons.end()
-    assert "step" not in text_of(lessons) and not lessons.controls.navigation.visible
+    assert lessons.caption is None and f"{lesson.title}, step 3 of 3<" in lessons.list_html(), "where it was left"
+    page.viewer = None
+    lessons.resume(lesson.name)
+    assert "step 3 of 3" in text_of(lessons) and page.opened[-1].scene.solver.name == "descent"
 
 
 def test_a_lesson_ends_with_the_next_one(page):
     first, second = load_lesson("4_frozen_grid"), load_lesson("5_corner_or_centre")
     lessons = LessonsTab(page, [first, second])
-    following = lessons.controls.following
+    following = lambda: lessons.caption.following  # noqa: E731
     lessons.start(first.title)
     page.ready()
     lessons.show()
     for _ in first.steps[1:]:
-        assert not following.visible
+        assert not following()
         lessons.answer(0)
-        assert following.visible and following.label == "Next step"
+        assert following() == "Next step"
         lessons.follow()
     page.ready()
     lessons.show()
-    assert not following.visible, "the last question has no answer yet"
+    assert not following(), "the last question has no answer yet"
     lessons.answer(2)
-    assert following.visible and following.label == f"Next lesson: {second.title}"
+    assert following() == f"Next lesson: {second.title}"
     lessons.follow()
-    assert lessons.progress.lesson is second and not following.visible
+    assert lessons.progress.lesson is second and not following()
     lessons.progress = type(lessons.progress)(second, len(second.steps) - 1)
     page.ready()
     lessons.show()
     lessons.answer(2)
-    assert not following.visible, "there is none after the last"
+    assert not following(), "there is none after the last"
 
 
 def test_the_lesson_does_not_wait_for_a_refused_scene(page):
@@ -275,15 +283,14 @@ def test_a_frame_is_shown_or_run_to():
 def test_texts_of_a_file_are_escaped():
     lesson = Lesson(EVIL, (Step(EVIL, EVIL, (EVIL, EVIL), 1, EVIL),))
     for choice in (-1, 0, 1):
-        html = lesson_html.step_html(lesson, 0, choice)
+        html = Caption(lesson, 0, choice, True, EVIL, EVIL, EVIL).html
         assert "<script" not in html and "&lt;script" in html
 
 
 @pytest.mark.parametrize(("choice", "shown"), [(1, {"two"}), (0, {"one", "two"}), (2, {"two", "three"})])
 def test_an_answered_step_shows_the_answer_given_and_the_right_one(choice, shown):
     """On a small screen the button below has no place beside all choices."""
-    html = lesson_html.step_html(
-        Lesson("A lesson", (Step("", "Which?", ("one", "two", "three"), 2, "Why."),)), 0, choice
-    )
+    lesson = Lesson("A lesson", (Step("", "Which?", ("one", "two", "three"), 2, "Why."),))
+    html = Caption(lesson, 0, choice, True, "", "", "").html
     assert {word for word in ("one", "two", "three") if f">{word}<" in html} == shown
     assert ("&#10007;" in html) == (choice != 1) and html.count("&#10003;") == 1

@@ -8,7 +8,7 @@ from fdcal.model.scene_file import load_scene
 def test_the_page_follows_address_and_theme_and_comes_back_with_the_server(browser, kernels):
     scene = load_scene("tiny")
     with serving_here(scene) as url:
-        page = opened_page(browser, url, f"{COARSE}#microphone=5&modes=2-4&map=none")
+        page = opened_page(browser, url, f"{COARSE}&microphone=5&modes=2-4&map=none")
         page.wait_for_function("location.hash.includes('scene=tiny&microphone=5&modes=2-4&map=none')")
         page.emulate_media(color_scheme="dark")
         page.locator("html[data-mantine-color-scheme=dark]").wait_for()

@@ -15,8 +15,8 @@ from fdcal.viewer.background import prepare
 from fdcal.viewer.background.cost_map import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.gui import html
 from fdcal.viewer.gui.binding import Binding, Tick
-from fdcal.viewer.tabs import map, modes
-from fdcal.viewer.tabs.modes import HIDDEN, SpectrumPlot
+from fdcal.viewer.tabs import map, spectrum
+from fdcal.viewer.tabs.spectrum import HIDDEN, SpectrumPlot
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def work_of_takes(scene, takes):
 def tabs(server, work_of_takes):
     binding = Binding(server.gui, work_of_takes, 12)
     map_ = map.MapTab(binding)
-    yield binding, map_, modes.ModesTab(binding, map_)
+    yield binding, map_, spectrum.SpectrumPanel(binding)
     server.gui.reset()
 
 
@@ -49,7 +49,7 @@ def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement
     assert count_label(takes, (1, 3)) == "2 rows of take 0" and count_label(takes, (1, 2)) == "2 rows of 2 takes"
     assert modes_label(takes, (4,)) == "row 4, take 1" and modes_label(measurement, (1, 2)) == "modes 1 to 2"
     assert html.modes_text(takes, 1, 12) == "rows 1–12 of 2 takes, 100–300 Hz"
-    assert "row 12, take 1, <b>300.0 Hz" in modes.caption(takes, (1, 12), 400, None)
+    assert "row 12, take 1, <b>300.0 Hz" in spectrum.caption(takes, (1, 12), 400, None)
 
 
 def test_a_take_selects_the_rows_of_the_map(work_of_takes):
@@ -60,20 +60,16 @@ def test_a_take_selects_the_rows_of_the_map(work_of_takes):
     assert map_modes(work_of_takes, state, (1, 5), None, 1) == (2,), "none is of the take: its lowest row"
 
 
-def test_the_list_of_takes_changes_rows_switches_and_spectrum(tabs):
-    binding, map_, modes_ = tabs
+def test_the_list_of_takes_changes_rows_and_spectrum(tabs):
+    binding, map_, shown = tabs
     assert map_.take.options == ("All takes", "Take 0", "Take 1")
     view = binding.session.view
-    modes_.show(Tick(view, 0.0))
-    assert [len(row.options) for row in modes_.switches] == [4, 4, 4]
+    shown.show(Tick(view, 0.0))
+    every = len(shown.spectrum.handle.data[0])
     set_by_client(map_.take, "Take 1")
     assert binding.choices.take == 1
-    modes_.show(Tick(view, 1.0))
-    shown = [row for row in modes_.switches if row.visible]
-    assert [option for row in shown for option in row.options] == ["●2", "●4", "●6", "○8", "○10", "○12"]
-    assert shown[0].label == "2 to 8" and "take 1" in modes_.text.content
-    modes_.press("○8")
-    assert binding.choices.modes == (1, 2, 3, 4, 5, 6, 8), "the choice is kept for all takes"
+    shown.show(Tick(view, 1.0))
+    assert "take 1" in shown.text.content and len(shown.spectrum.handle.data[0]) < every
     set_by_client(map_.take, "All takes")
     assert binding.choices.take is None
 

@@ -19,8 +19,8 @@ from fdcal.viewer.background.cost_map import modes_label
 from fdcal.viewer.gui import html, plots
 from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.plots import Plot
-from fdcal.viewer.tabs import map, modes
-from fdcal.viewer.tabs import modes as spectrum_plot
+from fdcal.viewer.tabs import map
+from fdcal.viewer.tabs import spectrum as spectrum_plot
 from fdcal.viewer.tabs.comparison import remark_on_start, table
 from fdcal.viewer.tabs.curves import CurvesTab
 from fdcal.viewer.tabs.microphones import ErrorByDistance
@@ -169,7 +169,7 @@ def test_the_spectrum_is_drawn_with_its_picked_peaks(scene, measurement):
 
 
 @pytest.mark.parametrize("has_spectrum", [True, False])
-def test_sliders_choose_the_modes_of_the_map(server, scene, measurement, has_spectrum, work):
+def test_the_spectrum_shows_the_modes_of_the_map(server, scene, measurement, has_spectrum, work):
     if has_spectrum:
         kept = measurement.frequencies
         spectrum = np.stack([np.linspace(50, 350, 2000), 1 + np.cos(np.linspace(50, 350, 2000)) ** 2])
@@ -177,13 +177,8 @@ def test_sliders_choose_the_modes_of_the_map(server, scene, measurement, has_spe
         assert kept[0] > 50
     binding = Binding(server.gui, work, 6)
     map_ = map.MapTab(binding)
-    tab = modes.ModesTab(binding, map_)
-    set_by_client(tab.high, 4)
-    assert binding.choices.modes == (1, 2, 3, 4)
-    set_by_client(tab.low, 3)
-    assert binding.choices.modes == (3, 4)
-    set_by_client(tab.high, 2)
-    assert binding.choices.modes == (2,)
+    tab = spectrum_plot.SpectrumPanel(binding)
+    map_.choose_modes([2])
     tab.show(Tick(work.session.view))
     data = tab.spectrum.handle.data
     assert len({len(column) for column in data}) == 1 and all(np.isfinite(column).all() for column in data)
@@ -199,8 +194,6 @@ def test_sliders_choose_the_modes_of_the_map(server, scene, measurement, has_spe
     assert np.array_equal(x[limit > low], [f_max] if x[0] < f_max < x[-1] else [])
     inner = tab.spectrum.columns((1,), 200.0)
     assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1
-    set_by_client(tab.same, True)
-    assert binding.choices.modes is None
     server.gui.reset()
 
 

@@ -46,7 +46,7 @@ def test_restart_opens_another_solver_and_resets_the_same_one(controls):
     set_by_client(panel.solver.name, "descent")
     assert panel.solver.start.value == "random" and panel.solver.seed.visible
     set_by_client(panel.solver.seed, 5)
-    set_by_client(panel.solver.restart_button, True)
+    set_by_client(panel.run_bar.steps, "Reset")
     assert session.commands == [("reset", 0)]
     (opening,) = session.opened
     assert (opening.scene.solver.name, opening.scene.solver.start, opening.seed) == ("descent", "random", 5)

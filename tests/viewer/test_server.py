@@ -132,7 +132,7 @@ def test_every_control_tolerates_invalid_values(controls, value):
     tab = panel.scene
     handles += [tab.name, tab.microphones, tab.radius, tab.walls, tab.absorption, tab.noise, tab.snr, tab.speed]
     handles += [tab.known, tab.seed, solve.name, solve.start]
-    handles += [map_.which, map_.upto, map_.text, map_.kind, map_.scale, map_.opacity, panel.view.dark]
+    handles += [map_.which, map_.upto, map_.text, map_.kind, map_.scale, panel.view.dark]
     for handle in handles:
         before = handle.value
         with contextlib.suppress(TypeError, ValueError, OverflowError):  # viser holds values of the control's type only

@@ -72,7 +72,7 @@ def test_a_start_with_all_microphones_at_one_position_is_shown(page_of, scene):
         page.tick(time.perf_counter())
     assert np.ptp(page.binding.session.view.state.positions, axis=0).max() == 0
     assert page.viewer.fault == ""
-    assert "all estimates coincide" in page.viewer.tabs.modes.text.content
+    assert "all estimates coincide" in page.viewer.tabs.spectrum.text.content
 
 
 def test_a_cached_measurement_is_shown_at_once(server, scene):

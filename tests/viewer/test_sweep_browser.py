@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import COARSE, EXACT, WAIT, hover, on_screen, press, serving_here, slider, stands, tab
+from browsing import COARSE, EXACT, WAIT, hover, on_screen, press, serving_here, slider, stands, tab, unfold
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -34,7 +34,7 @@ def page(browser, kernels, scene, capsys, query):
 
 
 def test_play_pause_and_the_slider_of_the_sweep(page):
-    tab(page, "Sweep")
+    tab(page, "Map")
     page.get_by_text("Order and speed", exact=True).click()
     slider(page, "Modes per second").press("Home")  # so slowly that no machine sees the end before Pause
     press(page, "Play")
@@ -53,7 +53,8 @@ def test_play_pause_and_the_slider_of_the_sweep(page):
 @pytest.mark.parametrize("query", [EXACT])
 def test_an_end_of_the_cut_is_dragged_and_the_plot_follows(page, scene):
     page.get_by_text("step 0, sweep 0").wait_for()
-    tab(page, "Sweep")
+    tab(page, "Map")
+    unfold(page, "Cut")
     press(page, "x")
     text = page.get_by_text(re.compile(r"lowest [\d.]+ m from A")).first
     text.wait_for()

@@ -279,10 +279,7 @@ def _bases(J: Reals) -> np.ndarray:
 
 
 def arrivals_of(problem: Problem, sigma: np.ndarray | None) -> Arrivals | None:
-    """Return the arrivals of a problem; None without any.
-
-    sigma : (T,) float64, metres, of every take of the problem; as stated unless given
-    """
+    """Return the arrivals of a problem, with `sigma` (T,), metres, of every take, as stated unless given; or None."""
     if problem.arrivals is None or problem.arrival_sigma is None:
         return None
     enough = counted(problem)

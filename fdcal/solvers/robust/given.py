@@ -26,7 +26,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ...cost.likelihood import Terms
-from ...model.gauge import align, fixes_gauge, rigid_motions
+from ...model.gauge import align, fixes_gauge, rigid_motion, rigid_motions
 from ...model.problem import Problem
 from ...model.types import Bools, Integers, Reals
 from ...model.validation import frozen_array
@@ -64,10 +64,7 @@ INACCURATE = 2.0
 
 
 def resolved(problem: Problem, state: State) -> State:
-    """Return `state` with the likeliest hypothesis on the given positions where those assumed do not fit the pressures.
-
-    problem : with modes of unit power
-    """
+    """Return `state` with the likeliest hypothesis on the given positions where those assumed do not fit."""
     exact = state.model.known_sigma == 0
     if exact or len(problem.known) <= problem.array_dimension or given_carry_scale(problem):
         return state
@@ -92,8 +89,6 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
     """Return the likeliest hypothesis where the positions assumed do not fit the pressures, at the end of a run.
 
     Where positions are exact the search has left them as they are, whatever they do to the array. Here they are let go.
-
-    problem : with modes of unit power; terms : as of `free_array`, at `state`
     """
     if len(problem.known) <= problem.array_dimension or given_carry_scale(problem):
         return None
@@ -273,9 +268,9 @@ class Hypothesis:
 
 
 def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float | None, sized: bool) -> list[Hypothesis]:
-    """Return the hypotheses on `places` (A, D), metres, given of `known` (A,) int64, the likeliest first.
+    """Return the hypotheses on `places` (A, D), metres, given of `known` (A,), the likeliest first.
 
-    stated : metres, sigma of a given coordinate that the user states; sized : whether the sound speed may be wrong
+    `stated`: sigma of a given coordinate that the user states, metres; `sized`: whether the sound speed may be wrong.
     """
     A, D = places.shape
     as_given, all_right = np.arange(A), np.ones(A, bool)
@@ -376,7 +371,7 @@ def _placed(
 ) -> tuple[float, float, np.ndarray, tuple[float, float]]:
     """Log evidence, sigma and positions of one image of the array, and its last motion with one sigma."""
     x = found.unknowns.positions
-    turn, centre, target = _turn(x[known[right]], places[right], mirror)
+    turn, centre, target = rigid_motion(x[known[right]], places[right], mirror)
     b = (places - target) @ turn.T + centre  # the given positions in the frame of the free array
     values, vectors = spectrum
     r, G = vectors.T @ (b[right] - x[known[right]]).ravel(), vectors.T @ columns[index]
@@ -406,15 +401,6 @@ def _of_wrong(away: Reals, sigma: float) -> float:
     distance = np.sqrt(np.sum(away**2, axis=1) + sigma**2)
     sphere = 2 * np.pi if D == 2 else 4 * np.pi
     return float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DECADES))))
-
-
-def _turn(x: Reals, places: Reals, mirror: bool):
-    """The motion y = (x - centre) turn + target of least squares; `mirror` takes the other image."""
-    centre, target = x.mean(axis=0), places.mean(axis=0)
-    left, _, right = np.linalg.svd((x - centre).T @ (places - target))
-    if mirror:
-        left = left * np.append(np.ones(left.shape[1] - 1), -1.0)
-    return left @ right, centre, target
 
 
 # spread, nepers, of the log-normal prior of one sigma of a given coordinate about GIVEN_SIGMA, and its greatest

@@ -29,10 +29,7 @@ MIN_GROUP = 6  # microphones of a group at least; those of a smaller one belong 
 
 
 def groups(positions: Reals, wavelength: float) -> list[np.ndarray]:
-    """Return the microphones of each group, (G,) int64 each; one group if there are no gaps.
-
-    `positions` (N, 2) float64, metres; `wavelength`: metres, the shortest.
-    """
+    """Return the microphones of each group, (G,) int64 each, of positions (N, 2), metres; one if there are no gaps."""
     label = fcluster(linkage(positions, "single"), GAP * wavelength, "distance")
     large = [one for one in np.unique(label) if np.sum(label == one) >= MIN_GROUP]
     if len(large) < 2:
@@ -52,11 +49,9 @@ MAX_GROUPS = 4  # groups that are posed at most, the largest but one first
 
 
 def other_poses(positions: Reals, pressures: Complexes, field: FieldModel) -> list[np.ndarray]:
-    """Return arrays with one group in another pose that may be the right one, the likeliest first.
+    """Return arrays (N, 2), metres, with one group in another pose that may be the right one, the likeliest first.
 
-    `positions` (N, 2) float64, metres; `pressures` (M, N) complex128, divided by the responses of the channels, any one
-    unit; `field`: diffuse, of real wavenumbers. Returns list of (N, 2) float64, metres. Raises
-    numpy.linalg.LinAlgError: a covariance is not positive definite.
+    `pressures` (M, N) are divided by the responses of the channels; `field`: diffuse, of real wavenumbers.
     """
     wavelength = 2 * np.pi / float(field.wavenumbers.max())
     found = groups(positions, wavelength)

@@ -630,10 +630,7 @@ class Quadratic:
 
 
 def quadratic(unknowns: Unknowns, objective: Objective, here: Evaluation | None = None) -> Quadratic:
-    """Return the quadratic of an objective, of which the evaluation `here` may be known.
-
-    Raises numpy.linalg.LinAlgError where a covariance is singular.
-    """
+    """Return the quadratic of an objective, of which the evaluation `here` may be known."""
     evaluation, free = objective.evaluate(unknowns) if here is None else here, objective.free(unknowns)
     gradient, matrix = reduced(unknowns, evaluation, free, objective.priors.blind)
     index = np.arange(unknowns.positions.size).reshape(unknowns.positions.shape)

@@ -37,10 +37,7 @@ SPACING = 0.125  # distance of candidates over the shortest wavelength
 
 
 def relocated(problem: Problem, state: State, local: bool = False) -> tuple[State, bool]:
-    """Return `state` with suspicious channels where, and how, they fit best, and whether any was changed.
-
-    local : only with a filter, and near where they are
-    """
+    """Return `state` with suspicious channels where they fit best (if `local`, near), and whether any was changed."""
     used, model, gains = used_modes(problem, state, SEARCH_MODES), state.model, gains_are_free(state)
     p, k, power = problem.pressures[used], np.real(wavenumbers(problem, state)[used]), model.power[used]
     x, g, off, cut, tau = (

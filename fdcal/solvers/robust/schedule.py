@@ -106,10 +106,7 @@ MAX_RESTARTS = 6  # starts tried at most
 
 
 def next_restart(problem: Problem, state: State, restart: int) -> State:
-    """Return the first restart, from number `restart` on, that has a start, or the last stage if there is none left.
-
-    Raises InputError where no start is possible at all.
-    """
+    """Return the first restart, from number `restart` on, that has a start, or the last stage if there is none left."""
     reported = noise.given_noise(problem, state)
     level = None if reported is None else float(np.median(reported[state.modes]))
     affine_first = is_noiseless(problem, state) or state.quick

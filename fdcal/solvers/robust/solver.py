@@ -49,11 +49,7 @@ TRAITS = Traits(
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
-    """Return the first state, at the first start of `fdcal.solvers.starts.plan` or at `positions` (N, D), metres.
-
-    The solver draws nothing. Raises InputError for too few modes, modes that show too few directions, or known
-    microphones that do not span the array.
-    """
+    """Return the first state, at the first start of `fdcal.solvers.starts.plan` or at `positions` (N, D), metres."""
     require_solvable(problem, settings)
     return begin(State, problem, settings, seed, positions)
 
@@ -119,10 +115,7 @@ def step(problem: Problem, state: State) -> State:
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
-    """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions.
-
-    Raises InputError for modes that are not there, or too few.
-    """
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions."""
     require_range(problem, first, last)
     require_modes(problem, last)
     problem = in_unit_power(problem)
@@ -134,8 +127,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
     """Return the likelihood's cost of microphone `n` over the search lattice, mode by mode, the gains constrained.
 
-    (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height. `search`
-    is another lattice over the same area. Raises InputError without a search domain.
+    (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height.
     """
     require_search(problem, search)
     from ...cost.maps import likelihood_maps  # compiled code is loaded with the first map

@@ -96,12 +96,7 @@ class MeasurementNoise:
 
 @dataclass(frozen=True)
 class State(RunState):
-    """Everything `step` needs. A run can be continued from any state.
-
-    The seed is not used: nothing is drawn.
-
-    `cost`: in phase "exact" the squared residuals over the noise; before, -log likelihood.
-    """
+    """Everything `step` needs; `cost`: in phase "exact" squared residuals over the noise; before, -log likelihood."""
 
     solver: ClassVar[str] = "room"
 
@@ -126,9 +121,7 @@ class State(RunState):
 def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
     """Return the first state: the microphones in the middle of the room, and phase "search" next.
 
-    `settings`: with the size of the room; `seed`: not used; `positions` (N, D) float64, metres, start with phase
-    "diffuse" at these positions. Raises InputError for a room that is impossible or does not fit the measurement, and
-    for too few modes.
+    With `positions` (N, D), metres, phase "diffuse" starts at these; nothing is drawn by the `seed`.
     """
     size = _require_room(problem, settings)
     N, D = problem.pressures.shape[1], len(size)
@@ -324,10 +317,7 @@ def _finished(problem: Problem, state: State, best: LocalOptimum, left: float) -
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
-    """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions.
-
-    Raises InputError for modes that are not there, or too few.
-    """
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions."""
     require_range(problem, first, last)
     N, D = state.positions.shape
     _require_enough(N, D, last - first + 1)
@@ -338,11 +328,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, domain: Search | None = None) -> np.ndarray:
-    """Return the cost of microphone `n` over the search lattice, the others held, mode by mode.
-
-    `n`: microphone; `modes`: slice; `domain`: another lattice; that of the problem unless given. Returns (modes, ny,
-    nx) float64, dimensionless, not negative. Raises InputError: without a search domain.
-    """
+    """Return the cost of microphone `n` over the search lattice, the others constrained : (modes, ny, nx)."""
     points = require_search(problem, domain).layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
     model = diffuse_model(state.size, k, state.width)

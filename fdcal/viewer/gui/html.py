@@ -16,7 +16,7 @@ from ...session.calibration_run import Assessment
 from ...session.history import SessionView
 from ..server.process import log_location
 
-CARD = "padding: 0.15em 0.75em; font-size: 0.86em; line-height: 1.5;"
+CARD = "padding: 0.15em 0.75em; font-size: var(--text); line-height: 1.5;"
 RED = "#d61828"  # of errors and warnings
 MAX_ERROR_LENGTH = 400  # characters of an exception
 
@@ -24,12 +24,12 @@ MAX_ERROR_LENGTH = 400  # characters of an exception
 CONTROLS = {
     "frequencies": 'the slider "Frequencies" in the tab Plan',
     "known": 'the slider "Known microphones" in the tab Scene',
-    "modes": 'the slider "Last mode" in the tab Solver',
+    "modes": 'the slider "Last mode" in the settings of the solver',
     "radius": "its radius in the file that is shown",
     "search": "a search domain",
-    "seed": 'the field "Seed" in the tab Solver',
-    "solver": 'the list "Method" in the tab Solver',
-    "start": 'the list "Start" in the tab Solver',
+    "seed": 'the field "Seed" in the settings of the solver',
+    "solver": 'the list "Method" in the settings of the solver',
+    "start": 'the list "Start" in the settings of the solver',
 }
 
 
@@ -157,7 +157,7 @@ def status(
     word = state_word(view, trusted)
     note = note or ("The step left is small beside one sigma." if word == "Ended" else "")
     lines += f"<div style='opacity: 0.65'>{escape(note)}</div>" if note else ""
-    head = f"<div style='font-size: 1.15em; font-weight: 600'>{word}</div>"
+    head = f"<div style='font-size: var(--head); font-weight: 600'>{word}</div>"
     return (
         f"<div style='{CARD} padding-bottom: 0.4em'>{head}{lines}<table style='border-spacing: 0'>{cells}</table></div>"
     )
@@ -186,7 +186,7 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
     Long words are cut, faulty channels take the line of the figures, and a verdict that is `pending` has its room
     already, so that no button moves away below a pointer; a click shows all. "" where there is neither.
     """
-    card = f"<div style='{CARD} font-size: 0.8em; line-height: {VERDICT_LINE}; padding-bottom: 0.5em'>"
+    card = f"<div style='{CARD} font-size: var(--note); line-height: {VERDICT_LINE}; padding-bottom: 0.5em'>"
     height = f"padding-left: 0.6em; min-height: {VERDICT_LINE * (MAX_LINES + 1):.2f}em"
     if found is None:
         waiting = f"{card}<div style='border-left: 4px solid {GREY}; {height}; opacity: 0.75'>{PENDING}</div></div>"

@@ -10,21 +10,9 @@ import numpy as np
 from ...graphics.heatmap import to_rgb
 from ...graphics.legend import HALO_WIDTH, Entry
 from ...graphics.primitives import ColourBar, format_number
-from .html import CARD, MAX_ERROR_LENGTH
+from .html import CARD
 
 EDGE = 18  # pixels, of a symbol
-# The panel on the canvas has no row of tabs, and leaves room for the panels at its sides. On a phone, where viser puts
-# it into the sheet below, it stands above the scene, also while the sheet is folded.
-CANVAS_STYLE = (
-    "<style>[data-floating-window]:has(.fdcal-legend) {max-width: max(300px, calc(100vw - 670px)); opacity: 0.94}"
-    "[data-floating-window]:has(.fdcal-legend) [role=tablist] {display: none !important}"
-    "[data-floating-window]:has(.fdcal-lecture) {max-width: none; opacity: 1}"
-    "[data-dock-group]:has(.fdcal-lecture) {zoom: 1.35}"
-    ".fdcal-lecture, .fdcal-lecture * {opacity: 1 !important}"
-    "@media (max-width: 36em) {.fdcal-legend {position: fixed; top: 0; left: 0; right: 0; font-size: 0.8em;"
-    " background: var(--mantine-color-body); z-index: 9; padding: 2px 4px}"
-    " [style*='display: none']:has(.fdcal-legend) {display: block !important; opacity: 1 !important}}</style>"
-)
 
 
 def legend(entries: Iterable[Entry]) -> str:
@@ -75,13 +63,8 @@ def _marks(marks: dict[str, str]) -> str:
     )
 
 
-def colour_bar(bar: ColourBar | None, reason: str = "", beside: bool = False) -> str:
-    """Return the scale of a map with ticks and unit, or the reason why there is no map.
-
-    `bar`: or None; `reason`: why there is no map; `beside`: whether the label stands beside the scale, not below it.
-    """
-    if bar is None:
-        return f"<div style='{CARD} opacity: 0.65'>{escape(reason[:MAX_ERROR_LENGTH]) or 'no map'}</div>"
+def colour_bar(bar: ColourBar) -> str:
+    """Return the scale of a map with ticks, and its label beside it."""
     gradient = ", ".join(_css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
     ticks = "".join(
         f"<div style='position: absolute; left: {100 * share:.2f}%; transform: translateX(-50%); text-align: center;"
@@ -90,13 +73,13 @@ def colour_bar(bar: ColourBar | None, reason: str = "", beside: bool = False) ->
         for share, text in bar.ticks
     )
     note = f"values below {format_number(bar.low, 2)} are clipped" if bar.clipped else ""
-    words = "<br>".join if beside else "; ".join
-    layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2" if beside else ""
+    words = "<br>".join(filter(None, (escape(bar.label), note)))
+    layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
     return (
-        f"<div style='{CARD} {layout}'><div style='margin: 0.3em 1em 0 1em; flex: 1'>"
+        f"<div style='{CARD} {layout}'><div style='margin: 0.3em 1em 0 1em; flex: 1; min-width: 150px'>"
         f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
-        f"<div style='position: relative; height: 1.7em; font-size: 0.9em'>{ticks}</div></div>"
-        f"<div style='opacity: 0.85; text-align: center'>{words(filter(None, (escape(bar.label), note)))}</div></div>"
+        f"<div style='position: relative; height: 1.7em'>{ticks}</div></div>"
+        f"<div style='opacity: 0.85; text-align: center'>{words}</div></div>"
     )
 
 
@@ -104,11 +87,7 @@ def _css(colour) -> str:
     return f"rgb({int(colour[0])},{int(colour[1])},{int(colour[2])})"
 
 
-def canvas_legend(bar: ColourBar | None, entries: Iterable[Entry], lecture: bool = False) -> str:
-    """Return what stands on the canvas: the colour bar of the map, if there is one, and the marks that are drawn.
-
-    `bar`: or None; `entries`: of the legend; `lecture`: whether it stands beside the scene, in large type.
-    """
-    scale = "" if bar is None else colour_bar(bar, beside=not lecture)
-    kind = "fdcal-legend fdcal-lecture" if lecture else "fdcal-legend"
-    return f"{CANVAS_STYLE}<div class='{kind}'>{scale}{legend(entries)}</div>"
+def canvas_legend(bar: ColourBar | None, entries: Iterable[Entry]) -> str:
+    """Return what stands on the canvas: the colour bar of the map, if there is one, and the marks that are drawn."""
+    scale = "" if bar is None else colour_bar(bar)
+    return f"<div class='fdcal-legend'>{scale}{legend(entries)}</div>"

@@ -30,12 +30,20 @@ ASSUMED_SIZE = 720  # pixels, of a canvas whose size is not reported
 
 
 @dataclass(frozen=True)
+class Room:
+    """What on the canvas is beside the picture."""
+
+    lecture: bool = False  # larger type
+    caption: bool = False  # of a lesson, at the right
+
+
+@dataclass(frozen=True)
 class Placement:
     """The last command to a page."""
 
     view: str = "top"  # as in graphics.camera.VIEWS
     size: tuple[int, int] | None = None  # (width, height) of the canvas at that time, pixels, or None
-    beside: bool = False  # whether the legend stood beside the scene at that time
+    room: Room = Room()  # that was left at that time
     camera: Camera | None = None  # that was commanded, or None
     positions: tuple[tuple[float, float, float], ...] = ()  # the last ones of the camera, metres
 
@@ -94,11 +102,13 @@ CHECKS = (1, 2, 4, 8, 16)  # looks after a placement at which the page is made t
 VISER_START = (3.0, 3.0, 3.0)  # metres, of viser's own camera, before a page has learnt where it starts
 KEPT_POSITIONS = 6  # last positions of a camera that are remembered
 FOV_NUDGE = 1e-4  # relative change of a field of view that makes the page report its camera
-MARGINS = (76, 156, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers and the legend
-LECTURE_MARGINS = (110, 92, 450, 60)  # likewise, with larger numbers and the legend on the right
+MARGINS = (76, 204, 34, 40)  # pixels left, bottom, right and top of the search domain, for rulers, legend and bar
+LECTURE_MARGINS = (110, 270, 60, 50)  # likewise, in larger type
+CAPTION, LECTURE_CAPTION = 350, 470  # pixels, of the width of a caption
+WIDE = 900  # pixels, of a canvas that has a caption at its right
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
-PHONE_PANEL = 0.62  # of the height of its canvas, which the panel covers
-PHONE_MARGINS = (48, 24, 110)  # pixels left, right and top there
+PHONE_PANEL = 0.45  # of the height of its canvas, which a panel or a caption covers
+PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top there
 
 
 class Cameras:
@@ -106,8 +116,8 @@ class Cameras:
 
     `picture`: what there is to be seen, or None; `view`: of a page that opens, as in graphics.camera.VIEWS;
     `margins`: pixels left, bottom, right and top of what is looked at; None for those that rulers and legend need;
-    `legend_beside`: whether the legend stands beside the scene, as in lecture mode, and not below it; `user_moves`: how
-    many times a user has moved a camera away from where it was placed.
+    `room`: what stands beside the picture; `user_moves`: how many times a user has moved a camera away from where it
+    was placed.
     """
 
     def __init__(self, server: viser.ViserServer):
@@ -115,7 +125,7 @@ class Cameras:
         self.picture: Picture | None = None
         self.view = "top"
         self.margins: tuple[int, int, int, int] | None = None
-        self.legend_beside, self.user_moves = False, 0
+        self.room, self.user_moves = Room(), 0
         self._at_rest: set[int] = set()  # pages whose camera is where it was placed
         self._placements: dict[int, Placement] = {}
         self._looks: dict[int, int] = {}  # by page: looks since its camera was placed
@@ -167,7 +177,7 @@ class Cameras:
         """
         with self._guarded(client):
             if isinstance(view, Camera):
-                self._command(client, view, Placement("", canvas(client.camera), self.legend_beside, view))
+                self._command(client, view, Placement("", canvas(client.camera), self.room, view))
             else:
                 self._place(client, view)
 
@@ -184,14 +194,14 @@ class Cameras:
         if self.picture is None:
             return
         camera = client.camera
-        size, beside = canvas(camera), self.legend_beside
-        margins = self.margins or _margins(size, beside)
+        size, room = canvas(camera), self.room
+        margins = self.margins or _margins(size, room)
         wanted = camera_for(self.picture, size, view, margins, fov=TOP_FOV if view == "top" else None)
         x, y, z = self._server.initial_camera.position
         before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
         before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
         positions = (*before, wanted.position)[-KEPT_POSITIONS:]
-        self._command(client, wanted, Placement(view, size, beside, wanted, positions))
+        self._command(client, wanted, Placement(view, size, room, wanted, positions))
 
     def _command(self, client: viser.ClientHandle, wanted: Camera, placement: Placement) -> None:
         self._placements[client.client_id] = placement
@@ -226,7 +236,7 @@ class Cameras:
         if placement.camera is None:
             self._place(client, placement.view)
             return
-        fits = (canvas(camera), self.legend_beside) == (placement.size, placement.beside)
+        fits = (canvas(camera), self.room) == (placement.size, placement.room)
         if fits and is_at(camera, placement.camera):
             self._at_rest.add(client.client_id)
         elif any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):
@@ -268,9 +278,11 @@ class Cameras:
         first.fov, first.up, first.position, first.look_at = wanted.fov, wanted.up, wanted.position, wanted.look_at
 
 
-def _margins(size: tuple[int, int], beside: bool = False) -> tuple[int, int, int, int]:
-    """Pixels left, bottom, right and top of what is looked at, with the legend `beside` it or below it."""
+def _margins(size: tuple[int, int], room: Room) -> tuple[int, int, int, int]:
+    """Pixels left, bottom, right and top of what is looked at, for rulers, legend, bar and caption."""
     if size[0] > PHONE_WIDTH or size[1] < 1.6 * size[0]:
-        return LECTURE_MARGINS if beside else MARGINS
+        left, bottom, right, top = LECTURE_MARGINS if room.lecture else MARGINS
+        beside = room.caption and size[0] > WIDE
+        return left, bottom, right + beside * (LECTURE_CAPTION if room.lecture else CAPTION), top
     left, right, top = PHONE_MARGINS
     return left, round(PHONE_PANEL * size[1]), right, top

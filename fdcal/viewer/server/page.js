@@ -10,10 +10,12 @@
 (() => {
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
-const MAX_COMMAND = 190, WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60;  // characters, ms
+const MAX_COMMAND = 190;  // characters
+const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000;  // ms
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
-let worker = null, control = null, connected = false, lost = false, lastRetry = -RETRY, count = 0, greeted = false, introduced = false;
-let shared = "", camera = null, moved = false, writing = 0, touched = 0, asked = location.hash.slice(1);
+let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
+let lastRetry = -RETRY, count = 0;
+let shared = "", camera = null, moved = false, writing = 0, touched = -RETRY, placed = 0, asked = location.hash.slice(1);
 
 // viser takes the server's address from the page's, and would take what stands after # for a part of it.
 if (asked) history.replaceState(null, "", location.pathname + location.search);
@@ -48,7 +50,7 @@ function read(message) {
     introduce();
   } else if (message.type == "GuiUpdateMessage" && regionOf.has(message.uuid) && "content" in message.updates) {
     show(message.uuid, message.updates.content);
-  } else if (message.type == "SetCameraPositionMessage") moved = false;
+  } else if (message.type == "SetCameraPositionMessage") [moved, placed] = [false, performance.now()];
 }
 
 // --- commands
@@ -137,6 +139,8 @@ function face(name) {
   write();
 }
 
+overlay.insertAdjacentHTML("beforeend", '<div id="fdcal-back"><button data-local="sheet:lessons">Lessons</button> '
+  + '<button data-local="face:explore">Explore</button></div>');
 overlay.addEventListener("click", event => {
   const {do: act, local} = event.target.closest("[data-do], [data-local]")?.dataset ?? {};
   const input = event.target.closest("input, select");
@@ -152,9 +156,10 @@ overlay.addEventListener("input", event => {
 });
 document.addEventListener("pointerdown", event => {
   if (!event.target.closest?.("#fdcal")) delete root.dataset.sheet;
-  touched = performance.now();
 }, true);
-document.addEventListener("wheel", () => { touched = performance.now(); }, {capture: true, passive: true});
+for (const gesture of ["pointermove", "wheel"]) document.addEventListener(gesture, event => {
+  if (event.target.matches?.("canvas") && (event.buttons || gesture == "wheel")) touched = performance.now();
+}, {capture: true, passive: true});
 
 function note(text) {
   line.textContent = text;
@@ -180,8 +185,9 @@ function cover(canvas) {
 
 // After a gesture the camera is the user's, until the server places it.
 function follow(message) {
+  const now = performance.now(), [before, here] = [camera?.position ?? [], message.position];
+  if (now - touched < SETTLED && now - placed > SETTLED && here.some((x, i) => Math.abs(x - before[i]) > 1e-4)) moved = true;
   camera = message;
-  if (performance.now() - touched < 1500) moved = true;
   write();
 }
 

@@ -170,7 +170,7 @@ def table(summaries: tuple[RunSummary, ...], nominal: bool = False) -> str:
     The error is a deviation where the positions to compare with are nominal.
     """
     rows = [_row(summary, "deviation" if nominal else "error") for summary in summaries]
-    return f"<div style='{html.CARD} line-height: 1.25; font-size: 0.76em'>{''.join(rows)}</div>" if rows else ""
+    return f"<div style='{html.CARD} line-height: 1.25; font-size: var(--note)'>{''.join(rows)}</div>" if rows else ""
 
 
 def _row(summary: RunSummary, error: str) -> str:

@@ -26,7 +26,7 @@ SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0
 # The lines of the stages have no value in the legend, and the number of a stage has no point in the plot.
 REMARK = (
     "<style>.u-legend .fdcal-lines, .u-cursor-pt.fdcal-lines, .u-cursor-pt.fdcal-stage {display: none}</style>"
-    "<div style='padding: 0 0.75em; font-size: 0.8em; opacity: 0.75'>Grey ticks at the top: a new stage (mode,"
+    "<div style='padding: 0 0.75em; font-size: var(--note); opacity: 0.75'>Grey ticks at the top: a new stage (mode,"
     " objective or start changed). Hover to read values.</div>"
 )
 

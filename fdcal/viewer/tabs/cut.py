@@ -1,4 +1,4 @@
-"""A cut through the map, in the tab Sweep: the cost along a line whose ends are dragged over the map.
+"""A cut through the map, in the tab Map: the cost along a line whose ends are dragged over the map.
 
 It is computed on a thread of its own, mode by mode and summed.
 """
@@ -167,11 +167,12 @@ class CutPanel(Tab):
         self._lowest: tuple[float, float] | None = None  # of the map that is shown
         self._microphone = binding.choices.microphone
         self._worker = binding.threads.start(lambda request: cost_along(binding.run, request), "fdcal-cut")
-        gui = binding.gui
+        gui, series = binding.gui, cut_series(binding.measurement)
         hint = "Through the estimate along x, along y, or towards the lowest cost of the map"
-        self.lines = binding.on(gui.add_button_group("Cut", LINES, hint=hint), self.place)
-        self._plot = Plot(gui, TITLE, cut_series(binding.measurement), "distance from A (m)", height=230, legend=False)
-        self.text = gui.add_html(html.remark(ADVICE))
+        with gui.add_folder("Cut", expand_by_default=False):
+            self.lines = binding.on(gui.add_button_group("Line", LINES, hint=hint), self.place)
+            self._plot = Plot(gui, TITLE, series, "distance from A (m)", height=230, legend=False)
+            self.text = gui.add_html(html.remark(ADVICE))
 
     def place(self, label: str) -> None:
         """Draw one of LINES."""

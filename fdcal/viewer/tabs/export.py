@@ -1,4 +1,4 @@
-"""The tab Export: files of what is on the screen, made one after the other on a thread and sent to who asked.
+"""Files, in the tab View, of what is on the screen, made one after the other on a thread and sent to who asked.
 
 A `ViewSnapshot` holds everything that goes into a file; `KINDS` lists the kinds of file.
 """
@@ -266,7 +266,13 @@ class ExportTab(Tab):
     """
 
     def __init__(self, binding: Binding, export: Callable[[viser.ClientHandle, str], None]):
-        self._binding, gui, on, choices = binding, binding.gui, binding.on, binding.choices
+        self._binding, gui = binding, binding.gui
+        with gui.add_folder("Save a file"):
+            self._add_controls(export)
+        self.refresh()
+
+    def _add_controls(self, export: Callable[[viser.ClientHandle, str], None]) -> None:
+        binding, gui, on, choices = self._binding, self._binding.gui, self._binding.on, self._binding.choices
         self.kind = on(gui.add_dropdown("File", tuple(KINDS), initial_value=choices.export_kind), self.choose)
         self.description = gui.add_html("")
         self.view = on(
@@ -281,7 +287,6 @@ class ExportTab(Tab):
             gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now"),
             lambda client, _: export(client, binding.choices.export_kind),
         )
-        self.refresh()
 
     def choose(self, kind: str) -> None:
         """Choose a kind of file."""

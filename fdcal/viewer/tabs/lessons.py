@@ -1,4 +1,4 @@
-"""The tab Lessons: a text, a question and its answer; each step sets the page's own controls.
+"""Lessons: a text, a question and its answer on the canvas; each step sets the page's own controls.
 
 All browsers that have the page open follow the same lesson. A step that needs another scene opens it first
 (`Page.open`), and sets the controls as soon as the scene is ready. What the page showed before the first lesson comes
@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Protocol
-
-import viser
 
 from ...model.scene import Scene
 from ...model.validation import InputError, StorageError, shown
 from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, Setting, Step
 from ...session.request import OpenRequest
 from ..gui.choices import MAX_RATE
-from ..gui.html import CARD, complaint, error_message
+from ..gui.html import complaint, error_message
+from ..gui.overlay import whole
 from ..lesson_settings import PageBefore, apply_setting, plain_choices
 
 if TYPE_CHECKING:
@@ -38,121 +36,71 @@ WAITS = 'Your session waits, paused. "End lesson" brings it back, with all contr
 RACE_WAITS = 'Your session and its race wait, paused. "End lesson" brings them back, with all controls as they were.'
 
 
-def step_html(lesson: Lesson | None, number: int, choice: int, ready: bool = True, waits: str = "") -> str:
-    """Return a step of a lesson, with the answer once one is chosen; before that, its choices are buttons.
-
-    `lesson`: Lesson or None; without one, an introduction is returned; `number`: of the step, from 0; `choice`: the
-    answer chosen, from 0; -1 before one is chosen; `ready`: whether the page shows what the step asks about; the
-    question is left out until then; `waits`: what waits for the end of the lesson, in words. Returns HTML.
-    """
-    if lesson is None:
-        return f"<div style='{CARD}'>{INTRODUCTION}</div>"
-    step = lesson.steps[number]
-    place = f"{escape(lesson.title)}, step {number + 1} of {len(lesson.steps)}"
-    parts = [f"<div style='opacity: 0.75'>{place}</div>"]
-    if number == 0 and choice < 0 and waits:
-        parts.append(f"<div style='opacity: 0.75; font-size: 0.9em'>{escape(waits)}</div>")
-    if choice < 0:
-        parts.append(_paragraphs(step.text))
-    if ready:
-        parts += _question(step, choice)
-    else:
-        parts.append(_bold("The picture of this step is being prepared ..."))
-    return f"<div style='{CARD} line-height: 1.4'>{''.join(parts)}</div>"
+BACK, RESTORE, NEXT = "Back", "Restore settings", "Next"
+COMMANDS = {"back": BACK, "restore": RESTORE, "next": NEXT}
+NEXT_STEP, NEXT_LESSON = "Next step", "Next lesson: {}"
 
 
-def _question(step: Step, choice: int) -> list[str]:
-    """Return the question and, once an answer is chosen, that one, the right one, and why.
+@dataclass(frozen=True)
+class Caption:
+    """What stands on the canvas during a lesson."""
 
-    The other choices are left out, so that the button below stays on a small screen.
-    """
-    parts = [_bold(escape(step.question))] if step.question else []
-    if choice < 0:
-        return parts
+    lesson: Lesson
+    number: int  # of the step, from 0
+    choice: int  # the answer chosen, from 0; -1 before one is chosen
+    ready: bool  # whether the page shows what the step asks about; the question is left out until then
+    waits: str  # what waits for the end of the lesson, in words
+    error: str  # why the step could not be set, or ""
+    following: str  # what comes next, once the question is answered; or ""
+
+    @property
+    def answers(self) -> tuple[str, ...]:
+        """The answers that can be given now."""
+        step = self.lesson.steps[self.number]
+        return step.choices if self.ready and self.choice < 0 else ()
+
+    @property
+    def html(self) -> str:
+        """The step as HTML, with its answers as buttons or, once one is chosen, with the right one and why."""
+        step, last = self.lesson.steps[self.number], len(self.lesson.steps) - 1
+        parts = [f"<div class='dim'>{escape(self.lesson.title)}, step {self.number + 1} of {last + 1}</div>"]
+        if self.number == 0 and self.choice < 0 and self.waits:
+            parts.append(f"<div class='dim'>{escape(self.waits)}</div>")
+        if self.choice < 0:
+            parts.append(f"<div>{_paragraphs(step.text)}</div>")
+        if not self.ready:
+            parts.append("<b>The picture of this step is being prepared ...</b>")
+        elif step.question:
+            parts.append(f"<b>{escape(step.question)}</b>")
+            parts += _answered(step, self.choice) if self.choice >= 0 else []
+        buttons = [_button(f"answer={number}", text) for number, text in enumerate(self.answers)]
+        parts += [f"<div class='choices'>{''.join(buttons)}</div>"] if buttons else []
+        following = _button("follow", self.following, "first") if self.following else ""
+        steps = _button("back", BACK) if self.number else ""
+        steps += _button("restore", RESTORE) + (_button("next", NEXT) if self.number < last and not following else "")
+        steps += _button("end", "End lesson")
+        return f"{''.join(parts)}{complaint(self.error)}<div class='steps'>{following}{steps}</div>"
+
+
+def _answered(step: Step, choice: int) -> list[str]:
+    """Return the answer that was given, the right one, and why; the others are left out."""
     right = step.answer - 1
-    for i in sorted({choice, right}):
-        mark = "&#10003;" if i == right else "&#10007;"
-        parts.append(
-            f"<div style='display: flex; font-weight: 600'><span style='width: 1.4em'>{mark}</span>"
-            f"<span style='flex: 1'>{escape(step.choices[i])}</span></div>"
-        )
+    parts = [
+        f"<div>{'&#10003;' if i == right else '&#10007;'} <b>{escape(step.choices[i])}</b></div>"
+        for i in sorted({choice, right})
+    ]
     verdict = "Right." if choice == right else f"The answer is: {escape(step.choices[right])}."
-    return [*parts, _bold(verdict), _paragraphs(step.reveal)]
+    return [*parts, f"<b>{verdict}</b>", f"<div>{_paragraphs(step.reveal)}</div>"]
 
 
-def _bold(html: str) -> str:
-    return f"<p style='margin: 0.5em 0; font-weight: 600'>{html}</p>"
+def _button(command: str, text: str, kind: str = "") -> str:
+    return f"<button data-do='{command}' class='{kind}'>{escape(text)}</button>"
 
 
 def _paragraphs(text: str) -> str:
     """Return plain text as HTML; an empty line begins another paragraph."""
     parts = [escape(" ".join(part.split())) for part in text.split("\n\n") if part.strip()]
-    return "".join(f"<p style='margin: 0.5em 0'>{part}</p>" for part in parts)
-
-
-BACK, RESTORE, NEXT = "Back", "Restore settings", "Next"
-NEXT_STEP, NEXT_LESSON = "Next step", "Next lesson: {}"
-QUIET = (84, 92, 105)  # of buttons beside the one that comes next
-# viser's buttons are one line high; the words of an answer may need more.
-WRAPPED = (
-    "<style>button[style*='height: 2em'] {height: auto !important; min-height: 2em; padding-block: 0.3em}"
-    "button[style*='height: 2em'] .mantine-Button-label {white-space: normal; line-height: 1.25}</style>"
-)
-
-
-class LessonControls:
-    """Owns the buttons and the text.
-
-    `titles`: of the lessons, in their order; `tab`: whose methods the buttons call. `lessons`: button of each lesson,
-    by its title; `text`: HTML of the step; `answers`: buttons with the words of the answers; `navigation`: group of
-    BACK, RESTORE and NEXT; `following`: button that goes to the next step, or starts the next lesson; `end`: button
-    that ends the lesson.
-    """
-
-    def __init__(self, gui: viser.GuiApi, titles: Sequence[str], tab: LessonsTab):
-        gui.add_html(WRAPPED)
-        self.text = gui.add_html("")
-        self.lessons = {title: _on(gui.add_button(title, color=QUIET), partial(tab.start, title)) for title in titles}
-        self.answers = [
-            _on(gui.add_button("", color=QUIET, visible=False), partial(tab.answer, number))
-            for number in range(MAX_CHOICES)
-        ]
-        button = gui.add_button("Next lesson", icon=viser.Icon.PLAYER_TRACK_NEXT, visible=False)
-        self.following = _on(button, tab.follow)
-        self.navigation = gui.add_button_group("Step", (RESTORE,), visible=False)
-        _on(self.navigation, lambda: tab.go(self.navigation.value))
-        self.end = _on(gui.add_button("End lesson", icon=viser.Icon.X, color=QUIET, visible=False), tab.end)
-
-    def show(self, text: str, answers: Sequence[str], steps: Sequence[str], following: str, lesson: bool) -> None:
-        """Bring the controls up to date.
-
-        `text`: HTML of the step; `answers`: that can be given now; `steps`: labels of the navigation; `following`: what
-        comes next, once the question is answered; or ""; `lesson`: whether there is a lesson.
-        """
-        self.text.content = text
-        for button in self.lessons.values():
-            button.visible = not lesson
-        for number, button in enumerate(self.answers):
-            button.visible = number < len(answers)
-            if button.visible:
-                button.label = answers[number]
-        self.following.visible = bool(following)
-        if following:
-            self.following.label = following
-        self.navigation.visible = self.end.visible = lesson
-        if lesson:
-            self.navigation.options = tuple(steps)
-
-
-def _on(handle, act: Callable[[], object]):
-    """Call `act` when a client has clicked a button; return the button."""
-
-    @handle.on_click
-    async def _(event) -> None:
-        if event.client is not None:
-            act()
-
-    return handle
+    return "".join(f"<p>{part}</p>" for part in parts)
 
 
 log = logging.getLogger(__name__)
@@ -176,7 +124,7 @@ class LessonPage(Protocol):
 
 
 class LessonsTab:
-    """Owns the controls of the tab, the settings that wait for a scene, and what the page showed before.
+    """Owns the caption, the settings that wait for a scene, and what the page showed before.
 
     All methods run on viser's event loop, except `show` and `close`.
     """
@@ -190,9 +138,54 @@ class LessonsTab:
         self._requests: list[OpenRequest] = []  # of the lessons since the first
         # What waits for the scene of a request.
         self._pending: tuple[OpenRequest, Callable[[Viewer], None]] | None = None
-        with page.panels.tab("Lessons"):
-            self.controls = LessonControls(page.panels.gui, tuple(self._lessons), self)
+        self._left_at: dict[str, int] = {}  # by title: the step, from 0, at which a lesson was left
+        overlay = page.panels.overlay
+        overlay.on("lesson", lambda client, name: self.resume(name))
+        overlay.on("answer", lambda client, number: self.answer(whole(number, 0, MAX_CHOICES - 1)))
+        overlay.on("follow", lambda client, value: self.follow())
+        overlay.on("end", lambda client, value: self.end())
+        for command, where in COMMANDS.items():
+            overlay.on(command, lambda client, value, where=where: self.go(where))
         self._redraw()
+
+    @property
+    def caption(self) -> Caption | None:
+        """What stands on the canvas; None without a lesson."""
+        progress, lesson, step = self.progress, self.progress.lesson, self.progress.step
+        if lesson is None or step is None:
+            return None
+        ready = self._pending is None
+        waits = "" if self._before is None else RACE_WAITS if self._before.has_race else WAITS
+        following = NEXT_STEP if progress.moved(1) is not None else NEXT_LESSON.format(self._next_lesson)
+        following = following if progress.answered and ready and following != NEXT_LESSON.format("") else ""
+        return Caption(lesson, progress.number, progress.choice, ready, waits, self._error, following)
+
+    def list_html(self) -> str:
+        """Return the lessons as buttons."""
+        now = self.progress.lesson
+        items = [f"<div class='dim'>{INTRODUCTION}</div>"]
+        for lesson in self._lessons.values():
+            at = self._left_at.get(lesson.title, 0)
+            more = f", step {at + 1} of {len(lesson.steps)}" if at else ""
+            pressed = str(lesson is now).lower()
+            name = escape(lesson.name or lesson.title)
+            items.append(
+                f"<button data-do='lesson={name}' aria-pressed='{pressed}'>{escape(lesson.title)}{more}</button>"
+            )
+        return "".join(items) if self._lessons else "<div class='dim'>There are no lessons.</div>"
+
+    def resume(self, name: str) -> None:
+        """Start a lesson where it was left, by its name."""
+        lesson = self._named(name)
+        self.start(lesson.title, self._left_at.get(lesson.title, 0))
+
+    def _named(self, name: str) -> Lesson:
+        """Return a lesson by its name or its title. Raises InputError: there is none."""
+        for lesson in self._lessons.values():
+            if name in (lesson.name, lesson.title):
+                return lesson
+        remedy = f"use {', '.join(lesson.name for lesson in self._lessons.values())}"
+        raise InputError(f'there is no lesson "{shown(name)}"', remedy, key="lesson", value=name)
 
     @property
     def active(self) -> bool:
@@ -215,16 +208,19 @@ class LessonsTab:
 
         Raises InputError: there is no such lesson or step.
         """
-        lesson = next((lesson for lesson in self._lessons.values() if name in (lesson.name, lesson.title)), None)
-        if lesson is None or not 1 <= number <= len(lesson.steps):
-            remedy = f"use {', '.join(lesson.name for lesson in self._lessons.values())}, and a step that it has"
-            raise InputError(f'there is no step {number} of a lesson "{shown(name)}"', remedy, key="lesson", value=name)
+        lesson = self._named(name)
+        if not 1 <= number <= len(lesson.steps):
+            remedy = f"use 1 to {len(lesson.steps)}"
+            raise InputError(
+                f'there is no step {number} of the lesson "{shown(name)}"', remedy, key="step", value=number
+            )
         if (self.progress.lesson, self.progress.number) != (lesson, number - 1):
             self.start(lesson.title, number - 1)
 
     def end(self) -> None:
         """End the lesson, and show what the page showed before, unless the user has opened something else."""
         before, viewer = self._before, self._page.viewer
+        self._note_step()
         self.progress, self._before, self._pending, self._error = LessonProgress(), None, None, ""
         if before is not None and viewer is not None:
             if self._page.switcher.idle and self._left(before, viewer):
@@ -238,8 +234,16 @@ class LessonsTab:
         self._requests = []
         self._redraw()
 
+    def _note_step(self) -> None:
+        """Note where the lesson is left; at its end it begins again."""
+        progress = self.progress
+        if progress.lesson is not None:
+            finished = progress.moved(1) is None and progress.answered
+            self._left_at[progress.lesson.title] = 0 if finished else progress.number
+
     def leave(self) -> None:
         """End the lesson, and stay where it is: the user has opened something else."""
+        self._note_step()
         before, self.progress, self._before = self._before, LessonProgress(), None
         self._pending, self._error, self._requests = None, "", []
         if before is not None:
@@ -383,12 +387,5 @@ class LessonsTab:
             self._redraw()
 
     def _redraw(self) -> None:
-        progress, lesson, step = self.progress, self.progress.lesson, self.progress.step
-        ready = self._pending is None
-        waits = "" if self._before is None else RACE_WAITS if self._before.has_race else WAITS
-        text = step_html(lesson, progress.number, progress.choice, ready, waits) + complaint(self._error)
-        asked = step is not None and progress.choice < 0 and ready
-        steps = (*((BACK,) * (progress.moved(-1) is not None)), RESTORE, *((NEXT,) * (progress.moved(1) is not None)))
-        following = NEXT_STEP if progress.moved(1) is not None else NEXT_LESSON.format(self._next_lesson)
-        following = following if progress.answered and ready and following != NEXT_LESSON.format("") else ""
-        self.controls.show(text, step.choices if asked and step else (), steps, following, lesson is not None)
+        caption = self.caption
+        self._page.panels.overlay.show("caption", "" if caption is None else caption.html)

@@ -1,4 +1,4 @@
-"""The tab Map: of which microphone and modes the map on the floor is, and how it is drawn."""
+"""The tab Map: of which microphone and modes the map is, and how it is drawn."""
 
 from __future__ import annotations
 
@@ -22,14 +22,12 @@ from ..gui.choices import (
     MAX_ORDER_OFFSET,
     NOTHING,
     RELIEF,
-    SHAPE,
     SLICES,
     VOLUME,
     kind_of,
     kinds_of,
     style_of,
 )
-from ..gui.legend_html import colour_bar
 
 
 def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
@@ -158,11 +156,13 @@ class MapTab(Tab):
         self._possible = binding.run.problem.search is not None
         self._shown: tuple = ()  # what the caption is of
         self.kinds = kinds_of(binding.measurement)
+        self._add_kind()
         self._add_microphone()
         self._add_modes()
-        self._add_quantity()
-        self._add_style()
-        self.caption = binding.gui.add_html(colour_bar(None))
+        self.caption = binding.gui.add_html("")
+        with binding.gui.add_folder("Scale and quantity", expand_by_default=False):
+            self._add_quantity()
+            self._add_scale()
         self.refresh()
 
     def _add_microphone(self) -> None:
@@ -208,7 +208,7 @@ class MapTab(Tab):
         self.upto = on(
             gui.add_slider(
                 f"Up to {row}", 1, binding.modes, 1, modes[-1],
-                hint=f"From {row} 1 to this one; the tab Sweep plays this",
+                hint=f"From {row} 1 to this one",
             ),
             lambda value: self.choose_modes(range(1, value + 1)),
         )  # fmt: skip
@@ -232,27 +232,25 @@ class MapTab(Tab):
             self.set_order,
         )  # fmt: skip
 
-    def _add_style(self) -> None:
+    def _add_kind(self) -> None:
         binding, gui, on, choices = self._binding, self._binding.gui, self._binding.on, self._binding.choices
-        style = choices.style
         self.kind = on(
             gui.add_dropdown("Show", self.kinds, initial_value=kind_of(choices), visible=self._possible), self.show_as
         )
         self.relief = on(
             gui.add_slider(
-                "Relief height (%)", 5, 100, 5, round(100 * style.relief_height),
+                "Relief height (%)", 5, 100, 5, round(100 * choices.style.relief_height),
                 hint="Of the highest cost, of the longer side of the map",
             ),
             lambda value: binding.choose_style(relief_height=value / 100),
         )  # fmt: skip
         self.slice = SliceControls(binding)
+
+    def _add_scale(self) -> None:
+        gui, on, style = self._binding.gui, self._binding.on, self._binding.choices.style
         self.scale = on(gui.add_dropdown("Scale", SCALES, initial_value=LOG if style.log else LINEAR), self.scale_as)
         self.minima = on(
             gui.add_checkbox("Mark minima", style.minima, hint="Mark and count the local minima"), self.mark_minima
-        )
-        self.opacity = on(
-            gui.add_slider("Opacity (%)", 10, 100, 5, round(100 * style.opacity)),
-            lambda value: binding.choose_style(opacity=value / 100),
         )
 
     def refresh(self) -> None:
@@ -266,7 +264,6 @@ class MapTab(Tab):
         self.minima.visible = of_cost
         self.quantity.visible = of_cost and not in_space
         self.order.visible = of_cost and choices.map_order is not None
-        self.opacity.visible = kind in (FLOOR, SHAPE, VOLUME, BASINS)
         self.relief.visible = kind == RELIEF
         self.slice.show_relevant(in_space)
 
@@ -299,12 +296,6 @@ class MapTab(Tab):
         self.refresh()
         if modes is not None:
             self.text.value, self.upto.value = modes_text(modes), modes[-1]
-
-    def toggle_mode(self, mode: int) -> None:
-        """Add a mode to the map or remove it; the last one stays."""
-        modes = set(self._binding.choices.modes or self._in_use()) ^ {mode}
-        if modes:
-            self.choose_modes(sorted(modes))
 
     def _in_use(self) -> tuple[int, ...]:
         state = self._binding.session.view.state
@@ -361,6 +352,6 @@ class MapTab(Tab):
             return
         self._shown = key
         reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map"
-        scale = "" if drawn and drawn.areas else colour_bar(drawn.bar if drawn else None, tick.reason or reason)
         words = caption(drawn, binding.measurement, orders_text(binding.run, drawn))
-        self.caption.content = html.complaint(choices.modes_error) + scale + words
+        words = words or html.remark(tick.reason or reason)
+        self.caption.content = html.complaint(choices.modes_error) + words

@@ -1,4 +1,4 @@
-"""The tab Maps: the cost maps of single modes beside their sum.
+"""The cost maps of single modes beside their sum, in the tab Map.
 
 They are one image, drawn on a thread of its own: a drag does not wait for it.
 """
@@ -44,7 +44,7 @@ def panel_image(run: PreparedRun, drawn: CostMap) -> np.ndarray | None:
     )  # fmt: skip
 
 
-class MapsTab(Tab):
+class MapsPanel(Tab):
     """Owns the controls of the tab and the thread that draws the maps.
 
     `image`: control that shows the maps.
@@ -55,14 +55,15 @@ class MapsTab(Tab):
         self._shown: np.ndarray | None = None
         self._requested: CostMap | None = None  # whose image was requested last
         self._since = -1e9  # s, when that was
-        self.caption = gui.add_html(caption(None, binding.measurement))
-        self.shared = binding.on(
-            gui.add_checkbox(
-                "Same scale", binding.choices.style.shared, hint="One scale for all maps instead of one for each"
-            ),
-            lambda value: binding.choose_style(shared=value),
-        )
-        self.image = gui.add_image(np.full((8, 8, 3), 128, np.uint8), format="jpeg", jpeg_quality=92, visible=False)
+        with gui.add_folder(f"{binding.row.capitalize()} by {binding.row}", expand_by_default=False):
+            self.image = gui.add_image(np.full((8, 8, 3), 128, np.uint8), format="jpeg", jpeg_quality=92, visible=False)
+            self.caption = gui.add_html(caption(None, binding.measurement))
+            self.shared = binding.on(
+                gui.add_checkbox(
+                    "Same scale", binding.choices.style.shared, hint="One scale for all maps instead of one for each"
+                ),
+                lambda value: binding.choose_style(shared=value),
+            )
         self.worker = binding.threads.start(lambda drawn: panel_image(binding.run, drawn), "fdcal-map-grid")
 
     def show(self, tick: Tick) -> None:

@@ -37,7 +37,7 @@ def _card(above: str, head: Sequence[str], rows: Sequence[str], below: str = "")
     """Return a table in small type, with texts above and below."""
     columns = "".join(f"<th>{text}</th>" for text in head)
     return (
-        f"<div style='{CARD} font-size: 0.74em; overflow-x: auto'>{above}<table class='mics'><tr>{columns}</tr>"
+        f"<div style='{CARD} font-size: var(--note); overflow-x: auto'>{above}<table class='mics'><tr>{columns}</tr>"
         f"{''.join(rows)}</table>{below}</div>"
     )
 

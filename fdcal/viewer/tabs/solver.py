@@ -1,15 +1,14 @@
-"""The tab Solver: the method and its start, the modes in use."""
+"""The settings of the solver, below its buttons: the method and its start, the modes in use."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-import viser
-
 from ... import solvers
 from ...model.scene import no_rectangle
 from ...model.scene_file import MeasuredScene
 from ...session.request import OpenRequest
+from ..gui import html
 from ..gui.binding import Binding, Tab, Tick
 
 MAX_SEED = 2**31 - 1
@@ -23,14 +22,14 @@ def default_start(solver: str) -> str:
 
 
 class SolverTab(Tab):
-    """Owns the controls of the tab."""
+    """Owns the controls, and restarts the solver with them."""
 
     def __init__(self, binding: Binding):
         self._binding = binding
-        with binding.gui.add_folder("Solver"):
-            self._add_method()
-        with binding.gui.add_folder(f"{binding.row.capitalize()}s in use"):
+        with binding.gui.add_folder("Settings", expand_by_default=False):
             self._add_modes()
+            self._add_method()
+            binding.gui.add_html(html.remark("Reset restarts with method, start and seed."))
         self.refresh()
 
     def _add_method(self) -> None:
@@ -58,8 +57,6 @@ class SolverTab(Tab):
             ),
             lambda value: binding.choose(seed=value),
         )  # fmt: skip
-        button = gui.add_button("Restart", icon=viser.Icon.REFRESH, hint="Restart with these settings")
-        self.restart_button = on(button, lambda _: self.restart())
 
     def _add_modes(self) -> None:
         binding, gui, on, state = self._binding, self._binding.gui, self._binding.on, self._binding.session.view.state
@@ -104,7 +101,7 @@ class SolverTab(Tab):
         self.seed.visible = traits.uses_seed(self.start.value)
 
     def restart(self) -> None:
-        """Restart with the settings of the tab: the same solver at once, another one as soon as it is ready."""
+        """Restart with the settings: the same solver at once, another one as soon as it is ready."""
         binding, own = self._binding, self._binding.run.scene.solver
         name, start = self.name.value, self.start.value
         if (name, start) == (own.name, own.start or default_start(own.name)):

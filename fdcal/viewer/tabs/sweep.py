@@ -1,4 +1,4 @@
-"""The tab Sweep: modes are added to the map one by one, and its local minima are counted on the way."""
+"""Modes are added to the map one by one, in the tab Map, and its local minima are counted on the way."""
 
 from __future__ import annotations
 
@@ -123,11 +123,12 @@ class SweepTab(Tab):
         self._revision, self._updated = NOT_ASKED, -1e9
         self._drawn: tuple = ()  # what the curve shows
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
-        self._add_controls()
-        self._plot = Plot(
-            binding.gui, "Local minima of the sum", curve_series(), f"{binding.row}s summed",
-            height=140, whole=True, legend=False,
-        )  # fmt: skip
+        with binding.gui.add_folder(f"Add {binding.row}s"):
+            self._add_controls()
+            self._plot = Plot(
+                binding.gui, "Local minima of the sum", curve_series(), f"{binding.row}s summed",
+                height=140, whole=True, legend=False,
+            )  # fmt: skip
 
     def _add_controls(self) -> None:
         gui, on, modes, row = self._binding.gui, self._binding.on, self._binding.modes, self._binding.row
@@ -176,6 +177,14 @@ class SweepTab(Tab):
         self._revision = NEXT
         sequence = self._sequence()
         self._map.choose_modes(sorted(sequence[: min(count, len(sequence))]))
+
+    def sum_lowest(self, count: int) -> None:
+        """Pause, and show the sum of the lowest `count` modes that a map can sum."""
+        self.pause()
+        if not self._binding.choices.shown:
+            self._map.show_as(FLOOR)
+        usable = self._usable()
+        self._map.choose_modes(usable[: max(sum(mode <= count for mode in usable), 1)])
 
     def _restart(self) -> None:
         """Show as many modes as before, in another order; whatever plays begins again."""

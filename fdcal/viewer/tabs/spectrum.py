@@ -1,4 +1,4 @@
-"""The tab Modes: the power spectrum, which of its modes are in the map, and switches for each mode."""
+"""The power spectrum in the tab Map, and which of its modes are in the map."""
 
 from __future__ import annotations
 
@@ -13,13 +13,11 @@ from ...acoustics.dictionary import array_f_max, max_order
 from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
-from ..background.cost_map import map_modes, of_take, row_label
+from ..background.cost_map import map_modes, row_label
 from ..gui import html
 from ..gui.binding import Binding, Tab, Tick
-from ..gui.choices import FLOOR
 from ..gui.legend_html import spectrum_legend
 from ..gui.plots import BLUE, ORANGE, RED, dots
-from .map import MapTab
 
 GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the curve, and of the area below it
 MAX_POINTS = 700  # of the spectrum: a plot is sent whole each time
@@ -155,75 +153,21 @@ def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | 
     return spectrum, np.maximum(np.interp(f, at, decibels), np.interp(f, *spectrum))
 
 
-COLUMNS, ROWS = 4, 6  # of switches
 INTERVAL = 0.25  # s between two updates of the plot
 
 
-class ModesTab(Tab):
-    """Owns the controls of the tab."""
+class SpectrumPanel(Tab):
+    """Owns the plot and the text below it."""
 
-    def __init__(self, binding: Binding, map_tab: MapTab):
-        self._binding, self._map, self._updated = binding, map_tab, -1e9
-        self._key: tuple = ()
-        gui, on, modes, row = binding.gui, binding.on, binding.modes, binding.row
-        self.spectrum = SpectrumPlot(gui, binding.measurement, modes)
-        gui.add_html(spectrum_legend(self.spectrum.has_spectrum, BLUE, ORANGE, RED, GREY))
-        self.text = gui.add_html("")
-        self.low = on(
-            gui.add_slider(f"From {row}", 1, modes, 1, 1, hint=f"First {row} of the map"),
-            lambda value: self._slide(value, self.high.value),
-        )
-        self.high = on(
-            gui.add_slider(f"To {row}", 1, modes, 1, 1, hint=f"Last {row} of the map"),
-            lambda value: self._slide(min(self.low.value, value), value),
-        )
-        self.same = on(
-            gui.add_button("Same as solver", hint=f"Show the map of the {row}s that the solver uses"),
-            lambda _: map_tab.choose_modes(None),
-        )
-        self.switches = [self._add_row(modes) for modes in self._switched(None)]
-        self.others = gui.add_html("")
-        self._show_others()
-
-    def _switched(self, take: int | None) -> list[tuple[int, ...]]:
-        """Return the modes that have a switch, row by row: the lowest of a take, or of all."""
-        shown = self._of_take(take)[: COLUMNS * ROWS]
-        return [shown[i : i + COLUMNS] for i in range(0, len(shown), COLUMNS)]
-
-    def _of_take(self, take: int | None) -> tuple[int, ...]:
-        return of_take(self._binding.run, tuple(range(1, self._binding.modes + 1)), take)
-
-    def _show_others(self) -> None:
-        """Say how the modes without a switch are chosen, if there are any."""
-        binding = self._binding
-        rest, words = self._of_take(binding.choices.take)[COLUMNS * ROWS :], binding.row.title()
-        text = (
-            f'{words}s {rest[0]} to {rest[-1]}: use the sliders, or "{words} numbers" in the tab Map.' if rest else ""
-        )
-        self.others.content = html.remark(text) if text else ""
-
-    def _slide(self, low: int, high: int) -> None:
-        """Show the map of all modes between two; where `low` exceeds `high`, of `low` alone."""
-        self._show_map()
-        self._map.choose_modes(range(low, max(low, high) + 1))
-
-    def _show_map(self) -> None:
-        """Switch the map on where there is none: the user chooses modes for a map."""
-        if not self._binding.choices.shown:
-            self._map.show_as(FLOOR)
-
-    def _add_row(self, modes: tuple[int, ...]) -> viser.GuiButtonGroupHandle:
-        hint = f"Add a {self._binding.row} to the map or remove it; a filled dot is in the map"
-        row = self._binding.gui.add_button_group(f"{modes[0]} to {modes[-1]}", _labels(modes, ()), hint=hint)
-        return self._binding.on(row, self.press)
-
-    def press(self, label: str) -> None:
-        """Act on a switch, whose label ends with the number of its mode."""
-        self._show_map()
-        self._map.toggle_mode(int(label[1:]))
+    def __init__(self, binding: Binding):
+        self._binding, self._updated, self._key, gui = binding, -1e9, (), binding.gui
+        with gui.add_folder("Spectrum", expand_by_default=False):
+            self.spectrum = SpectrumPlot(gui, binding.measurement, binding.modes)
+            gui.add_html(spectrum_legend(self.spectrum.has_spectrum, BLUE, ORANGE, RED, GREY))
+            self.text = gui.add_html("")
 
     def show(self, tick: Tick) -> None:
-        """Let the plot, the sliders and the switches follow the modes of the map."""
+        """Let the plot follow the modes of the map."""
         binding, state, now = self._binding, tick.view.state, tick.now
         choices = binding.choices
         order_offset = None if choices.objective else choices.order_offset
@@ -237,14 +181,6 @@ class ModesTab(Tab):
         self._key, self._updated = key, now
         self.spectrum.show(used, limit, choices.take)
         self.text.content = caption(binding.measurement, used, limit, self._order(state, used[-1]))
-        binding.send(self.low, used[0])
-        binding.send(self.high, used[-1])
-        switched = self._switched(choices.take)
-        for number, row in enumerate(self.switches):  # a take has no more of them than all takes
-            modes = switched[number] if number < len(switched) else ()
-            row.options, row.visible = _labels(modes, used), bool(modes)
-            row.label = f"{modes[0]} to {modes[-1]}" if modes else ""
-        self._show_others()
 
     def _order(self, state, mode: int) -> int | None:
         """Return the order L of the expansion of a mode (Eq. 3); None where no radius is given."""
@@ -253,11 +189,6 @@ class ModesTab(Tab):
             return None
         radius, wavenumbers = problem.search.radius, problem.wavenumbers[mode - 1 : mode]
         return int(max_order(wavenumbers, radius, state.order_offset)[0])
-
-
-def _labels(modes: tuple[int, ...], used: tuple[int, ...]) -> tuple[str, ...]:
-    """Return the labels of a row of switches: a filled dot for a mode in the map."""
-    return tuple(f"{'●' if mode in used else '○'}{mode}" for mode in modes)
 
 
 def caption(measurement: Measurement, used: tuple[int, ...], limit: float, order: int | None) -> str:

@@ -1,0 +1,160 @@
+"""The face Explore: one bar on the canvas with scene, Play, modes and microphone, and sheets of scenes and lessons.
+
+It is what a browser opens; "Expert" shows the panels in its place. Which of the two a browser shows is known there
+alone (`server/page.js`), so that a lecturer may use the panels while all others see the canvas.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from html import escape
+
+import numpy as np
+import viser
+
+from ..model.arrays import positions_of
+from ..model.scene_file import MeasuredScene, load_scene, scene_names
+from ..model.texts import length_text, modes_text
+from ..model.validation import InputError, StorageError, require_choice
+from ..session.request import OpenRequest
+from .gui.html import error_message, state_word
+from .gui.overlay import whole
+from .session_view import Viewer
+from .tabs.lessons import LessonPage, LessonsTab
+
+THUMB = 44  # pixels, of the drawing of a scene
+MARGIN = 5  # pixels, at its edges
+DOT = 34.0  # pixels; a microphone is drawn with this radius, divided by the square root of their number and 8
+PLAY, PAUSE = "&#9654;", "&#10074;&#10074;"
+
+
+def drawing(points: np.ndarray) -> str:
+    """Return an array seen from above as SVG: `points` (N, 2), metres."""
+    low, extent = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-9)
+    span, radius = THUMB - 2 * MARGIN, max(DOT / 8 / np.sqrt(len(points)) * 2, 0.9)
+    offset = (extent - np.ptp(points, axis=0)) / 2
+    places = MARGIN + span * (points - low + offset) / extent
+    dots = "".join(f"<circle cx='{x:.1f}' cy='{THUMB - y:.1f}' r='{radius:.2f}'/>" for x, y in places)
+    return f"<svg viewBox='0 0 {THUMB} {THUMB}' aria-hidden='true'>{dots}</svg>"
+
+
+@lru_cache(maxsize=64)
+def thumbnail(name: str) -> tuple[str, str]:
+    """Return the title of a scene that comes with fdcal, and its drawing; of a measured array a ring stands for it."""
+    scene = load_scene(name)
+    angles = np.linspace(0, 2 * np.pi, 7, endpoint=False)
+    points = np.column_stack([np.cos(angles), np.sin(angles)])
+    return scene.title, drawing(points if isinstance(scene, MeasuredScene) else positions_of(scene)[:, :2])
+
+
+class Explore:
+    """Fills the regions `bar` and `sheet`, and carries out what is pressed there.
+
+    `page`: whose session is shown; `lessons`: that the sheet offers.
+    """
+
+    def __init__(self, page: LessonPage, lessons: LessonsTab):
+        self._page, self._lessons, overlay = page, lessons, page.panels.overlay
+        overlay.on("scene", self._open)
+        commands = {
+            "play": lambda viewer, _: self._play(viewer),
+            "sweep": lambda viewer, _: viewer.tabs.sweep.toggle(),
+            "lecture": lambda viewer, _: viewer.tabs.view.lecture_mode(False),
+            "microphone": lambda viewer, value: viewer.tabs.map.pick(
+                whole(value, 0, viewer.binding.measurement.count - 1)
+            ),
+            "modes": lambda viewer, value: viewer.tabs.sweep.sum_lowest(whole(value, 1, viewer.binding.modes)),
+        }
+        for name, act in commands.items():
+            overlay.on(name, self._of_session(act))
+
+    def _of_session(self, act):
+        """Return a command that acts on the session that is shown, if there is one."""
+
+        def do(client: viser.ClientHandle, value: str) -> None:
+            viewer = self._page.viewer
+            if viewer is not None:
+                viewer.binding.session.yield_to_ui()
+                act(viewer, value)
+
+        return do
+
+    def _open(self, client: viser.ClientHandle, name: str) -> None:
+        """Open a scene that comes with fdcal; a lesson ends."""
+        require_choice("scene", name, scene_names())
+        self._lessons.leave()
+        self._page.open(OpenRequest(load_scene(name), fewer_modes=True))
+
+    @staticmethod
+    def _play(viewer: Viewer) -> None:
+        """Run the solver or pause it; from its start where it has finished."""
+        session = viewer.binding.session
+        if session.view.state.finished and not session.view.running:
+            session.reset(viewer.binding.choices.seed)
+            session.play()
+        else:
+            viewer.tabs.run_bar.toggle()
+
+    def show(self) -> None:
+        """Bring bar and sheet up to date; called by the main loop."""
+        viewer, overlay, progress = self._page.viewer, self._page.panels.overlay, self._page.switcher.progress
+        error = error_message(self._page.switcher.error)
+        waiting = error if progress is None else progress.text
+        if viewer is None:
+            return
+        overlay.show("bar", self._bar(viewer, self._page.switcher.title if waiting else "", waiting))
+        overlay.show("sheet", self._sheet(viewer))
+        overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")
+
+    def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
+        binding, state = viewer.binding, viewer.run.session.view.state
+        running = viewer.run.session.view.running
+        modes = binding.choices.modes or tuple(range(state.first, state.last + 1))
+        label = f"{PAUSE} Pause" if running else f"{PLAY} Play again" if state.finished else f"{PLAY} Play"
+        sweeps = viewer.tabs.sweep.playing
+        row = binding.row.capitalize()
+        end = "<button data-do='lecture'>End lecture mode</button>" if binding.choices.lecture else ""
+        return (
+            f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'>{self._drawn(viewer)}"
+            f"<span><b>{escape(title or viewer.run.scene.title)}</b>"
+            f"<small>{escape(waiting) or self._status(viewer)}</small></span></button>"
+            f"<button class='first' data-do='play'>{label}</button>"
+            f"<label>{row}s <input type='range' data-do='modes' min='1' max='{binding.modes}' value='{modes[-1]}'>"
+            f"<output>{escape(modes_text(modes))}</output></label>"
+            f"<button data-do='sweep' aria-label='Add {binding.row}s one by one'>{PAUSE if sweeps else PLAY}</button>"
+            f"<label>Microphone <input type='range' data-do='microphone' min='0' max='{binding.measurement.count - 1}'"
+            f" value='{viewer.snapshot.microphone}'><output>{viewer.snapshot.microphone}</output></label>"
+            f"<button data-local='sheet:lessons'>Lessons</button>{end}"
+            "<button data-local='face:expert'>Expert</button>"
+        )
+
+    def _drawn(self, viewer: Viewer) -> str:
+        name = viewer.run.scene.name
+        if name in scene_names():
+            return self._thumbnail(name)[1]
+        return drawing(np.asarray(viewer.run.session.view.history[0].positions)[:, :2])
+
+    @staticmethod
+    def _thumbnail(name: str) -> tuple[str, str]:
+        try:
+            return thumbnail(name)
+        except (InputError, StorageError):  # a file that was changed by hand
+            return name, ""
+
+    @staticmethod
+    def _status(viewer: Viewer) -> str:
+        """Return what the solver does, and the error that is left."""
+        view, measurement = viewer.run.session.view, viewer.run.measurement
+        sought = viewer.snapshot.counted
+        errors = measurement.errors(view.state.positions, sought)
+        word = "" if errors is None else f", {length_text(float(errors[sought].mean()))} off on average"
+        return escape(f"{state_word(view)}{word}")
+
+    def _sheet(self, viewer: Viewer) -> str:
+        shown = viewer.run.scene.name
+        scenes = "".join(
+            f"<button data-do='scene={escape(name)}' aria-pressed='{str(name == shown).lower()}'>"
+            f"{self._thumbnail(name)[1]}<span>{escape(self._thumbnail(name)[0])}</span></button>"
+            for name in scene_names()
+        )
+        return f"<div class='scenes'>{scenes}</div><div class='lessons'>{self._lessons.list_html()}</div>"

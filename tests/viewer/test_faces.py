@@ -1,0 +1,116 @@
+"""The faces Explore and Expert in a real browser: scenes, Play, lessons on the canvas, sizes, contrast."""
+
+import re
+
+import pytest
+from browsing import opened_page, press, serving_here
+
+from fdcal.model.scene_file import load_scene
+from fdcal.session.lesson import load_lesson
+
+EXPLORE = "?fixedDpr=0.25"
+PHONE = (390, 844)
+LESSON = "1_many_minima"
+CONTRAST = 4.5  # at least, of a text and what is behind it (WCAG 2.2, 1.4.3)
+
+# The lowest contrast of all texts that are seen, and that text.
+LOWEST_CONTRAST = """() => {
+    const parse = text => { const c = text.match(/[\\d.]+/g).map(Number); return c.length > 3 ? c : [...c, 1]; };
+    const over = (top, below) => [0, 1, 2].map(i => top[i] * top[3] + below[i] * (1 - top[3])).concat(1);
+    const linear = v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+    const light = ([r, g, b]) => 0.2126 * linear(r / 255)
+        + 0.7152 * linear(g / 255) + 0.0722 * linear(b / 255);
+    const paper = parse(getComputedStyle(document.body).backgroundColor);
+    let lowest = [99, ""];
+    const seen = {opacityProperty: true, visibilityProperty: true}, of = "label, td, button, p, [role=tab]";
+    for (const node of document.querySelectorAll(`#fdcal *, #root :is(${of})`)) {
+        const text = [...node.childNodes].filter(n => n.nodeType == 3).map(n => n.data).join("").trim();
+        if (!text || !node.checkVisibility(seen) || node.closest(":disabled, .uplot, [data-disabled]")) continue;
+        let back = null, faded = 1, layers = [];
+        for (let one = node; one; one = one.parentElement) {
+            layers.push(parse(getComputedStyle(one).backgroundColor));
+            faded *= Number(getComputedStyle(one).opacity);
+        }
+        back = layers.reverse().reduce((below, top) => over(top, below), over(paper, [255, 255, 255, 1]));
+        const ink = parse(getComputedStyle(node).color);
+        const [a, b] = [light(over([...ink.slice(0, 3), ink[3] * faded], back)), light(back)].sort((x, y) => y - x);
+        const contrast = (a + 0.05) / (b + 0.05);
+        if (contrast < lowest[0]) lowest = [contrast, text];
+    }
+    return lowest;
+}"""
+
+
+@pytest.fixture(scope="module")
+def page(browser, kernels):
+    with serving_here(load_scene("tiny"), lessons=[load_lesson(LESSON)]) as url:
+        page = opened_page(browser, url, EXPLORE)
+        page.locator("[data-region=bar] .first").wait_for()
+        yield page
+        page.close()
+
+
+def widths(page):
+    """Width of the canvas and of the window."""
+    return page.locator("canvas[data-engine]").bounding_box()["width"], page.viewport_size["width"]
+
+
+def readable(page):
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        page.locator(f"html[data-mantine-color-scheme={scheme}]").wait_for()
+        page.wait_for_function(f"({LOWEST_CONTRAST})()[0] >= {CONTRAST}", timeout=15_000)
+
+
+def test_explore_opens_and_everything_in_it_works(page):
+    assert not page.get_by_role("tab", name="Map").is_visible()
+    assert len(set(widths(page))) == 1, "the canvas fills the window"
+    readable(page)
+    page.locator("[data-do=modes]").press("Home")
+    page.wait_for_function("location.hash.includes('modes=1&')")
+    page.locator("[data-do=microphone]").press("End")
+    page.wait_for_function("location.hash.includes('microphone=15&')")
+    page.locator("[data-do=play]").click()
+    page.locator("[data-do=play]", has_text="Play again").wait_for()
+    page.get_by_text(re.compile("Converged, .* off on average")).wait_for()
+    page.get_by_role("button", name="Choose a scene").click()
+    page.locator("[data-do='scene=lshape']").click()
+    page.get_by_role("button", name="Choose a scene").get_by_text("L-shaped").wait_for()
+    page.wait_for_function("location.hash.includes('scene=lshape')")
+
+
+def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page):
+    step = load_lesson(LESSON).steps[0]
+    press(page, "Lessons")
+    page.locator(f"[data-do='lesson={LESSON}']").click()
+    question = page.locator("[data-region=caption]").get_by_text(step.question)
+    question.wait_for()
+    readable(page)
+    page.keyboard.press("h")
+    page.get_by_role("button", name="End lecture mode").wait_for()
+    assert question.is_visible() and len(set(widths(page))) == 1
+    press(page, "End lecture mode")
+    page.set_viewport_size(dict(zip(("width", "height"), PHONE, strict=True)))
+    page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth == 390")
+    tops = [page.locator(f"[data-region={name}]").bounding_box() for name in ("caption", "bar")]
+    assert min(box["y"] for box in tops) >= PHONE[1] / 2, "the map has half of the screen"
+    page.get_by_role("button", name=step.choices[1], exact=True).click()
+    page.locator("[data-region=caption]").get_by_text("Right.").wait_for()
+    press(page, "Next step")
+    press(page, "End lesson")
+    question.wait_for(state="detached")
+    press(page, "Lessons")
+    page.locator(f"[data-do='lesson={LESSON}']", has_text="step 2 of 3").wait_for()
+    page.keyboard.press("Escape")
+    page.set_viewport_size({"width": 1280, "height": 720})
+
+
+def test_expert_has_the_panels_and_can_be_left(page):
+    page.evaluate("delete document.documentElement.dataset.sheet")
+    press(page, "Expert")
+    page.get_by_role("tab", name="Map").wait_for()
+    page.wait_for_function("location.hash.includes('face=expert')")
+    assert widths(page)[0] < widths(page)[1] - 600
+    readable(page)
+    press(page, "Explore")
+    page.get_by_role("tab", name="Map").wait_for(state="hidden")
