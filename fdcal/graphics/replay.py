@@ -190,8 +190,9 @@ def _descent(problem: Problem | None, state, order_offset: int) -> dict | None:
     `order_offset`: of the maps, which no order of a step may exceed.
     """
     settings = getattr(state, "settings", SolverSettings())
-    plane = problem is not None and problem.dimension == problem.array_dimension == 2
-    if not plane or not fixes_gauge(problem.known_positions) or settings.order_offset > order_offset:
+    if problem is None or not problem.dimension == problem.array_dimension == 2:
+        return None
+    if not fixes_gauge(problem.known_positions) or settings.order_offset > order_offset:
         return None
     return {name: getattr(settings, name) for name in ("order_offset", "ample_modes", "known_weight")}
 
