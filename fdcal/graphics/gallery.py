@@ -39,14 +39,14 @@ class Entry:
     picture: str  # HTML of its picture
 
 
-def index_html(title: str, introduction: str, entries: Sequence[Entry]) -> str:
-    """Return the index page of a gallery."""
+def index_html(title: str, introduction: str, entries: Sequence[Entry], opening: str) -> str:
+    """Return the index page of a gallery; `opening`: the page beside it that plays above the entries."""
     cards = "\n".join(
         f'<a href="{escape(entry.file)}">{entry.picture}<h2>{escape(entry.title)}</h2><p>{escape(entry.text)}</p>'
         f"<p class='figures'>{escape(entry.figures)}</p></a>"
         for entry in entries
     )
-    parts = {"TITLE": escape(title), "INTRODUCTION": escape(introduction), "CARDS": cards}
+    parts = {"TITLE": escape(title), "INTRODUCTION": escape(introduction), "CARDS": cards, "OPENING": escape(opening)}
     return filled((PAGES / "index.html").read_text(encoding="utf-8"), parts)
 
 

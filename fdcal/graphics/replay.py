@@ -28,11 +28,11 @@ import numpy as np
 from ..cost.expansion import CarriedModes, carried_modes
 from ..cost.reference_cost import ReferenceCost, reference_cost_of
 from ..cost.scale import DECADES, DEPTH, FEW_MODES
-from ..model.gauge import align
+from ..model.gauge import align, fixes_gauge
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
-from ..model.settings import search_round
+from ..model.settings import SolverSettings, search_round
 from .heatmap import to_rgb
 from .surroundings import focus_of, wall_height, z_range_of
 
@@ -144,7 +144,7 @@ MAX_COSTS = 400  # states whose cost is computed, evenly spaced
 BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
 POSITION_LEVELS = 2**28  # of a coordinate, of the largest distance from the middle of the array
 PAGE = Path(__file__).with_name("replay_page")
-SCRIPTS = ("unpack.js", "eq7.js", "view.js", "map.js", "address.js", "start.js")
+SCRIPTS = ("unpack.js", "eq7.js", "view.js", "map.js", "play.js", "address.js", "start.js")
 
 
 def replay_html(
@@ -171,6 +171,7 @@ def replay_html(
     data, arrays = _static_data(scene, measurement), {}
     if maps is not None:
         data["maps"], arrays = maps
+        data["maps"]["descent"] = _descent(problem, states[-1], data["maps"]["order_offset"])
     channels = {} if maps is None else channel_arrays(states)
     room = max_bytes - BASE_BYTES - NAME_BYTES * measurement.count - sum(a.nbytes for a in arrays.values()) * 4 / 3
     kept = _kept_states(len(states), room, measurement.positions is not None, states[0].positions.shape, bool(channels))
@@ -181,6 +182,19 @@ def replay_html(
         arrays["seconds"] = np.asarray(seconds, "<f8")[kept]
     data |= changing | {"title": title, "taken": len(states), "microphone": microphone, "packed": packed(arrays)}
     return _page(title, json.dumps(data, separators=(",", ":"), allow_nan=False))
+
+
+def _descent(problem: Problem | None, state, order_offset: int) -> dict | None:
+    """Return what steps of descent in the browser need; None of a problem that descent cannot solve.
+
+    `order_offset`: of the maps, which no order of a step may exceed.
+    """
+    settings = getattr(state, "settings", SolverSettings())
+    if problem is None or not problem.dimension == problem.array_dimension == 2:
+        return None
+    if not fixes_gauge(problem.known_positions) or settings.order_offset > order_offset:
+        return None
+    return {name: getattr(settings, name) for name in ("order_offset", "ample_modes", "known_weight")}
 
 
 def _with_domain(

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ..cost.scale import Minima
+from ..graphics.ball import along, with_ball
 from ..graphics.heatmap import cost_floor
 from ..graphics.picture import compose
 from ..graphics.primitives import Floor, Picture
@@ -73,7 +74,8 @@ class Film:
         share = np.clip((time - starts[index]) / change, 0.0, 1.0) if index else 1.0
         rolled = np.clip((time - starts[-1]) / ROLL_TIME, 0.0, 1.0)
         place = along(self.path, float(rolled))
-        return Moment(index, float(share * share * (3 - 2 * share)), place, self._words(index, float(rolled)))
+        words = self._words(index if share > 0.5 else index - 1, float(rolled))
+        return Moment(index, float(share * share * (3 - 2 * share)), place, words)
 
     def _words(self, index: int, rolled: float) -> str:
         modes, places = int(self.summed[index]), self.minima[index].count
@@ -95,13 +97,6 @@ class Moment:
     share: float  # 0 to 1, how far the map before has become this one
     place: np.ndarray  # (2,) float64, metres, of the microphone
     words: str
-
-
-def along(path: np.ndarray, share: float) -> np.ndarray:
-    """Return the place on a path (P, D) at a share of its length, as a ball that gains speed and comes to rest."""
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    at = lengths[-1] * share * share * (3 - 2 * share)
-    return np.array([np.interp(at, lengths, column) for column in path.T])
 
 
 @functools.cache
@@ -137,7 +132,9 @@ class Projector:
         positions = np.array(self._measurement.positions, float)
         positions[MICROPHONE] = moment.place
         floor = self.floor(moment)
-        return compose(None, self._measurement, positions, MICROPHONE, floor, dark=dark)
+        picture = compose(None, self._measurement, positions, MICROPHONE, floor, dark=dark)
+        meshes = tuple(part for part in picture.meshes if not part.name.startswith(("microphones/e", "selected/")))
+        return with_ball(replace(picture, meshes=meshes), moment.place, floor)
 
     def floor(self, moment: Moment) -> Floor:
         """Return the map of a moment; the same object for the same map as last time."""

@@ -176,7 +176,9 @@ class Page:
             with self._server.atomic():
                 before = old and old.binding.choices
                 floor = self._opening.floor if self._opening is not None and old is None else None
-                new = Viewer(self._server, prepared, folders, self.nodes, self.open, before, self._wake.set, floor)
+                new = Viewer(
+                    self._server, prepared, folders, self.nodes, self.open, before, self._wake.set, floor, self.words
+                )
                 if old is not None:
                     old.take_down()
         except Exception as error:

@@ -15,6 +15,7 @@ import numpy as np
 import viser
 
 from ..assessment.findings import root_mean_square
+from ..graphics.ball import with_ball
 from ..graphics.legend import legend_of
 from ..graphics.overlays import (
     ellipse_scale,
@@ -39,9 +40,11 @@ from .background.cost_map import CostMap, CostMapRequest, MapStyle, map_modes
 from .background.cost_maps import CostMapWorker
 from .background.prepare import PreparedRun
 from .background.verdict import PositionUncertainty, VerdictWorker, uncertainty_of
+from .drop import Drop, Dropped
 from .gui.binding import Binding, Tick
 from .gui.choices import Choices
 from .gui.legend_html import canvas_legend
+from .gui.words import CanvasWords
 from .panels import SessionFolders, Tabs
 from .scene3d.nodes import SceneNodes
 from .scene3d.picking import LineHandles, MicrophonePicker
@@ -76,20 +79,24 @@ class SessionPicture:
         uncertainty: PositionUncertainty | None = None,
         runs: tuple[RunSummary, ...] = (),
         planned: PlannedArray | None = None,
+        dropped: Dropped | None = None,
     ) -> Picture:
         """Return the picture of the state that is shown.
 
         `microphone`: whose map is shown, counted from 0; `floor`: the map, or None; `uncertainty`: PositionUncertainty
         of the state, or None; `runs`: of a comparison, whose estimates are marked; `volume`: the cost in space, or
-        None; `planned`: drawn in place of the estimates where the user plans, or None.
+        None; `planned`: drawn in place of the estimates where the user plans, or None; `dropped`: a microphone that is
+        dragged or rolls, or None.
         """
         if choices.plan.shown:
             return self._drawn_plan(choices, planned)
-        self.places = positions = view.state.positions
+        self.places = positions = view.state.positions if dropped is None else dropped.among(view.state.positions)
         static = self._static_picture(choices, floor)
         by = slice(None) if uncertainty is None else self._sought(uncertainty)
         picture = with_floor(with_estimate(static, self._measurement, positions, microphone, floor, by), floor)
         picture = with_volume(picture, volume)
+        if dropped is not None and dropped.microphone == microphone:
+            picture = with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
             picture = with_trails(picture, np.array([state.positions for state in past]), floor)
@@ -175,8 +182,9 @@ class Viewer:
     `folders`: SessionFolders for the controls; `nodes`: SceneNodes that show the picture; `open_other`: function that
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
     function that makes the main loop update the page at once; `floor`: the map that is shown until there is one of this
-    session, or None. Raises InputError: the request of the run has choices that are not possible. `view`: the states as
-    they are shown; `snapshot`: what is on the screen; `call`: runs a function on viser's event loop.
+    session, or None; `words`: on the canvas, or None. Raises InputError: the request of the run has choices that are
+    not possible. `view`: the states as they are shown; `snapshot`: what is on the screen; `call`: runs a function on
+    viser's event loop.
     """
 
     def __init__(
@@ -189,6 +197,7 @@ class Viewer:
         before: Choices | None = None,
         wake: Callable[[], None] = lambda: None,
         floor: Floor | None = None,
+        words: CanvasWords | None = None,
     ):
         self.run, self.nodes, self._folders = run, nodes, folders
         self.call = server.get_event_loop().call_soon_threadsafe
@@ -202,12 +211,12 @@ class Viewer:
         self._first_floor = floor
         self._assessed: tuple[Assessment | None, PositionUncertainty | None] = None, None  # of the last verdict
         try:
-            self._build(server)
+            self._build(server, words)
         except BaseException:
             self.binding.threads.close(0.0)
             raise
 
-    def _build(self, server: viser.ViserServer) -> None:
+    def _build(self, server: viser.ViserServer, words: CanvasWords | None) -> None:
         run, binding, folders, nodes = self.run, self.binding, self._folders, self.nodes
         self._picture = SessionPicture(run)
         picture = self._picture.draw(run.session.view, binding.choices, self._selected, self._first_floor)
@@ -218,7 +227,8 @@ class Viewer:
         self.tabs.run_bar.apply_rate()
         nodes.show(picture)
         name = f"/picking/{folders.number}"
-        self._picker = MicrophonePicker(server, binding, picture, self.tabs.map.pick, name)
+        self.drop = Drop(binding, self.tabs.map.pick, words)
+        self._picker = MicrophonePicker(server, binding, picture, self.tabs.map.pick, self.drop.move, name)
         self._line_handles = LineHandles(server, binding, picture, f"/cut_handles/{folders.number}")
         binding.threads.own(run.session)
 
@@ -243,6 +253,7 @@ class Viewer:
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""
         self._picker.remove()
+        self.drop.close()
         self._line_handles.remove()
         self._folders.remove()
 
@@ -282,7 +293,7 @@ class Viewer:
             assessing=self._verdict.pending(view),
             runs=tabs.comparison.worker.update(now), sought=self._verdict.sought(view, found),
         )  # fmt: skip
-        self._draw(tick, choices)
+        self._draw(tick, choices, self.drop.tick(view, drawn, now))
         tick = replace(tick, picture=self.picture)
         tabs.show(tick)
 
@@ -293,7 +304,7 @@ class Viewer:
             self.view, self._viewed = newest, now
         return self.view
 
-    def _draw(self, tick: Tick, choices: Choices) -> None:
+    def _draw(self, tick: Tick, choices: Choices, dropped: Dropped | None) -> None:
         """Draw the picture again where anything of it has changed."""
         floor, volume = self._picture.faded_parts(tick.drawn, choices.style)
         if tick.drawn is not None or tick.reason or not choices.shown:
@@ -301,16 +312,17 @@ class Viewer:
         floor = floor or self._first_floor
         marked, planned = self.tabs.comparison.marked(tick.runs), self.tabs.plan.planned
         parts = floor, volume, tick.uncertainty, marked, planned
-        key = tick.revision, choices, tick.microphone, *map(id, parts)
+        key = tick.revision, choices, tick.microphone, dropped, *map(id, parts)
         if key == self._key:
             return
-        picture = self._picture.draw(tick.view, choices, tick.microphone, *parts)
+        picture = self._picture.draw(tick.view, choices, tick.microphone, *parts, dropped)
         sigma = None if tick.uncertainty is None else tick.uncertainty.sigma
         sought = np.asarray(tick.sought)
         self.snapshot = ViewSnapshot(self.run, picture, tick.view, choices, tick.microphone, sigma, volume, sought)
         self.nodes.show(picture)
         self._folders.overlay.show("legend", canvas_legend(picture.bar, legend_of(picture)))
-        self._picker.show(self._picture.places, picture.floor)
+        across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
+        self._picker.show(self._picture.places, picture.floor, across if across >= 0 else 2)
         self._line_handles.show(choices.cut, floor)
         self._key = key
 

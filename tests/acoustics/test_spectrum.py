@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.special import jv
 
+from fdcal.acoustics.coherence import array_radius
 from fdcal.acoustics.fdtd import simulate
-from fdcal.acoustics.measure import cached_recordings, measure
+from fdcal.acoustics.measure import cached_measurement, cached_recordings, measure
 from fdcal.acoustics.spectrum import (
     laplace_transform,
     mean_power,
@@ -19,7 +21,9 @@ from fdcal.acoustics.spectrum import (
     wavenumber_discrete,
     window_rate,
 )
+from fdcal.model.geometry import ball
 from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import Faults
 from fdcal.model.validation import InputError
 
 FS, T = 4000.0, 2.0
@@ -184,3 +188,77 @@ def test_measurement_of_a_scene_holds_what_the_scene_says(tiny, recordings):
     plain = dataclasses.replace(tiny, measurement=dataclasses.replace(tiny.measurement, wavenumber="continuous"))
     k = measure(plain, recordings).wavenumbers
     assert np.abs(k / m.wavenumbers - 1).max() < 0.01 and not np.array_equal(k, m.wavenumbers)
+
+
+# The extent of an array from the coherence of its pressures.
+
+
+def diffuse(positions, wavenumbers, seed=0, waves=300):
+    """Pressures (M, N) of plane waves from everywhere."""
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(positions.shape[1], waves))
+    phases = positions @ (directions / np.linalg.norm(directions, axis=0))
+    weights = rng.normal(size=(len(wavenumbers), waves)) + 1j * rng.normal(size=(len(wavenumbers), waves))
+    return np.array([np.exp(1j * k * phases) @ w for k, w in zip(wavenumbers, weights, strict=True)])
+
+
+def disc(count, radius, seed=1):
+    rng = np.random.default_rng(seed)
+    r, angle = radius * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
+    return np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+
+
+@pytest.mark.parametrize("radius", [0.07, 0.4, 1.5])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_radius_is_found_to_a_factor_of_one_and_a_half_whatever_the_gains(radius, dimension):
+    rng = np.random.default_rng(3)
+    positions = disc(40, radius) if dimension == 2 else ball(40, radius, rng)
+    k = np.linspace(0.2, 6, 50) / radius
+    p = diffuse(positions, k)
+    found = array_radius(p, k, dimension)
+    assert found is not None and radius / 1.5 < found < 1.5 * radius
+    assert array_radius(p * np.exp(0.5 * rng.normal(size=40)), k, dimension) == pytest.approx(found, rel=0.05)
+
+
+def test_no_radius_is_claimed_where_nothing_tells():
+    positions, k = disc(40, 0.5), np.linspace(40, 80, 30)
+    assert array_radius(diffuse(positions, k), k, 2) is None, "the array is incoherent throughout"
+    k = np.linspace(0.4, 12, 3)
+    assert array_radius(diffuse(positions, k), k, 2) is None, "three frequencies are too few"
+
+
+# Faults that a scene states are in its measurement, and only there.
+
+
+def test_faults_spoil_their_channels_alone():
+    scene = load_scene("tiny")
+    clean = cached_measurement(scene).pressures
+    faulty = cached_measurement(replace(scene, faults=Faults((9,), (3,)))).pressures
+    others = np.setdiff1d(np.arange(16), [3, 9])
+    assert np.array_equal(faulty[:, others], clean[:, others])
+    assert np.array_equal(faulty[:, 9], -clean[:, 9])
+    share = np.mean(np.abs(faulty[:, 3]) ** 2) / np.mean(np.abs(clean[:, others]) ** 2)
+    assert 0 < share < 1e-5
+
+
+def test_gains_scatter_as_stated_and_are_drawn_by_the_seed():
+    faults = Faults(gain_db=1.0, phase_deg=5.0)
+    gains = faults.gains(4000, 3)
+    assert np.std(20 * np.log10(np.abs(gains))) == pytest.approx(1.0, rel=0.05)
+    assert np.std(np.degrees(np.angle(gains))) == pytest.approx(5.0, rel=0.05)
+    assert np.array_equal(gains, faults.gains(4000, 3)) and not np.array_equal(gains, faults.gains(4000, 4))
+    assert np.array_equal(Faults().gains(5, 0), np.ones(5))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("faults.dead", "[16]"), ("faults.inverted", "[-1]"), ("faults.gain_db", "-1.0"), ("faults.phase_deg", "nan")],
+)
+def test_faults_that_cannot_be_are_refused(edited, key, value):
+    with pytest.raises(InputError, match=key):
+        load_scene(edited({key: value}))
+
+
+def test_a_channel_has_one_fault():
+    with pytest.raises(InputError, match=r"faults\.dead both name microphone 3"):
+        Faults(inverted=(3,), dead=(3,))

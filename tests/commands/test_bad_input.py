@@ -1,13 +1,21 @@
-"""Each kind of bad input: exit code 2, one line that names the value and what to do, and nothing written."""
+"""Bad input and files of another kind: exit code 2, one line that names value and remedy."""
 
 from __future__ import annotations
 
+import ast
 import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 
+import fdcal
 from fdcal.assessment.result_file import REQUIRED
+from fdcal.commands.cli import commands, main
+from fdcal.commands.options import OPTIONS
 
 
 @pytest.mark.parametrize(
@@ -142,3 +150,142 @@ def test_bad_results_exit_2(made, tmp_path, refused):
     (tmp_path / "few.json").write_text(json.dumps(few))
     assert "shape (1, 2)" in refused(*drawing, "few.json")
     assert "gone.json" in refused(*drawing, "gone.json", code=3)
+
+
+# Files of another kind than a command takes: one line says what the file is and where it belongs.
+
+
+@pytest.fixture
+def error(capsys):
+    """Function that runs a command and returns its only line on standard error; it must fail as bad input."""
+
+    def run(*arguments: object) -> str:
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        assert ended.value.code == 2
+        lines = capsys.readouterr().err.strip().splitlines()
+        assert len(lines) == 1
+        return lines[0]
+
+    return run
+
+
+def test_a_table_or_a_result_is_no_scene(error, tmp_path):
+    (tmp_path / "geometry.csv").write_text("name,x,y\n0,1,2\n")
+    (tmp_path / "result.json").write_text("{}")
+    assert "is a table" in error("calibrate", tmp_path / "geometry.csv")
+    assert "fdcal export" in error("calibrate", tmp_path / "result.json")
+    assert "is a folder in which no recordings were found" in error("calibrate", tmp_path)
+
+
+def test_a_measurement_is_no_result(error, tmp_path):
+    (tmp_path / "room.npz").write_bytes(b"PK\x03\x04")
+    message = error("export", tmp_path / "room.npz", "-o", tmp_path / "out.csv")
+    assert re.search(r"is not a result; give the .json file that `fdcal calibrate -o` writes", message)
+
+
+def test_an_empty_sound_file(error, tmp_path):
+    (tmp_path / "empty.wav").touch()
+    message = error("import", tmp_path / "empty.wav", "-o", tmp_path / "out.npz")
+    assert message.endswith("the file is empty")
+    assert "b'" not in message
+
+
+def test_python_is_told_what_to_load():
+    with pytest.raises(fdcal.InputError, match="load it first"):
+        fdcal.calibrate("tiny")
+    with pytest.raises(fdcal.InputError, match="not int"):
+        fdcal.load(3)
+
+
+def test_the_version(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert not ended.value.code
+    assert re.fullmatch(r"fdcal \d+\.\d+\.\d+\n", capsys.readouterr().out)
+
+
+def test_what_belongs_to_the_import_is_said(error):
+    assert "fdcal import INPUT -o FILE.npz --known FILE.csv" in error("calibrate", "tiny", "--known", "known.csv")
+    assert "it is an option of fdcal import" in error("calibrate", "tiny", "--temperature", "21")
+    assert "it is an option of" not in error("calibrate", "tiny", "--magic", "21")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["calibrate", "gone.json"],
+        ["calibrate", "gone.npz"],
+        ["import", "gone.wav", "-o", "a.npz"],
+        ["plan", "gone.csv"],
+    ],
+)
+def test_a_file_that_is_not_there_is_named_alike_everywhere(capsys, arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    line = capsys.readouterr().err
+    assert ended.value.code == 3
+    assert re.search(r"cannot read (scene )?gone\.\w+: No such file or directory", line)
+
+
+# Errors below the command line name arguments, and the command line words each of them as its own option.
+
+
+PACKAGE = Path(__file__).parents[2] / "fdcal"
+BELOW = [path for path in sorted(PACKAGE.rglob("*.py")) if "commands" not in path.relative_to(PACKAGE).parts]
+OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
+ALLOWED = {  # the page says how to list the commands; a variable of the style sheet; options of git
+    "session/study/definition.py": {"--format", "--porcelain"},
+    "recordings/import_options.py": {"--subset"},  # a help text, declared beside the option
+    "viewer/tabs/help.py": {"--help"},
+    "viewer/gui/legend_html.py": {"--mantine-color-body"},
+    "viewer/gui/overlay.py": {"--fdcal"},
+}
+
+
+def texts(tree: ast.AST) -> Iterator[ast.Constant]:
+    """Every string of a module but its docstrings."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    docstrings = {id(node.body[0].value) for node in ast.walk(tree) if isinstance(node, documented)
+                  and node.body and isinstance(node.body[0], ast.Expr)}  # fmt: skip
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
+            yield node
+
+
+def remedies(tree: ast.AST) -> Iterator[str]:
+    """Every piece of text in the remedy of an InputError."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "InputError":
+            given = [*node.args[1:2], *(k.value for k in node.keywords if k.arg == "remedy")]
+            yield from (text.value for part in given for text in texts(part))
+
+
+def test_no_text_below_the_command_line_holds_one_of_its_options():
+    for path in BELOW:
+        name = path.relative_to(PACKAGE).as_posix()
+        for text in texts(ast.parse(path.read_text(encoding="utf-8"))):
+            found = set(OPTION.findall(text.value)) - ALLOWED.get(name, set())
+            assert not found, f"{name}:{text.lineno}: {found}; name the argument in angle brackets"
+
+
+def test_every_argument_that_a_remedy_names_has_an_option():
+    named = {
+        name
+        for path in sorted(PACKAGE.rglob("*.py"))
+        for remedy in remedies(ast.parse(path.read_text(encoding="utf-8")))
+        for name in re.findall(r"<([a-z_]+)>", remedy)
+    }
+    assert named
+    assert named <= set(OPTIONS)
+
+
+def test_every_wording_is_an_option_of_a_command():
+    known = {
+        option
+        for command in commands.commands.values()
+        for parameter in command.params
+        if isinstance(parameter, click.Option)
+        for option in parameter.opts
+    }
+    assert {wording.split()[0] for wording in OPTIONS.values()} <= known

@@ -1,4 +1,4 @@
-"""The summary agrees with the result file: one cost, one end of the run, errors and sigma of the same microphones."""
+"""The summary and the titles agree with the result file: one cost, errors and sigma of the same microphones."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pytest
 
 import fdcal
 from fdcal.assessment.findings import precision
+from fdcal.commands.plotting import error_title
 from fdcal.commands.report import summary
-from fdcal.model.texts import length_text
+from fdcal.model.texts import format_mm, length_text
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
 
@@ -81,3 +82,21 @@ def test_the_noise_over_that_given_is_in_the_file_as_the_verdict_says_it(inputs)
     assert ratio == pytest.approx(30, rel=0.5)
     assert fdcal.Calibration.from_json(result.to_json()).evidence.noise_to_given == ratio
     assert f"{ratio:.2g} times what the noise explains" in result.verdict_text
+
+
+# What the plot commands write beside a picture.
+
+
+def test_the_title_of_a_snapshot_has_the_errors_that_calibrate_prints():
+    measurement = fdcal.load("tiny")
+    found = fdcal.calibrate(measurement, modes=12)
+    assert found.mean_error > found.errors.mean(), "the known microphones do not count"
+    words = f"mean error {format_mm(found.mean_error)}, largest {format_mm(found.max_error)}"
+    assert error_title(measurement, found) == words
+
+
+def test_the_title_of_a_blind_result_says_that_it_was_aligned():
+    measurement = fdcal.load("tiny")
+    found = fdcal.calibrate(measurement, modes=12, known="none", solver="joint")
+    words = f"mean error {format_mm(found.mean_error)}, largest {format_mm(found.max_error)}, after alignment"
+    assert error_title(measurement, found) == words

@@ -1,20 +1,41 @@
-"""Covariances of sound fields: each is that of its waves, and its slope the limit of differences."""
+"""Kernels of the likelihood and the waves that they are made of, in blocks on several cores."""
 
 import numpy as np
 import pytest
-from scipy.special import hankel2, jv, spherical_jn
+from fields import bessel_kernel, plane_wave
+from scipy.special import hankel2, jv, spherical_jn, spherical_yn, yv
 
 from fdcal.acoustics.dictionary import degrees, fourier_bessel, spherical_bessel
+from fdcal.cost import batches
+from fdcal.cost.batches import (
+    applied,
+    as_columns,
+    blocks,
+    hermitian_inverses,
+    joined_columns,
+    over_blocks,
+    triangular_inverses,
+    weighted_curvature,
+    whole_curvature,
+)
 from fdcal.cost.kernels import (
+    DEGREES,
+    EXTRA_ORDERS,
+    NEAR_FIELD_ORDERS,
+    SOURCE_DISTANCE,
+    circular_dictionary,
+    circular_waves,
     diffuse_correlation,
     diffuse_kernel,
     diffuse_matrices,
+    direction_count,
     directions_needed,
     expansion_about,
     plane_wave_covariance,
     plane_wave_kernel,
     plane_waves,
     series_kernel,
+    wave_directions,
 )
 
 K = np.array([1.3, 3.1, 7.4])  # rad/m
@@ -178,3 +199,262 @@ def test_a_source_close_to_the_array_is_a_likely_draw_of_the_near_field_alone(di
 
     assert np.all(misfit(True) < 2 * count)
     assert misfit(False)[0] > 1000 * count
+
+
+# Sums and factorisations of many modes at once are those of one mode after the other.
+
+
+M, N = 7, 5
+
+
+def hermitian(kind, seed=0):
+    """Positive definite matrices (M, N, N)."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(M, N, N)) + (1j * rng.normal(size=(M, N, N)) if kind is complex else 0)
+    return A @ np.conj(A.swapaxes(1, 2)) + np.eye(N)
+
+
+@pytest.mark.parametrize("numbers", [1, 100, 10**9])
+@pytest.mark.parametrize("modes", [1, 6, 1000])
+def test_blocks_cover_every_mode_once_and_are_small(modes, numbers):
+    found = blocks(modes, numbers)
+    assert [m for block in found for m in range(modes)[block]] == list(range(modes))
+    sizes = [block.stop - block.start for block in found]
+    assert max(sizes) - min(sizes) <= 1 and (max(sizes) * numbers <= batches.BLOCK or max(sizes) == 1)
+
+
+@pytest.mark.parametrize("least", [0.0, np.inf])
+def test_blocks_are_computed_in_their_order_on_one_core_or_all(least, monkeypatch):
+    monkeypatch.setattr(batches, "WORTH_THREADS", least)
+    monkeypatch.setattr(batches, "BLOCK", 10)
+    parts = list(over_blocks(lambda m: list(range(100)[m]), 100, 5))
+    assert 1 < len(parts) <= batches.PARTS
+    assert [mode for part in parts for block in part for mode in block] == list(range(100))
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_inverses_and_determinants_are_those_of_numpy(kind):
+    C = hermitian(kind)
+    G = np.linalg.cholesky(C)
+    np.testing.assert_allclose(triangular_inverses(G.copy()), np.linalg.inv(G), atol=1e-12)
+    inverse, log_det = hermitian_inverses(C.copy())
+    np.testing.assert_allclose(inverse, np.linalg.inv(C), atol=1e-12)
+    np.testing.assert_allclose(log_det, np.linalg.slogdet(C)[1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_a_matrix_that_is_not_positive_definite_is_refused_by_its_mode(kind):
+    C = hermitian(kind)
+    C[4] *= -1
+    with pytest.raises(np.linalg.LinAlgError, match="mode 4"):
+        hermitian_inverses(C)
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_a_matrix_is_applied_to_complex_vectors_in_its_own_arithmetic(kind):
+    rng = np.random.default_rng(1)
+    v, A = rng.normal(size=(M, N)) + 1j * rng.normal(size=(M, N)), hermitian(kind)
+    np.testing.assert_allclose(applied(A, v), np.einsum("mij,mj->mi", A, v))
+    assert as_columns(v, A.dtype).dtype == A.dtype
+    np.testing.assert_array_equal(joined_columns(as_columns(v, A.dtype)), v)
+
+
+@pytest.mark.parametrize("largest", [30, 1.3e5])
+@pytest.mark.parametrize("kind", [float, complex])
+def test_the_curvature_is_the_sum_over_modes_whatever_the_blocks(kind, largest, monkeypatch):
+    monkeypatch.setattr(batches, "BLOCK", largest)
+    rng = np.random.default_rng(2)
+    g, diagonal, matrices = rng.normal(size=(3, 2, M, N)), rng.uniform(size=M), hermitian(kind)
+    J, whole = g[:, 0] + 1j * g[:, 1], matrices + diagonal[:, None, None] * np.eye(N)
+    expected = np.einsum("ami,mij,bmj->iajb", J.conj(), whole, J).real
+    found = whole_curvature(weighted_curvature(g, lambda m, rows: matrices[m, rows], diagonal))
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_the_blocks_that_are_not_computed_are_zero(monkeypatch):
+    """They are added, too, and memory that nobody has written may hold anything."""
+    rng, empty = np.random.default_rng(0), np.empty
+    g, matrices = rng.standard_normal((2, 2, 3, 5)), rng.standard_normal((3, 5, 5))
+
+    def filled(shape, *arguments, **named):
+        made = empty(shape, *arguments, **named)
+        made.fill(np.nan)
+        return made
+
+    monkeypatch.setattr(np, "empty", filled)
+    H = weighted_curvature(g, lambda m, rows: matrices[m, rows])
+    assert np.isfinite(H).all() and not H[1, 0].any() and H[0, 1].any()
+
+
+# Circular and plane waves over an array: what they add up to, their slopes, how many are needed.
+
+
+WAVENUMBERS = np.array([1.3, 3.1, 7.4])  # rad/m
+WAVE_STEP = 1e-5  # metres, of central differences
+
+
+def places(D=2, count=9, seed=0):
+    """Positions (N, D), metres, away from the origin."""
+    return np.random.default_rng(seed).uniform(-0.5, 0.5, (count, D)) + np.arange(2, 2 + D)
+
+
+def from_centre(D, damping, **chosen):
+    x = places(D, **chosen)
+    return x - x.mean(axis=0), WAVENUMBERS - 1j * damping if damping else WAVENUMBERS
+
+
+@pytest.mark.parametrize("near", [False, True])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_gains_follow_wavenumbers_size_and_dimension(dimension, near):
+    """Each in turn, since trials of a step share them."""
+    x = places()
+    reach = float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
+    for k, scale in ((WAVENUMBERS, 1.0), (1.1 * WAVENUMBERS, 1.0), (WAVENUMBERS, 1.3), (WAVENUMBERS, 1.0)):
+        _, orders, gains = expansion_about(scale * x, k, dimension, near)
+        l, z = np.arange(orders.max() + 1), (k * SOURCE_DISTANCE * scale * reach)[:, None]  # noqa: E741
+        sizes = np.hypot(jv(l, z), yv(l, z)) if dimension == 2 else np.hypot(spherical_jn(l, z), spherical_yn(l, z))
+        np.testing.assert_allclose(gains, np.clip(sizes, 1.0, 1e100) if near else np.ones_like(sizes), rtol=1e-10)
+
+
+@pytest.mark.parametrize("D", [2, 3])
+def test_the_expansion_is_about_the_positions_given_for_it(D):
+    x, about = places(D), 0.7 * places(D, seed=1) + 0.2
+    reach = np.linalg.norm(about - about.mean(axis=0), axis=1).max()
+    centre, _, gains = expansion_about(x, WAVENUMBERS, D, True, about)
+    assert 0 < np.linalg.norm(centre - about.mean(axis=0)) < 2e-3 * reach
+    assert np.all(np.linalg.norm(x - centre, axis=1) > 0)
+    own_centre, _, own_gains = expansion_about(about, WAVENUMBERS, D, True)
+    np.testing.assert_array_equal(centre, own_centre)
+    shared = min(gains.shape[1], own_gains.shape[1])
+    np.testing.assert_array_equal(gains[:, :shared], own_gains[:, :shared], "the extent is that of `about`, too")
+
+
+@pytest.mark.parametrize("size", [None, 0.3, 2.0])
+@pytest.mark.parametrize(("near", "extra"), [(False, EXTRA_ORDERS), (True, NEAR_FIELD_ORDERS)])
+def test_the_order_is_k_times_the_farthest_microphone_and_some(near, extra, size):
+    """Whatever the size of the array whose centre is taken."""
+    x = places()
+    centre, orders, _ = expansion_about(x, WAVENUMBERS - 0.1j, 2, near, None if size is None else size * x)
+    farthest = np.linalg.norm(x - centre, axis=1).max()
+    np.testing.assert_array_equal(orders, np.ceil(WAVENUMBERS * farthest) + extra)
+
+
+@pytest.mark.parametrize("D", [2, 3])
+def test_positions_that_are_not_finite_have_no_expansion(D):
+    for value in (np.nan, np.inf):
+        x = places(D)
+        x[3, 1] = value
+        with pytest.raises(np.linalg.LinAlgError, match="not finite"), np.errstate(invalid="ignore"):
+            expansion_about(x, WAVENUMBERS, D, False)
+
+
+def test_circular_waves_of_ample_order_are_a_diffuse_field():
+    """Graf's addition theorem: the sum over all orders is J_0(k r) whatever the centre."""
+    x = places(count=15)
+    centre, orders, gains = expansion_about(x, WAVENUMBERS, 2, False)
+    W, _ = circular_waves(x, centre, WAVENUMBERS, orders, gains, False)
+    assert W.dtype == float
+    for k, one in zip(WAVENUMBERS, W, strict=True):
+        np.testing.assert_allclose(one.T @ one, bessel_kernel(x, k), atol=1e-8)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.2])
+def test_circular_waves_are_the_dictionary_of_the_paper_after_a_unitary_map(damping):
+    """Also with gains, and with an order that is lower than the highest: its other columns are zero."""
+    x, k = places(), WAVENUMBERS - 1j * damping if damping else WAVENUMBERS
+    orders, gains = np.array([4, 2, 6]), np.random.default_rng(1).uniform(1, 3, (3, 7))
+    W, _ = circular_waves(x, x[0], k, orders, gains, False)  # one microphone stands on the centre
+    assert W.shape == (3, 13, len(x))
+    for m, L in enumerate(orders):
+        wanted = fourier_bessel(x, k[m], int(L), x[0]) * gains[m, np.abs(np.arange(-L, L + 1))]
+        np.testing.assert_allclose(W[m].T @ W[m].conj(), wanted @ wanted.conj().T, atol=1e-12)
+        np.testing.assert_allclose(
+            W[m].T @ W[m], wanted[:, ::-1] * (-1.0) ** np.arange(-L, L + 1) @ wanted.T, atol=1e-12
+        )
+        used = np.concatenate([np.arange(7) <= L, np.arange(1, 7) <= L])
+        assert not W[m, ~used].any() and W[m, used].any(axis=1).all()
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.2])
+def test_slopes_of_circular_waves_are_the_limit_of_differences(damping):
+    x, k = places(), WAVENUMBERS - 1j * damping if damping else WAVENUMBERS
+    orders, gains = np.array([4, 2, 6]), np.random.default_rng(1).uniform(1, 3, (3, 7))
+    centre = x.mean(axis=0)
+    slopes = circular_waves(x, centre, k, orders, gains, True)[1]
+    for along, step in zip(slopes, WAVE_STEP * np.eye(2), strict=True):
+        high, low = (circular_waves(x + way * step, centre, k, orders, gains, False)[0] for way in (1, -1))
+        np.testing.assert_allclose(along, (high - low) / (2 * WAVE_STEP), atol=1e-8)
+
+
+def test_a_plane_wave_is_a_sum_of_circular_waves_by_jacobi_and_anger():
+    """exp(-j z cos t) = J_0(z) + 2 sum_l (-j)^l J_l(z) cos(l t)."""
+    x, k, angle, L = places(), WAVENUMBERS[1], 0.7, 20
+    centre, l = x.mean(axis=0), np.arange(1, L + 1)  # noqa: E741
+    factor = np.sqrt(2) * (-1j) ** l
+    alpha = np.concatenate([[1.0], np.stack([factor * np.cos(l * angle), factor * np.sin(l * angle)], axis=1).ravel()])
+    found = circular_dictionary(x, k, L, centre) @ alpha
+    np.testing.assert_allclose(found * plane_wave(centre[None], k, angle), plane_wave(x, k, angle), atol=1e-12)
+
+
+def test_the_first_columns_are_the_dictionary_of_a_lower_order():
+    x = places()
+    high, low = (circular_dictionary(x, WAVENUMBERS[2], L, x.mean(axis=0)) for L in (9, 4))
+    np.testing.assert_allclose(high[:, :9], low, atol=1e-14)
+    assert high.shape == (len(x), 19)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("order", [2, 6, 11, 18])
+def test_the_mean_over_the_directions_is_exact_up_to_twice_the_order(dimension, order):
+    u, w = wave_directions(dimension, direction_count(dimension, order))
+    np.testing.assert_allclose(np.linalg.norm(u, axis=0), 1)
+    assert np.all(w > 0) and np.isclose(w.sum(), 1)
+    towards = np.array([0.6, 0.8, 0.0])[:dimension]
+    for power in range(2, 2 * order, 2):
+        half = np.arange(power // 2)
+        exact = 1 / (power + 1) if dimension == 3 else np.prod((half + 0.5) / (half + 1))
+        assert np.isclose(w @ (towards @ u) ** power, exact)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("order", [2, 5, *(degree // 2 for degree in DEGREES[3:12])])
+def test_the_second_half_of_the_directions_is_opposite_to_the_first(dimension, order):
+    u, w = wave_directions(dimension, direction_count(dimension, order))
+    half = len(w) // 2
+    np.testing.assert_allclose(u[:, half:], -u[:, :half], atol=1e-15)
+    np.testing.assert_allclose(w[half:], w[:half])
+
+
+@pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 3), (3, 2)])
+@pytest.mark.parametrize("size", [0.3, 1.0, 2.5])
+def test_the_directions_needed_resolve_a_diffuse_field_over_the_array(dimension, D, size):
+    x = size * places(D, 20)
+    Q = directions_needed(x, WAVENUMBERS, dimension)
+    W, _ = plane_waves(x - x.mean(axis=0), WAVENUMBERS, np.ones((len(WAVENUMBERS), Q)), False, dimension)
+    distance = np.linalg.norm(x[:, None] - x, axis=-1)
+    for k, one in zip(WAVENUMBERS, W, strict=True):
+        np.testing.assert_allclose(one.T @ one.conj(), diffuse_correlation(k * distance, dimension), atol=2e-4)
+    assert Q <= directions_needed(1.5 * x, WAVENUMBERS, dimension) == directions_needed(x, 1.5 * WAVENUMBERS, dimension)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 3), (3, 2)])
+def test_a_plane_wave_has_its_power_and_weight_and_falls_along_its_direction(dimension, D, damping):
+    x, k = from_centre(D, damping)
+    u, w = wave_directions(dimension, direction_count(dimension, 5))
+    powers = np.random.default_rng(1).uniform(0.1, 2, (len(WAVENUMBERS), len(w)))
+    W, _ = plane_waves(x, k, powers, False, dimension)
+    phase = np.exp(-1j * np.multiply.outer(k, u[:D].T @ x.T))
+    np.testing.assert_allclose(W, np.sqrt(w * powers)[..., None] * phase, rtol=1e-10)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 3), (3, 2)])
+def test_slopes_of_plane_waves_are_the_limit_of_differences(dimension, D, damping):
+    x, k = from_centre(D, damping)
+    powers = np.ones((len(WAVENUMBERS), direction_count(dimension, 5)))
+    slopes = plane_waves(x, k, powers, True, dimension)[1]
+    assert len(slopes) == D
+    for along, step in zip(slopes, WAVE_STEP * np.eye(D), strict=True):
+        high, low = (plane_waves(x + way * step, k, powers, False, dimension)[0] for way in (1, -1))
+        np.testing.assert_allclose(along, (high - low) / (2 * WAVE_STEP), atol=1e-7)

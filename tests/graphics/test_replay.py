@@ -1,24 +1,28 @@
-"""The replay: its numbers are those of the run, it is one file that loads nothing else, and it plays in a browser."""
+"""The replay: numbers and maps are those of Python, one file that loads nothing else, played in a browser."""
 
 from __future__ import annotations
 
 import dataclasses
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from replays import Reader, contents
+from replays import Reader, contents, wait_for
 
 import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.commands.cli import main
-from fdcal.cost.reference_cost import ReferenceCost
+from fdcal.cost.channel_correction import ChannelCorrection
+from fdcal.cost.maps import eq7_maps, minima_of, refined
+from fdcal.cost.reference_cost import ReferenceCost, reference_cost_of
 from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene, scene_folder
+from fdcal.model.settings import Search
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 
@@ -171,3 +175,181 @@ def test_a_measurement_without_search_domain_has_maps_too(known, run, tmp_path):
     low = np.array(data["maps"]["origin"])
     high = low + data["maps"]["step"] * np.array(data["maps"]["shape"])
     assert ((low < positions[-1]) & (positions[-1] < high)).all()
+
+
+# The maps of a replay are those of Python, for any array, and its address leads to a moment.
+
+
+SEARCH = Search((0.0, -0.2), (1.0, 0.8), 0.05, 0.5)
+POINTS, FINE_POINTS = 120, 480  # of the map in a replay, along its longer edge; of few modes
+
+MAP = """([t, n, indices]) => {
+    const positions = [];
+    for (let m = 0; m < replay.data.names.length; m++) positions.push(...replay.placeOf(t, m));
+    return indices.map(i => replay.landscapes.map(i, n, positions, t)).map(({cost, power}) => [...cost, power]);
+}"""
+
+
+def measured(dimension, array_dimension, count=44, modes=9):
+    """Plane waves with a decay at random positions: names, frequencies and wavenumbers as of a measured room."""
+    rng = np.random.default_rng(dimension + array_dimension)
+    low, size = np.array([*SEARCH.origin, 0.5]), np.array([*SEARCH.size, 0.6])
+    places = (low + size * rng.uniform(size=(count, 3)))[:, :array_dimension]
+    f = np.linspace(60, 280, modes)
+    k = 2 * np.pi * f / 343 - 0.04j
+    rays = rng.normal(size=(modes, 5, array_dimension))
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    phases = np.exp(1j * rng.uniform(0, 2 * np.pi, (modes, 5, 1)))
+    p = np.sum(phases * np.exp(-1j * k[:, None, None] * np.einsum("mrd,nd->mrn", rays, places)), axis=1)
+    search = SEARCH
+    if array_dimension == 3:
+        search = dataclasses.replace(SEARCH, origin=(*SEARCH.origin, 0.5), size=(*SEARCH.size, 0.6))
+    return Measurement(
+        f, p, 343.0, dimension, array_dimension, wavenumbers=k, positions=places, known=[0, 5, 9], search=search
+    )
+
+
+def states_of(measurement, count=4, channels=None):
+    """States on their way to the truth; each moves one microphone."""
+    rng = np.random.default_rng(1)
+    away = 0.03 * rng.normal(size=measurement.positions.shape)
+    numbers = dict(sweep=0, stage=0, first=1, channels=channels)
+    return [
+        SimpleNamespace(
+            positions=measurement.positions + away * (count - 1 - t), step=10 * t, moved=3 + t, last=4 + t, **numbers
+        )
+        for t in range(count)
+    ]
+
+
+def opened(browser, path, text, address="", faults=None):
+    path.write_text(text, encoding="utf-8")
+    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
+    if faults is not None:
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("console", lambda message: faults.append(message.text))
+    page.goto(path.as_uri() + address)
+    wait_for(page, "Boolean(window.replay?.map)")
+    return page
+
+
+@pytest.mark.parametrize("dimension, array_dimension", [(2, 2), (3, 2), (3, 3)])
+@pytest.mark.parametrize("corrected", [False, True])
+def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimension, array_dimension, corrected):
+    measurement = measured(dimension, array_dimension)
+    channels = None
+    if corrected:
+        rng = np.random.default_rng(3)
+        channels = ChannelCorrection(np.exp(rng.normal(size=44) * (0.3 + 1j)), rng.uniform(1, 9, 44))
+    problem, states = measurement.problem(), states_of(measurement, channels=channels)
+    faults = []
+    text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
+    page = opened(browser, tmp_path / "maps.html", text, faults=faults)
+    data, _, positions = contents(text)
+    modes, lattice = data["maps"]["modes"], refined(problem.search, POINTS)
+    for t, n in ((0, 7), (3, 20)):
+        indices = [0, len(modes) // 2, len(modes) - 1]
+        values = np.array(page.evaluate(MAP, [t, n, indices]))
+        found = values[:, :-1].reshape(3, *lattice.shape[1::-1]) / values[:, -1].sum()
+        chosen = [modes[i] for i in indices]
+        maps = eq7_maps(problem, positions[t], n, chosen, data["maps"]["order_offset"], lattice, channels)
+        np.testing.assert_allclose(found, maps, atol=1e-4 * maps.max())
+    page.context.close()
+    assert not faults
+
+
+def test_the_map_shown_is_the_sum_of_the_modes_chosen_and_its_minima_are_marked(browser, tmp_path):
+    measurement = measured(2, 2)
+    problem, states = measurement.problem(), states_of(measurement)
+    text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
+    page = opened(browser, tmp_path / "sum.html", text, "#step=30&microphone=12&modes=2-6")
+    _, _, positions = contents(text)
+    lattice = refined(problem.search, FINE_POINTS)  # of few modes
+    total = eq7_maps(problem, positions[3], 12, range(2, 7), 2, lattice).sum(axis=0)
+    cost = np.array(page.evaluate("[...replay.map.cost]")).reshape(total.shape)
+    np.testing.assert_allclose(cost, total, atol=1e-4 * total.max())
+    marked, there = page.evaluate("replay.map.minima"), minima_of(total, lattice)
+    assert marked["count"] == there.count and len(marked["lowest"]) == len(there.lowest)
+    for name, places in (("lowest", there.lowest), ("others", there.others)):
+        np.testing.assert_allclose(np.reshape(marked[name], (-1, 2)), places, atol=1.01 * lattice.step)
+    page.context.close()
+
+
+def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
+    measurement = measured(2, 2)
+    names = ["A & B", *(f"m{n}" for n in range(1, 44))]
+    measurement = dataclasses.replace(measurement, names=tuple(names))
+    problem, states = measurement.problem(), states_of(measurement)
+    text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
+    faults = []
+    page = opened(browser, tmp_path / "moment.html", text, "#step=20&microphone=A%20%26%20B&modes=2-5&view=3d", faults)
+    page.get_by_text("step 20, sweep 0").wait_for()
+    assert page.get_by_role("button", name="3-D").get_attribute("aria-pressed") == "true"
+    assert page.locator("#microphone").input_value() == "0" and page.get_by_text("modes 2 to 5").is_visible()
+    page.get_by_label("State", exact=True).focus()
+    page.keyboard.press("ArrowRight")
+    page.locator("#microphone").select_option("m7")
+    page.get_by_label("Last mode").focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("t")
+    wait_for(page, "location.hash == '#step=30&microphone=m7&modes=2-6&view=top'")
+    page.get_by_label("Same as solver").check()
+    wait_for(page, "location.hash == '#step=30&microphone=m7&view=top'")
+    wait_for(page, "replay.map?.indices.length == 7")
+    address = "#step=10&microphone=none&modes=3&view=40,25&zoom=2,0.1,-0.05&map=on&trails=on&theme=dark"
+    page.evaluate(f"location.hash = '{address}'")
+    page.get_by_text("step 10, sweep 0").wait_for()
+    wait_for(page, "replay.map?.n == 4 && replay.map.indices.length == 1")  # the one that the step moved
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowLeft")
+    after = "#step=10&modes=3&view=40,25&zoom=2,0.1,-0.05&trails=on&theme=dark"
+    wait_for(page, f"location.hash == '{after}'")
+    again = opened(browser, tmp_path / "moment.html", text, after)
+    wait_for(page, "replay.map")
+    assert page.locator("#view").screenshot() == again.locator("#view").screenshot()
+    again.context.close()
+    page.context.close()
+    assert not faults
+
+
+def test_what_an_address_asks_for_in_vain_is_said(browser, tmp_path):
+    measurement = measured(2, 2)
+    problem, states = measurement.problem(), states_of(measurement)
+    text = replay_html(None, measurement, states, "Waves", problem=problem)
+    faults = []
+    page = opened(
+        browser, tmp_path / "vain.html", text, "#step=1e9&microphone=99&modes=7-3&view=%3Cb%3E&zoom=0,0,0", faults
+    )
+    note = page.locator("#note").inner_text()
+    assert note == "Not in this replay: step=1e9, microphone=99, modes=7-3, view=<b>, zoom=0,0,0"
+    page.get_by_text("step 0, sweep 0").wait_for()
+    page.evaluate("location.hash = 'step=999999&modes=1-3'")  # the last step is the nearest one
+    page.get_by_text("step 30, sweep 0").wait_for()
+    assert page.locator("#note").inner_text() == ""
+    page.context.close()
+    assert not faults
+
+
+def test_a_large_measurement_keeps_the_lowest_modes_within_the_bound():
+    measurement = measured(2, 2, count=300, modes=2000)
+    problem, states = measurement.problem(), states_of(measurement)
+    text = replay_html(None, measurement, states, "Large", problem=problem)
+    data, arrays, _ = contents(text)
+    modes = data["maps"]["modes"]
+    assert len(text) < MAX_BYTES and data["maps"]["left_out"] == 2000 - len(modes) > 0
+    assert modes == list(range(1, len(modes) + 1)) and arrays["pressures"].shape == (len(modes), 300, 2)
+
+
+def test_a_replay_without_search_domain_has_no_map(browser, tmp_path):
+    measurement = dataclasses.replace(measured(2, 2), search=None)
+    text = replay_html(None, measurement, states_of(measurement), "No domain", problem=measurement.problem())
+    path = tmp_path / "none.html"
+    path.write_text(text, encoding="utf-8")
+    page = browser.new_page()
+    page.goto(path.as_uri())
+    page.get_by_text("step 0, sweep 0").wait_for()
+    assert not page.get_by_label("Same as solver").is_visible() and re.search(
+        "mean", page.locator("#errors").inner_text()
+    )
+    page.close()

@@ -1,14 +1,19 @@
-"""A measurement: what a solver sees of it, in any unit of pressure."""
+"""A measurement: what a solver sees of it, its file, and those made of arrays and of objects of pyfar."""
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import replace
 
 import numpy as np
+import pyfar
 import pytest
 from fields import measured
 
+import fdcal
+from fdcal.model.given_positions import MicrophonePositions, with_positions
 from fdcal.model.measurement import Measurement
+from fdcal.model.measurement_file import REQUIRED, load_measurement, save_measurement
 from fdcal.model.validation import InputError
 
 POSITIONS = np.array([[2.2, 2.0], [2.9, 1.9], [2.5, 2.6], [2.7, 2.3], [2.4, 2.2]])
@@ -61,3 +66,223 @@ def test_given_wavenumbers_do_not_stay_behind_when_the_sound_speed_changes():
         replace(given, sound_speed=c, wavenumbers=None).wavenumbers, 2 * np.pi * given.frequencies / c
     )
     assert np.array_equal(replace(given, known=[0, 1, 2]).wavenumbers, k)
+
+
+# The .npz file of a measurement: it survives the round trip, and anything else is refused.
+
+
+POSITIONS_5 = np.array([[2.2, 2.0], [2.9, 1.9], [2.5, 2.6], [2.7, 2.3], [2.4, 2.2]])
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Function that writes a measurement of five microphones with some keys changed, None taking one out."""
+
+    def write(**changes):
+        path = tmp_path / "measured.npz"
+        save_measurement(measured(POSITIONS_5, (0, 1, 2), highest=100.0), path)
+        with np.load(path) as archive:
+            table = {**archive, **changes}
+        np.savez(path, **{key: value for key, value in table.items() if value is not None})
+        return path
+
+    return write
+
+
+def test_a_measurement_survives_the_round_trip(written):
+    given, back = measured(POSITIONS_5, (0, 1, 2), highest=100.0), load_measurement(written())
+    for name in ("frequencies", "pressures", "wavenumbers", "positions", "known", "known_positions"):
+        assert np.array_equal(getattr(given, name), getattr(back, name))
+        assert getattr(given, name).dtype == getattr(back, name).dtype
+    assert (given.search, given.names, given.sound_speed) == (back.search, back.names, back.sound_speed)
+
+
+def test_a_spectrum_comes_back_and_a_wrong_one_is_refused(written):
+    spectrum = np.array([[10.0, 20.0, 30.0], [1.0, 4.0, 2.0]])
+    assert np.array_equal(load_measurement(written(spectrum=spectrum)).spectrum, spectrum)
+    assert load_measurement(written()).spectrum is None
+    for wrong in (spectrum[:, ::-1], -spectrum, spectrum[:1], spectrum[:, :1], spectrum * np.nan):
+        with pytest.raises(InputError, match="spectrum"):
+            load_measurement(written(spectrum=wrong))
+
+
+def test_known_microphones_in_any_order_keep_their_positions(written):
+    back = load_measurement(written(known=[2, 0, 1], known_positions=POSITIONS_5[[2, 0, 1]]))
+    assert back.known.tolist() == [0, 1, 2]
+    assert np.array_equal(back.known_positions, POSITIONS_5[:3])
+
+
+@pytest.mark.parametrize("key", REQUIRED)
+def test_a_required_key_is_asked_for(written, key):
+    with pytest.raises(InputError, match=rf'has no "{key}"; a measurement needs'):
+        load_measurement(written(**{key: None}))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"known": [0.9, 1.0, 2.7]}, ["known is real (float64)", "whole numbers"]),
+        ({"known": [True, False, True]}, ["known is true or false", "whole numbers"]),
+        ({"known": [[0, 1, 2]]}, ["known has shape (1, 3)", "(any,)"]),
+        ({"known": [0, 1, 2, 3, 4], "known_positions": POSITIONS_5}, ["known", "leaves no microphone to be found"]),
+        ({"known": [0, 1, 1]}, ["known = [0, 1, 1]", "at most once"]),
+        ({"known_positions": POSITIONS_5[:3] + 1j}, ["known_positions is complex", "real numbers"]),
+        ({"known_positions": POSITIONS_5[:3, None]}, ["known_positions has shape (3, 1, 2)", "(3, 2)"]),
+        ({"known_positions": POSITIONS_5[:2]}, ["known_positions has shape (2, 2)", "(3, 2)"]),
+        ({"known_positions": None, "positions": None}, ["known_positions is missing"]),
+        ({"positions": POSITIONS_5.astype(str)}, ["positions is text", "real numbers"]),
+        ({"positions": POSITIONS_5 * np.inf}, ["positions[0, 0] is not a finite number"]),
+        ({"frequencies": np.array([30j, 40j])}, ["frequencies is complex", "real numbers"]),
+        ({"pressures": np.array([[True, False]])}, ["pressures is true or false", "complex numbers"]),
+        ({"pressures": np.array([[1 + 0j, 2]])}, ["pressures has shape (1, 2)", "complex numbers"]),
+        ({"sound_speed": [343.0]}, ["sound_speed has shape (1,)", "one of real numbers"]),
+        ({"sound_speed": -343.0}, ["sound_speed = -343 m/s", "above zero"]),
+        ({"dimension": 2.5}, ["dimension is real", "whole numbers"]),
+        ({"array_dimension": 0}, ["array_dimension", "0"]),
+        ({"names": np.arange(5)}, ["names is int64", "texts"]),
+        ({"names": ["a", "b", "c", "d", "d"]}, ["names must be 5 different texts"]),
+        ({"noise_power": [1.0]}, ["noise_power has shape (1,)"]),
+        ({"search_step": 0.01 + 1j}, ["search_step is complex", "real numbers"]),
+        ({"search_origin": [[0.0, 0.0]]}, ["search_origin has shape (1, 2)"]),
+        ({"radius": "wide"}, ["radius is text"]),
+        ({"known": np.array([None, 1])}, ['"known" is damaged or not a plain array']),
+    ],
+)
+def test_a_value_of_another_kind_is_refused_with_its_key(written, changes, words):
+    with pytest.raises(InputError) as caught:
+        load_measurement(written(**changes))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_the_other_time_sign_is_refused(written):
+    with np.load(written()) as archive:
+        other = archive["wavenumbers"].conj()
+    with pytest.raises(InputError, match=r"wavenumbers\[0\].*exp\(\+j w t\).*conjugate"):
+        load_measurement(written(wavenumbers=other))
+    assert load_measurement(written(wavenumbers=other.real)).wavenumbers.dtype == complex
+
+
+def test_unknown_keys_are_ignored(written):
+    load_measurement(written(remark=np.array([None])))
+
+
+# Measurements of arrays and of objects of pyfar; positions that somebody gives.
+
+
+RNG = np.random.default_rng(1)
+FREQUENCIES = np.array([100.0, 150.0, 210.0])
+PRESSURES = RNG.normal(size=(3, 5)) + 1j * RNG.normal(size=(3, 5))
+PLACES = RNG.normal(size=(5, 3))
+
+
+def test_arrays_are_taken_as_they_are():
+    m = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, positions=PLACES, known=["1", 4], sound_speed=345.0)
+    np.testing.assert_array_equal(m.pressures, PRESSURES)
+    np.testing.assert_array_equal(m.known_positions, PLACES[[1, 4]])
+    assert (m.dimension, m.array_dimension, m.sound_speed) == (3, 3, 345.0)
+    assert len(fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, known=None).known) == 0
+
+
+def test_the_other_time_convention_is_conjugated():
+    m = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, time_convention="exp(-jwt)")
+    np.testing.assert_array_equal(m.pressures, PRESSURES.conj())
+    with pytest.raises(fdcal.InputError, match="time_convention"):
+        fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, time_convention="exp(+iwt)")
+
+
+def test_an_array_in_a_plane_of_a_room_is_told_by_its_coordinates():
+    m = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, known={n: PLACES[n, :2] for n in (0, 2, 3)})
+    assert (m.dimension, m.array_dimension) == (3, 2)
+
+
+def test_known_positions_belong_to_their_names_in_any_order():
+    names = list("abcde")
+    m = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, names=names, known={"d": PLACES[3], "a": PLACES[0]})
+    assert m.known.tolist() == [0, 3]
+    np.testing.assert_array_equal(m.known_positions, PLACES[[0, 3]])
+    with pytest.raises(fdcal.InputError, match="names no microphone"):
+        fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, names=names, known={"f": PLACES[0]})
+
+
+def test_frequency_data_of_pyfar_are_taken_as_they_are():
+    data = pyfar.FrequencyData(PRESSURES.T, FREQUENCIES)
+    coordinates = pyfar.Coordinates(*PLACES.T)
+    m = fdcal.Measurement.from_pyfar(data, coordinates, known=[0, 1, 2], sound_speed=340.0)
+    np.testing.assert_array_equal(m.pressures, PRESSURES)
+    np.testing.assert_array_equal(m.frequencies, FREQUENCIES)
+    np.testing.assert_allclose(m.positions, PLACES, atol=1e-12)
+    assert m.sound_speed == 340.0
+
+
+def test_a_signal_of_pyfar_is_imported_as_a_recording_is(tmp_path):
+    rate, t = 2000, np.arange(4000) / 2000
+    tones = np.array([60.0, 101.0, 143.0, 187.0])
+    ringing = RNG.normal(size=(6, 4)) @ (np.exp(-6 * t) * np.cos(2 * np.pi * tones[:, None] * t))
+    m = fdcal.Measurement.from_pyfar(pyfar.Signal(ringing, rate), array_radius=0.3, kind="impulse")
+    assert m.count == 6
+    for tone in tones:
+        assert np.abs(m.frequencies - tone).min() < 2
+
+    import soundfile
+
+    soundfile.write(tmp_path / "r.wav", ringing.T / 10, rate, subtype="DOUBLE")
+    recorded = fdcal.load(tmp_path / "r.wav", array_radius=0.3, kind="impulse")
+    np.testing.assert_allclose(recorded.frequencies, m.frequencies)
+    np.testing.assert_allclose(10 * recorded.pressures, m.pressures, rtol=1e-6)
+
+
+def test_another_object_is_refused():
+    with pytest.raises(fdcal.InputError, match="FrequencyData"):
+        fdcal.Measurement.from_pyfar(PRESSURES)
+
+
+NAMED = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, names=list("abcde"))
+NUMBERED = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES)
+
+
+def test_positions_are_found_by_name_whatever_their_order():
+    placed = MicrophonePositions(tuple("xedcba"), np.vstack([[9.0, 9, 9], PLACES[::-1]]))
+    np.testing.assert_array_equal(with_positions(NAMED, placed).positions, PLACES)
+
+
+def test_with_other_names_the_order_counts():
+    placed = MicrophonePositions(tuple(f"Point {n}" for n in range(5)), PLACES)
+    np.testing.assert_array_equal(with_positions(NUMBERED, placed).positions, PLACES)
+
+
+def test_channels_left_out_keep_their_rows():
+    kept = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES[:, [0, 2, 4]], names=["0", "2", "4"])
+    placed = MicrophonePositions(tuple(f"Point {n}" for n in range(5)), PLACES)
+    np.testing.assert_array_equal(with_positions(kept, placed, excluded=2).positions, PLACES[[0, 2, 4]])
+
+
+def test_another_number_of_positions_is_refused():
+    placed = MicrophonePositions(tuple(f"Point {n}" for n in range(6)), np.vstack([PLACES, PLACES[:1] + 1]))
+    for measurement in (NAMED, NUMBERED):
+        with pytest.raises(fdcal.InputError, match="6 positions are given for 5 microphones"):
+            with_positions(measurement, placed)
+
+
+def test_heights_are_refused_for_an_array_in_the_plane():
+    flat = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, dimension=2)
+    placed = MicrophonePositions(tuple("01234"), PLACES)
+    with pytest.raises(fdcal.InputError, match="heights"):
+        with_positions(flat, placed)
+    level = MicrophonePositions(tuple("01234"), np.column_stack([PLACES[:, :2], np.full(5, 1.2)]))
+    np.testing.assert_array_equal(with_positions(flat, level).positions, PLACES[:, :2])
+
+
+def test_joined_takes_keep_their_spectra():
+    f = [np.linspace(90, 220, count) for count in (14, 27)]
+    plain = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, sound_speed=343.0)
+    spectra = [np.stack([axis, level * axis]) for axis, level in zip(f, (1, 2), strict=True)]
+    each = [dataclasses.replace(plain, spectrum=spectrum) for spectrum in spectra]
+    joined = fdcal.Measurement.from_takes(each)
+    assert joined.spectrum.shape == (3, 27), "over the frequencies of the finest"
+    for number, level in enumerate((1, 2)):
+        axis, power = joined.of_take(number).spectrum
+        np.testing.assert_allclose(power, level * axis)
+    assert fdcal.Measurement.from_takes([each[0], plain]).spectrum is None
+    with pytest.raises(fdcal.InputError, match="spectrum has 4 rows"):
+        dataclasses.replace(joined, spectrum=np.ones((4, 5)) * np.arange(5))

@@ -194,7 +194,7 @@ def test_the_diamond_marks_the_lowest_cost(page, scene):
 
 
 @EXACTLY
-def test_dragging_a_microphone_keeps_the_map_of_the_selected_one(page, scene):
+def test_dragging_with_shift_keeps_the_map_of_the_selected_one(page, scene):
     truth = cached_measurement(scene).positions
     target = truth[7] + [0.1, -0.06]  # a known microphone stands at its true place; it moves once it is released
     tab(page, "View")
@@ -205,14 +205,31 @@ def test_dragging_a_microphone_keeps_the_map_of_the_selected_one(page, scene):
     before = page.get_by_text("cost at the estimate").first.inner_text()
     start, end = on_screen(page, scene, np.column_stack([[truth[7], target], [0.0, 0.0]]))
     hover(page, start)
+    page.keyboard.down("Shift")
     page.mouse.down()
     for share in np.linspace(0.1, 1, 8):
         page.mouse.move(*(start + share * (end - start)))
     page.wait_for_function("text => !document.body.innerText.includes(text)", arg=before)
     page.mouse.up()
+    page.keyboard.up("Shift")
     page.get_by_text("microphone 5, ").first.wait_for()
     pick(page, scene, target, "microphone 7, ")  # it is there now
     np.testing.assert_allclose(middle(page, "/selected/estimate"), target, atol=0.004)
+
+
+@EXACTLY
+def test_a_microphone_that_is_let_go_rolls_into_its_minimum_and_the_page_says_where(page, scene):
+    place = middle(page, "/selected/estimate")
+    start, end = on_screen(page, scene, np.array([[*place, 0.0], [place[0] - 0.05, place[1] + 0.04, 0.0]]))
+    hover(page, start)
+    page.mouse.down()
+    page.mouse.move(*end, steps=6)
+    page.get_by_text(re.compile(r"^-[\d.]+ dB$")).first.wait_for()
+    page.mouse.up()
+    page.get_by_text(re.compile(r"^(home|trapped), [\d.]+ [cm]m off$")).wait_for()
+    page.get_by_text(re.compile(r"^[01] of 1 home$")).wait_for()
+    page.get_by_role("button", name="Continue from here").press("Enter")  # a notice of the browser may lie above it
+    page.get_by_text("Converged").first.wait_for()
 
 
 def test_the_tabs_of_each_panel_are_in_one_row(page):

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from browsing import COARSE, WAIT, press, serving_here
+from browsing import COARSE, WAIT, serving_here
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -50,8 +50,9 @@ def test_the_words_say_how_many_places_fit_and_three_quarters_of_the_time_have_s
     shown = [film.at(t) for t in np.arange(0, film.length + 1, 0.05)]
     numbers = [re.search(r"(\w+) frequenc\w+: (\d+) place", moment.words) for moment in shown]
     told = [(moment.index, int(match[2])) for moment, match in zip(shown, numbers, strict=True) if match]
-    assert all(places == film.minima[index].count for index, places in told)
     counts = [one.count for one in film.minima]
+    assert all(places in counts[max(index - 1, 0) : index + 1] for index, places in told)
+    assert [places for _, places in told] == sorted((places for _, places in told), reverse=True)
     assert counts[0] >= 5 and counts == sorted(counts, reverse=True) and counts[-1] == 1
     several = np.mean([places > 1 for _, places in told])
     assert 0.7 < several < 0.85
@@ -116,9 +117,10 @@ def test_the_page_opens_with_the_film_and_shows_the_session_when_it_is_skipped(b
         page.goto(f"{url}/{COARSE}")
         page.get_by_text("One frequency: 8 places fit").wait_for()
         page.wait_for_function(RELIEF)
-        assert not page.get_by_text("Paused").first.is_visible()
-        press(page, "Skip")
-        page.get_by_text("Paused").first.wait_for()
+        paused = page.get_by_text("Paused", exact=True)
+        assert not paused.count() or not paused.first.is_visible()
+        page.get_by_role("button", name="Skip").press("Enter")  # a notice of the browser may lie above it
+        paused.first.wait_for()
         page.wait_for_function(f"() => ({SHOWN})() == '' && ({RELIEF})()")
         page.close()
     assert "Traceback" not in capsys.readouterr().err

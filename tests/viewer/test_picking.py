@@ -17,19 +17,21 @@ SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
 
 @pytest.fixture
 def picker():
-    """A picker, the positions that it gave the session, and a function that passes it a drag of viser's."""
+    """A picker, the moves that it reported, and a function that passes it a drag of viser's."""
     placed, selected, callbacks = [], [], {}
     binding = SimpleNamespace(
-        place=lambda *arguments: placed.append(arguments), measurement=SimpleNamespace(count=5, search=SEARCH),
+        place=lambda *arguments: placed.append(arguments),
+        measurement=SimpleNamespace(count=5, search=SEARCH),
         choices=SimpleNamespace(release=False, plan=PlanChoices()),
         run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))),
     )  # fmt: skip
     disc = SimpleNamespace(
-        on_click=lambda call: callbacks.update(click=call), on_drag=lambda _: lambda call: callbacks.update(drag=call)
+        on_click=lambda call: callbacks.update(click=call),
+        on_drag=lambda _, modifier="drag": lambda call: callbacks.update({modifier: call}),
     )
     server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=lambda *_, **__: disc))
     picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
-    made = MicrophonePicker(server, binding, picture, selected.append)
+    made = MicrophonePicker(server, binding, picture, selected.append, lambda *moved: placed.append(moved))
     return SimpleNamespace(
         made=made, binding=binding, placed=placed, selected=selected, **{
             name: lambda event, call=call: finish(call(event)) for name, call in callbacks.items()
@@ -46,15 +48,23 @@ def event(phase, index, point, eye=(1.2, 2.2, 5.0), page=3):
 
 def test_the_position_is_where_the_line_of_sight_meets_the_floor(picker):
     picker.drag(event("start", 2, (1.25, 2.1, 2.5), eye=(1.2, 2.0, 5.0)))
-    microphone, place, gesture = picker.placed[0]
-    assert microphone == 2 and gesture is not None
+    microphone, place, gesture, released = picker.placed[0]
+    assert microphone == 2 and gesture is not None and not released
     np.testing.assert_allclose(place, [1.3, 2.2])
+
+
+def test_with_shift_the_microphone_goes_where_the_pointer_is(picker):
+    for phase in ("start", "end"):
+        picker.shift(event(phase, 2, (1.25, 2.1, 2.5), eye=(1.2, 2.0, 5.0)))
+    for index, place, _ in picker.placed:
+        assert index == 2 and place == pytest.approx([1.3, 2.2])
 
 
 def test_a_drag_is_one_gesture_and_the_next_is_another(picker):
     for phase in ("start", "update", "end", "start", "end"):
         picker.drag(event(phase, 1, (1.2, 2.2, 0.0)))
-    gestures = [gesture for _, _, gesture in picker.placed]
+    gestures = [gesture for _, _, gesture, _ in picker.placed]
+    assert [released for *_, released in picker.placed] == [False, False, True, False, True]
     assert gestures[0] == gestures[1] == gestures[2] != gestures[3] == gestures[4]
 
 
@@ -68,6 +78,16 @@ def test_two_pages_drag_side_by_side(picker):
 def test_a_microphone_stays_inside_the_search_domain(picker):
     picker.drag(event("start", 0, (50.0, -50.0, 0.0)))
     np.testing.assert_allclose(picker.placed[0][1], [1.4, 2.0])
+
+
+def test_a_microphone_in_space_is_dragged_in_the_plane_of_an_upright_slice(picker):
+    picker.made.show(np.array([[1.2, 2.2, 0.3]] * 5), None, across=1)
+    picker.made._high[2] = 1.0
+    picker.drag(event("start", 1, (1.3, 2.1, 0.45), eye=(1.3, 0.2, 0.5)))
+    (_, place, *_), *_ = picker.placed
+    np.testing.assert_allclose(place, [1.3, 2.2, 0.5 - 0.05 * 2.0 / 1.9], atol=1e-9)
+    picker.drag(event("start", 1, (1.3, 2.2, 0.0), eye=(1.3, 2.2, 5.0)))
+    assert len(picker.placed) == 1, "seen from above, the pointer is nowhere in particular on it"
 
 
 @pytest.mark.parametrize("index", [None, -1, 5, 10**9, 1.5, "1"])

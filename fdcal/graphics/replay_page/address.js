@@ -5,7 +5,7 @@
 //   modes       of the map, 1-20, or one of them, or "solver"
 //   view        top, 3d, or azimuth,elevation in degrees
 //   zoom        factor, and by how many metres the picture is moved to the right and up
-//   map, trails on or off; theme light or dark
+//   map, trails on or off; theme light or dark; opening on: modes are added one after the other, from `modes` down
 let writing = 0, themed = false;
 
 function readAddress() {
@@ -44,6 +44,7 @@ function readAddress() {
   });
   read("map", onOff("map"));
   read("trails", onOff("trails"));
+  read("opening", text => text == "on");
   read("theme", text => {
     if (text != "dark" && text != "light") return false;
     themed = true; document.documentElement.dataset.theme = text;

@@ -190,9 +190,12 @@ class Landscapes {
   }
   // Cost (ny, nx) of the mode of an index with microphone n moved, the others at `positions` (N, 3), metres, and the power
   // of its pressures; both in the unit of the pressures squared.
-  map(index, n, positions, state) {
-    const {N, kind} = this, L = this.maps.orders[index], [kr, ki] = this.arrays.wavenumbers.slice(2 * index, 2 * index + 2);
-    const K = functionsOf(kind, L), {p, scale} = this.pressures(index, state), centre = [0, 1, 2].map(axis => {
+  // A step of descent has a centre, weights of the microphones (N) and orders of its own (`shift`).
+  map(index, n, positions, state, {centre, weights, shift = 0} = {}) {
+    const {N, kind} = this, L = this.maps.orders[index] + shift, [kr, ki] = this.arrays.wavenumbers.slice(2 * index, 2 * index + 2);
+    const K = functionsOf(kind, L), {p, scale} = this.pressures(index, state);
+    weights?.forEach((weight, i) => { p[2 * i] *= weight; p[2 * i + 1] *= weight; scale[i] *= weight; });
+    centre ??= [0, 1, 2].map(axis => {
       let sum = 0;
       for (let i = 0; i < N; i++) sum += positions[3 * i + axis];
       return sum / N;

@@ -18,7 +18,8 @@ function modeIndices() {
 function requestMap() {
   if (!maps || !$("map").checked) return;
   const n = subject(), indices = modeIndices();
-  wanted = {t: at, n, indices, key: [at, n, indices[0], indices.length].join()};
+  const moved = own ? own.places.map((p, i) => i == n ? "" : p).join() : "";  // where the viewer has moved the others
+  wanted = {t: at, n, indices, moved, key: [at, n, indices[0], indices.length, moved].join()};
   if (n >= 0 && indices.length && !working) { working = true; work(); } else if (!indices.length) map = null;
 }
 
@@ -27,8 +28,8 @@ function requestMap() {
 async function work() {
   while (wanted.indices.length && map?.key != wanted.key) {
     const job = wanted, begun = performance.now(), positions = [];
-    for (let n = 0; n < N; n++) positions.push(...placeOf(job.t, n));
-    const lattice = job.indices.length <= maps.few && !playing ? fineLandscapes : landscapes, key = [job.t, job.n, lattice.step].join();
+    for (let n = 0; n < N; n++) positions.push(...(n == job.n ? recorded : placeOf)(job.t, n));  // its own place is on the map
+    const lattice = job.indices.length <= maps.few && !playing ? fineLandscapes : landscapes, key = [job.t, job.n, lattice.step, job.moved].join();
     if (modeMaps.key != key) modeMaps = {key, found: new Map()};
     let paused = begun, found = modeMaps.found, dropped = false;
     for (const index of job.indices) {
@@ -41,6 +42,7 @@ async function work() {
     }
     if (dropped) continue;
     map = finished(job, found, lattice); scene(); showModes();
+    if (own?.waiting >= 0) release(own.waiting);
   }
   working = false;
 }
@@ -67,7 +69,7 @@ function finished(job, found, lattice) {
   pen.putImageData(pixels, 0, 0);
   const marked = minimaOf(cost, nx, ny, maps), place = i => [lattice.places[0][i % nx], lattice.places[1][Math.floor(i / nx)]];
   const minima = {lowest: marked.lowest.map(place), others: marked.others.map(place), count: marked.count};
-  return {...job, cost, image, minima, clipped, low: 10 * Math.log10(floor), high: 10 * Math.log10(high)};
+  return {...job, lattice, cost, image, minima, clipped, low: 10 * Math.log10(floor), high: 10 * Math.log10(high)};
 }
 
 function floorMap(pen, project) {
@@ -136,4 +138,4 @@ function mapControls() {
   $("map").onchange = show;
 }
 // For tests, and for curious people with the console open.
-window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, placeOf, data, arrays};
+window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, placeOf, data, arrays, descentStep, downhill, level, get own() { return own; }, drawn: n => drawnAt[n]};

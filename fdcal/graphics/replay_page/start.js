@@ -17,6 +17,9 @@ $("time").oninput = e => { playing = false; go(Number(e.target.value)); };
 $("top").onclick = () => look(true);
 $("turn").onclick = () => look(false);
 $("trails").onchange = show;
+$("descend").onclick = () => takeSteps(1);
+$("sweepall").onclick = () => takeSteps(free.length);
+$("back").onclick = () => { giveBack(); show(); };
 if (maps) mapControls(); else $("mapbar").hidden = true;
 $("theme").onclick = () => { themed = true; theme(document.documentElement.dataset.theme != "dark"); };
 document.addEventListener("keydown", e => {
@@ -33,3 +36,4 @@ if (seconds && window.parent != window) {  // one of the two replays of a race, 
   document.documentElement.classList.add("led");
   window.parent.postMessage("ready", "*");
 }
+if (maps && new URLSearchParams(location.hash.slice(1)).get("opening") == "on") open();

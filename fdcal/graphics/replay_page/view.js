@@ -20,7 +20,7 @@ function point(array, i) {
   const o = data.origin, z = D == 3 ? array[i + 2] + o[2] : z0;
   return [array[i] + o[0], array[i + 1] + o[1], z];
 }
-const placeOf = (t, n) => point(places, (t * N + n) * D), truthOf = n => point(truth, n * D);
+const recorded = (t, n) => point(places, (t * N + n) * D), placeOf = (t, n) => own ? own.places[n] : recorded(t, n), truthOf = n => point(truth, n * D);
 const givenOf = i => [data.given[i][0], data.given[i][1], D == 3 ? data.given[i][2] : z0];  // of the i-th known one
 
 function fit(canvas) {
@@ -129,7 +129,7 @@ function scene() {
   if ($("trails").checked) for (let n = 0; n < N; n++) {
     if (known.has(n)) continue;
     const path = [];
-    for (let t = Math.max(0, at - 200); t <= at; t++) path.push(project(placeOf(t, n)));
+    for (let t = Math.max(0, at - 200); t <= at; t++) path.push(project(recorded(t, n)));
     stroke(pen, path, TRAIL, 1.4);
   }
   if (truth) for (let n = 0; n < N; n++) {
@@ -152,6 +152,7 @@ function scene() {
     pen.strokeText("microphone " + data.names[n], x, now[n][1] + 4); pen.fillText("microphone " + data.names[n], x, now[n][1] + 4);
     pen.textAlign = "left";
   }
+  drawPlay(pen, project, r);
   if (mapShown()) colourBar(pen, w);
   drawnAt = now;
 }
@@ -179,9 +180,8 @@ function curve(id, series, log) {
   for (let t = 1; t < T; t++) if (last[t] > last[t - 1]) stroke(pen, [[X(step[t]), top], [X(step[t]), h - bottom]], "#8a8f98", 1);
   pen.setLineDash([]);
   for (const [values, colour, width] of series) {
-    const line = [];
-    for (let t = 0; t < T; t++) if (usable(values[t])) line.push([X(step[t]), Y(values[t])]);
-    stroke(pen, line, colour, width);
+    let line = [];  // a logarithm has no place for 0: the line ends there
+    for (let t = 0; t <= T; t++) if (t < T && usable(values[t])) line.push([X(step[t]), Y(values[t])]); else { stroke(pen, line, colour, width); line = []; }
   }
   stroke(pen, [[X(step[at]), top], [X(step[at]), h - bottom]], ink, 1.5);
   for (const [values, colour] of series) if (usable(values[at])) {
@@ -199,17 +199,18 @@ const off = data.reference == "true" ? "error" : "deviation from nominal";
 
 function showTexts() {
   const one = first[at] == last[at];
-  $("now").textContent = `step ${step[at]}, sweep ${sweep[at]}, stage ${stage[at] + 1}; ` + (one ?
+  $("now").textContent = (own ? "your positions; " : `step ${step[at]}, sweep ${sweep[at]}; `) + (one ?
     `${data.row} ${first[at]}, ${frequency(first[at])} Hz` : `${data.row}s ${first[at]} to ${last[at]}, ${frequency(first[at])} to ${frequency(last[at])} Hz`);
-  $("errors").textContent = mean ? `${off}: mean ${mm(mean[at])}, largest ${mm(largest[at])}${data.aligned ? ", after alignment" : ""}` : "true positions unknown";
-  $("cost").textContent = [cost && `cost ${cost[at].toFixed(1)} dB`, seconds && `${seconds[at].toPrecision(2)} s of processor time`].filter(Boolean).join(", ");
+  const away = own && truth ? free.map(n => distance(at, n)) : null, average = away ? away.reduce((a, b) => a + b, 0) / away.length : mean?.[at];
+  $("errors").textContent = mean ? `${off}: mean ${mm(average)}, largest ${mm(away ? Math.max(...away) : largest[at])}${data.aligned ? ", after alignment" : ""}` : "true positions unknown";
+  $("cost").textContent = own ? "" : [cost && `cost ${cost[at].toFixed(1)} dB`, seconds && `${seconds[at].toPrecision(2)} s of processor time`].filter(Boolean).join(", ");
   if (selected >= 0) $("selected").textContent = `microphone ${data.names[selected]}${known.has(selected) ? " (known)" : ""} at ${coordinates(selected)}` +
     (truth ? `, ${off} ${mm(distance(at, selected))}` : "");
   else $("selected").textContent = "Click or tap a microphone to follow it.";
-  const free = [...Array(N).keys()].filter(n => !known.has(n));
-  if (truth) free.sort((m, n) => distance(at, n) - distance(at, m) || m - n);
+  const listed = [...free];
+  if (truth) listed.sort((m, n) => distance(at, n) - distance(at, m) || m - n);
   $("tablehead").textContent = truth ? `Microphones, largest ${data.reference == "true" ? "error" : "deviation"} first` : "Microphones";
-  $("table").replaceChildren(...free.slice(0, 12).map(n => {
+  $("table").replaceChildren(...listed.slice(0, 12).map(n => {
     const row = document.createElement("tr");
     for (const text of [data.names[n], coordinates(n), truth ? mm(distance(at, n)) : ""]) row.insertCell().textContent = text;
     row.className = n == subject() ? "here" : "";
@@ -219,13 +220,13 @@ function showTexts() {
 
 let span = [0, 1];
 function show() {
-  requestMap(); scene(); showTexts(); showModes(); writeAddress();
-  if (mean) span = curve("error", [[largest.map(v => 1e3 * Math.max(v, 1e-6)), ORANGE, 1.3], [mean.map(v => 1e3 * Math.max(v, 1e-6)), RED, 2]], true);
+  requestMap(); scene(); showTexts(); showModes(); showPlay(); writeAddress();
+  if (mean) span = curve("error", [[largest, ORANGE, 1.3], [mean, RED, 2]].map(([values, ...style]) => [values.map(v => v < 1e-9 ? 0 : 1e3 * v), ...style]), true);
   if (cost) span = curve("costs", [[cost, BLUE, 2]], false);
   $("time").value = at;
   $("play").textContent = playing ? "Pause" : "Play";
 }
-function go(t) { at = Math.min(Math.max(t, 0), T - 1); show(); }
+function go(t) { giveBack(); at = Math.min(Math.max(t, 0), T - 1); show(); }
 
 let due = 0, before = 0;
 function tick(time) {
@@ -236,6 +237,7 @@ function tick(time) {
 }
 function play(on) {
   playing = on;
+  giveBack();
   $("note").textContent = "";
   if (on) { if (at == T - 1) at = 0; due = 0; before = performance.now(); requestAnimationFrame(tick); }
   show();
@@ -253,9 +255,9 @@ function theme(dark) {
 }
 
 const pointers = new Map();
-let dragged = 0, pinch = 0;
+let dragged = 0, pinch = 0, taken = -1;  // pixels; fingers apart; the microphone below the pointer
 const view = $("view");
-view.addEventListener("pointerdown", e => { view.setPointerCapture(e.pointerId); pointers.set(e.pointerId, [e.clientX, e.clientY]); dragged = pinch = 0; });
+view.addEventListener("pointerdown", e => { view.setPointerCapture(e.pointerId); pointers.set(e.pointerId, [e.clientX, e.clientY]); dragged = pinch = 0; taken = pointers.size == 1 ? grabbed(e) : -1; });
 view.addEventListener("pointermove", e => {
   const old = pointers.get(e.pointerId);
   if (!old) return;
@@ -266,6 +268,8 @@ view.addEventListener("pointermove", e => {
     const [p, q] = [...pointers.values()], wide = Math.hypot(p[0] - q[0], p[1] - q[1]);
     if (pinch) zoom(wide / pinch);
     pinch = wide;
+  } else if (taken >= 0) {
+    if (dragged >= 5) dragTo(taken, e);
   } else if (flat || e.shiftKey || e.buttons & 6) {
     const [, scale] = projector(view.clientWidth, view.clientHeight);
     eye.x += dx / scale; eye.y -= dy / scale; scene();
@@ -275,6 +279,8 @@ view.addEventListener("pointermove", e => {
 for (const name of ["pointerup", "pointercancel"]) view.addEventListener(name, e => {
   pointers.delete(e.pointerId);
   if (name == "pointerup" && dragged < 5) pick(e);
+  else if (taken >= 0 && own) release(taken);
+  taken = -1;
 });
 view.addEventListener("contextmenu", e => e.preventDefault());
 view.addEventListener("wheel", e => { e.preventDefault(); zoom(Math.exp(-e.deltaY * 0.0012)); }, {passive: false});

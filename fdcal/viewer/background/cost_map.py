@@ -16,7 +16,7 @@ from ...graphics.heatmap import cost_floor, cost_label
 from ...graphics.primitives import Area, ColourBar, Floor
 from ...graphics.surroundings import z_range_of
 from ...graphics.units import row_word
-from ...graphics.volume import Volume
+from ...graphics.volume import SampledVolume, Volume
 from ...model.measurement import Measurement
 from ...model.settings import Search
 from ...model.validation import InputError
@@ -226,6 +226,7 @@ class CostMap:
     fine: bool = False  # whether its lattice is finer than the solver's
     volume: Volume | None = None  # or None of a map on the floor
     note: str = ""  # on the basins of attraction, in words; "" of other maps
+    sampled: SampledVolume | None = None  # values of a volume; None of a map on the floor
 
     @property
     def areas(self) -> tuple[Area, ...]:

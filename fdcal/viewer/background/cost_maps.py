@@ -101,7 +101,8 @@ class VolumeMaps:
             self._drawn[fine][1], sampled, style.slice_axis, place_of(style, position), style.log,
             pixels,
         )  # fmt: skip
-        return CostMap(request, None, None, *_figures(sampled, position), fine and pixels == PIXELS, volume)
+        figures, fine = _figures(sampled, position), fine and pixels == PIXELS
+        return CostMap(request, None, None, *figures, fine, volume, sampled=sampled)
 
     def _basins(self, request: CostMapRequest, sampled: SampledVolume, fine: bool) -> CostMap:
         """Return a slice through the basins of attraction; another slice needs no new ones."""
@@ -115,7 +116,7 @@ class VolumeMaps:
         )
         volume = volume if style.minima else replace(volume, minima=None)
         note = descent_text(basins, sampled.search, place, name)
-        return CostMap(request, None, None, *_figures(sampled, position), fine, volume, note)
+        return CostMap(request, None, None, *_figures(sampled, position), fine, volume, note, sampled)
 
 
 def terms_of(
@@ -182,7 +183,7 @@ class CostMapWorker:
             return None, ""
         last = latest.request[0]
         moved = last.differs_in_one_position(wanted) or last.differs_in_slider(wanted)
-        dragged = not running and now - latest.ended < DRAG_TIME and moved
+        dragged = not running and now - max(latest.ended, self._since) < DRAG_TIME and moved
         if dragged or last.differs_in_theme(wanted) or last.stands_for(wanted, running):
             return latest.result, error_message(latest.cause)
         return None, ""

@@ -23,12 +23,16 @@ DISC_RADIUS = 1.7  # in radii of a marker
 DISC_HEIGHT = 14 / 24  # over the floor, in radii of a marker: above everything that is drawn
 
 
-class MicrophonePicker:
-    """Owns the discs.
+Move = Callable[[int, np.ndarray, int, bool], None]  # microphone, place, number of the gesture, whether it was let go
 
-    `binding`: whose session moves the microphones; `picture`: as drawn, for the extent of the search domain and the
-    size of the markers; `select`: called with the number of the microphone that was clicked; `name`: of the discs'
-    node, a new one for each instance.
+
+class MicrophonePicker:
+    """Owns the discs. With Shift a microphone stays where it is let go.
+
+    `binding`: of the session; `picture`: as drawn, for the extent of the search domain and the size of the markers;
+    `select`: called with the number of the microphone that was clicked; `move`: called with the number of one that is
+    dragged, its place, metres, the number of the gesture, and whether it was let go; `name`: of the discs' node, a new
+    one for each instance.
     """
 
     def __init__(
@@ -37,20 +41,18 @@ class MicrophonePicker:
         binding: Binding,
         picture: Picture,
         select: Callable[[int], None],
+        move: Move,
         name: str = "/picking",
     ):
-        self._binding, self._select, self._marker, self._base = (
-            binding,
-            select,
-            picture.marker_radius,
-            picture.z_range[0],
-        )
+        self._binding, self._select, self._move = binding, select, move
+        self._marker, self._base, self._across = picture.marker_radius, picture.z_range[0], 2
         self._shown: np.ndarray | None = None
         self._gestures = itertools.count()
         self._gesture: dict[int, int] = {}  # number of the gesture of each page that drags
         x0, y0, x1, y1 = picture.focus
         edge = 0.0 if binding.measurement.search is None else binding.measurement.search.step / 2
-        self._low, self._high = np.array([x0 + edge, y0 + edge]), np.array([x1 - edge, y1 - edge])
+        z0, z1 = picture.z_range
+        self._low, self._high = np.array([x0 + edge, y0 + edge, z0]), np.array([x1 - edge, y1 - edge, z1])
         self._corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
         self._discs = self._add_discs(server, name)
 
@@ -66,7 +68,11 @@ class MicrophonePicker:
 
         @discs.on_drag("left")
         async def _(event) -> None:
-            self._drag(event)
+            self._drag(event, self._move)
+
+        @discs.on_drag("left", modifier="shift")
+        async def _(event) -> None:
+            self._drag(event, lambda index, place, gesture, released: self._binding.place(index, place, gesture))
 
         return discs
 
@@ -79,19 +85,21 @@ class MicrophonePicker:
         free = choices.release or choices.plan.shown
         return self._exists(index) and (free or index not in binding.run.problem.known)
 
-    def _drag(self, event) -> None:
-        """Move the microphone to where the line of sight meets its height, inside the search domain."""
+    def _drag(self, event, move: Move) -> None:
+        """Move the microphone to where the line of sight meets its height, or its slice, inside the search domain."""
         if event.phase == "start":
             self._gesture[event.client_id] = next(self._gestures)
-        if not self._movable(event.instance_index) or event.client_id not in self._gesture:
+        index, gesture = event.instance_index, self._gesture.get(event.client_id)
+        if not self._movable(index) or gesture is None:
             return
-        level = self._base if self._shown is None else self._shown[event.instance_index, 2]
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
-        position = ground_point(eye, point, level)
-        if position is not None:
-            self._binding.place(
-                event.instance_index, np.clip(position, self._low, self._high), self._gesture[event.client_id]
-            )
+        here = self._corners[0] if self._shown is None else self._shown[index]
+        place = ground_point(eye, point, here[2])
+        if self._across != 2:
+            place = plane_point(eye, point, self._across, float(here[self._across]))
+        if place is not None:
+            low, high = self._low[: len(place)], self._high[: len(place)]
+            move(index, np.clip(place, low, high), gesture, event.phase == "end")
         if event.phase == "end":
             self._gesture.pop(event.client_id, None)
 
@@ -103,11 +111,13 @@ class MicrophonePicker:
         """Remove the discs from the scene."""
         self._discs.remove()
 
-    def show(self, positions, floor: Floor | None) -> None:
+    def show(self, positions, floor: Floor | None, across: int = 2) -> None:
         """Move the discs to the estimated positions; called by the main loop.
 
-        `positions` (N, D) float64, metres; `floor`: the map, on the relief of which they stand, or None.
+        `positions` (N, D) float64, metres; `floor`: the map, on the relief of which they stand, or None; `across`: axis
+        across the plane in which microphones are dragged.
         """
+        self._across = across
         points = drape(positions, floor, self._marker)
         heights = points[:, 2] if points.shape[1] == 3 else np.full(len(points), self._base)
         discs = np.column_stack([points[:, :2], heights + DISC_HEIGHT * self._marker])
@@ -144,6 +154,19 @@ def ground_point(eye: np.ndarray, point: np.ndarray, level: float) -> np.ndarray
     return position if eye[2] > level and np.isfinite(position).all() else None
 
 
+def plane_point(eye: np.ndarray, point: np.ndarray, axis: int, level: float) -> np.ndarray | None:
+    """Return where the ray from the eye through `point` meets a plane across an axis, (3,), metres; or None."""
+    if point.shape != (3,):
+        return None
+    along = point - eye
+    if not np.isfinite(along).all() or abs(along[axis]) < GRAZING * np.linalg.norm(along):
+        return None
+    place = eye + along * ((level - eye[axis]) / along[axis])
+    place[axis] = level
+    return place if (level - eye[axis]) * along[axis] > 0 and np.isfinite(place).all() else None
+
+
+GRAZING = 0.05  # sine of the angle to a plane below which a pointer meets it nowhere in particular
 END_RADIUS = 1.8 * CUT_RADIUS  # in radii of a marker
 
 

@@ -28,7 +28,8 @@ NUMBERS = {
 MOUSE = {
     "drag": "rotates the scene; with the right button it moves the scene; the wheel zooms",
     "click a microphone": "shows its map",
-    "drag a microphone": "moves its estimate; the maps of all other microphones follow",
+    "drag a microphone": "shows the cost there; let go, it rolls into the minimum below it",
+    "Shift and drag": "moves its estimate to the pointer; the maps of all other microphones follow",
     "Ctrl+K": "lists all commands by name",
     "W A S D Q E, arrows": "move the camera",
 }

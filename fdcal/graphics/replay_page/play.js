@@ -1,0 +1,180 @@
+// What a viewer does without Python: a microphone that is dragged over its map rolls downhill when it is let go, and
+// descent (fdcal/solvers/descent.py) takes steps from there. `own` holds the viewer's positions; null: the recording.
+const ROLL = 1200, NEAR = 16, HOME = maps && Math.max(2 * maps.step, 0.01);  // ms; pixels; metres from the true place
+let own = null, rolling = null;  // {places (N, 3), turn, tries, homes, words, path, waiting}; {n, path, begun}
+const descentLattice = maps?.descent && new Landscapes(maps, arrays, N, D, Math.max(...maps.shape));
+
+function takeOver() {
+  if (!own) own = {places: [...Array(N).keys()].map(n => recorded(at, n)), turn: 0, tries: 0, homes: 0, words: "", waiting: -1};
+  playing = false;
+}
+function giveBack() { own = rolling = null; }
+
+// Where a point of the canvas lies at the height z, metres.
+function placeAt(e, z) {
+  const box = view.getBoundingClientRect(), [project] = projector(view.clientWidth, view.clientHeight);
+  const o = project([0, 0, z]), a = project([1, 0, z]).map((v, i) => v - o[i]), b = project([0, 1, z]).map((v, i) => v - o[i]);
+  const [u, v] = [e.clientX - box.left - o[0], e.clientY - box.top - o[1]], area = a[0] * b[1] - a[1] * b[0];
+  return [(u * b[1] - v * b[0]) / area, (a[0] * v - a[1] * u) / area];
+}
+const inside = ([x, y]) => [x, y].map((v, i) => Math.min(Math.max(v, landscapes.corner[i]), landscapes.corner[i] + landscapes.edge[i]));
+
+// The microphone that a press would take: a free one below the pointer that has a map.
+function grabbed(e) {
+  if (!maps || !$("map").checked || !drawnAt) return -1;
+  const box = view.getBoundingClientRect(), far = n => Math.hypot(drawnAt[n][0] - e.clientX + box.left, drawnAt[n][1] - e.clientY + box.top);
+  const best = free.length ? free.reduce((b, n) => far(n) < far(b) ? n : b) : -1;
+  return best >= 0 && far(best) < NEAR ? best : -1;
+}
+function dragTo(n, e) {
+  takeOver();
+  const [x, y] = inside(placeAt(e, own.places[n][2]));
+  Object.assign(own, {words: "", path: null, waiting: -1});
+  rolling = null; selected = n; own.places[n] = [x, y, own.places[n][2]];
+  if (map?.n == n && map.key == wanted.key) { own.path = downhill(map, [x, y]); own.words = `${level(map, [x, y]).toFixed(1)} dB`; }
+  show();
+}
+function release(n) {
+  own.waiting = map?.n == n && map.key == wanted.key ? -1 : n;
+  if (own.waiting >= 0) return;  // it rolls as soon as its map is there
+  rolling = {n, path: downhill(map, own.places[n]), begun: performance.now()};
+  requestAnimationFrame(roll);
+}
+function roll(time) {
+  if (!rolling || !own) return;
+  const {n, path, begun} = rolling, share = Math.min(Math.max((time - begun) / ROLL, 0), 1);
+  const at = (path.length - 1) * share * share * (3 - 2 * share), i = Math.min(Math.floor(at), path.length - 1), j = Math.min(i + 1, path.length - 1);
+  own.places[n] = [0, 1].map(axis => path[i][axis] + (at - i) * (path[j][axis] - path[i][axis])).concat(own.places[n][2]);
+  own.path = path.slice(i); own.words = "";
+  if (share < 1) { scene(); requestAnimationFrame(roll); return; }
+  own.path = null; rolling = null;
+  landed(n);
+}
+// Names the hole in which microphone n has come to rest.
+function landed(n) {
+  const [x, y] = own.places[n], away = truth ? Math.hypot(x - truthOf(n)[0], y - truthOf(n)[1]) : NaN, home = away <= HOME;
+  own.tries++; own.homes += home;
+  const hole = [...map.minima.lowest, ...map.minima.others].some(p => Math.hypot(p[0] - x, p[1] - y) < 2 * map.lattice.step);
+  own.words = !hole ? "at the edge of the map" : !truth ? `at rest, ${level(map, [x, y]).toFixed(1)} dB` : home ? "home" : `trapped, ${(100 * away).toFixed(0)} cm off`;
+  show();
+}
+
+// The way downhill over a map from a place to the local minimum that it marks, or to its edge: points (x, y), metres.
+function downhill({cost, lattice}, start) {
+  const [nx, ny] = lattice.shape, {step} = lattice, height = ([i, j]) => {
+    const a = Math.min(Math.max(Math.floor(i), 0), nx - 2), b = Math.min(Math.max(Math.floor(j), 0), ny - 2), u = i - a, v = j - b, at = b * nx + a;
+    return (1 - v) * ((1 - u) * cost[at] + u * cost[at + 1]) + v * ((1 - u) * cost[at + nx] + u * cost[at + nx + 1]);
+  };
+  const clip = ([i, j]) => [Math.min(Math.max(i, 0), nx - 1), Math.min(Math.max(j, 0), ny - 1)];
+  const marked = [...map.minima.lowest, ...map.minima.others].map(p => p.map((v, axis) => Math.round((v - lattice.places[axis][0]) / step)));
+  let here = clip(start.slice(0, 2).map((v, axis) => (v - lattice.places[axis][0]) / step));
+  const path = [here];
+  for (let count = 0; count < 4000; count++) {
+    const slope = [0, 1].map(axis => {
+      const [up, down] = [1, -1].map(sign => clip(here.map((v, i) => i == axis ? v + sign * 0.5 : v)));
+      return height(up) - height(down);
+    });
+    const length = Math.hypot(...slope);
+    let next = null;
+    for (let stride = 0.7; length > 0 && stride > 0.05 && !next; stride /= 2) {
+      const there = clip(here.map((v, axis) => v - stride * slope[axis] / length));
+      if (height(there) < height(here)) next = there;
+    }
+    if (!next) {  // at a point of the lattice, or between shallow ones: on to the nearest lower point, unless it is marked
+      const [i, j] = here.map(Math.round), at = [i, j], edge = i == 0 || j == 0 || i == nx - 1 || j == ny - 1;
+      const done = marked.find(([a, b]) => Math.hypot(a - i, b - j) < 1.5);
+      if (done || edge) { if (done) path.push(done); break; }
+      next = nearestLower(cost, nx, ny, at, height(here));
+      if (!next) break;
+    }
+    path.push(here = next);
+  }
+  return path.map(p => p.map((v, axis) => lattice.places[axis][0] + v * step));
+}
+function nearestLower(cost, nx, ny, [i, j], level) {
+  for (let reach = 1; reach < Math.max(nx, ny); reach++) {
+    let best = null;
+    for (let b = Math.max(j - reach, 0); b <= Math.min(j + reach, ny - 1); b++) for (let a = Math.max(i - reach, 0); a <= Math.min(i + reach, nx - 1); a++) {
+      if (cost[b * nx + a] < level && (!best || Math.hypot(a - i, b - j) < Math.hypot(best[0] - i, best[1] - j))) best = [a, b];
+    }
+    if (best) return best;
+  }
+  return null;
+}
+// The cost of a map at a place, dB.
+function level({cost, lattice}, place) {
+  const [nx, ny] = lattice.shape, [i, j] = [0, 1].map(axis => Math.min(Math.max((place[axis] - lattice.places[axis][0]) / lattice.step, 0), lattice.shape[axis] - 1));
+  const a = Math.min(Math.floor(i), nx - 2), b = Math.min(Math.floor(j), ny - 2), u = i - a, v = j - b, at = b * nx + a;
+  return 10 * Math.log10((1 - v) * ((1 - u) * cost[at] + u * cost[at + 1]) + v * ((1 - u) * cost[at + nx] + u * cost[at + nx + 1]));
+}
+
+// One step of descent: the point of the search lattice where the cost of microphone n is lowest, with the modes `low` to
+// `high` and the others at `places` (N, 3), metres.
+function descentStep(n, places, low, high) {
+  const {order_offset, ample_modes, known_weight} = maps.descent, lattice = descentLattice;
+  const shift = (high >= ample_modes ? order_offset : 0) - maps.order_offset, mean = [0, 1, 2].map(axis => places.reduce((sum, p) => sum + p[axis], 0) / N);
+  const centre = mean.map((v, axis) => axis == 2 ? v : lattice.places[axis][Math.min(Math.max(Math.round((v - lattice.places[axis][0]) / lattice.step), 0), lattice.shape[axis] - 1)]);
+  const weights = [...Array(N).keys()].map(i => known.has(i) && i != n ? Math.sqrt(known_weight) : 1), total = new Float64Array(lattice.shape[0] * lattice.shape[1]);
+  maps.modes.forEach((mode, index) => {
+    if (mode < low || mode > high) return;
+    lattice.map(index, n, places.flat(), at, {centre, weights, shift}).cost.forEach((v, i) => { total[i] += v; });
+  });
+  const best = total.reduce((b, v, i) => v < total[b] ? i : b, 0), nx = lattice.shape[0];
+  return [lattice.places[0][best % nx], lattice.places[1][Math.floor(best / nx)], places[n][2]];
+}
+function takeSteps(count) {
+  takeOver();
+  const ends = chosen ?? [first[at], last[at]];
+  for (let i = 0; i < count; i++) {
+    selected = free[own.turn++ % free.length];
+    own.places[selected] = descentStep(selected, own.places, ...ends);
+  }
+  Object.assign(own, {path: null, words: ""});
+  show();
+}
+
+// The opening: lower and lower modes are added to the map, until one hole is left, into which the microphone rolls.
+let opening = false;
+async function open() {
+  const high = (chosen ?? [0, maps.modes.at(-1)])[1], pause = seconds => new Promise(resolve => setTimeout(resolve, 1e3 * seconds));
+  const say = words => { $("words").textContent = words; };
+  let places = null;  // the holes of the first map
+  opening = true; at = 0; giveBack();
+  for (let low = high, added = 1; opening; low = Math.max(low - added, 1), added = low > high - 4 ? 1 : 2 * added) {
+    chosen = [low, high]; show();
+    while (opening && (!map || map.key != wanted.key)) await pause(0.05);
+    if (!opening) break;
+    const count = high - low + 1, left = map.minima.count;
+    places ??= map.minima.lowest;
+    say(`${count == 1 ? "One frequency" : `${count} frequencies`}: ${left} place${left == 1 ? " fits" : "s fit"}`);
+    await pause(left > 1 ? 3 : 0.5);
+    if (low == 1) {
+      // it rolls from the hole of the first map from which the way home is longest
+      const home = path => Math.hypot(...path.at(-1).map((v, i) => v - map.minima.lowest[0][i])) < 2 * map.lattice.step;
+      const ways = places.map(place => downhill(map, place)).filter(home), start = ways.reduce((a, b) => b.length > a.length ? b : a, [map.minima.lowest[0]])[0];
+      takeOver(); own.places[map.n].splice(0, 2, ...start); release(map.n); await pause(1.5 + ROLL / 1e3);
+      say("Now you: drag it away, and let it go");
+      await pause(6);
+      break;
+    }
+  }
+  opening = false; say("");
+}
+for (const touch of ["pointerdown", "keydown", "wheel"]) addEventListener(touch, () => { opening = false; }, {capture: true});
+
+function drawPlay(pen, project, r) {
+  if (!own) return;
+  const n = selected, z = own.places[n]?.[2] ?? z0;
+  if (own.path) withHalo((c, width) => stroke(pen, own.path.map(([x, y]) => project([x, y, z])), c, width), RED, 1.6, 2.4);
+  if (!own.words || n < 0) return;
+  const [u, v] = project(own.places[n]);
+  pen.font = "700 20px system-ui, sans-serif"; pen.textAlign = "center"; pen.lineWidth = 5;
+  pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
+  pen.strokeText(own.words, u, v - 2.2 * r - 8); pen.fillText(own.words, u, v - 2.2 * r - 8);
+  pen.textAlign = "left";
+}
+function showPlay() {
+  $("back").hidden = !own;
+  $("steps").hidden = !descentLattice;
+  $("tries").textContent = own?.tries ? `${own.homes} of ${own.tries} home` : maps && free.length && !own ? "Drag a microphone, and let it go" : "";
+}

@@ -1,0 +1,217 @@
+"""A microphone that is dragged over its map, and let go: it rolls downhill into the local minimum below it.
+
+While it is dragged, nothing of the session changes: the scene shows the microphone at the pointer, the cost there and
+the path downhill, which a thread computes. When it is let go it rolls along the path, and the session gets one new
+state at its end. Where no cost is shown, the microphone follows the pointer in the session.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..cost.basins import Basins, basins_of
+from ..cost.descent_path import DescentPath, descent_path
+from ..cost.maps import cost_maps, refined
+from ..cost.scale import FEW_MODES
+from ..graphics.ball import along
+from ..model.settings import Search
+from ..model.types import Reals
+from ..session.history import SessionView
+from .background.cost_map import CostMap
+from .gui.binding import Binding
+from .gui.words import NO_BUTTONS, CanvasWords
+
+ROLL_TIME = 1.4  # s from where the microphone is let go to its minimum
+PATIENCE = 4.0  # s that a microphone waits for its path; after that it stays where it was let go
+CONTINUE = "Continue from here"
+
+
+@dataclass(frozen=True)
+class Drag:
+    """A microphone in somebody's hand, or let go."""
+
+    microphone: int
+    place: tuple[float, ...]  # (D,), metres
+    gesture: int
+    released: bool = False
+
+
+@dataclass(frozen=True)
+class Fall:
+    """Where a dragged microphone falls."""
+
+    path: DescentPath
+    decibels: bool  # whether the cost has them
+    home: bool | None = None  # whether the path ends in the basin of the true position; None where that is unknown
+    distance: float = math.nan  # from its end to the true position, metres; NaN likewise
+
+    def cost_text(self, index: int) -> str:
+        """The cost at a point of the path, as a text."""
+        cost = float(self.path.costs[index])
+        return f"{10 * math.log10(max(cost, 1e-16)):.1f} dB" if self.decibels else f"{cost:.4g}"
+
+    @property
+    def text(self) -> str:
+        """Where it has come to rest, in words."""
+        if self.home is None:
+            return f"rest, cost {self.cost_text(-1)}"
+        off = f"{1e3 * self.distance:.0f} mm" if self.distance < 0.0995 else f"{1e2 * self.distance:.0f} cm"
+        return f"{'home' if self.home else 'trapped'}, {off} off"
+
+
+@dataclass(frozen=True, eq=False)
+class Dropped:
+    """What the scene shows of a microphone that is dragged or rolls."""
+
+    microphone: int
+    place: tuple[float, ...]  # (D,), metres
+    text: str  # beside it
+    path: Reals | None = None  # (P, D) float64, metres, downhill
+
+    def among(self, positions) -> np.ndarray:
+        """Return positions (N, D), metres, with the microphone at its place."""
+        placed = np.array(positions, float)
+        placed[self.microphone, : len(self.place)] = self.place
+        return placed
+
+
+class Drop:
+    """Owns the drag, the thread of the paths, and the counts of tries and of those that ended at home.
+
+    `select`: shows the map of a microphone; `words`: on the canvas, or None.
+    """
+
+    def __init__(self, binding: Binding, select: Callable[[int], None], words: CanvasWords | None = None):
+        self._binding, self._select, self._words = binding, select, words
+        self._drag: Drag | None = None
+        self._droppable = False  # whether the map shows a cost
+        self._asked: tuple[Drag, CostMap] | None = None
+        self._released = self._rolls = math.nan  # when the microphone was let go, and began to roll, s
+        self._count = 0  # states of the history at the last tick
+        self._cost: tuple[CostMap, np.ndarray, Search, Basins] | None = None  # of the last map; of the thread alone
+        self.tries = self.home = 0
+        self.worker = binding.threads.start(self._compute, "fdcal-drop", wakes=True)
+
+    def move(self, microphone: int, place, gesture: int, released: bool) -> None:
+        """Drag a microphone to a place, (2,) or (3,), metres, or let it go there; on viser's event loop."""
+        binding = self._binding
+        if not self._droppable or binding.choices.plan.shown:
+            binding.place(microphone, place, gesture)
+            return
+        if self._drag is None or self._drag.gesture != gesture:
+            binding.session.pause()
+            if binding.choices.follow or binding.choices.microphone != microphone:
+                self._select(microphone)
+        at = tuple(float(x) for x in place)
+        self._drag = Drag(microphone, at, gesture, released)
+        binding.choose()
+
+    # Below: the main loop.
+
+    def tick(self, view: SessionView, drawn: CostMap | None, now: float) -> Dropped | None:
+        """Return what the scene shows of the microphone at the time `now`, s; None where nothing is dragged."""
+        self._droppable = drawn is not None and not drawn.request.style.shape
+        if view.count == 1 and self._count > 1:
+            self.tries = self.home = 0
+            self._say("")
+        elif view.running and self.tries:
+            self._say("")  # the counts remain
+        self._count, drag = view.count, self._drag
+        if drag is None:
+            return None
+        if drawn is not None and self._droppable and drawn.request.microphone == drag.microphone:
+            if self._asked is None or self._asked[0] is not drag:
+                self._asked = drag, drawn
+                self.worker.request(drag, drawn)
+        fall, final = self._newest(drag)
+        if drag.released:
+            return self._rolling(view, drag, fall if final else None, now)
+        self._released = self._rolls = math.nan
+        text = "" if fall is None else fall.cost_text(0)
+        self._say(text)
+        return Dropped(drag.microphone, drag.place, text, None if fall is None else fall.path.points)
+
+    def _newest(self, drag: Drag) -> tuple[Fall | None, bool]:
+        """Return the newest path of a drag, and whether it begins where the microphone is now."""
+        latest = self.worker.latest
+        if latest is None or latest.request[0].gesture != drag.gesture or latest.result is None:
+            return None, False
+        return latest.result, latest.request[0] is drag
+
+    def _rolling(self, view: SessionView, drag: Drag, fall: Fall | None, now: float) -> Dropped:
+        """Return what is shown of a microphone that was let go; end the drag when it has come to rest."""
+        if math.isnan(self._released):
+            self._released = now
+        if fall is None:
+            if now - self._released > PATIENCE:
+                self._binding.session.place(drag.microphone, drag.place)
+                self._end(view, drag, np.asarray(drag.place))
+            return Dropped(drag.microphone, drag.place, "")
+        self._rolls = now if math.isnan(self._rolls) else self._rolls
+        share, end = min((now - self._rolls) / ROLL_TIME, 1.0), fall.path.points[-1]
+        if share < 1:
+            place = along(fall.path.points, share)
+            return Dropped(drag.microphone, tuple(place.tolist()), "", fall.path.points)
+        if not math.isinf(self._rolls):
+            self._rolls = -math.inf  # it has come to rest: once
+            self.tries, self.home = self.tries + 1, self.home + bool(fall.home)
+            self._binding.session.place(drag.microphone, end)
+            self._say(fall.text, {CONTINUE: self._continue})
+        self._end(view, drag, end)
+        return Dropped(drag.microphone, tuple(end.tolist()), fall.text)
+
+    def _end(self, view: SessionView, drag: Drag, end: np.ndarray) -> None:
+        """End the drag once the session has the microphone at its end, unless another one has begun."""
+        if self._drag is drag and np.allclose(view.state.positions[drag.microphone][: len(end)], end):
+            self._drag = None
+
+    def _continue(self) -> None:
+        """Run the solver from the present state."""
+        self._say("")
+        self._binding.session.play()
+
+    def _say(self, words: str, buttons=NO_BUTTONS) -> None:
+        if self._words is not None:
+            counts = "" if not self.tries else f"{self.home} of {self.tries} home"
+            self._words.show(words, counts, buttons)
+
+    def close(self) -> None:
+        """Take the words away."""
+        self.tries = 0
+        self._say("")
+
+    # Below: the thread.
+
+    def _compute(self, drag: Drag, drawn: CostMap) -> Fall:
+        """Return where a microphone falls from its place, by the cost that a map shows."""
+        run, request = self._binding.run, drawn.request
+        if self._cost is None or self._cost[0].request != request or self._cost[0].fine != drawn.fine:
+            cost, search = self._cost_of(drawn)
+            self._cost = drawn, cost, search, basins_of(cost)
+        _, cost, search, basins = self._cost
+        path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
+        decibels = request.order_offset is not None
+        truth = run.measurement.aligned_truth(request.state.positions)
+        if truth is None:
+            return Fall(path, decibels)
+        place = truth[drag.microphone][: cost.ndim]
+        home = path.basin >= 0 and basins.at(search, place) == path.basin
+        return Fall(path, decibels, home, float(np.linalg.norm(path.points[-1] - place)))
+
+    def _cost_of(self, drawn: CostMap) -> tuple[np.ndarray, Search]:
+        """Return the cost that a map shows, and its lattice: the fine one of a map that is fine, or of few modes."""
+        request, run = drawn.request, self._binding.run
+        if drawn.sampled is not None:
+            return drawn.sampled.cost, drawn.sampled.search
+        search = run.problem.search
+        if search is None:
+            raise ValueError("a map has a search domain")
+        if len(request.modes) <= FEW_MODES:
+            search = refined(search)
+        maps = cost_maps(run.problem, run.solver, request.state, request.microphone, request.modes,
+                         request.order_offset, search)  # fmt: skip
+        return maps.sum(axis=0), search

@@ -1,0 +1,544 @@
+"""A calibration: its file, its errors against the truth, its frames, and what it can be turned into."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import fields, replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pyfar
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.distance import pdist
+
+from fdcal import Calibration
+from fdcal.assessment.calibration import (
+    ChannelFault,
+    Channels,
+    Evidence,
+    GivenPosition,
+    KnownRoom,
+    placed_in_frame,
+)
+from fdcal.assessment.result_file import load_result, save_result
+from fdcal.graphics.overlays import VISIBLE, enlargement
+from fdcal.model.gauge import FRAMES, in_frame
+from fdcal.model.measurement import Measurement
+from fdcal.model.validation import InputError, StorageError
+from fdcal.recordings.formats.positions import read_positions
+
+# The keys that the first version wrote.
+OLDEST = {
+    "positions": [[0.1, 0.2], [1 / 3, 4.0]],
+    "solver": "descent",
+    "seed": 3,
+    "frequencies": [28.6, 34.3],
+    "cost": 1.25e-7,
+    "sweeps": 41,
+    "elapsed_s": 2.5,
+    "converged": True,
+    "mean_error_m": None,
+    "max_error_m": 0.02,
+}
+NEWER = {
+    "names": ["a", "b"],
+    "excluded": ["c"],
+    "known": ["a"],
+    "uncertainty_m": [0.0, 0.001],
+    "residual_to_noise": 1.02,
+    "verdict": "good",
+    "verdict_text": "nothing speaks against these positions",
+    "sound_speed": 343.0,
+    "left_out_db": -37.5,
+    "left_out_microphones_db": [-37.0, -38.0],
+    "left_out_frequencies_db": [-36.0, -39.0],
+}
+POSITIONS = np.array([[0.1, 0.2], [1 / 3, 4.0]])
+FULL = Calibration(
+    POSITIONS, ("a", "b"), "room", 3, np.array([28.6, 34.3]), 1.25e-7, 41, 2.5, True, ("a",), ("c",), False,
+    0.01, 0.02, np.array([0.0, 0.02]), 343.0, "good", "nothing speaks against these positions",
+    np.array([0.0, 0.001]), np.array([np.zeros((2, 2)), [[1e-6, 1e-7], [1e-7, 2e-6]]]),
+    Evidence(1.02, -37.5, np.array([-37.0, -38.0]), np.array([-36.0, -39.0])),
+    KnownRoom((6.0, 5.0), np.array([1.0, 2.0]), 0.01 + 0.02j, (("(x, y)", POSITIONS), ("(6 - x, y)", POSITIONS + 1))),
+    Channels(
+        np.array([0.0, 3.2]), np.array([0.1, 0.2]), np.array([0.0, -178.0]), np.array([0.5, 0.6]),
+        np.array([0.0, 31.0]),
+        (ChannelFault("a", "exchanged", 0.4, "m", "b"), ChannelFault("b", "inverted")),
+        (GivenPosition("a", (0.1, 0.24), (0.1, 0.2), 0.003, True),),
+    ),
+)  # fmt: skip
+
+
+def flat(value) -> list:
+    """The numbers and texts of a calibration or a part of it, in order."""
+    if hasattr(value, "__dataclass_fields__"):
+        return [x for f in fields(value) for x in flat(getattr(value, f.name))]
+    if isinstance(value, np.ndarray):
+        return [value.shape, *value.ravel().tolist()]
+    return [x for part in value for x in flat(part)] if isinstance(value, tuple) else [value]
+
+
+def test_a_calibration_survives_the_round_trip(tmp_path):
+    path = tmp_path / "r.json"
+    save_result(FULL, path)
+    back = load_result(path)
+    assert flat(back) == flat(FULL)
+    assert back.positions.dtype == float and not back.positions.flags.writeable
+    with pytest.raises(InputError, match="exists"):
+        save_result(FULL, path)
+    save_result(back, path, force=True)
+    assert flat(load_result(path)) == flat(FULL)
+
+
+def test_the_keys_of_the_file_stay_what_they_were():
+    table = json.loads(FULL.to_json())
+    assert set(OLDEST) | set(NEWER) <= set(table)
+    assert {key: table[key] for key in NEWER} == NEWER
+    assert table["symmetries"][1] == {"map": "(6 - x, y)", "positions": (POSITIONS + 1).tolist()}
+    assert (table["room"], table["source"], table["admittance"]) == ([6.0, 5.0], [1.0, 2.0], [0.01, 0.02])
+
+
+def test_the_channels_have_keys_of_their_own_and_the_odd_ones_are_names():
+    table = json.loads(FULL.to_json())
+    assert table["channel_gain_db"] == [0.0, 3.2] and table["channel_gain_sigma_db"] == [0.1, 0.2]
+    assert table["channel_phase_deg"] == [0.0, -178.0] and table["channel_phase_sigma_deg"] == [0.5, 0.6]
+    assert table["channel_noise_db"] == [0.0, 31.0] and table["odd_channels"] == ["a", "b"]
+    assert table["odd_channel_details"] == [
+        {"name": "a", "kind": "exchanged", "value": 0.4, "unit": "m", "partner": "b"},
+        {"name": "b", "kind": "inverted", "value": None, "unit": "", "partner": None},
+    ]
+    without = json.loads(replace(FULL, channels=None).to_json())
+    assert not any("channel" in key or "given" in key for key in without)
+
+
+def test_given_positions_stand_beside_those_found_with_difference_and_sigma():
+    table = json.loads(FULL.to_json())
+    (row,) = table["given_positions"]
+    assert row["difference_m"] == pytest.approx(0.04) and row["found_m"] == table["positions"][0]
+    assert row == {
+        "name": "a", "given_m": [0.1, 0.24], "found_m": [0.1, 0.2], "difference_m": row["difference_m"],
+        "sigma_m": 0.003, "wrong": True,
+    }  # fmt: skip
+
+
+GIVEN = {"name": "a", "given_m": [0.1, 0.2], "found_m": [0.1, 0.2], "difference_m": 0.0, "sigma_m": 0.1, "wrong": False}
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "a", [3], [{"name": "a"}], [GIVEN | {"name": "nobody"}], [GIVEN | {"wrong": 1}], [GIVEN | {"sigma_m": "1"}],
+        [GIVEN | {"given_m": [0.1]}], [GIVEN | {"found_m": [0.1, None]}], [GIVEN | {"difference_m": math.inf}],
+        [GIVEN | {"more": 1}], [GIVEN | {"given_m": [0.1, 10**400]}],
+    ],
+)  # fmt: skip
+def test_malformed_given_positions_are_refused(rows):
+    table = json.loads(FULL.to_json()) | {"given_positions": rows}
+    with pytest.raises(InputError, match="given_positions"):
+        Calibration.from_json(json.dumps(table))
+    (row,) = Calibration.from_json(json.dumps(table | {"given_positions": [GIVEN]})).channels.given
+    assert (row.name, row.given, row.sigma, row.wrong) == ("a", (0.1, 0.2), 0.1, False)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("channel_gain_db", [0.0]),
+        ("channel_noise_db", [0.0, math.inf]),
+        ("channel_phase_sigma_deg", None),
+        ("odd_channels", [3]),
+        ("odd_channel_details", "b"),
+        ("odd_channel_details", [{"name": "b"}]),
+        ("odd_channel_details", [{"name": "z", "kind": "dead", "value": None, "unit": "", "partner": None}]),
+        ("odd_channel_details", [{"name": "b", "kind": "dead", "value": "2", "unit": "dB", "partner": None}]),
+        ("odd_channel_details", [{"name": "b", "kind": "gain", "value": 2.0, "unit": ["dB"], "partner": None}]),
+    ],
+)
+def test_malformed_channels_are_named(key, value):
+    table = json.loads(FULL.to_json()) | {key: value}
+    with pytest.raises(InputError, match=f'"{key}"'):
+        Calibration.from_json(json.dumps(table))
+    if key not in ("odd_channels", "odd_channel_details"):
+        del table[key]
+        with pytest.raises(InputError, match=f'no "{key}"'):
+            Calibration.from_json(json.dumps(table))
+
+
+def test_a_fault_is_plain_english():
+    assert ChannelFault("17", "inverted").text == "microphone 17: inverted"
+    assert ChannelFault("a", "dead", 40.0, "dB").text == "microphone a: dead"
+    assert ChannelFault("a", "gain", 3.21, "dB").text == "microphone a: gain +3.2 dB"
+    assert ChannelFault("a", "misplaced", 0.0234, "m").text == "microphone a: 23.4 mm from the position given"
+    assert ChannelFault("a", "exchanged", 0.4, "m", "b").text == "microphone a: exchanged with microphone b"
+
+
+def test_a_file_of_an_older_version_is_read():
+    old = Calibration.from_json(json.dumps(OLDEST))
+    assert np.array_equal(old.positions, POSITIONS)
+    assert (old.mean_error, old.max_error, old.elapsed) == (None, 0.02, 2.5)
+    assert old.names == ("0", "1") and old.known is None and old.excluded == ()
+    assert (old.verdict, old.uncertainty, old.sound_speed, old.evidence, old.room) == ("", None, None, None, None)
+    newer = Calibration.from_json(json.dumps(OLDEST | NEWER))
+    assert (newer.names, newer.known, newer.excluded) == (("a", "b"), ("a",), ("c",))
+    assert newer.verdict == "good" and newer.sound_speed == 343.0
+    assert newer.evidence is not None and newer.evidence.leave_one_out_db == -37.5
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("positions", [1.0, 2.0]),
+        ("positions", [[1.0, 2.0], [3.0]]),
+        ("positions", [[1.0], [2.0]]),
+        ("positions", [["a", "b"]]),
+        ("positions", [[math.nan, 1.0]]),
+        ("frequencies", []),
+        ("solver", 3),
+        ("seed", True),
+        ("sweeps", 1.5),
+        ("cost", math.inf),
+        ("cost", 10**400),
+        ("mean_error_m", -(10**400)),
+        ("converged", "yes"),
+        ("cost", None),
+    ],
+)
+def test_a_malformed_result_names_the_key(tmp_path, key, value):
+    path = tmp_path / "r.json"
+    path.write_text(json.dumps(OLDEST | {key: value}))
+    with pytest.raises(InputError, match=f'r.json: "{key}"'):
+        load_result(path)
+    path.write_text(json.dumps({k: v for k, v in OLDEST.items() if k != key}))
+    with pytest.raises(InputError, match=f'has no "{key}"'):
+        load_result(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "changes"),
+    [
+        ("positions", {"positions": np.array([1.0, 2.0])}),
+        ("positions", {"positions": np.array([[1.0], [2.0]])}),
+        ("positions", {"positions": np.array([[math.nan, 1.0], [0.0, 0.0]])}),
+        ("frequencies", {"frequencies": np.array([])}),
+        ("solver", {"solver": 3}),
+        ("seed", {"seed": True}),
+        ("sweeps", {"sweeps": 1.5}),
+        ("cost", {"cost": math.inf}),
+        ("cost", {"cost": 10**400}),
+        ("mean_error_m", {"mean_error": -(10**400)}),
+        ("converged", {"converged": "yes"}),
+        ("cost", {"cost": None}),
+        ("names", {"names": ("a",)}),
+        ("uncertainty_m", {"uncertainty": np.array([0.1])}),
+        ("covariance_m2", {"covariance": np.zeros((2, 3, 3))}),
+    ],
+)
+def test_a_malformed_calibration_is_not_written(tmp_path, key, changes):
+    with pytest.raises(InputError, match=f'"{key}"'):
+        save_result(replace(FULL, **changes), tmp_path / "s.json")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("uncertainty_m", [0.1]),
+        ("uncertainty_m", [0.1, math.nan]),
+        ("uncertainty_m", [0.1, True]),
+        ("known", None),
+        ("residual_to_noise", None),
+        ("verdict", 4),
+        ("sound_speed", math.inf),
+        ("names", "a,b"),
+        ("names", ["a"]),
+        ("excluded", [3]),
+        ("known", "a"),
+        ("aligned", 1),
+        ("covariance_m2", [[[1.0]], [[2.0]]]),
+        ("symmetries", [{"map": "(x, y)", "positions": [[1.0, 2.0], [3.0, 4.0]]}]),
+    ],
+)
+def test_a_malformed_optional_key_is_named(tmp_path, key, value):
+    path = tmp_path / "r.json"
+    path.write_text(json.dumps(OLDEST | NEWER | {key: value}))
+    with pytest.raises(InputError, match=f'r.json: "{key}"'):
+        load_result(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("room", [6.0]),
+        ("source", [1.0, 2.0, 3.0]),
+        ("admittance", [0.1]),
+        ("symmetries", "none"),
+        ("symmetries", [{"map": "(x, y)"}]),
+        ("symmetries", [{"map": "(x, y)", "positions": [[1.0, 2.0]]}]),
+    ],
+)
+def test_a_malformed_known_room_is_named(key, value):
+    table = json.loads(FULL.to_json()) | {key: value}
+    with pytest.raises(InputError, match=f'"{key}"'):
+        Calibration.from_json(json.dumps(table))
+
+
+def test_a_file_that_is_no_result(tmp_path):
+    path = tmp_path / "r.json"
+    with pytest.raises(StorageError, match="cannot read"):
+        load_result(path)
+    for text in ("{", "[1]", "\udcff"):
+        path.write_bytes(text.encode(errors="surrogateescape"))
+        with pytest.raises(InputError, match=r"r\.json"):
+            load_result(path)
+
+
+# A calibration: its errors against the truth, its frames, and what it can be turned into.
+
+
+NAMES = ("a", "b", "<script>alert(1)</script>", "d & e")
+FOUR_POSITIONS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.1], [0.0, 1.2, 0.2], [1.0, 1.0, 0.7]])
+
+
+def result(D: int = 3, **changes) -> Calibration:
+    covariance = np.array([0, 1e-6, 4e-6, 1e-6])[:, None, None] * np.eye(D)
+    values = {
+        "known": ("a",),
+        "verdict": "good",
+        "verdict_text": "1 < 2",
+        "covariance": covariance,
+        "uncertainty": np.sqrt(np.trace(covariance, axis1=1, axis2=2)),
+    }
+    return Calibration(FOUR_POSITIONS[:, :D], NAMES, "joint", 0, [50.0, 70.0], 0.1, 3, 1.5, True, **values | changes)
+
+
+def test_positions_are_given_in_the_axes_of_the_true_positions():
+    truth = np.random.default_rng(0).uniform(size=(9, 2))
+    measurement = Measurement(np.array([50.0]), np.exp(1j * np.arange(9.0))[None], 343.0, positions=truth)
+    plain = replace(result(2), names=tuple("abcdefghi"))
+    turned = truth[:, ::-1] + [3.0, -1.0]
+    assert np.array_equal(replace(plain, positions=turned).positions_for(measurement), turned)
+    aligned = replace(plain, positions=turned, aligned=True)
+    assert np.allclose(aligned.positions_for(measurement), truth)
+    assert aligned.compared_with(measurement).max_error == pytest.approx(0, abs=1e-12)
+    room = KnownRoom((6.0, 5.0), np.zeros(2), 0j, (("(x, y)", turned), ("(6 - x, y)", truth)))
+    assert np.array_equal(replace(plain, positions=turned, room=room).positions_for(measurement), truth)
+    with pytest.raises(InputError, match=r"shape \(4, 2\)"):
+        plain.positions_for(measurement)
+    with pytest.raises(InputError, match="leaves out microphone c"):
+        replace(result(2), excluded=("c",)).positions_for(measurement)
+
+
+def test_errors_are_of_the_microphones_sought_whose_channels_are_sound():
+    truth = np.random.default_rng(1).uniform(size=(9, 2))
+    measurement = Measurement(np.array([50.0]), np.exp(1j * np.arange(9.0))[None], 343.0, positions=truth)
+    found = truth + 1e-3 * np.arange(9.0)[:, None] * [1.0, 0.0]
+    found[4] += 5.0  # a dead channel
+    plain = replace(result(2, uncertainty=None, covariance=None), names=tuple("abcdefghi"), positions=found)
+    faults = (ChannelFault("e", "dead"), ChannelFault("h", "misplaced", 0.007, "m"))
+    channels = Channels(*np.zeros((5, 9)), faults)
+    of_all = plain.compared_with(measurement)
+    assert of_all.mean_error == pytest.approx(np.mean(of_all.errors)) and of_all.max_error > 5
+    assert replace(plain, channels=channels).healthy.tolist() == [0, 1, 2, 3, 5, 6, 7, 8]
+    some = replace(plain, channels=channels).compared_with(measurement, (7, 8))
+    assert some.mean_error == pytest.approx(1e-3 * (1 + 2 + 3 + 5 + 6) / 6) and some.max_error == pytest.approx(6e-3)
+    assert some.rms_error == pytest.approx(1e-3 * np.sqrt((1 + 4 + 9 + 25 + 36) / 6))
+    assert replace(plain, channels=channels).counted(range(9)).tolist() == [0, 1, 2, 3, 5, 6, 7, 8]
+    read = Calibration.from_json(some.to_json())
+    assert (read.mean_error, read.rms_error) == (some.mean_error, some.rms_error)
+
+
+def test_a_dead_channel_does_not_move_a_blind_array_off_the_truth():
+    truth = np.random.default_rng(2).uniform(size=(9, 2))
+    measurement = Measurement(np.array([50.0]), np.exp(1j * np.arange(9.0))[None], 343.0, positions=truth)
+    found = truth[:, ::-1] + [3.0, -1.0]
+    found[4] += 5.0
+    channels = Channels(*np.zeros((5, 9)), (ChannelFault("e", "dead"),))
+    blind = replace(result(2), names=tuple("abcdefghi"), positions=found, channels=channels)
+    assert replace(blind, aligned=True).compared_with(measurement).max_error == pytest.approx(0, abs=1e-12)
+
+
+def scattered(seed: int, dimension: int, count: int = 20) -> np.ndarray:
+    """Positions none of which is close to another, somewhere and turned."""
+    rng = np.random.default_rng(seed)
+    axes = np.meshgrid(*[np.arange(5)] * dimension)
+    cells = np.stack([a.ravel() for a in axes], axis=1)[rng.permutation(5**dimension)[:count]]
+    return (0.2 * cells + rng.uniform(-0.05, 0.05, (count, dimension))) @ turn(seed, dimension) + rng.normal(
+        size=dimension
+    )
+
+
+def turn(seed: int, dimension: int) -> np.ndarray:
+    return np.linalg.qr(np.random.default_rng(seed + 1).normal(size=(dimension, dimension)))[0]
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 200), st.sampled_from([2, 3]), st.sampled_from(FRAMES))
+def test_a_frame_keeps_every_distance(seed, dimension, frame):
+    positions = scattered(seed, dimension)
+    assert np.allclose(pdist(in_frame(positions, frame)), pdist(positions))
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 200), st.sampled_from([2, 3]), st.sampled_from(["minimal", "axes"]))
+def test_a_frame_of_the_array_does_not_depend_on_where_it_was(seed, dimension, frame):
+    positions = scattered(seed, dimension)
+    moved = positions @ turn(seed + 7, dimension) + 3.0
+    assert np.allclose(in_frame(moved, frame), in_frame(positions, frame), atol=1e-6)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 50))
+def test_the_minimal_frame_is_as_documented(seed):
+    placed = in_frame(scattered(seed, 3), "minimal")
+    assert np.allclose(placed[0], 0)
+    assert np.allclose(placed[1, 1:], 0)
+    assert np.allclose(placed[2, 2], 0)
+    assert placed[1, 0] > 0
+    assert placed[2, 1] > 0
+    assert placed[3, 2] > 0
+
+
+def test_a_line_or_plane_of_microphones_has_a_minimal_frame():
+    line = np.outer(np.arange(4.0), [1, 2, 2])
+    assert np.allclose(in_frame(line, "minimal"), np.outer(3 * np.arange(4.0), [1, 0, 0]))
+    plane = np.column_stack([scattered(1, 2), np.zeros(20)]) @ turn(3, 3)
+    assert np.allclose(in_frame(plane, "minimal")[:, 2], 0, atol=1e-9)
+
+
+def test_a_result_is_placed_in_its_frame():
+    names = tuple("abcdefghijklmnopqrst")
+    result = Calibration(scattered(0, 2), names, "joint", 0, np.array([50.0]), 0.1, 3, 1.5, True, known=("a",))
+    assert np.array_equal(placed_in_frame(result, None).positions[:, :2], result.positions)
+    assert placed_in_frame(replace(result, known=()), None).frame == "axes"
+    with pytest.raises(InputError, match="no microphone was known; use frame minimal or axes"):
+        placed_in_frame(replace(result, known=()), "known")
+    assert placed_in_frame(replace(result, known=None), None).frame == "known"
+
+
+@pytest.mark.parametrize("suffix", ["csv", "xml"])
+def test_what_is_exported_can_be_read_as_positions(suffix, tmp_path):
+    path = tmp_path / f"geometry.{suffix}"
+    result().export(path)
+    read = read_positions(path)
+    assert read.names == NAMES
+    np.testing.assert_array_equal(read.positions, FOUR_POSITIONS)
+    with pytest.raises(InputError, match="exists"):
+        result().export(path)
+
+
+@pytest.mark.parametrize("name", ["p.doc", "p"])
+def test_an_unknown_suffix_is_refused(name, tmp_path):
+    with pytest.raises(InputError, match="suffix"):
+        result().export(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_frame_is_refused(tmp_path):
+    with pytest.raises(InputError, match="frame"):
+        result().export(tmp_path / "p.csv", frame="upside down")
+
+
+def test_the_table_of_pandas_has_a_row_for_each_microphone():
+    table = result(errors=[0.1, 0.2, 0.3, 0.4]).to_dataframe()
+    assert table.columns.tolist() == ["x", "y", "z", "known", "uncertainty", "error"]
+    assert table.index.tolist() == list(NAMES)
+    assert table["known"].tolist() == [True, False, False, False]
+    np.testing.assert_array_equal(table[["x", "y", "z"]].to_numpy(), FOUR_POSITIONS)
+
+
+def test_the_table_of_pandas_has_the_channels_where_the_solver_finds_them():
+    numbers = np.arange(5 * len(NAMES), dtype=float).reshape(5, -1)
+    channels = Channels(*numbers, (ChannelFault(NAMES[2], "dead"),))
+    table = result(channels=channels).to_dataframe()
+    columns = ["gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db"]
+    np.testing.assert_array_equal(table[columns].to_numpy().T, numbers)
+    assert table["fault"].tolist() == ["", "", "dead", ""]
+
+
+def test_the_table_of_pandas_has_given_positions_and_their_distances_from_those_found():
+    place = tuple((FOUR_POSITIONS[1] + [0.0, 0.03, 0.04]).tolist())
+    given = (GivenPosition(NAMES[1], place, tuple(FOUR_POSITIONS[1].tolist()), 0.002, True),)
+    table = result(channels=Channels(*np.zeros((5, len(NAMES))), (), given)).to_dataframe()
+    assert table.loc[NAMES[1], ["given_x", "given_y", "given_z"]].tolist() == list(place)
+    assert table.loc[NAMES[1], "given_difference"] == pytest.approx(0.05)
+    assert table["given_difference"].isna().tolist() == [True, False, True, True]
+
+
+def test_without_pandas_the_remedy_is_named(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(InputError, match="pip install pandas"):
+        result().to_dataframe()
+
+
+@pytest.mark.parametrize(("D", "panels"), [(2, 1), (3, 2)])
+def test_the_figure_shows_every_microphone_once(D, panels):
+    figure = result(D).plot(FOUR_POSITIONS[:, :D] + 0.01)
+    assert len(figure.axes) == panels
+    marks = {line.get_label(): line for line in figure.axes[0].lines}
+    np.testing.assert_array_equal(np.column_stack(marks["known"].get_data()), FOUR_POSITIONS[:1, :2])
+    np.testing.assert_array_equal(np.column_stack(marks["estimated"].get_data()), FOUR_POSITIONS[1:, :2])
+    np.testing.assert_array_equal(np.column_stack(marks["true"].get_data()), FOUR_POSITIONS[:, :2] + 0.01)
+
+
+def test_an_ellipse_is_as_long_as_the_covariance_says():
+    axes = result(2).plot().axes[0]
+    ellipses = [line for line in axes.lines if line.get_linestyle() == "-"]
+    assert len(ellipses) == 3  # a known microphone has none
+    label = next(line.get_label() for line in ellipses if "ellipse" in line.get_label())
+    factor = float(label.split(", ")[1].split()[0])
+    for line, sigma, place in zip(ellipses, [1e-3, 2e-3, 1e-3], FOUR_POSITIONS[1:, :2], strict=True):
+        distance = np.linalg.norm(np.column_stack(line.get_data()) - place, axis=1)
+        np.testing.assert_allclose(distance, factor * sigma * np.sqrt(-2 * np.log(0.05)), rtol=1e-4)
+
+
+@pytest.mark.parametrize("half_axis", [1e-6, 3e-4, 7e-3, 0.03, 0.5])
+def test_the_enlargement_is_round_and_makes_ellipses_visible(half_axis):
+    factor = enlargement(half_axis, 1.0)
+    assert factor >= 1
+    assert factor * half_axis >= VISIBLE * 0.999
+    assert factor == 1 or factor * half_axis < 2.5 * VISIBLE
+    assert f"{factor:.0e}"[0] in "125"
+
+
+def test_a_figure_needs_one_true_position_for_each_microphone():
+    with pytest.raises(InputError, match="shape"):
+        result(2).plot(FOUR_POSITIONS)
+
+
+def test_the_html_of_a_notebook_is_well_formed_and_escapes_names():
+    class Reader(HTMLParser):
+        def __init__(self):
+            super().__init__()
+            self.open, self.cells = [], 0
+
+        def handle_starttag(self, tag, attributes):
+            assert tag != "script"
+            self.cells += tag == "td"
+            if tag not in ("img", "br"):
+                self.open.append(tag)
+
+        def handle_endtag(self, tag):
+            assert self.open.pop() == tag
+
+    reader, text = Reader(), result()._repr_html_()
+    reader.feed(text)
+    assert not reader.open
+    assert reader.cells == 4 * 6
+    assert "<b>good</b>: 1 &lt; 2" in text
+
+
+def test_the_html_needs_neither_verdict_nor_covariance():
+    bare = replace(result(2), covariance=None, uncertainty=None, verdict="", known=None)
+    assert "data:image/png;base64," in bare._repr_html_()
+
+
+def test_positions_reach_pyfar_and_come_back():
+    coordinates = result().to_pyfar()
+    assert isinstance(coordinates, pyfar.Coordinates)
+    np.testing.assert_allclose(coordinates.cartesian, FOUR_POSITIONS, atol=1e-12)
+    flat = result(2).to_pyfar(frame="minimal")
+    np.testing.assert_allclose(flat.cartesian[:2], [[0, 0, 0], [1, 0, 0]], atol=1e-12)

@@ -1,0 +1,107 @@
+"""What a viewer of a replay does without Python: a dragged microphone rolls into its hole, and descent takes steps."""
+
+import numpy as np
+import pytest
+from browsing import WAIT
+from replays import wait_for
+
+from fdcal import solvers
+from fdcal.acoustics.measure import cached_measurement
+from fdcal.cost.reference_cost import reference_cost_of
+from fdcal.graphics.replay import replay_html
+from fdcal.model.scene_file import load_scene
+
+MICROPHONE = 8
+
+
+@pytest.fixture(scope="module")
+def run():
+    scene = load_scene("tiny")
+    descent, measurement = solvers.load("descent"), cached_measurement(scene)
+    problem = measurement.problem(scene.solver.weights)
+    states = [descent.init(problem, solvers.with_mode_count(problem, scene.solver), 0)]
+    for _ in range(4):
+        states.append(descent.step(problem, states[-1]))
+    return scene, measurement, problem, descent, states
+
+
+@pytest.fixture(scope="module")
+def page(browser, run, tmp_path_factory):
+    scene, measurement, problem, _, states = run
+    path = tmp_path_factory.mktemp("play") / "play.html"
+    path.write_text(
+        replay_html(scene, measurement, states, "Play", reference_cost_of(problem), problem=problem), encoding="utf-8"
+    )
+    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
+    page.set_default_timeout(WAIT * 1e3)
+    faults = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.goto(f"{path.as_uri()}#step=0&microphone={MICROPHONE}&modes=1-3&view=top")
+    wait_for(page, f"replay.map?.n == {MICROPHONE}")
+    yield page
+    page.context.close()
+    assert not faults
+
+
+@pytest.mark.parametrize("modes", [3, 20])
+def test_a_step_in_the_browser_is_a_step_of_descent(page, run, modes):
+    """Both below and above the number of modes from which the order is ample."""
+    _, measurement, problem, descent, states = run
+    state = descent.use_modes(problem, states[0], 1, modes, False)
+    for _ in range(3):
+        after = descent.step(problem, state)
+        places = np.column_stack([state.positions, np.zeros(measurement.count)]).tolist()
+        found = page.evaluate(
+            "([n, places, high]) => replay.descentStep(n, places, 1, high)", [after.moved, places, modes]
+        )
+        np.testing.assert_allclose(found[:2], after.positions[after.moved], atol=1e-6)
+        state = after
+
+
+def test_a_microphone_that_is_let_go_rolls_downhill_into_a_hole_that_is_named(page, run):
+    _, measurement, *_ = run
+    box = page.locator("#view").bounding_box()
+    place = page.evaluate("n => drawnPlace(n)".replace("drawnPlace", "replay.drawn"), MICROPHONE)
+    page.mouse.move(box["x"] + place[0], box["y"] + place[1])
+    page.mouse.down()
+    page.mouse.move(box["x"] + place[0] + 30, box["y"] + place[1] - 20, steps=4)
+    wait_for(page, "replay.own?.words.endsWith('dB')")
+    path = np.array(page.evaluate("replay.own.path"))
+    costs = page.evaluate("path => path.map(place => replay.level(replay.map, place))", path.tolist())
+    assert np.all(np.diff(costs[:-1]) < 1e-9), "downhill all the way"
+    page.mouse.up()
+    wait_for(page, "replay.own.tries == 1")
+    end = np.array(page.evaluate(f"replay.own.places[{MICROPHONE}]"))[:2]
+    np.testing.assert_allclose(end, path[-1])
+    minima = page.evaluate("[...replay.map.minima.lowest, ...replay.map.minima.others]")
+    assert np.linalg.norm(np.array(minima) - end, axis=1).min() < 1e-9, "a hole that the map marks"
+    away = np.linalg.norm(end - measurement.positions[MICROPHONE])
+    words, tries = page.evaluate("replay.own.words"), page.locator("#tries").inner_text()
+    assert words == ("home" if away < 0.04 else f"trapped, {100 * away:.0f} cm off")
+    assert tries == f"{int(away < 0.04)} of 1 home"
+
+
+def test_sweeps_move_all_and_the_recording_comes_back(page, run):
+    _, measurement, problem, _, states = run
+    page.get_by_role("button", name="Sweep").click()
+    free = problem.free.tolist()
+    places = np.array(page.evaluate("replay.own.places"))[:, :2]
+    steps = (places[free] - problem.search.origin) / problem.search.step
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6, err_msg="on the lattice")
+    np.testing.assert_allclose(places[problem.known], problem.known_positions, atol=1e-6)
+    page.get_by_role("button", name="Back to the recording").click()
+    shown = np.array([page.evaluate("n => replay.placeOf(0, n)", n) for n in range(measurement.count)])[:, :2]
+    np.testing.assert_allclose(shown, states[0].positions, atol=1e-6)
+    assert page.evaluate("replay.own") is None
+
+
+def test_the_opening_counts_the_places_that_fit_and_ends_with_any_touch(page):
+    page.evaluate(f"location.hash = '#step=0&microphone={MICROPHONE}&modes=17&view=top&opening=on'")
+    page.reload()
+    wait_for(page, "document.getElementById('words').innerText.startsWith('One frequency')")
+    count = page.evaluate("replay.map.minima.count")
+    fits = "1 place fits" if count == 1 else f"{count} places fit"
+    assert page.locator("#words").inner_text() == f"One frequency: {fits}"
+    page.keyboard.press("t")
+    wait_for(page, "document.getElementById('words').innerText == ''")
+    assert page.evaluate("replay.map.indices.length") == 1 and page.locator("#note").inner_text() == ""

@@ -1,0 +1,418 @@
+"""Arrays in the plane and in space, gauges, drawn sources, search domains, and how lengths are written."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fdcal.acoustics.box_field import point_source_pressures
+from fdcal.acoustics.measure import measure
+from fdcal.cost.expansion import usable_modes
+from fdcal.graphics.landscape import landscape_panels
+from fdcal.model.array_layout import Array, Gauge
+from fdcal.model.arrays import encloses_3d, positions_3d, positions_of
+from fdcal.model.gauge import align, fixes_gauge, position_errors
+from fdcal.model.geometry import (
+    WALL_DISTANCE_M,
+    ball,
+    box,
+    circle,
+    convex_hull,
+    crosses_polygon,
+    encloses,
+    in_polygon,
+    plane,
+    random_source,
+    rectangle,
+    rectangle_plus_random,
+    snap,
+)
+from fdcal.model.room import Room
+from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import CELLS, Sensing, search_round
+from fdcal.model.texts import length_text
+from fdcal.model.validation import InputError
+from fdcal.session.calibration_run import solve
+from fdcal.session.sources import CalibrationInput
+from fdcal.solvers import load, with_mode_count
+
+L_SHAPE = np.array([[0, 0], [6, 0], [6, 3], [4, 3], [4, 5], [0, 5.0]])
+
+
+def test_circle_is_evenly_spaced():
+    points = circle(65, 0.35)
+    assert np.allclose(np.linalg.norm(points, axis=1), 0.35)
+    assert np.allclose(np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1), 0.7 * np.sin(np.pi / 65))
+
+
+def test_rectangle_runs_along_x_first():
+    points = rectangle((3, 2), (2.0, 1.0))
+    assert np.allclose(points, [[-1, -0.5], [0, -0.5], [1, -0.5], [-1, 0.5], [0, 0.5], [1, 0.5]])
+    assert np.allclose(rectangle((1, 2), (5.0, 1.0)), [[0, -0.5], [0, 0.5]])
+
+
+@settings(deadline=None)  # a busy machine is no fault
+@given(st.integers(0, 2**32), st.integers(1, 40))
+def test_random_microphones_are_drawn_without_replacement(seed, extra):
+    draw = [rectangle_plus_random((3, 3), (0.4, 0.4), extra, 0.04, np.random.default_rng(seed)) for _ in range(2)]
+    assert np.array_equal(*draw), "the same seed gives the same array"
+    points = draw[0]
+    assert len(np.unique(np.round(points / 0.02), axis=0)) == len(points) == 9 + extra
+    assert np.abs(points - 0.02).max() <= 0.2 + 1e-9  # the cells round 0 are centred on 0.02
+
+
+def test_random_microphones_fill_every_free_cell_and_no_more():
+    rng = np.random.default_rng(0)
+    assert len(rectangle_plus_random((2, 2), (0.12, 0.12), 12, 0.04, rng)) == 16
+    with pytest.raises(InputError, match=r"array\.random = 13 is more than the 12 free cells"):
+        rectangle_plus_random((2, 2), (0.12, 0.12), 13, 0.04, rng)
+
+
+@settings(deadline=None)  # a busy machine is no fault
+@given(st.floats(-10, 10), st.floats(-10, 10), st.sampled_from([0.02, 0.04, 0.017]))
+def test_snapping_returns_the_centre_of_the_own_cell_and_is_idempotent(x, y, cell):
+    snapped = snap(np.array([x, y]), cell)
+    assert np.abs(snapped - [x, y]).max() <= cell / 2 * (1 + 1e-6)
+    assert np.array_equal(snap(snapped, cell), snapped)
+    assert np.allclose(snapped / cell - 0.5, np.round(snapped / cell - 0.5), atol=1e-9)
+
+
+def test_inside_of_an_l_shape():
+    points = np.array([[5, 2.9], [3.9, 4.9], [4.1, 3.1], [-0.1, 1], [6.1, 1], [1, 5.1]])
+    assert in_polygon(points, L_SHAPE).tolist() == [True, True, False, False, False, False]
+    assert in_polygon(points, L_SHAPE[::-1]).tolist() == in_polygon(points, L_SHAPE).tolist()
+    assert in_polygon(points.reshape(3, 2, 2), L_SHAPE).shape == (3, 2)
+
+
+def test_inside_counts_the_area():
+    centres = snap(np.stack(np.meshgrid(np.arange(0, 6.5, 0.1), np.arange(0, 5.5, 0.1)), axis=-1), 0.1)
+    assert np.isclose(in_polygon(centres, L_SHAPE).sum() * 0.01, 26)
+
+
+@settings(deadline=None)  # a busy machine is no fault
+@given(st.floats(-3, 3), st.floats(-3, 3))
+def test_hull_of_a_square(x, y):
+    if abs(max(abs(x), abs(y)) - 1) > 1e-6:
+        assert encloses(rectangle((2, 2), (2.0, 2.0)), np.array([x, y])) == (max(abs(x), abs(y)) < 1)
+
+
+def test_hull_of_a_line_is_the_line():
+    line = np.array([[0, 0], [1, 1], [2, 2.0]])
+    assert encloses(line, np.array([1.5, 1.5]))
+    assert encloses(line, np.array([2.0, 2.0]))
+    assert not encloses(line, np.array([2.5, 2.5]))
+    assert not encloses(line, np.array([1.0, 0.5]))
+
+
+def test_positions_are_cell_centres_and_read_only():
+    scene = load_scene("array1_circle")
+    positions = positions_of(scene)
+    assert np.array_equal(positions, snap(positions, scene.room.cell))
+    radii = np.linalg.norm(positions - scene.array.center, axis=1)
+    assert np.abs(radii - 0.35).max() < 0.02 * np.sqrt(0.5)
+    with pytest.raises(ValueError, match="read-only"):
+        positions[0] = 0
+
+
+def test_the_seed_moves_only_the_random_microphones(edited):
+    one, two = (positions_of(load_scene(edited({"seed": seed}))) for seed in ("1", "2"))
+    assert np.array_equal(one[:9], two[:9])
+    assert not np.array_equal(one[9:], two[9:])
+
+
+def test_positions_given_one_by_one(edited):
+    changes = {"array.geometry": '"positions"', "array.shape": None, "array.size": None, "array.random": None}
+    changes |= {"array.positions": "[[-0.2, -0.2], [0.2, 0], [0, 0.2], [0.13, 0.11]]", "gauge.known": "[0, 1, 2]"}
+    expected = [[0.5, 0.34], [0.9, 0.54], [0.7, 0.74], [0.82, 0.66]]
+    assert np.allclose(positions_of(load_scene(edited(changes))), expected)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"array.size": "[0.04, 0.4]"}, ["microphones 0 and 1 in one cell", "larger array"]),
+        ({"array.random": "200"}, ["array.random = 200", "use at most"]),
+        ({"array.center": "[0.1, 0.54]"}, ["microphone 0", "outside the room", "change array.center"]),
+        (
+            {"room.size": None, "room.outline": "[[0, 0], [1.68, 0], [1.68, 1.2], [0.6, 1.2], [0.6, 0.6], [0, 0.6]]"},
+            ["microphone 6 at (0.5, 0.74) m", "in a wall"],
+        ),
+        ({"source.position": "[2.0, 1.1]"}, ["source.position = [2.0, 1.1] m", "outside the room", "move it"]),
+        ({"source.position": "[0.75, 0.6]"}, ["source.position", "inside the array", "convex hull"]),
+        ({"gauge.known": "[0, 5]"}, ["gauge.known = [0, 5]", "three microphones"]),
+        ({"gauge.known": "[0, 1, 2]"}, ["gauge.known = [0, 1, 2]", "not on one line"]),
+        ({"gauge.known": "[0, 5, 16]"}, ["gauge.known names microphone 16", "0 to 15"]),
+        ({"gauge.known": "[0, 5, 5]"}, ["gauge.known", "twice"]),
+        ({"gauge.known": None, "gauge.free": "[]"}, ["no microphone to be found"]),
+        ({"search.origin": "[0.7, 0.3]"}, ["microphone 3", "search domain", "search.origin or search.size"]),
+    ],
+)
+def test_bad_array_names_key_value_and_remedy(edited, changes, words):
+    with pytest.raises(InputError) as caught:
+        positions_of(load_scene(edited(changes)))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_hull_is_the_corners_alone():
+    square = rectangle((5, 4), (2.0, 2.0))
+    corners = {(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)}
+    assert {tuple(point) for point in convex_hull(square).tolist()} == corners
+    assert len(convex_hull(square)) == 4
+    assert len(convex_hull(np.array([[0, 0], [1, 1], [2, 2.0]]))) == 2
+    assert len(convex_hull(circle(17, 1.0))) == 17
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "expected"),
+    [
+        ((-2, 0), (2, 0.5), True),  # right through
+        ((0, 0), (0.1, 0.2), True),  # within
+        ((0, 0), (0, 5), True),  # ends within
+        ((-2, 1.1), (2, 1.1), False),  # past it
+        ((1.5, 0), (4, 0), False),  # before it
+        ((0.5, 2), (2, 0.5), False),  # past a corner
+        ((0.4, 2), (2, 0.4), False),
+        ((0, 1.9), (1.9, 0), True),  # cuts a corner off
+    ],
+)
+def test_wall_that_crosses_a_square(a, b, expected):
+    square = convex_hull(rectangle((3, 3), (2.0, 2.0)))
+    assert crosses_polygon(np.array(a, float), np.array(b, float), square) == expected
+    assert crosses_polygon(np.array(b, float), np.array(a, float), square) == expected
+
+
+def across(outline, positions):
+    """lshape with another outline, or its own, and microphones at `positions`, the first three known."""
+    scene = load_scene("lshape")
+    room = scene.room if outline is None else Room(outline=outline, cell=scene.room.cell)
+    array = Array(geometry="positions", positions=positions)
+    return dataclasses.replace(scene, room=room, array=array, gauge=Gauge(known=(0, 1, 2)))
+
+
+def test_array_round_the_inner_corner_is_refused():
+    scene = across(None, ((3.91, 4.01), (5.01, 2.91), (3.51, 2.51), (2.51, 2.51)))
+    with pytest.raises(InputError, match=r"room\.outline.*\(4, 3\).*between the microphones.*array\.center"):
+        positions_of(scene)
+    positions_of(across(None, ((3.91, 2.91), (3.01, 2.91), (3.01, 1.91), (2.51, 2.51))))
+
+
+@pytest.mark.parametrize("end", [2.3, 1.0])  # a slot that ends between the microphones, and one that parts them
+def test_array_on_both_sides_of_a_slot_is_refused(end):
+    slot = ((0.0, 0.0), (6.0, 0.0), (6.0, 5.0), (2.02, 5.0), (2.02, end), (2.0, end), (2.0, 5.0), (0.0, 5.0))
+    places = ((1.51, 1.91), (2.49, 1.91), (2.49, 2.81), (1.51, 2.81))
+    with pytest.raises(InputError, match="nothing may obstruct"):
+        positions_of(across(slot, places))
+
+
+# Arrays in a room of three dimensions.
+
+
+def test_a_ball_is_filled_evenly():
+    points = ball(4000, 0.5, np.random.default_rng(0))
+    r = np.linalg.norm(points, axis=1)
+    assert r.max() <= 0.5
+    shares = np.histogram(r**3 / 0.5**3, 8, (0, 1))[0] / 4000
+    np.testing.assert_allclose(shares, 1 / 8, atol=4 * np.sqrt(7 / 64 / 4000))
+    assert np.abs((points / r[:, None]).mean(axis=0)).max() < 4 / np.sqrt(3 * 4000)
+    assert np.array_equal(points, ball(4000, 0.5, np.random.default_rng(0)))
+
+
+def test_a_box_is_filled_and_a_plane_is_a_lattice():
+    points = box(500, (1.0, 0.5, 0.2), np.random.default_rng(0))
+    np.testing.assert_allclose(np.ptp(points, axis=0), (1.0, 0.5, 0.2), rtol=0.02)
+    assert np.all(np.abs(points) <= [0.5, 0.25, 0.1])
+    np.testing.assert_allclose(
+        plane((2, 2), (1.0, 0.4)), [[-0.5, -0.2, 0], [0.5, -0.2, 0], [-0.5, 0.2, 0], [0.5, 0.2, 0]]
+    )
+    assert plane((11, 3), (1.0, 1.0)).shape == (33, 3)
+
+
+def test_the_convex_hull_of_a_solid_and_of_a_flat_array():
+    cube = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1.0)])
+    assert encloses_3d(cube, np.array([0.2, 0.9, 0.5])) and not encloses_3d(cube, np.array([0.2, 1.1, 0.5]))
+    sheet = cube[cube[:, 2] == 0]
+    assert encloses_3d(sheet, np.array([0.5, 0.5, 0.0])) and not encloses_3d(sheet, np.array([0.5, 0.5, 0.01]))
+
+
+def test_a_plane_array_has_two_coordinates_and_stands_at_its_height():
+    scene = load_scene("plane3d")
+    places = positions_3d(scene)
+    np.testing.assert_array_equal(places[:, :2], positions_of(scene))
+    np.testing.assert_allclose(places[:, 2], scene.array.center[2])
+
+
+@pytest.mark.parametrize("name", ["ball3d", "plane3d"])
+def test_the_measurement_is_the_field_at_the_microphones(name):
+    scene = load_scene(name)
+    few = Array("box", (1.9, 1.6, 1.3), count=6, size=(0.6, 0.6, 0.4))
+    if name == "plane3d":
+        few = Array("plane", (1.9, 1.6, 1.3), shape=(3, 2), size=(0.6, 0.6))
+    sensing = Sensing(40.0, 30.0, 90.0, 1.0, 1.0, "continuous")
+    scene = dataclasses.replace(
+        scene, array=few, measurement=sensing, gauge=dataclasses.replace(scene.gauge, known=(0, 1, 2, 4))
+    )
+    measured = measure(scene)
+    clean = measure(dataclasses.replace(scene, measurement=dataclasses.replace(sensing, snr_db=np.inf)))
+    assert (measured.dimension, measured.array_dimension) == (3, 2 if name == "plane3d" else 3)
+    np.testing.assert_allclose(
+        clean.pressures,
+        point_source_pressures(scene.room, scene.source.position, positions_3d(scene), clean.wavenumbers),
+        rtol=1e-9,
+    )
+    assert not clean.noise_power.any() and np.all(clean.wavenumbers.imag < 0) and len(clean.frequencies) > 5
+    np.testing.assert_allclose(measured.noise_power, 1e-4 * np.mean(np.abs(clean.pressures) ** 2, axis=1))
+    noise = np.mean(np.abs(measured.pressures - clean.pressures) ** 2 / measured.noise_power[:, None])
+    assert noise == pytest.approx(1.0, abs=4 / np.sqrt(clean.pressures.size))
+    np.testing.assert_array_equal(measure(scene).pressures, measured.pressures)
+
+
+@pytest.fixture(scope="module", params=["ball3d", "plane3d"])
+def shipped(request):
+    """A scene that ships and its measurement."""
+    scene = load_scene(request.param)
+    return scene, measure(scene)
+
+
+def test_scenes_in_space_are_calibrated_all_at_once(shipped):
+    """The figures of the documentation, with a margin."""
+    scene, measurement = shipped
+    found = solve(CalibrationInput(scene.title, None, measurement, scene.solver, scene.seed))
+    assert found.verdict == "good"
+    assert position_errors(found.positions, measurement.positions).mean() < 5e-3
+    corrected = found.positions[list(measurement.known)] - measurement.known_positions
+    assert np.abs(corrected).max() < 2.5e-3, "given positions are measurements, and here they are exact"
+
+
+def test_the_map_of_one_microphone_is_lowest_at_its_place_in_its_own_layer(shipped):
+    scene, measurement = shipped
+    solver, problem = load(scene.solver.name), measurement.problem()
+    state = solver.init(problem, with_mode_count(problem, scene.solver), 0)
+    there = dataclasses.replace(state, positions=measurement.positions)
+    for n in (1, 40):
+        cost = solver.landscape(problem, there, n, slice(0, 40)).sum(axis=0)
+        layer = scene.search.layer(measurement.positions[n, -1])
+        assert cost.shape == scene.search.shape[1::-1] == layer.shape[:2]
+        lowest = layer.reshape(-1, layer.shape[2])[cost.argmin()]
+        assert np.linalg.norm(lowest - measurement.positions[n]) < scene.search.step
+
+
+def test_the_figure_of_the_paper_refuses_a_field_in_space_and_its_solver_a_plane_array_there(shipped):
+    scene, measurement = shipped
+    problem = measurement.problem()
+    settings = dataclasses.replace(with_mode_count(problem, scene.solver), start="affine")
+    if measurement.array_dimension == 2:
+        with pytest.raises(InputError, match=r"two-dimensional"):
+            load("descent").init(problem, settings, 0)
+    else:
+        state = load("descent").init(problem, settings, 0)
+        assert load("descent").step(problem, state).positions.shape == measurement.positions.shape
+    with pytest.raises(InputError, match=r'two-dimensional field.*solver\.name = "joint"'):
+        landscape_panels(problem, measurement.positions, 5, [1, 2], 2)
+    assert usable_modes(problem, 2) == len(measurement.frequencies)
+
+
+# Rigid alignment and position errors.
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_alignment_undoes_any_rigid_motion(dimension, mirror):
+    rng = np.random.default_rng(dimension)
+    truth = rng.normal(size=(12, dimension))
+    Q = np.linalg.qr(rng.normal(size=(dimension, dimension)))[0]
+    Q[:, 0] *= mirror
+    aligned = align(truth @ Q + rng.normal(size=dimension), truth)
+    assert position_errors(aligned, truth) == pytest.approx(0, abs=1e-12)
+
+
+def test_alignment_does_not_scale():
+    truth = np.random.default_rng(0).normal(size=(9, 2))
+    assert position_errors(align(2 * truth, truth), truth).max() > 0.1
+
+
+def test_known_microphones_on_one_line_leave_the_mirror_open():
+    line = np.column_stack([np.arange(4.0), 2 * np.arange(4.0)])
+    assert not fixes_gauge(line)
+    assert not fixes_gauge(line[:2])
+    assert fixes_gauge([[0, 0], [1, 0], [0, 1]])
+    assert not fixes_gauge([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+
+
+# A source drawn at random keeps its distances, everywhere in the room, or is not found.
+
+
+MICROPHONES = np.array([[2.0, 2.0], [2.4, 2.0], [2.0, 2.4]])
+
+
+@pytest.mark.parametrize("size", [(5.0, 4.0), (5.0, 4.0, 2.5)])
+def test_places_keep_their_distances_and_reach_all_of_the_room(size):
+    rng = np.random.default_rng(0)
+    places = np.array([random_source(size, MICROPHONES, 0.7, rng, lambda place: place[0] > 0.5) for _ in range(800)])
+    assert places.shape == (800, len(size))
+    assert (places >= WALL_DISTANCE_M).all() and (places <= np.array(size) - WALL_DISTANCE_M).all()
+    assert np.linalg.norm(places[:, None, :2] - MICROPHONES, axis=2).min() > 0.7
+    assert places[:, 0].min() > 0.5, "what is not allowed is not drawn"
+    quarters = (places[:, 0] > 2.5) * 2 + (places[:, 1] > 2.0)
+    assert np.bincount(quarters).min() > 100
+
+
+def test_one_seed_is_one_place_and_a_full_room_has_none():
+    same = [random_source((5, 4), MICROPHONES, 0.7, np.random.default_rng(3), lambda place: True) for _ in range(2)]
+    np.testing.assert_array_equal(*same)
+    assert random_source((5, 4), MICROPHONES, 9.0, np.random.default_rng(3), lambda place: True) is None
+
+
+# A search domain made for a measurement that has none: it holds the array with room to spare, in any dimension.
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("size", [0.03, 0.7, 4.0])
+def test_it_holds_the_array_and_a_margin(dimension, size):
+    rng = np.random.default_rng(0)
+    positions = 3 + size * rng.uniform(size=(30, dimension))
+    search = search_round(positions)
+    low, high = np.array(search.origin), np.add(search.origin, search.size)
+    extent = float(np.ptp(positions, axis=0).max())
+    assert (positions.min(axis=0) - low > 0.2 * extent).all() and (high - positions.max(axis=0) > 0.2 * extent).all()
+    assert max(search.shape) <= CELLS[dimension] + 2
+    farthest = np.linalg.norm(positions - (low + high) / 2, axis=1).max()
+    assert farthest < search.radius <= np.linalg.norm(search.size) / 2 + 1e-9
+
+
+def test_it_moves_and_grows_with_the_array():
+    rng = np.random.default_rng(1)
+    positions = rng.uniform(size=(20, 2))
+    one, moved, larger = search_round(positions), search_round(positions + 7.0), search_round(10 * positions)
+    np.testing.assert_allclose(np.subtract(moved.origin, one.origin), 7.0)
+    assert moved.size == pytest.approx(one.size) and moved.radius == pytest.approx(one.radius)
+    assert larger.step == pytest.approx(10 * one.step) and larger.radius == pytest.approx(10 * one.radius)
+
+
+def test_one_place_has_a_domain_too():
+    search = search_round([[1.0, 2.0]])
+    assert min(search.size) >= 0.1 and search.radius > 0
+
+
+# Lengths are written without exponents, in metres from one on.
+
+
+@pytest.mark.parametrize(
+    ("length", "digits", "text"),
+    [
+        (0.0, 3, "0 mm"),
+        (0.00413, 3, "4.13 mm"),
+        (0.0182, 2, "18 mm"),
+        (0.0996, 2, "100 mm"),
+        (0.45, 2, "450 mm"),
+        (1.164, 3, "1.16 m"),
+        (23.2, 3, "23.2 m"),
+        (23214.6, 2, "23215 m"),
+    ],
+)
+def test_lengths_have_no_exponent(length, digits, text):
+    assert length_text(length, digits) == text

@@ -1,0 +1,170 @@
+"""Calibrations from the session: given distances, modes left open, and scenes that are measurements."""
+
+from __future__ import annotations
+
+import dataclasses
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fdcal
+from fdcal import solvers
+from fdcal.acoustics.dictionary import array_f_max
+from fdcal.acoustics.measure import cached_measurement
+from fdcal.model.measurement import Measurement
+from fdcal.model.measurement_file import load_measurement, save_measurement
+from fdcal.model.scene_file import load_scene
+from fdcal.model.validation import InputError
+from fdcal.session import session_file
+from fdcal.session.planning.request import read_layout
+from fdcal.session.request import OpenRequest, edited
+
+
+@pytest.fixture(scope="module")
+def blind():
+    measurement = fdcal.load("tiny")
+    true = float(((measurement.positions[0] - measurement.positions[15]) ** 2).sum() ** 0.5)
+
+    def run(metres: float, solver: str):
+        length = (0, 15, metres * true)
+        return fdcal.calibrate(measurement, known="none", solver=solver, distance=length, estimate_sound_speed=True)
+
+    return run
+
+
+@pytest.mark.parametrize(("factor", "solver"), [(1.0, "robust"), (1.02, "joint")])
+def test_the_sound_speed_follows_the_distance(blind, factor, solver):
+    found = blind(factor, solver)
+    assert found.verdict == "good"
+    assert found.sound_speed == pytest.approx(343 * factor, rel=5e-3)
+
+
+@pytest.mark.parametrize(("factor", "solver"), [(0.8, "robust"), (1.12, "joint"), (300.0, "joint")])
+def test_a_distance_that_no_air_explains_is_doubted(blind, factor, solver):
+    found = blind(factor, solver)
+    assert found.verdict == "sound_speed"
+    assert "the distance or the sound speed is wrong" in found.verdict_text
+
+
+@pytest.mark.parametrize("factor", [0.85, 1.06])
+def test_given_positions_that_no_air_explains_are_doubted(factor):
+    measurement = fdcal.load("tiny")
+    known = {n: factor * measurement.positions[n] for n in (0, 5, 7)}
+    found = fdcal.calibrate(measurement, solver="robust", known=known, estimate_sound_speed=True)
+    assert found.verdict == "sound_speed"
+    assert "the position of a microphone or the sound speed is wrong" in found.verdict_text
+
+
+@pytest.mark.parametrize("given", [{"distance": (0, 15, None), "known": "none"}, {}])
+def test_solver_robust_estimates_the_sound_speed_too(given):
+    """From a given distance, or from the known microphones, of a measurement whose sound speed is 2 % too low."""
+    measurement = fdcal.load("tiny")
+    x, slow = measurement.positions, 0.98 * measurement.sound_speed
+    slower = replace(measurement, sound_speed=slow, wavenumbers=measurement.wavenumbers / 0.98)
+    if "distance" in given:
+        given = given | {"distance": (0, 15, float(((x[0] - x[15]) ** 2).sum() ** 0.5))}
+    found = fdcal.calibrate(slower, solver="robust", estimate_sound_speed=True, **given)
+    assert found.sound_speed == pytest.approx(measurement.sound_speed, rel=5e-3)
+    assert found.max_error < 5e-3
+
+
+# Modes that the array found cannot interpolate are left out where their number was left open, and that is said.
+
+
+SPEED, COUNT, WAVES = 343.0, 16, 200
+
+
+@pytest.fixture(scope="module")
+def wide() -> Measurement:
+    """A ball of microphones in a diffuse field at frequencies up to a tenth above f_max of Eq. 9, SNR 50 dB."""
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(COUNT, 3))
+    points *= (0.3 * rng.uniform(0.3, 1, COUNT) ** (1 / 3) / np.linalg.norm(points, axis=1))[:, None]
+    f = np.linspace(150, 1.1 * array_f_max(points, SPEED, 3), 60)
+    directions = rng.normal(size=(len(f), WAVES, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    amplitudes = rng.normal(size=(len(f), WAVES)) + 1j * rng.normal(size=(len(f), WAVES))
+    phases = 2 * np.pi * f[:, None, None] / SPEED * (directions @ points.T)
+    pressures = np.einsum("mw,mwn->mn", amplitudes, np.exp(1j * phases))
+    noise = rng.normal(size=pressures.shape) + 1j * rng.normal(size=pressures.shape)
+    return Measurement(
+        frequencies=f,
+        pressures=pressures + 10 ** (-50 / 20) * np.sqrt(np.mean(np.abs(pressures) ** 2) / 2) * noise,
+        sound_speed=SPEED,
+        dimension=3,
+        array_dimension=3,
+        positions=points,
+        known=[0, 1, 2, 3, 4],
+        known_positions=points[:5],
+    )
+
+
+def test_modes_that_the_array_found_cannot_interpolate_are_left_out_with_a_remark(wide):
+    found = fdcal.calibrate(wide)
+    assert found.verdict in ("good", "ambiguous") and found.rms_error is not None and found.rms_error < 0.01
+    assert len(found.frequencies) < 60 and found.frequencies[-1] < array_f_max(wide.positions, SPEED, 3)
+    assert f"{60 - len(found.frequencies)} modes above" in found.verdict_text and "Eq. 9" in found.verdict_text
+
+
+def test_a_number_of_modes_that_was_asked_for_is_kept(wide):
+    found = fdcal.calibrate(wide, modes=60)
+    assert (len(found.frequencies), found.verdict) == (60, "undersampled")
+
+
+# A scene that is a measurement: opened by its name like any other, simulated by nothing.
+
+
+ROOT = Path(__file__).parents[2]
+NAME = "frl_array"
+
+
+@pytest.fixture(scope="module")
+def measurement():
+    return fdcal.load(NAME)
+
+
+def test_it_is_the_import_of_the_recordings_in_the_examples(measurement):
+    """If the import has changed: write scenes/frl_array.npz again, as scenes/LICENSE.md says."""
+    folder = ROOT / "examples" / NAME
+    made = fdcal.load(sorted(folder.glob("*.flac")), positions=folder / "nominal.csv", temperature=20.0)
+    assert measurement.take_count == 4 and measurement.blind and measurement.nominal and not made.nominal
+    for key in ("frequencies", "pressures", "takes", "positions", "arrivals", "noise_power"):
+        np.testing.assert_allclose(getattr(measurement, key), getattr(made, key), rtol=1e-6, err_msg=key)
+
+
+def test_nothing_simulates_it():
+    with pytest.raises(InputError, match=r'fdcal.load\("frl_array"\)'):
+        fdcal.simulate(NAME)
+    layout = read_layout(NAME)
+    assert layout.scene is None and len(layout.positions) == 7, "a plan takes its array, not its room"
+
+
+def test_a_session_has_the_measurement_and_no_path(measurement, tmp_path):
+    scene = load_scene(NAME)
+    joint = solvers.load("joint")
+    scene = edited(scene, {"solver.name": "joint", "solver.modes": 20})
+    state = joint.init(measurement.problem(scene.solver.weights), scene.solver, 0)
+    path = tmp_path / "session.zip"
+    path.write_bytes(session_file.write(OpenRequest(scene, measurement=measurement, states=(state,))))
+    with zipfile.ZipFile(path) as archive:
+        text = archive.read(session_file.TABLE).decode()
+    assert str(Path(scene.file).parent) not in text
+    again = session_file.read(path)
+    assert again.scene.title == scene.title and again.scene.remark == scene.remark and again.scene.file == ""
+    assert again.measurement.nominal and again.measurement.take_count == 4
+    with pytest.raises(InputError, match="is a measurement, which cannot be simulated"):
+        cached_measurement(again.scene)
+
+
+def test_nominal_positions_survive_saving_and_are_replaced_by_a_list(measurement, tmp_path):
+    path = tmp_path / "one.npz"
+    save_measurement(measurement, path)
+    assert load_measurement(path).nominal and dataclasses.replace(measurement, names=None).nominal
+    assert fdcal.Measurement.from_takes([measurement.of_take(0), measurement.of_take(1)]).nominal
+    table = ROOT / "examples" / NAME / "nominal.csv"
+    assert not fdcal.load(path, positions=table).nominal
+    with pytest.raises(InputError, match="nominal is neither true nor false"):
+        dataclasses.replace(measurement, nominal=1)

@@ -1,0 +1,84 @@
+"""A microphone that is dragged and let go rolls into the minimum below it, and the session gets one state more."""
+
+import numpy as np
+import pytest
+
+from fdcal.cost.basins import basins_of, local_minima
+from fdcal.cost.maps import cost_maps, map_positions, refined
+from fdcal.model.scene_file import load_scene
+from fdcal.session.request import OpenRequest
+from fdcal.viewer import drop as drop_module
+
+MODE = 20  # of `tiny`, whose map has several minima
+
+
+@pytest.fixture
+def opened(page_of, monkeypatch):
+    """The page of `tiny` with the map of one mode, and a function that ticks it until something happens."""
+    monkeypatch.setattr(drop_module, "ROLL_TIME", 0.3)
+    page, turn_until = page_of
+    page.open(OpenRequest(load_scene("tiny"), choices={"microphone": 9, "follow": False, "modes": [MODE]}))
+    turn_until(lambda: page.viewer is not None and page.viewer.snapshot.picture.floor is not None)
+    return page, turn_until
+
+
+def said(page):
+    return page.panels.overlay._regions["words"].content
+
+
+def labels(viewer):
+    return [label.text for label in viewer.snapshot.picture.labels if label.name == "selected/name"]
+
+
+def minima_of(viewer):
+    """The local minima of the map of microphone 9, metres, and the number of that whose basin holds the truth."""
+    run, state, choices = viewer.run, viewer.run.session.view.state, viewer.binding.choices
+    search = refined(run.problem.search)
+    cost = cost_maps(run.problem, run.solver, state, 9, (MODE,), choices.order_offset, search).sum(axis=0)
+    return map_positions(local_minima(cost), search), basins_of(cost), search
+
+
+def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_named(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    before, truth = session.view, viewer.run.measurement.positions[9]
+    for tries, at_home in enumerate([False, True], start=1):
+        minima, basins, search = minima_of(viewer)
+        number = next(n for n in range(len(minima)) if (n == basins.at(search, truth)) == at_home)
+        start = minima[number] + [0.004, -0.003]
+        turn_until(lambda: viewer.snapshot.view.count == tries)  # noqa: B023
+        viewer.drop.move(9, start + [0.02, 0.02], tries, False)
+        viewer.drop.move(9, start, tries, False)
+        turn_until(lambda: any("dB" in text for text in labels(viewer)))
+        names = {part.name for part in (*viewer.snapshot.picture.lines, *viewer.snapshot.picture.meshes)}
+        assert "ball/body" in names and "dB" in said(page)
+        assert session.view.count == tries, "nothing of the session changes while it is dragged"
+        viewer.drop.move(9, start, tries, True)
+        turn_until(lambda: session.view.count == tries + 1 and viewer.drop._drag is None)  # noqa: B023
+        end = session.view.state.positions[9]
+        np.testing.assert_allclose(end, minima[number], atol=1e-9)
+        off = np.linalg.norm(end - truth)
+        word = "home" if at_home else "trapped"
+        text = f"{1e3 * off:.0f} mm" if off < 0.0995 else f"{1e2 * off:.0f} cm"
+        assert f"{word}, {text} off" in said(page) and f"{tries - 1} of {tries} home" in said(page)
+        assert drop_module.CONTINUE in said(page)
+        turn_until(lambda: not any(part.name.startswith("ball/") for part in viewer.snapshot.picture.meshes))
+    session.seek(0)
+    turn_until(lambda: viewer.snapshot.view.index == 0)
+    np.testing.assert_array_equal(session.view.state.positions, before.state.positions)
+    page.words.press(drop_module.CONTINUE)
+    turn_until(lambda: session.view.running)
+    session.pause()
+    session.reset()
+    turn_until(lambda: session.view.count == 1 and "home" not in said(page))
+
+
+def test_without_a_cost_the_microphone_follows_the_pointer(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    viewer.binding.choose(shown=False)
+    turn_until(lambda: viewer.snapshot.picture.floor is None)
+    place = viewer.run.measurement.positions[9] + 0.01
+    viewer.drop.move(9, place, 1, False)
+    turn_until(lambda: session.view.count == 2)
+    np.testing.assert_allclose(session.view.state.positions[9], place)
