@@ -97,6 +97,7 @@ class SessionFolders:
 
 
 DOUBLING_TIME = 1.2  # s in which a run that is watched becomes twice as fast
+MAX_DOUBLINGS = 12.0
 STEPS = ("Step", "Sweep", "Stage", "Reset")
 
 
@@ -109,7 +110,7 @@ class RunBar:
     def __init__(self, binding: Binding, restart: Callable[[], None]):
         self._binding, self._restart, gui, on = binding, restart, binding.gui, binding.on
         self._watched = binding.run.solver.TRAITS.moves_all  # whether a run begins slowly
-        self._since, self._paced = -1.0, 0.0  # when the run began, s, below 0 while it rests; its steps per second
+        self._since, self._paced = -1.0, float(self._rate)  # when the run began, s, or below 0; its steps per second
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
         self.run = on(
             gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused"),
@@ -171,7 +172,7 @@ class RunBar:
             return
         if self._since < 0:
             self._since = tick.now
-        rate = self._rate * 2 ** ((tick.now - self._since) / DOUBLING_TIME)
+        rate = self._rate * 2 ** min((tick.now - self._since) / DOUBLING_TIME, MAX_DOUBLINGS)
         if rate > 1.2 * self._paced:
             self._pace(rate)
 
