@@ -184,13 +184,6 @@ def test_no_landscape_is_an_error_that_names_the_argument(tiny, arguments, key):
     assert caught.value.key == key
 
 
-def test_an_argument_that_does_not_exist_is_a_type_error(tiny):
-    with pytest.raises(TypeError, match="nosuch"):
-        fdcal.calibrate(tiny, nosuch=1)
-    with pytest.raises(fdcal.InputError, match="temperature"):
-        fdcal.load("tiny", temperature=20)
-
-
 def test_any_setting_of_the_solver_is_an_argument(tiny):
     random = fdcal.calibrate(tiny, solver="joint", start="random", seed=3, modes=20)
     assert (random.solver, random.seed) == ("joint", 3)

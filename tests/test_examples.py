@@ -59,15 +59,6 @@ def test_an_example_runs_and_finds_what_it_says(script, tmp_path, monkeypatch, c
     assert {path.name for path in tmp_path.iterdir()} == WRITTEN[script.stem]
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_an_example_is_short_and_says_what_it_does(script):
-    text = script.read_text(encoding="utf-8")
-    docstring = ast.get_docstring(ast.parse(text))
-    assert docstring
-    code = [line for line in text.split('"""')[2].splitlines() if line.strip()]
-    assert len(code) <= 22
-
-
 def cells(kind: str) -> list[str]:
     notebook = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
     assert (notebook["nbformat"], len({cell["id"] for cell in notebook["cells"]})) == (4, len(notebook["cells"]))

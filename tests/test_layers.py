@@ -233,10 +233,6 @@ def test_what_the_page_for_newcomers_names_is_there():
         assert operator.attrgetter(path)(found) if path else found, (module, attribute)
 
 
-def test_app_stays_small():
-    assert len((ROOT / "app.py").read_text(encoding="utf-8").splitlines()) < 60
-
-
 HEAVY = {"pyvista", "trimesh", "numba", "matplotlib", "scipy"}
 LATE = {"pyvista", "trimesh", "scipy.optimize", "scipy.spatial"}  # that a first picture does not need
 

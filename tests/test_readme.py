@@ -14,7 +14,6 @@ from fdcal.commands.cli import commands
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
 TEXT = text_of(README)
-FIRST_SCREEN = "\n".join(TEXT.splitlines()[:30])
 
 
 @pytest.mark.parametrize("scored", [True, False], ids=["scene", "own recording"])
@@ -29,17 +28,6 @@ def test_python_example_runs_with_and_without_true_positions(capsys, scored):
     assert "takes all 36" in TEXT and "asks for 20 modes" in " ".join(TEXT.split())
     assert fdcal.load_scene("tiny").solver.modes == 20
     assert (found["found"].mean_error is not None) == scored
-
-
-def test_it_is_short():
-    assert len(TEXT.splitlines()) <= 150
-
-
-def test_the_question_of_an_array_s_owner_is_on_the_first_screen():
-    assert "Which channel is which microphone?" in FIRST_SCREEN
-    (line,) = [block.code for block in blocks(FIRST_SCREEN) if block.code.startswith("fdcal calibrate")]
-    known = {text for option in commands.commands["calibrate"].params for text in option.opts}
-    assert set(re.findall(r"--[a-z-]+", line)) <= known
 
 
 def test_its_two_lines_install_and_open_the_page_and_run_the_tests():

@@ -74,11 +74,6 @@ def confidence_factor(probability: float, dimension: int) -> float:
     """Return the half axes, in standard deviations, of the ellipse that holds a share of a D-dimensional Gaussian.
 
     The square of the Mahalanobis distance is chi-square distributed with D degrees of freedom.
-
-    Examples
-    --------
-    >>> [round(confidence_factor(0.95, dimension), 4) for dimension in (1, 2, 3)]
-    [1.96, 2.4477, 2.7955]
     """
     return float(np.sqrt(chdtri(dimension, 1 - probability)))
 

@@ -47,27 +47,8 @@ import numpy as np
 
 from ..model.problem import mode_power
 from ..model.types import Complexes, Numbers, Reals
-from .batches import (
-    applied,
-    as_columns,
-    hermitian_inverses,
-    joined_columns,
-    over_blocks,
-    triangular_inverses,
-    weighted_curvature,
-    whole_curvature,
-)
-from .kernels import (
-    Slopes,
-    circular_waves,
-    cosines_and_sines,
-    diffuse_matrices,
-    expansion_about,
-    plane_wave_covariance,
-    plane_wave_kernel,
-    plane_waves,
-    series_kernel,
-)
+from . import batches, kernels
+from .kernels import Slopes
 
 MIN_FIELD_SHARE = 1e-3  # least power of the field over that of the pressures, so that C is never pure noise
 MIN_WEIGHT = 1e-11  # least mu = v / s; below it rounding errors of A are not small beside it
@@ -219,9 +200,9 @@ def _summed(rule: Rule, q: Complexes, by_parameter: Sequence[np.ndarray], number
             along = q[m] * one.weight * of_modes
             g[i, 0], g[i, 1], logs[i] = np.real(along), np.imag(along), np.real(of_modes) * one.gain_log
         misfit = g[:, 0] * np.real(one.u) + g[:, 1] * np.imag(one.u)
-        return one, 2 * (logs - misfit).transpose(1, 2, 0), weighted_curvature(g, one.rows, one.diagonal)
+        return one, 2 * (logs - misfit).transpose(1, 2, 0), batches.weighted_curvature(g, one.rows, one.diagonal)
 
-    parts = list(over_blocks(lambda m: differentiated(m, rule(m, derivatives)), len(q), numbers))
+    parts = list(batches.over_blocks(lambda m: differentiated(m, rule(m, derivatives)), len(q), numbers))
     found = [one for part in parts for one, _, _ in part]
     costs = np.concatenate([one.costs for one in found])
     u = np.concatenate([one.u * one.weight for one in found])
@@ -229,7 +210,7 @@ def _summed(rule: Rule, q: Complexes, by_parameter: Sequence[np.ndarray], number
     if not derivatives:
         return Terms(0.0, costs, None, None, u, d, q)
     slopes = np.concatenate([each for part in parts for _, each, _ in part])
-    H = whole_curvature(2 * np.sum([np.sum([matrix for *_, matrix in part], axis=0) for part in parts], axis=0))
+    H = batches.whole_curvature(2 * np.sum([np.sum([matrix for *_, matrix in part], axis=0) for part in parts], axis=0))
     return Terms(0.0, costs, slopes.sum(axis=0), H, u, d, q, slopes)
 
 
@@ -243,12 +224,12 @@ def few_waves(x: Reals, field: FieldModel) -> FewWaves | None:
     k, directions = field.wavenumbers, field.directions
     if directions is not None:
         offsets, r = x - np.mean(x if field.about is None else field.about, axis=0), directions.shape[1]
-        return (lambda m, slope: plane_waves(offsets, k[m], directions[m], slope), r) if r < len(x) else None
-    centre, orders, gains = expansion_about(x, k, 2, field.near, field.about)
+        return (lambda m, slope: kernels.plane_waves(offsets, k[m], directions[m], slope), r) if r < len(x) else None
+    centre, orders, gains = kernels.expansion_about(x, k, 2, field.near, field.about)
     r = 2 * int(orders.max()) + 1
     if r >= len(x):
         return None
-    return lambda m, slope: circular_waves(x, centre, k[m], orders[m], gains[m], slope), r
+    return lambda m, slope: kernels.circular_waves(x, centre, k[m], orders[m], gains[m], slope), r
 
 
 def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
@@ -265,10 +246,10 @@ def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
         A[:, columns, columns] += mu[:, None]
         G = np.linalg.cholesky(A)
         log_det = np.sum(2 * np.log(np.real(G[:, columns, columns])), axis=1) - len(columns) * np.log(mu)
-        X = triangular_inverses(G)
+        X = batches.triangular_inverses(G)
         XH = np.conj(X.swapaxes(1, 2)) if np.iscomplexobj(X) else X.swapaxes(1, 2)
-        parts, F = XH @ (X @ (WH @ as_columns(p, W.dtype))), X @ WH
-        alpha, left = joined_columns(parts), p - joined_columns(W.swapaxes(1, 2) @ parts)
+        parts, F = XH @ (X @ (WH @ batches.as_columns(p, W.dtype))), X @ WH
+        alpha, left = batches.joined_columns(parts), p - batches.joined_columns(W.swapaxes(1, 2) @ parts)
         misfit = np.sum(np.abs(left) ** 2, axis=1) + mu * np.sum(np.abs(alpha) ** 2, axis=1)  # errors of alpha cancel
         d = (1 - np.sum(np.abs(F) ** 2, axis=1)) * weight**2 / v[m, None]
         FH = np.conj(F).swapaxes(1, 2) / -v[m, None, None]
@@ -276,7 +257,7 @@ def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
         def slopes():
             assert dW is not None  # `derivatives`
             T, along = np.conj(XH @ F), dW * weight
-            g = np.array([joined_columns(slope.swapaxes(1, 2) @ parts) for slope in along])
+            g = np.array([batches.joined_columns(slope.swapaxes(1, 2) @ parts) for slope in along])
             return g, np.array([_real_products(slope, T) for slope in along])
 
         def rows(n: slice, i: slice) -> np.ndarray:
@@ -303,26 +284,26 @@ def field_covariance(x: Reals, field: FieldModel, m: slice, slope: bool):
     """
     if field.directions is not None:
         about = x if field.about is None else field.about
-        return plane_wave_kernel(x, about, field.wavenumbers, field.directions, slope, field.dimension, m)
+        return kernels.plane_wave_kernel(x, about, field.wavenumbers, field.directions, slope, field.dimension, m)
     if np.iscomplexobj(field.wavenumbers):
         about = x if field.about is None else field.about
-        return series_kernel(x, about, field.wavenumbers[m], field.dimension, field.near, slope)
-    return diffuse_matrices(x, field.wavenumbers[m], field.dimension, slope)
+        return kernels.series_kernel(x, about, field.wavenumbers[m], field.dimension, field.near, slope)
+    return kernels.diffuse_matrices(x, field.wavenumbers[m], field.dimension, slope)
 
 
 def _dense_rule(x: Reals, q: Complexes, field: FieldModel) -> Rule:
     """Modes factorised by the covariance itself."""
     if field.directions is not None and np.isrealobj(field.wavenumbers):  # kept for the blocks of all threads
         about = x if field.about is None else field.about
-        cosines_and_sines(x - about.mean(axis=0), field.wavenumbers, field.directions.shape[1], field.dimension)
+        kernels.cosines_and_sines(x - about.mean(axis=0), field.wavenumbers, field.directions.shape[1], field.dimension)
     diagonal = np.arange(len(x))
 
     def rule(m: slice, derivatives: bool) -> _Block:
         C, sloped = _sloped_covariance(x, field, m, derivatives)
         C *= field.power[m, None, None]
         C[:, diagonal, diagonal] += np.multiply.outer(field.noise[m], field.channel_noise)
-        P, log_det = hermitian_inverses(C)
-        u, d = applied(P, q[m]), np.ascontiguousarray(np.real(P[:, diagonal, diagonal]))
+        P, log_det = batches.hermitian_inverses(C)
+        u, d = batches.applied(P, q[m]), np.ascontiguousarray(np.real(P[:, diagonal, diagonal]))
         costs = log_det + np.sum(np.real(np.conj(q[m]) * u), axis=1)
 
         def slopes():
@@ -338,7 +319,7 @@ def _sloped_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool)
     """Return the covariance, and the function that makes of its slope what `plane_wave_covariance` says."""
     if field.directions is not None:
         about = x if field.about is None else field.about
-        return plane_wave_covariance(x, about, field.wavenumbers, field.directions, field.dimension, m)
+        return kernels.plane_wave_covariance(x, about, field.wavenumbers, field.directions, field.dimension, m)
     C, D = field_covariance(x, field, m, derivatives)
     return C, lambda u, P: _dense_slopes(x, u, P, D)
 
@@ -355,8 +336,8 @@ def _conditional_rule(x: Reals, q: Complexes, log_gain: Complexes, field: FieldM
         B, D = field_covariance(x, isotropic, m, derivatives)
         B *= power[m, None, None]
         B[:, diagonal, diagonal] += noise[m]
-        B = hermitian_inverses(B)[0]
-        u, d = applied(B, q[m]), np.ascontiguousarray(np.real(B[:, diagonal, diagonal]))
+        B = batches.hermitian_inverses(B)[0]
+        u, d = batches.applied(B, q[m]), np.ascontiguousarray(np.real(B[:, diagonal, diagonal]))
         costs = np.sum(np.real(np.conj(q[m]) * u) - d * seen[m], axis=1)
 
         def slopes():
@@ -371,7 +352,7 @@ def _conditional_rule(x: Reals, q: Complexes, log_gain: Complexes, field: FieldM
 def _dense_slopes(x: Reals, u: Complexes, traced: Numbers, D: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return D_a u (D, M, N) complex128 and Re tr(A dK) (D, M, N), A the Hermitian matrices `traced` (M, N, N)."""
     if D.ndim == 4:
-        g = np.array([applied(slope, u) for slope in D])
+        g = np.array([batches.applied(slope, u) for slope in D])
         return g, np.array([np.einsum("mij,mij->mi", slope, np.conj(traced)).real for slope in D])
     moments = np.ascontiguousarray(np.concatenate([u[..., None], u[..., None] * x], axis=-1))  # D_a = S (x_i - x_j)_a
     Su = np.matmul(D, moments.view(float)).view(complex)
@@ -403,10 +384,10 @@ def spectra(positions: Reals, corrected: Numbers, field: FieldModel) -> tuple[np
         if waves is not None:
             return _low_rank_spectra(waves[0](m, False)[0] * weight, p)
         values, vectors = np.linalg.eigh(field_covariance(x, field, m, False)[0] * np.multiply.outer(weight, weight))
-        along = np.conj(vectors.swapaxes(1, 2)) @ as_columns(p, vectors.dtype)
+        along = np.conj(vectors.swapaxes(1, 2)) @ batches.as_columns(p, vectors.dtype)
         return np.maximum(values, 0.0), np.sum(np.abs(along) ** 2, axis=2)
 
-    parts = over_blocks(of_block, len(corrected), len(x) * (len(x) if waves is None else 2 * waves[1]))
+    parts = batches.over_blocks(of_block, len(corrected), len(x) * (len(x) if waves is None else 2 * waves[1]))
     found = [one for part in parts for one in part]
     return np.concatenate([values for values, _ in found]), np.concatenate([along for _, along in found])
 

@@ -1,15 +1,8 @@
 """The basins of attraction of a map in colours, with a legend of areas in place of a colour bar.
 
-basin_floor    the map
-basin_slice    a slice through the basins in space
-descent_text   where descent from one place ends, and how much of the map its basin holds, in words
-BasinImage     pixels as numbers of colours
-
 The basin of one place, such as the true position, has the first colour; the largest of the others have one each, and
 those that remain share a grey. Dark lines separate basins, also where two of them are grey.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,10 +43,9 @@ class BasinImage:
 
 
 def basin_image(basins: Basins, here: int, name: str, labels: np.ndarray | None = None) -> BasinImage:
-    """Return the colours of basins and what they stand for.
+    """Return the colours of basins and what they stand for; `labels` (h, w) are of a slice through a volume.
 
-    `basins`: of the whole map or volume; `here`: the basin that has the first colour; OUTSIDE for no such basin;
-    `name`: of the place in that basin; `labels` (h, w) int64, of a slice through a volume.
+    `here`: the basin that has the first colour, of the place `name`; OUTSIDE for no such basin.
     """
     labels = basins.labels if labels is None else labels
     finer = -(-PIXELS // max(labels.shape))
@@ -96,11 +88,7 @@ def _areas(basins: Basins, by_size: Sequence[int], here: int | None, name: str) 
 def basin_floor(
     basins: Basins, search: Search, minima: Minima, place=None, name: str = "true position", height: float = 0.0
 ) -> Floor:
-    """Return the map of basins of attraction.
-
-    `basins`: of the map; `search`: lattice of the map; `minima`: to be marked; `place` (2,) float64, metres, whose
-    basin has the first colour; None for no such basin; `name`: of that place; `height`: of the map, metres.
-    """
+    """Return the map of basins of attraction, the first colour for that of `place` (2,), metres, if it is given."""
     image = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name)
     half, (ny, nx) = search.step / 2, basins.labels.shape
     lowest, others = marks_of(minima)
@@ -141,10 +129,7 @@ def basin_slice(
 
 
 def descent_text(basins: Basins, search: Search, place, name: str = "true position") -> str:
-    """Return where descent from one place ends, and how much of the map its basin holds, in words.
-
-    `basins`, `search`: as of `basin_image`; `place` (2,) float64, metres; `name`: of that place.
-    """
+    """Return where descent from a place (2,), metres, ends, and how much of the map its basin holds, in words."""
     here = basins.at(search, place)
     if here == OUTSIDE:
         return f"descent from the {name} leaves the map"

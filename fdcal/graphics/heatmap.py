@@ -4,8 +4,6 @@ A map in relief has its shading in its colours, no renderer adds light: it comes
 map. Lengths are metres.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 
@@ -33,11 +31,7 @@ class ReliefGrid:
 
 
 def shaded(rgb: np.ndarray, heights: np.ndarray, step: float) -> np.ndarray:
-    """Return the colours of a map as the light makes them; level ground keeps its colour.
-
-    `rgb` (ny, nx, 3) uint8; `heights` (ny, nx) float32, metres; `step`: between cells, metres. Returns (ny, nx, 3)
-    uint8.
-    """
+    """Return the colours of a map (ny, nx, 3) as the light makes them; level ground keeps its colour; metres."""
     rise_y, rise_x = np.gradient(np.asarray(heights, float), step)
     light = TOWARDS_LIGHT / TOWARDS_LIGHT[2]  # level ground has the brightness 1
     brightness = (1.0 - rise_x * light[0] - rise_y * light[1]) / np.sqrt(1.0 + rise_x**2 + rise_y**2)
@@ -47,10 +41,7 @@ def shaded(rgb: np.ndarray, heights: np.ndarray, step: float) -> np.ndarray:
 
 
 def relief_grid(origin, size, heights: np.ndarray) -> ReliefGrid:
-    """Return the surface of a map that covers the box from `origin`, (x, y), of `size`, metres.
-
-    `heights` (ny, nx) float32, metres, in the middles of the cells.
-    """
+    """Return the surface of a map over the box from `origin` of `size`, metres, with the heights (ny, nx) of cells."""
     axes = [
         low + length * np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]])
         for low, length, count in zip(origin, size, heights.shape[::-1], strict=True)
@@ -114,10 +105,7 @@ def marks_of(minima: Minima) -> tuple[tuple[tuple[float, float], ...], tuple[tup
 
 
 def colour_limits(cost: np.ndarray, log: bool) -> tuple[float, float, bool]:
-    """Return the lowest and the highest value of a scale, and whether lower costs share its first colour.
-
-    `cost`: float64, of one map or of several; `log`: whether the scale is logarithmic.
-    """
+    """Return the lowest and the highest value of a scale of costs, and whether lower costs share its first colour."""
     low, high, clipped = float(cost.min()), float(cost.max()), False
     if log and high > 0 <= low:
         threshold = high * 10.0**-DECADES
@@ -156,10 +144,7 @@ def _colour_table(name: str) -> np.ndarray:
 
 
 def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor:
-    """Return a map of a sound field, white where the pressure is zero.
-
-    `field` (ny, nx) float64, -1 to 1, row 0 at low y; `label`: name and unit; `height`: of the map, metres.
-    """
+    """Return a map of a sound field (ny, nx), -1 to 1, row 0 at low y, white where the pressure is zero."""
     field, half = np.asarray(field, float), search.step / 2
     row, column = np.unravel_index(np.abs(field).argmin(), field.shape)
     return Floor(
@@ -174,8 +159,5 @@ def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor
 
 
 def cost_label(weights: str) -> str:
-    """Return name and unit of a solver's cost; raw pressures keep their unit.
-
-    `weights`: "unit" or "raw", as in settings.SolverSettings.
-    """
+    """Return name and unit of a solver's cost with `SolverSettings.weights`; raw pressures keep their unit."""
     return "cost (dimensionless)" if weights == "unit" else "cost (pressure squared)"

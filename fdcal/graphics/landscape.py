@@ -1,11 +1,4 @@
-"""The cost landscape of one microphone of a measurement, mode by mode and summed: the paper's Fig. 1.
-
-landscape         `fdcal.landscape`
-landscape_panels  computes the landscapes
-panels_of         takes landscapes that exist
-draw_landscape    draws them: maps or basins, marks, and the axes
-figure_bytes      the figure as a file
-"""
+"""The cost landscape of one microphone of a measurement, mode by mode and summed: the paper's Fig. 1."""
 
 from __future__ import annotations
 
@@ -52,11 +45,7 @@ def draw_map(panel: Any, cost: np.ndarray, search: Search, decibels: bool) -> An
 
 
 def draw_basins(panel: Any, cost: np.ndarray, search: Search, place, name: str) -> None:
-    """Draw the basins of attraction of one map, with their legend at its right.
-
-    `cost` (ny, nx) float64; `search`: its lattice; `place` (2,) metres, whose basin has the first colour; or None;
-    `name`: of that place.
-    """
+    """Draw the basins of attraction of one map, that of `place` (2,), metres, first, with their legend at its right."""
     from matplotlib.patches import Patch
 
     basins = basins_of(cost)
@@ -160,9 +149,7 @@ class LandscapePanels:
 def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int) -> LandscapePanels:
     """Return the cost of Eq. 7 over the search lattice with microphone `n` moved and the others at `positions`.
 
-    `positions` (N, 2) float64, metres; `n`: microphone, counted from 0; `modes`: P modes, counted from 1;
-    `order_offset`: added to the order of Eq. 3. Raises InputError: the field is not two-dimensional, there is no search
-    domain, or the microphones are too few for the order of a mode.
+    `modes` count from 1; `order_offset` is added to the order of Eq. 3.
     """
     require_plane_field(problem)
     if problem.search is not None:
@@ -183,10 +170,8 @@ def panels_of(
 ) -> LandscapePanels:  # fmt: skip
     """Return panels of maps that exist, the last of the sum.
 
-    `maps` (P, ny, nx) float64, of `modes`; `total` (ny, nx) float64, the sum, perhaps over more modes; `modes`: P
-    modes, counted from 1; `frequencies` (M,) Hz, of all modes measured; `n`: microphone, counted from 0; `search`:
-    lattice of the maps; `count`: modes in the sum; `marks`: of the maps and the sum, found on their
-    lattice unless given.
+    `maps` (P, ny, nx), of `modes`, counted from 1; `total` (ny, nx), the sum over `count` modes; `marks`: of the maps
+    and the sum, found on their lattice unless given.
     """
     drawn = np.concatenate([np.asarray(maps, float), np.asarray(total, float)[None]])
     lowest = np.column_stack(np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), drawn.shape[2]))
@@ -213,10 +198,8 @@ def draw_landscape(
 ) -> Figure:
     """Return a figure of the panels with the marks of the page: diamonds at the minima, the lowest large.
 
-    `truth` (2,) metres, the true position, drawn as a circle; or None; `label`: of the colour bars; `heading`: of the
-    figure; by default it names the microphone; `estimate` (2,) metres, the estimated position, drawn as a cross; or
-    None; `decibels`: whether the scales have decibels re 1, as on the page; `basins`: whether the maps show basins of
-    attraction, that of the true position, or of the estimate, first.
+    `truth` (2,), metres, is drawn as a circle, `estimate` (2,) as a cross; `decibels`: whether the scales have decibels
+    re 1, as on the page; `basins`: whether the maps show basins of attraction, that of the truth or the estimate first.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator

@@ -56,6 +56,13 @@ def enlargement(half_axis: float, extent: float) -> float:
     return float(next(power * step for step in (1, 2, 5, 10) if power * step >= wanted * (1 - 1e-9)))
 
 
+def _rims(one: np.ndarray, other: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """Return the outlines (S, 2, 3) of ellipses of two half axes (N, 3) each, metres."""
+    angles = np.linspace(0, 2 * np.pi, ELLIPSE_SIDES + 1)[:, None, None]
+    rim = np.cos(angles) * one + np.sin(angles) * other + centres
+    return np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3)
+
+
 def with_ellipses(
     picture: Picture, positions, axes, floor: Floor | None = None, scale: float = 1.0, note: str = ""
 ) -> Picture:
@@ -75,9 +82,7 @@ def with_ellipses(
     )
     pad = ((0, 0), (0, 3 - axes.shape[2]))
     long, middle = np.pad(long[seen], pad), np.pad(middle[seen], pad)
-    angles = np.linspace(0, 2 * np.pi, ELLIPSE_SIDES + 1)
-    rim = np.cos(angles)[:, None, None] * long + np.sin(angles)[:, None, None] * middle + centres
-    pieces = np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3)
+    pieces = _rims(long, middle, centres)
     text = ELLIPSE_TEXT
     if scale > 1:
         text += f", drawn {scale:g} times larger"
@@ -176,11 +181,7 @@ def with_bound(picture: Picture, positions, axes) -> Picture:
     D = axes.shape[2]
     half = np.pad(scale * axes[seen], ((0, 0), (0, 0), (0, 3 - D)))
     centres = on_layer(positions[seen], picture.z_range[0], picture.marker_radius, Layer.ELLIPSE)
-    angles = np.linspace(0, 2 * np.pi, ELLIPSE_SIDES + 1)[:, None, None]
-    pieces = []
-    for a, b in SECTIONS[: 1 if D == 2 else 3]:
-        rim = np.cos(angles) * half[:, a] + np.sin(angles) * half[:, b] + centres
-        pieces.append(np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3))
+    pieces = [_rims(half[:, a], half[:, b], centres) for a, b in SECTIONS[: 1 if D == 2 else 3]]
     text = BOUND_TEXT + (f", drawn {scale:g} times larger" if scale > 1 else "")
     drawn = lines("ellipses", np.concatenate(pieces), ELLIPSE, 2.0)
     return replace(picture, lines=(*picture.lines, drawn), captions=(*captions, ("ellipses", text)))

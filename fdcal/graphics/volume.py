@@ -13,8 +13,6 @@
 The colours hold the shading of the surfaces, so that they look alike in any renderer, which adds no light.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -31,12 +29,7 @@ from .primitives import Area, ColourBar, Plate, Surface
 
 
 def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where values on a lattice equal a level.
-
-    `values` (nz, ny, nx) float64; `search`: the lattice, metres; `level`: in the unit of the values. Returns vertices
-    (V, 3) float64, metres; faces (F, 3) int64, indices of vertices; normals (V, 3) float64, of unit length,; towards
-    higher values.
-    """
+    """Return vertices (V, 3), metres, faces (F, 3) and normals (V, 3), uphill, of where values equal a level."""
     vtk_core, vtk_data, arrays = _vtk()
     image = vtk_data.vtkImageData()
     image.SetDimensions(*values.shape[::-1])
@@ -102,10 +95,7 @@ class Volume:
 
 
 def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
-    """Return round levels of cost, ascending, of which each encloses a part of the domain that can be seen through.
-
-    `decibels` (nz, ny, nx) float64, cost, dB.
-    """
+    """Return round levels of cost, dB, ascending, each of which encloses a part that can be seen through."""
     low, middle = float(decibels.min()), float(np.quantile(decibels, LARGEST))
     for count in (MAX_LEVELS, 6, 10, 20):
         levels = [v for v in round_ticks(low, middle, count) if SMALLEST < np.mean(decibels < v) <= LARGEST]
@@ -116,11 +106,7 @@ def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
 
 
 def volume_of(cost: np.ndarray, search: Search, log: bool, minima: Minima | None = None) -> Volume:
-    """Return the isosurfaces of costs on a lattice, without a slice.
-
-    `cost` (nz, ny, nx) float64, relative to the power; `search`: the lattice; `log`: whether the colours follow
-    decibels; `minima`: to be marked.
-    """
+    """Return the isosurfaces of costs (nz, ny, nx), relative to the power; `log`: whether colours follow decibels."""
     low, high, clipped = colour_limits(cost, log)
     decibels = 10 * np.log10(np.maximum(cost, 1e-16))
     levels = levels_of(np.maximum(decibels, 10 * np.log10(max(low, 1e-16))))
@@ -134,11 +120,9 @@ def volume_of(cost: np.ndarray, search: Search, log: bool, minima: Minima | None
 
 
 def slice_of(cost: np.ndarray, axis: int, position: float, domain: np.ndarray, bar: ColourBar, log: bool) -> Plate:
-    """Return a slice through a volume, in the colours of the volume.
+    """Return a slice through a volume, in the colours of its `bar`, across an axis (0, 1, 2) at a position, metres.
 
-    `cost` (h, w) float64, in the middle of each pixel, rows along the later of the two axes; `axis`: 0, 1 or 2, across
-    the slice; `position`: along that axis, metres; `domain` (2, 3) float64, lowest and highest corner of the domain,
-    metres; `bar`: of the volume; `log`: whether the colours follow decibels.
+    `cost` (h, w), in the middle of each pixel, rows along the later of the two axes; `domain` (2, 3), its corners.
     """
     low, high = (10 ** (bar.low / 10), 10 ** (bar.high / 10)) if log else (bar.low, bar.high)
     rgb = to_rgb(normalise(cost, low, high, log))
@@ -212,10 +196,7 @@ class SampledVolume:
 def sampled_volume(
     terms: CostVolume, count: int = POINTS, cancelled: Callable[[], bool] = lambda: False
 ) -> SampledVolume | None:
-    """Return a volume on a lattice of the whole domain with its minima; None once cancelled.
-
-    `count`: points along the longest edge; `cancelled`: tells whether the values are no longer wanted.
-    """
+    """Return a volume on a lattice of the whole domain with its minima; None once `cancelled`."""
     domain = terms.domain
     step = max(domain.size) / (count - 1)
     shape = [max(int(length / step + 1e-6), 1) + 1 for length in domain.size]
@@ -229,21 +210,16 @@ def sampled_volume(
 
 
 def drawn_volume(sampled: SampledVolume, log: bool = True, minima: bool = True) -> Volume:
-    """Return the isosurfaces of a volume, without a slice.
-
-    `log`: whether the colours follow decibels; `minima`: whether the minima are marked.
-    """
+    """Return the isosurfaces of a volume, without a slice; `minima`: whether they are marked."""
     return volume_of(sampled.cost, sampled.search, log, sampled.minima if minima else None)
 
 
 def sliced(
     volume: Volume, sampled: SampledVolume, axis: str, position: float, log: bool = True, pixels: int = PIXELS
 ) -> Volume:
-    """Return a volume with a slice.
+    """Return a volume with a slice across "x", "y" or "z", any other word for none, at a position, metres.
 
-    `volume`: of `drawn_volume`; `axis`: "x", "y" or "z", across the slice; any other word for no slice; `position`:
-    along that axis, metres; beyond the domain, its edge; `log`: as of `drawn_volume`; `pixels`: along the longer edge
-    of the slice.
+    Beyond the domain it is at its edge; `pixels`: along the longer edge of the slice.
     """
     if axis not in AXES or volume.bar is None:
         return replace(volume, plate=None)

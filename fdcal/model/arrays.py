@@ -7,22 +7,9 @@ dimensions the field has a closed form at any point, so nothing is snapped.
 
 import numpy as np
 
+from . import geometry
 from .array_layout import Array
 from .gauge import fixes_gauge
-from .geometry import (
-    ROUNDING,
-    ball,
-    box,
-    circle,
-    convex_hull,
-    crosses_polygon,
-    encloses,
-    in_polygon,
-    plane,
-    rectangle,
-    rectangle_plus_random,
-    snap,
-)
 from .scene import Scene
 from .validation import InputError, frozen_array, point_text
 
@@ -44,7 +31,7 @@ def positions_of(scene: Scene) -> np.ndarray:
         positions = positions_3d(scene)[:, : scene.array.dimension]
     else:
         cell = scene.room.cell_size
-        positions = snap(_geometry(scene.array, cell, np.random.default_rng([scene.seed, 0])), cell)
+        positions = geometry.snap(_geometry(scene.array, cell, np.random.default_rng([scene.seed, 0])), cell)
         for check in (_check_distinct, _check_in_room, _check_walls, _check_source):
             check(positions, scene)
     _check_gauge(positions, scene)
@@ -56,11 +43,11 @@ def _geometry(array: Array, cell: float, rng: np.random.Generator) -> np.ndarray
     """Return the positions before they are snapped : (N, 2), metres."""
     center, shape, size = array.center or (0.0, 0.0), array.shape or (), array.size or ()
     if array.geometry == "circle":
-        return circle(array.count or 0, array.radius or 0.0) + center
+        return geometry.circle(array.count or 0, array.radius or 0.0) + center
     if array.geometry == "rectangle":
-        return rectangle(shape, size) + center
+        return geometry.rectangle(shape, size) + center
     if array.geometry == "rectangle+random":
-        return rectangle_plus_random(shape, size, array.random, cell, rng, center)
+        return geometry.rectangle_plus_random(shape, size, array.random, cell, rng, center)
     return np.array(array.positions, dtype=float) + center
 
 
@@ -77,7 +64,7 @@ def _check_distinct(positions: np.ndarray, scene: Scene) -> None:
 
 
 def _check_in_room(positions: np.ndarray, scene: Scene) -> None:
-    outside = np.flatnonzero(~in_polygon(positions, scene.room.vertices))
+    outside = np.flatnonzero(~geometry.in_polygon(positions, scene.room.vertices))
     if len(outside):
         key = "array.positions" if scene.array.geometry == "positions" else "array.center"
         problem = f"array puts microphone {outside[0]} at {point_text(positions[outside[0]])}, outside the room"
@@ -85,10 +72,10 @@ def _check_in_room(positions: np.ndarray, scene: Scene) -> None:
 
 
 def _check_walls(positions: np.ndarray, scene: Scene) -> None:
-    corners = convex_hull(positions)
+    corners = geometry.convex_hull(positions)
     vertices = scene.room.vertices
     for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        if crosses_polygon(a, b, corners):
+        if geometry.crosses_polygon(a, b, corners):
             key = "room.size" if scene.room.size else "room.outline"
             raise InputError(
                 f"{key} has a wall from {point_text(a)} to {point_text(b)} between the microphones, where nothing may"
@@ -100,10 +87,10 @@ def _check_walls(positions: np.ndarray, scene: Scene) -> None:
 
 def _check_source(positions: np.ndarray, scene: Scene) -> None:
     for key, position in zip(scene.emitter.keys, scene.emitter.places, strict=True):
-        place, cell = f"{key} = {list(position)} m lies", snap(np.array(position), scene.room.cell_size)
-        if not in_polygon(cell, scene.room.vertices):
+        place, cell = f"{key} = {list(position)} m lies", geometry.snap(np.array(position), scene.room.cell_size)
+        if not geometry.in_polygon(cell, scene.room.vertices):
             raise InputError(f"{place} outside the room or in a wall", "move it inside the room", key=key)
-        if encloses(positions, cell):
+        if geometry.encloses(positions, cell):
             raise InputError(f"{place} {INSIDE}", OUTSIDE, key=key)
 
 
@@ -126,7 +113,7 @@ def _check_search(positions: np.ndarray, scene: Scene) -> None:
     low = np.array(scene.search.origin)
     high = low + scene.search.step * (np.array(scene.search.shape) - 1)
     known = scene.gauge.indices(len(positions))
-    beyond = np.any((positions < low - ROUNDING) | (positions > high + ROUNDING), axis=1)
+    beyond = np.any((positions < low - geometry.ROUNDING) | (positions > high + geometry.ROUNDING), axis=1)
     beyond[list(known)] = False  # a known microphone is never searched for
     if beyond.any():
         n = int(np.argmax(beyond))
@@ -179,9 +166,9 @@ def encloses_3d(points: np.ndarray, point: np.ndarray) -> bool:
 def _geometry_3d(array: Array, rng: np.random.Generator) -> np.ndarray:
     """Return the positions about the array's centre : (N, 3), metres."""
     if array.geometry == "ball":
-        return ball(array.count or 0, array.radius or 0.0, rng)
+        return geometry.ball(array.count or 0, array.radius or 0.0, rng)
     if array.geometry == "box":
-        return box(array.count or 0, array.size, rng)
+        return geometry.box(array.count or 0, array.size, rng)
     if array.geometry == "plane":
-        return plane(array.shape or (), array.size or ())
+        return geometry.plane(array.shape or (), array.size or ())
     return np.array(array.positions, dtype=float)

@@ -46,16 +46,7 @@ class Frame:
 
 
 def parse_frame(text: str) -> Frame:
-    """Return the frame that the address of a replay names, with or without its "#".
-
-    `text`: as "#step=12&microphone=9&modes=1-20&view=top". Raises InputError: a part that a frame does not have, or a
-    value that it cannot have.
-
-    Examples
-    --------
-    >>> parse_frame("#step=12&microphone=9").number
-    12
-    """
+    """Return the frame that the address of a replay names, as "#step=12&microphone=9&modes=1-20&view=top"."""
     parts = parse_qsl(text.strip().removeprefix("#"), keep_blank_values=True)
     named = [unit for unit, _ in parts if unit in UNITS]
     if not parts or len(named) > 1 or len(dict(parts)) < len(parts):
@@ -261,13 +252,9 @@ def lesson_names() -> list[str]:
 
 
 def load_lesson(path: str | Path) -> Lesson:
-    """Return the lesson of a TOML file, or a built-in one by its name.
-
-    Raises InputError: unknown name, or a file that is no lesson; the message names the file, the key, its value and the
-    remedy; StorageError: the file cannot be read.
-    """
+    """Return the lesson of a TOML file, or a built-in one by its name."""
     path = _file_of(path)
-    table = _read(path)
+    table = parse_toml(read_bytes(path, LIMITS.file_bytes, "lesson"), path)
     try:
         for key in Lesson.OPTIONAL:
             if key in table:
@@ -290,10 +277,6 @@ def _file_of(path: str | Path) -> Path:
         remedy = f'did you mean "{near[0]}"?' if near else f"use a .toml file or one of {', '.join(names)}"
         raise InputError(f'lesson "{path}" is unknown', remedy, key="lesson", value=str(path))
     return lesson_folder() / f"{path}.toml"
-
-
-def _read(path: Path) -> dict:
-    return parse_toml(read_bytes(path, LIMITS.file_bytes, "lesson"), path)
 
 
 def check(lesson: Lesson) -> None:
@@ -373,8 +356,10 @@ def _check_setting(key: str, setting: Setting, scene: Scene) -> None:
     seed = setting.start_seed
     if seed is not None and seed < 0:
         raise InputError(f"{key}.start_seed = {seed} is negative", "use 0 or more", key=f"{key}.start_seed", value=seed)
-    if setting.microphone is not None:
-        _check_microphone(f"{key}.microphone", setting.microphone, scene)
+    n, count = setting.microphone, len(positions_of(scene))
+    if n is not None and not 0 <= n < count:
+        remedy = f"{scene.name} has 0 to {count - 1}"
+        raise InputError(f"{key}.microphone = {n} is not there", remedy, key=f"{key}.microphone", value=n)
 
 
 def _check_frame(key: str, setting: Setting) -> Setting:
@@ -386,13 +371,6 @@ def _check_frame(key: str, setting: Setting) -> Setting:
         return setting.unfolded()
     except InputError as error:
         raise error.within(key) from error
-
-
-def _check_microphone(key: str, microphone: int, scene: Scene) -> None:
-    count = len(positions_of(scene))
-    if not 0 <= microphone < count:
-        remedy = f"{scene.name} has 0 to {count - 1}"
-        raise InputError(f"{key} = {microphone} is not there", remedy, key=key, value=microphone)
 
 
 def _check_modes(key: str, setting: Setting) -> None:

@@ -1,4 +1,4 @@
-"""Bad input and files of another kind: exit code 2, one line that names value and remedy, in options of the command line."""
+"""Bad input and files of another kind: exit code 2, one line that names value and remedy."""
 
 from __future__ import annotations
 

@@ -7,7 +7,6 @@ from fdcal.cost.scale import Minima
 from fdcal.graphics import paraview, snapshot
 from fdcal.graphics.camera import project
 from fdcal.graphics.heatmap import to_rgb
-from fdcal.graphics.legend import legend_of
 from fdcal.graphics.overlays import with_volume
 from fdcal.graphics.picture import static_picture
 from fdcal.graphics.volume import faded, isosurface, levels_of, slice_of, volume_of
@@ -130,12 +129,3 @@ def test_the_vti_file_holds_the_cost_of_every_point():
     nx, ny, nz = SEARCH.shape
     assert f'WholeExtent="0 {nx - 1} 0 {ny - 1} 0 {nz - 1}"' in text
     assert 'Name="cost"' in text and 'Name="cost_dB"' in text
-
-
-def test_the_legend_says_at_which_costs_the_surfaces_are_and_where_the_slice_is(picture):
-    volume = volume_of(cost(), SEARCH, True)
-    plate = slice_of(np.full((2, 2), 1e-3), 2, 3.38, DOMAIN, volume.bar, True)
-    drawn = with_volume(picture, type(volume)(volume.surface, plate, volume.bar, volume.levels))
-    texts = [entry.text for entry in legend_of(drawn)]
-    assert volume.text in texts and "slice at z = 3.38 m" in texts
-    assert not {"isosurfaces", "slice"} & {entry.name for entry in legend_of(picture)}

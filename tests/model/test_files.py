@@ -1,4 +1,4 @@
-"""Files that anyone may have written are refused at once; those written are complete or absent; the cache is bounded."""
+"""Files of anyone are refused at once where they are broken; those written are complete or absent; the cache."""
 
 from __future__ import annotations
 

@@ -12,24 +12,9 @@ from fdcal.acoustics.measure import cached_measurement, load_cached_measurement,
 from fdcal.model.arrays import positions_of
 from fdcal.model.room import response_path
 from fdcal.model.scene import no_rectangle
-from fdcal.model.scene_file import MeasuredScene, load_scene, scene_folder, scene_names
+from fdcal.model.scene_file import MeasuredScene, load_scene, scene_folder
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, StorageError
-
-
-def test_the_scenes_that_come_with_fdcal():
-    arrays = ["array1_circle", "array2_faults", "array2_random"]
-    assert scene_names() == [
-        *arrays,
-        "ball3d",
-        "fig1_square",
-        "frl_array",
-        "listening_lab",
-        "lshape",
-        "plane3d",
-        "tiny",
-        "two_places",
-    ]
 
 
 @pytest.mark.parametrize("name", ["array1_circle", "array2_random", "fig1_square", "lshape", "tiny"])
@@ -57,20 +42,6 @@ def test_scene_in_space_is_consistent(name, dimension, count):
     assert len(known) == 4
     spread = np.linalg.svd(known - known.mean(axis=0), compute_uv=False)
     assert spread[-1] > 0.3, "the known microphones are far apart in every direction"
-
-
-@pytest.mark.parametrize("name", ["array1_circle", "array2_random"])
-def test_paper_arrays(name):
-    scene = load_scene(name)
-    assert len(positions_of(scene)) == 65
-    assert scene.search.shape == (121, 121)
-    assert len(scene.gauge.indices(65)) == 3
-    assert (scene.room.size, scene.source.sample_rate, scene.search.radius) == ((6, 5), 28590, 0.8)
-
-
-def test_scene_is_frozen():
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        load_scene("tiny").seed = 1
 
 
 def test_name_and_path_give_the_same_scene(edited):

@@ -73,12 +73,6 @@ def test_same_seed_same_run_and_other_seed_other_run():
     assert not np.array_equal(first[0].positions, other[0].positions)
 
 
-def test_a_run_continued_from_any_state_equals_the_uninterrupted_run():
-    states = all_states()
-    for index in (0, 2, len(states) // 2):
-        assert same(descent.step(PROBLEM, states[index]), states[index + 1])
-
-
 def test_states_cannot_be_written_to():
     state = descent.init(PROBLEM, SETTINGS, 0)
     with pytest.raises(ValueError, match="read-only"):
@@ -134,11 +128,6 @@ def test_fewer_candidates_than_microphones_are_refused():
 def test_a_problem_without_search_domain_is_refused():
     with pytest.raises(InputError, match="search domain"):
         descent.init(replace(PROBLEM, search=None), SETTINGS, 0)
-
-
-def test_an_unknown_solver_is_refused_by_name():
-    with pytest.raises(InputError, match="descent"):
-        solvers.load("simulated-annealing")
 
 
 def test_the_affine_start_is_snapped_to_the_lattice_and_left_alone_by_the_seed():

@@ -16,7 +16,6 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError, frozen_array
-from fdcal.session import state_codec
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import descent as descent
@@ -127,28 +126,6 @@ def test_the_dictionary_spans_the_space_of_the_closed_form():
         assert W.shape == expected.shape
         Q, _ = np.linalg.qr(W)
         np.testing.assert_allclose(Q @ (Q.conj().T @ expected), expected, atol=1e-9 * np.abs(expected).max())
-
-
-def test_cost_never_rises_while_centre_and_modes_stay():
-    problem = problem_of(TRUTH, 5)
-    state, compared = descent.init(problem, SETTINGS, 0), 0
-    for _ in range(60):
-        following = descent.step(problem, state)
-        if np.array_equal(following.centre, state.centre) and state.last == following.last and state.step:
-            after = descent.step(problem, following)
-            if following.last == after.last:
-                assert after.cost <= following.cost * (1 + 1e-9)
-                compared += 1
-        state = following
-    assert compared > 10
-
-
-def test_a_run_continued_from_a_saved_state_equals_the_uninterrupted_run():
-    states = to_the_end(PROBLEM, descent.init(PROBLEM, SETTINGS, 0))
-    for begun in (states[2], states[len(states) // 2]):
-        table, arrays = state_codec.write_states([begun])
-        (saved,) = state_codec.read_states(table, arrays, PROBLEM, "descent", 1)
-        np.testing.assert_array_equal(to_the_end(PROBLEM, saved)[-1].positions, states[-1].positions)
 
 
 def test_the_map_of_the_solver_is_of_the_layer_of_the_microphone_at_any_fineness():

@@ -9,7 +9,7 @@ import pytest
 from fields import measured, rigid_room, room_frequencies
 from hypothesis import given, strategies
 from hypothesis import settings as settings_of_hypothesis
-from solving import run_from, same_state, saved_and_read
+from solving import run_from, same_state
 
 from fdcal import solvers
 from fdcal.acoustics import compiled
@@ -302,13 +302,6 @@ def test_an_array_in_another_frame_is_bent_to_exact_positions_before_the_first_s
 def test_a_run_is_repeatable(clean):
     again = solve(measured(TRUTH, KNOWN))
     assert len(again) == len(clean) and all(same_state(a, b) for a, b in zip(again, clean, strict=True))
-
-
-def test_a_run_continues_from_every_state_as_if_it_was_never_interrupted(clean):
-    """A step from what was saved and read leads to the next state, and so on to the end."""
-    problem = measured(TRUTH, KNOWN).problem()
-    for state, following in pairwise(clean):
-        assert same_state(joint.step(problem, saved_and_read(problem, state)), following)
 
 
 @pytest.mark.parametrize("snr_db", [np.inf, 30], ids=["without noise", "with noise"])

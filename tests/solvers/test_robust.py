@@ -1,4 +1,4 @@
-"""The solver `robust`: gains come back, faults are found, positions stay; a measured room and a plane array in space."""
+"""The solver `robust`: gains come back, faults are found, positions stay; in a measured room and in space, too."""
 
 from __future__ import annotations
 

@@ -88,7 +88,8 @@ def _run(study: Study, results: Results, client: Client, progress) -> int:
             future.release()
             rows += batch_rows
             finished += len(batch_rows)
-            size = _next_size(len(batch_rows), seconds)
+            wanted = PACE.batch_seconds * len(batch_rows) / max(seconds, 1e-6)
+            size = int(min(max(1, wanted), 2 * len(batch_rows), PACE.max_batch))
             for batch in _batches(tasks, size, 1):
                 completed.add(client.submit(run_batch, study, batch, pure=False))
             if len(rows) >= PACE.write_rows or time.monotonic() - written > PACE.write_seconds:
@@ -107,12 +108,6 @@ def _batches(tasks: Iterator[int], size: int, count: int) -> Iterator[list[int]]
         if not batch:
             return
         yield batch
-
-
-def _next_size(count: int, seconds: float) -> int:
-    """Return how many tasks take about `PACE.batch_seconds`."""
-    wanted = PACE.batch_seconds * count / max(seconds, 1e-6)
-    return int(min(max(1, wanted), 2 * count, PACE.max_batch))
 
 
 def run_batch(study: Study, numbers: list[int]) -> tuple[list[dict[str, Any]], float]:

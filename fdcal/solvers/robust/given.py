@@ -33,18 +33,7 @@ from ...model.validation import frozen_array
 from .. import starts
 from ..estimate import GivenHypothesis
 from . import noise
-from .objective import (
-    Unknowns,
-    channel_step,
-    constrained_positions,
-    descend,
-    given_carry_scale,
-    objective_of,
-    quadratic,
-    unknowns_of,
-    used_modes,
-    with_unknowns,
-)
+from . import objective as objectives
 from .outliers import relocated
 from .state import (
     FREE_STEPS,
@@ -66,7 +55,7 @@ INACCURATE = 2.0
 def resolved(problem: Problem, state: State) -> State:
     """Return `state` with the likeliest hypothesis on the given positions where those assumed do not fit."""
     exact = state.model.known_sigma == 0
-    if exact or len(problem.known) <= problem.array_dimension or given_carry_scale(problem):
+    if exact or len(problem.known) <= problem.array_dimension or objectives.given_carry_scale(problem):
         return state
     try:
         if _agree(problem, state, free_array(problem, state, 0)):
@@ -90,7 +79,7 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
 
     Where positions are exact the search has left them as they are, whatever they do to the array. Here they are let go.
     """
-    if len(problem.known) <= problem.array_dimension or given_carry_scale(problem):
+    if len(problem.known) <= problem.array_dimension or objectives.given_carry_scale(problem):
         return None
     exact = state.model.known_sigma == 0
     try:
@@ -130,14 +119,14 @@ def _let_go(problem: Problem, state: State) -> State:
     kernel = noise.isotropic_kernel(problem, state)
     model = replace(state.model, contradicted=np.ones(len(problem.known), bool), kernel=kernel, conditional="")
     state = replace(state, model=replace(model, directions=None), shape=state.positions)
-    used = used_modes(problem, state)
+    used = objectives.used_modes(problem, state)
     state, damping = relocated(problem, state)[0], STAGE_DAMPING
     for _ in range(FREE_STEPS):
-        objective, here = objective_of(problem, state, used), unknowns_of(state)
-        trial = channel_step(here, objective, objective.free(here), damping)
+        objective, here = objectives.objective_of(problem, state, used), objectives.unknowns_of(state)
+        trial = objectives.channel_step(here, objective, objective.free(here), damping)
         if trial.terms is None:
             break
-        state = noise.with_power(with_unknowns(state, trial.unknowns), used, objective.field, trial.terms)
+        state = noise.with_power(objectives.with_unknowns(state, trial.unknowns), used, objective.field, trial.terms)
         damping = trial.damping
         if trial.fall < NEGLIGIBLE_FALL:
             break
@@ -161,7 +150,7 @@ AGREE = 0.2
 
 def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
     """Whether the positions that hold the array and the pressures agree within their sigmas."""
-    known, places = constrained_positions(problem, state)
+    known, places = objectives.constrained_positions(problem, state)
     x, D = found.unknowns.positions, problem.array_dimension
     index = (known[:, None] * D + np.arange(D)).ravel()
     sigma = max(state.model.known_sigma, GIVEN_SIGMA) if state.model.known_sigma > 0 else EXACT_SIGMA
@@ -175,7 +164,7 @@ def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
 
 def _assumed(problem: Problem, state: State, found: FreeArray, best: Hypothesis) -> State:
     """`state` under a hypothesis."""
-    moved = with_unknowns(state, replace(found.unknowns, positions=best.positions))
+    moved = objectives.with_unknowns(state, replace(found.unknowns, positions=best.positions))
     model = replace(
         moved.model,
         places=frozen_array(problem.known_positions[best.order], float),
@@ -208,7 +197,7 @@ def anchored(problem: Problem, state: State) -> np.ndarray:
     The pressures do not fix the array as a whole, and the last steps hardly see the weak pull of the given positions
     where there is hardly any noise.
     """
-    x, (known, given) = state.positions, constrained_positions(problem, state)
+    x, (known, given) = state.positions, objectives.constrained_positions(problem, state)
     if state.model.known_sigma == 0:
         return x
     away = np.linalg.norm(x[known] - given, axis=1)
@@ -224,7 +213,7 @@ def anchored(problem: Problem, state: State) -> np.ndarray:
 class FreeArray:
     """An array up to a rigid motion and a mirror image."""
 
-    unknowns: Unknowns  # of which the positions (N, D) are in a frame of their own, metres
+    unknowns: objectives.Unknowns  # of which the positions (N, D) are in a frame of their own, metres
     covariance: Reals  # (N D, N D) float64, metres^2, without rigid motions
 
 
@@ -234,18 +223,18 @@ def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, T
     With 0 it is that of the quadratic at `state`, of which the `terms` may be known already, and those with a weaker
     field. Raises numpy.linalg.LinAlgError where a covariance is singular.
     """
-    objective = objective_of(problem, state, used_modes(problem, state))
+    objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
     objective = replace(objective, priors=objective.priors.without_given())
-    here = descend(unknowns_of(state), objective, steps)[0]
+    here = objectives.descend(objectives.unknowns_of(state), objective, steps)[0]
     if terms is None:
         factor = 1.0 if objective.field.conditional is not None else WEAKER_FIELD
         weaker = replace(objective, field=replace(objective.field, power=factor * objective.field.power)).evaluate(here)
         own = weaker if steps else objective.evaluate(here)
     else:
         own, weaker = (objective.with_priors(here, one) for one in terms)
-    covariance = quadratic(here, objective, weaker).covariance
+    covariance = objectives.quadratic(here, objective, weaker).covariance
     if not steps:
-        here = replace(here, positions=here.positions + quadratic(here, objective, own).step)
+        here = replace(here, positions=here.positions + objectives.quadratic(here, objective, own).step)
     motions = np.linalg.qr(rigid_motions(here.positions))[0]
     fixed = np.eye(here.positions.size) - motions @ motions.T
     return FreeArray(here, fixed @ covariance @ fixed.T)

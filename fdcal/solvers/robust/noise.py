@@ -20,28 +20,7 @@ from ...model.types import Bools, Integers, Reals
 from ...model.validation import frozen_array
 from ..estimate import scale_sigma
 from . import arrivals as direct_sound
-from .objective import (
-    ChannelStep,
-    Objective,
-    arrival_index,
-    constrained_positions,
-    corrected,
-    field_of,
-    field_wavenumbers,
-    first_known_sigma,
-    gains_are_free,
-    given_carry_scale,
-    objective_of,
-    quadratic,
-    reduced,
-    scaled_inverse,
-    speed_is_free,
-    spring,
-    state_arrivals,
-    unknowns_of,
-    used_modes,
-    wavenumbers,
-)
+from . import objective as objectives
 from .state import (
     CORNER_SIGMA,
     DELAY_SIGMA,
@@ -75,9 +54,9 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
 
     rough : whether the spread adds to the noise; where every microphone has found its place, all is noise
     """
-    used, floor = used_modes(problem, state, NOISE_MODES), MIN_NOISE_FRACTION[state.model.kernel]
-    seen = corrected(problem, state, used)
-    found = estimate_noise(state.positions, seen, field_of(problem, state, used), floor)
+    used, floor = objectives.used_modes(problem, state, NOISE_MODES), MIN_NOISE_FRACTION[state.model.kernel]
+    seen = objectives.corrected(problem, state, used)
+    found = estimate_noise(state.positions, seen, objectives.field_of(problem, state, used), floor)
     fraction = found.noise_fraction if rough else found.alone
     k = np.real(problem.wavenumbers)
     noise, given = np.full(len(k), max(fraction, floor)), given_noise(problem, state)
@@ -92,9 +71,9 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
 
 def misfit(problem: Problem, state: State) -> float:
     """Return -log likelihood of the pressures with the noise found and each mode's likeliest power of the field."""
-    used = used_modes(problem, state, NOISE_MODES)
-    seen = corrected(problem, state, used)
-    return profile_cost(state.positions, seen, field_of(problem, state, used), state.model.share)
+    used = objectives.used_modes(problem, state, NOISE_MODES)
+    seen = objectives.corrected(problem, state, used)
+    return profile_cost(state.positions, seen, objectives.field_of(problem, state, used), state.model.share)
 
 
 def given_noise(problem: Problem, state: State) -> np.ndarray | None:
@@ -127,7 +106,7 @@ EXPECTED_GIVEN = 2e-3
 KNOWN_COUNT = 2
 
 
-def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
+def with_spreads(problem: Problem, state: State, trial: objectives.ChannelStep) -> State:
     """Return `state` with the spreads of gains and given positions by empirical Bayes (MacKay) after a step."""
     (N, D), model, H = state.positions.shape, state.model, trial.matrix
     assert H is not None  # of a step whose covariance was not singular
@@ -146,12 +125,14 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
             e, v = np.append(model.filters[:, column], expected), np.append(variance[:, D + 2 + column], 0.0)
             sigma = _updated_sigma(sigma, e, v, 1, expected, MAX_FILTER[column])
         filters.append(sigma)
-    (known, places), sigma = constrained_positions(problem, state), model.known_sigma
-    if len(known) and sigma > 0 and not given_carry_scale(problem):
+    (known, places), sigma = objectives.constrained_positions(problem, state), model.known_sigma
+    if len(known) and sigma > 0 and not objectives.given_carry_scale(problem):
         e = np.linalg.norm(state.positions[known] - places, axis=1)
         e = np.append(e, EXPECTED_GIVEN * np.sqrt(D) * np.ones(KNOWN_COUNT))
         v = np.append(variance[known, :D].mean(axis=1), np.zeros(KNOWN_COUNT))
-        max_sigma = max(first_known_sigma(problem, state.settings), sigma)  # greater by a hypothesis alone (`given`)
+        max_sigma = max(
+            objectives.first_known_sigma(problem, state.settings), sigma
+        )  # greater by a hypothesis alone (`given`)
         sigma = min(_updated_sigma(sigma, e, v, D, 1e-5), max_sigma)
     spreads = dict(zip(("gain_sigma", "phase_sigma", "delay_sigma", "corner_sigma"), sigmas + filters, strict=True))
     return replace(state, model=replace(model, known_sigma=sigma, **spreads))
@@ -169,15 +150,18 @@ def with_filters(problem: Problem, state: State) -> State:
 
     Over a narrow band, or with few microphones, a delay is a phase or a place: S is small, and there is no evidence.
     """
-    if not gains_are_free(state) or state.model.delay_sigma > 0:
+    if not objectives.gains_are_free(state) or state.model.delay_sigma > 0:
         return state
-    objective, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
+    objective, here = (
+        objectives.objective_of(problem, state, objectives.used_modes(problem, state)),
+        objectives.unknowns_of(state),
+    )
     D, channels = state.positions.shape[1], np.hstack([state.gains, state.model.filters])
     here = replace(here, channels=channels, filters=True)
     free = objective.free(here)
     kind = np.where(free < here.vector.size - 1, free % (D + 4) - (D + 2), -1)
     try:
-        gradient, matrix = reduced(here, objective.evaluate(here), free, objective.priors.blind)
+        gradient, matrix = objectives.reduced(here, objective.evaluate(here), free, objective.priors.blind)
         found = [_likeliest_spread(gradient, matrix, kind < 0, kind == c, c) for c in (0, 1)]
     except np.linalg.LinAlgError:
         return state
@@ -188,7 +172,7 @@ def with_filters(problem: Problem, state: State) -> State:
 
 def _likeliest_spread(gradient: Reals, matrix: Reals, rest: Bools, filters: Bools, c: int) -> tuple[float, float]:
     """Evidence for a spread of filters, nats over none, and the likeliest one; rest, filters : (F,) bool."""
-    across = matrix[np.ix_(filters, rest)] @ scaled_inverse(matrix[np.ix_(rest, rest)])
+    across = matrix[np.ix_(filters, rest)] @ objectives.scaled_inverse(matrix[np.ix_(rest, rest)])
     values, vectors = np.linalg.eigh(matrix[np.ix_(filters, filters)] - across @ matrix[np.ix_(rest, filters)])
     z2, values = (vectors.T @ (gradient[filters] - across @ gradient[rest])) ** 2, np.maximum(values, 0.0)[:, None]
     sigma = np.geomspace(PRIOR_FILTER[c], MAX_FILTER[c], 33)
@@ -202,17 +186,17 @@ def with_arrivals(problem: Problem, state: State) -> State:
     arrivals = direct_sound.arrivals_of(problem, None)
     if arrivals is None:
         return state
-    constrained = objective_of(problem, state, np.arange(0)).priors.constrained
+    constrained = objectives.objective_of(problem, state, np.arange(0)).priors.constrained
     x, sigma = direct_sound.near_positions(arrivals, state.positions, state.model.spread, constrained)
     return _with_sigma_of(problem, replace(state, positions=frozen_array(x, float)), sigma)
 
 
-def with_arrival_sigma(problem: Problem, state: State, trial: ChannelStep) -> State:
+def with_arrival_sigma(problem: Problem, state: State, trial: objectives.ChannelStep) -> State:
     """Return `state` with the sigma of the arrivals of each take by empirical Bayes after a step."""
-    arrivals = state_arrivals(problem, state)
+    arrivals = objectives.state_arrivals(problem, state)
     if arrivals is None or trial.matrix is None or trial.free.ndim != 1:
         return state
-    H, index = trial.matrix, arrival_index(trial.unknowns)
+    H, index = trial.matrix, objectives.arrival_index(trial.unknowns)
     covariance = np.zeros((trial.unknowns.vector.size,) * 2)
     covariance[np.ix_(trial.free, trial.free)] = np.linalg.inv(H + 1e-12 * np.diag(np.diag(H)))
     begun = replace(arrivals, start=trial.source)
@@ -235,7 +219,7 @@ def _updated_sigma(
 
     deviation : (K,) root of the sum of squares of the components; variance : (K,) posterior, per component
     """
-    weight = spring(deviation**2, sigma, components) * sigma**2
+    weight = objectives.spring(deviation**2, sigma, components) * sigma**2
     determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
     fresh = np.sqrt(np.sum(weight * deviation**2) / max(float(determined.sum()), 1e-3))
     return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, maximum))
@@ -262,14 +246,14 @@ def same_arrivals(before: Model, after: Model) -> bool:
     return bool(np.all(np.abs(np.log(after.arrival_sigma / before.arrival_sigma)) < SAME_SPREAD))
 
 
-def score(problem: Problem, state: State, objective: Objective, trial: ChannelStep) -> float:
+def score(problem: Problem, state: State, objective: objectives.Objective, trial: objectives.ChannelStep) -> float:
     """Return -log evidence at the end of a restart, by Laplace's approximation, up to a constant.
 
     objective : what the last step minimised; the cost of the state and the normalisation of the priors are both its
     """
     N, D = state.positions.shape
     priors, cost = objective.priors, state.cost
-    cost += hyper_cost(objective.field, corrected(problem, state, used_modes(problem, state)))
+    cost += hyper_cost(objective.field, objectives.corrected(problem, state, objectives.used_modes(problem, state)))
     cost += 0.5 * np.linalg.slogdet(np.asarray(trial.matrix))[1]
     if priors.known_sigma > 0:
         cost += len(problem.known) * D * np.log(priors.known_sigma)
@@ -281,7 +265,7 @@ def score(problem: Problem, state: State, objective: Objective, trial: ChannelSt
             cost += np.sum((state.model.filters != 0) * np.log([DELAY_SIGMA, CORNER_SIGMA]))
     if objective.arrivals is not None:
         cost += direct_sound.hyper_cost(objective.arrivals)
-    if speed_is_free(problem, state):
+    if objectives.speed_is_free(problem, state):
         cost += np.log(state.settings.sound_speed_sigma or 1.0)
     return float(cost)
 
@@ -320,10 +304,10 @@ MAX_DIRECTION_PRODUCTS = 3e8  # products M N^2 Q of a field in space by Q direct
 
 def last_kernel(problem: Problem, state: State) -> KernelName:
     """Return the kernel of the last stage: directional, but for plane arrays in space and where that takes too long."""
-    k = wavenumbers(problem, state)[used_modes(problem, state)]
+    k = objectives.wavenumbers(problem, state)[objectives.used_modes(problem, state)]
     products = len(k) * len(state.positions) ** 2 * directions_needed(state.positions, k, problem.dimension)
     slow = problem.dimension == 3 and (state.quick or products > MAX_DIRECTION_PRODUCTS)
-    if slow or given_carry_scale(problem):
+    if slow or objectives.given_carry_scale(problem):
         return state.model.kernel
     return "damped_directional" if isotropic_kernel(problem, state) == "series" else "directional"
 
@@ -339,11 +323,11 @@ def with_directions(problem: Problem, state: State, used: Integers, updates: int
     if model.kernel not in DIRECTIONAL:
         return state
     if model.directions is None:
-        k = field_wavenumbers(problem, state)
+        k = objectives.field_wavenumbers(problem, state)
         Q = directions_needed(state.positions, k, problem.dimension)
         model = replace(model, directions=np.ones((len(k), Q)))
-    learned, seen = np.array(model.directions), corrected(problem, state, used)
-    field, count = field_of(problem, replace(state, model=model), used), DIRECTION_COUNT[problem.dimension]
+    learned, seen = np.array(model.directions), objectives.corrected(problem, state, used)
+    field, count = objectives.field_of(problem, replace(state, model=model), used), DIRECTION_COUNT[problem.dimension]
     learned[used] = learned_powers(state.positions, seen, field, problem.takes[used], updates, count)
     return replace(state, model=replace(model, directions=frozen_array(learned, float)))
 
@@ -364,7 +348,7 @@ def with_conditional(problem: Problem, state: State) -> State:
     It is free of what the likelihood of a random field supposes of the room, and less sharp. Where the pressures hardly
     fix the size and shears of the array without that supposition, as of a small array, the array would run off.
     """
-    used, model = used_modes(problem, state), state.model
+    used, model = objectives.used_modes(problem, state), state.model
     without = replace(state, model=replace(model, conditional=""))  # it may be that of a run with other modes
     slow = len(used) * len(state.positions) ** 3 > MAX_CONDITIONAL_PRODUCTS
     if model.kernel == "near" or model.share > CONDITIONAL_NOISE or slow:
@@ -372,7 +356,9 @@ def with_conditional(problem: Problem, state: State) -> State:
     kernel = "series" if isotropic_kernel(problem, state) == "series" else "diffuse"
     chosen = replace(state, model=replace(model, conditional=kernel), progress=replace(state.progress, stage=FINAL))
     try:
-        covariance = quadratic(unknowns_of(chosen), objective_of(problem, chosen, used)).covariance
+        covariance = objectives.quadratic(
+            objectives.unknowns_of(chosen), objectives.objective_of(problem, chosen, used)
+        ).covariance
         sigma = scale_sigma(state.positions, [covariance], healthy(state.model))
     except np.linalg.LinAlgError:
         return without

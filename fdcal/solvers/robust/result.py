@@ -43,6 +43,7 @@ from .objective import (
     speed_is_free,
     unknowns_of,
     used_modes,
+    with_unknowns,
 )
 from .schedule import begin, refined
 from .state import (
@@ -116,7 +117,7 @@ def estimate_at(
     state = _with_field(problem, state)
     if speed_is_free(problem, state):
         objective = objective_of(problem, state, used_modes(problem, state))
-        state = given.with_unknowns(state, descend(unknowns_of(state), objective, 60)[0])
+        state = with_unknowns(state, descend(unknowns_of(state), objective, 60)[0])
     found = result(problem, replace(state, converged=converged, finished=True))
     # The other cost has its minimum elsewhere: what the likelihood would still move is no sign of an unfinished search.
     return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)))

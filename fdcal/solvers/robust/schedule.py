@@ -21,19 +21,8 @@ from ...model.settings import SolverSettings
 from ...model.validation import InputError, frozen_array
 from .. import starts
 from . import given, noise
+from . import objective as objectives
 from .groups import other_poses
-from .objective import (
-    ChannelStep,
-    Objective,
-    corrected,
-    first_known_sigma,
-    first_model,
-    in_unit_power,
-    interpolation,
-    objective_of,
-    used_modes,
-    wavenumbers,
-)
 from .outliers import relocated
 from .state import (
     DIRECTION_UPDATES,
@@ -55,7 +44,7 @@ def begin(
     Kind: type[State], problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None
 ) -> State:
     """Return the first state, of the class of a preset, at the first start or at `positions` (N, D), metres."""
-    problem, N = in_unit_power(problem), problem.pressures.shape[1]
+    problem, N = objectives.in_unit_power(problem), problem.pressures.shape[1]
     here = np.zeros((N, problem.array_dimension)) if positions is None else np.asarray(positions, float)
     empty = Kind(
         positions=here,
@@ -65,7 +54,7 @@ def begin(
         last=settings.modes,
         gains=np.zeros((N, 2)),
         offsets=np.zeros((N, 2)),
-        model=first_model(problem, settings),
+        model=objectives.first_model(problem, settings),
         progress=Progress(restart=BEFORE_PLAN, stage=0, rounds=0, steps=0, damping=0.0),
         shape=here,
         optima=(),
@@ -86,7 +75,7 @@ def begin_restart(problem: Problem, state: State, positions: np.ndarray, restart
     placed = positions if problem.frame is None else move_to_frame(positions, problem.frame)
     placed = bent_to_exact(problem, state.settings, placed)
     x, zero = frozen_array(placed, float), frozen_array(np.zeros((len(positions), 2)), float)
-    model = first_model(problem, state.settings)
+    model = objectives.first_model(problem, state.settings)
     progress = Progress(restart=restart, stage=0, rounds=0, steps=0, damping=0.0)
     begun = replace(state, positions=x, shape=x, gains=zero, offsets=zero, model=model, progress=progress)
     return begin_stage(problem, noise.with_noise(problem, begun), 0)
@@ -95,9 +84,9 @@ def begin_restart(problem: Problem, state: State, positions: np.ndarray, restart
 def bent_to_exact(problem: Problem, settings: SolverSettings, positions: np.ndarray) -> np.ndarray:
     """Return positions (N, D), metres, with those that are given exactly in place, and the others moved along."""
     known, places = problem.known, problem.known_positions
-    if not len(known) or first_known_sigma(problem, settings) > 0:
+    if not len(known) or objectives.first_known_sigma(problem, settings) > 0:
         return positions
-    x = positions + interpolation(positions, known) @ (places - positions[known])
+    x = positions + objectives.interpolation(positions, known) @ (places - positions[known])
     x[known] = places
     return x
 
@@ -133,11 +122,11 @@ def _poses(problem: Problem, state: State) -> tuple[np.ndarray, ...]:
     """The array with a group of microphones in other poses, aligned with given positions: each (N, D), metres."""
     if problem.array_dimension != 2 or not np.isfinite(state.optima[-1].score):
         return ()
-    model, used = state.model, used_modes(problem, state)
-    k = np.real(wavenumbers(problem, state)[used])
+    model, used = state.model, objectives.used_modes(problem, state)
+    k = np.real(objectives.wavenumbers(problem, state)[used])
     field = FieldModel(k, model.power[used], model.noise[used], model.channel_noise, problem.dimension)
     try:
-        found = other_poses(state.positions, corrected(problem, state, used), field)
+        found = other_poses(state.positions, objectives.corrected(problem, state, used), field)
     except np.linalg.LinAlgError:
         return ()
     placed = [starts.aligned(problem, one) for one in found] if len(problem.known) else found
@@ -251,7 +240,7 @@ def refined(problem: Problem, state: State) -> State:
         fresh = other if noise.misfit(problem, other) < noise.misfit(problem, fresh) else fresh
     begun = begin_stage(problem, fresh, FINAL)
     updates = DIRECTION_UPDATES if begun.model.directions is None else 0
-    begun = noise.with_directions(problem, begun, used_modes(problem, begun), updates)
+    begun = noise.with_directions(problem, begun, objectives.used_modes(problem, begun), updates)
     begun = noise.with_filters(problem, begun)
     return begun if begun.progress.rounds else noise.with_conditional(problem, begun)
 
@@ -261,7 +250,7 @@ def finished(problem: Problem, state: State) -> State:
     framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
     positions = given.anchored(problem, state) if problem.frame is None else frozen_array(framed, float)
     ended = replace(state, positions=positions, shape=positions, finished=True)
-    return noise.with_directions(problem, ended, used_modes(problem, ended), DIRECTION_UPDATES)
+    return noise.with_directions(problem, ended, objectives.used_modes(problem, ended), DIRECTION_UPDATES)
 
 
 @dataclass(frozen=True)
@@ -271,8 +260,8 @@ class Turn:
     problem: Problem
     place: str  # name of the stage, or "restart" where the optimum of one has been added to the state
     state: State
-    objective: Objective  # what the last step minimised
-    trial: ChannelStep  # that step
+    objective: objectives.Objective  # what the last step minimised
+    trial: objectives.ChannelStep  # that step
     within_tolerance: bool  # whether it changed hardly anything
 
     @cached_property
@@ -398,7 +387,7 @@ def _ended(turn: Turn, state: State) -> Turn:
 def _explained(turn: Turn) -> Turn:
     """End with the evidence at the noise found: that of the last step was far more, and any other would outdo it."""
     state = turn.estimated
-    objective = objective_of(turn.problem, state, used_modes(turn.problem, state))
+    objective = objectives.objective_of(turn.problem, state, objectives.used_modes(turn.problem, state))
     cost = objective.finite_cost(turn.trial.unknowns)
     return _ended(replace(turn, objective=objective), replace(state, cost=cost))
 

@@ -19,19 +19,7 @@ from ..interface import Traits
 from ..requirements import require_modes, require_range, require_search
 from ..starts import require_gauge
 from . import noise
-from .objective import (
-    channel_step,
-    corrected,
-    in_unit_power,
-    is_converged,
-    objective_of,
-    polynomial_deformations,
-    sigmas_moved,
-    unknowns_of,
-    used_modes,
-    wavenumbers,
-    with_unknowns,
-)
+from . import objective as objectives
 from .result import result
 from .schedule import Turn, begin, begin_stage, following
 from .state import DIRECTION_UPDATES, DIRECTIONAL, FREE, STAGES, State
@@ -77,25 +65,27 @@ def step(problem: Problem, state: State) -> State:
     """Return `state` after one damped step; the same state if it is finished."""
     if state.finished:
         return state
-    problem, progress, stage = in_unit_power(problem), state.progress, STAGES[state.progress.stage]
-    used = used_modes(problem, state, stage.modes)
-    objective, here = objective_of(problem, state, used), unknowns_of(state)
+    problem, progress, stage = objectives.in_unit_power(problem), state.progress, STAGES[state.progress.stage]
+    used = objectives.used_modes(problem, state, stage.modes)
+    objective, here = objectives.objective_of(problem, state, used), objectives.unknowns_of(state)
     constrained = objective.priors.constrained
-    shapes = polynomial_deformations(state.shape, constrained, stage.degree) if stage.degree else None
+    shapes = objectives.polynomial_deformations(state.shape, constrained, stage.degree) if stage.degree else None
     free = objective.free(here, shapes)
     max_step = MAX_STEP * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
     # With the near-field kernel the pull of given positions is lost in rounding: nothing holds the array as a whole.
     blind = state.model.kernel == "near" and not len(constrained)
-    trial = channel_step(here, objective, free, progress.damping, max_step, blind)
+    trial = objectives.channel_step(here, objective, free, progress.damping, max_step, blind)
     moved = replace(
-        with_unknowns(state, trial.unknowns),
+        objectives.with_unknowns(state, trial.unknowns),
         step=state.step + 1,
         sweep=state.sweep + 1,
         cost=trial.cost if np.isfinite(trial.cost) else state.cost,
         progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
     )
     directional, healthy = state.model.kernel in DIRECTIONAL, noise.healthy(state.model)
-    within_sigmas = directional and problem.dimension == 3 and sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
+    within_sigmas = (
+        directional and problem.dimension == 3 and objectives.sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
+    )
     ended = within_sigmas or trial.moved < stage.tolerance or trial.fall < stage.negligible
     if stage.learns and trial.terms is not None:
         moved = noise.with_power(moved, used, objective.field, trial.terms)
@@ -111,14 +101,14 @@ def step(problem: Problem, state: State) -> State:
     if not ended and trial.terms is not None and moved.progress.steps < stage.max_steps:
         return moved
     after = following(Turn(problem, stage.name, moved, objective, trial, ended and trial.terms is not None))
-    return replace(after, converged=is_converged(problem, after)) if after.finished else after
+    return replace(after, converged=objectives.is_converged(problem, after)) if after.finished else after
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
     """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions."""
     require_range(problem, first, last)
     require_modes(problem, last)
-    problem = in_unit_power(problem)
+    problem = objectives.in_unit_power(problem)
     progress = replace(state.progress, stage=FREE, rounds=0, regrouped=False, poses=())
     changed = replace(state, first=first, last=last, automatic=automatic, optima=(), finished=False, converged=False)
     return begin_stage(problem, noise.with_noise(problem, replace(changed, progress=progress)), FREE)
@@ -132,8 +122,8 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     require_search(problem, search)
     from ...cost.maps import likelihood_maps  # compiled code is loaded with the first map
 
-    problem = in_unit_power(problem)
-    pressures, k = corrected(problem, state, slice(None)), wavenumbers(problem, state)
+    problem = objectives.in_unit_power(problem)
+    pressures, k = objectives.corrected(problem, state, slice(None)), objectives.wavenumbers(problem, state)
     least = DIFFUSE_FLOOR * mode_power(pressures[modes])
     noise_power = np.maximum(state.model.noise[modes], least)
     equal = replace(problem, pressures=pressures, wavenumbers=k)
