@@ -105,8 +105,8 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
 
 def eigenfunction_numbers(lengths, reach: float, k: float, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the numbers (T,) of the eigenfunctions along the two axes whose gamma is below `reach`, 1/m."""
-    furthest = math.hypot(reach, k)
-    counts = furthest * lengths[:2] / np.pi
+    highest = math.hypot(reach, k)
+    counts = highest * lengths[:2] / np.pi
     if np.prod(counts + 1) > MAX_TERMS:
         problem = f"source.position is too close to microphone {n} for a sum over modes"
         raise InputError(problem, "move it further away", key="source.position")

@@ -30,7 +30,7 @@ class CoherenceRules:
     smallest: float = 0.005
     largest: float = 30.0
     steps: int = 400  # radii that are tried, in equal ratios
-    noise: tuple[float, ...] = (0.0, 0.03, 0.1, 0.25, 0.5)  # shares of the power that may be incoherent
+    noise: tuple[float, ...] = (0.0, 0.03, 0.1, 0.25, 0.5)  # fractions of the power that may be incoherent
     scatter: float = 1.0  # coherent power at high frequencies relative to that of independent channels
     # largest k R at the lowest frequency; beyond it the array is incoherent throughout and its radius unknown
     phase: float = 2.0

@@ -34,9 +34,9 @@ class FaultyChannel:
 
 INVERTED_PHASE = 2.5  # radians, phase
 MAX_NOISE = 12.0  # noise of a channel over that of the median channel
-# share of the power below which noise is no fault: the misfit of the field model may be a channel's
+# fraction of the power below which noise is no fault: the misfit of the field model may be a channel's
 MIN_NOISE = 1e-4
-UNPREDICTED = 0.5  # share of a channel's variance, or of its power, that the others do not predict
+UNPREDICTED = 0.5  # fraction of a channel's variance, or of its power, that the others do not predict
 UNPREDICTED_TO_MEDIAN = 3.0  # the same over that of the median channel
 
 
@@ -108,7 +108,7 @@ def _far(value: float, sigma: float) -> bool:
     return abs(value) > max(GAIN_SIGMAS * sigma, MIN_GAIN)
 
 
-COHERENT = 0.5  # share of the power that a delay must explain
+COHERENT = 0.5  # fraction of the power that a delay must explain
 DELAY_GAIN = 1.02  # coherence at the best delay over that without delay
 # seconds, delays tried
 MAX_DELAY = 2e-3

@@ -94,7 +94,7 @@ class Judged:
 
     @property
     def given_noise(self) -> float | None:
-        """Median noise given of the modes in use, as a share of the power; None without any."""
+        """Median noise given of the modes in use, as a fraction of the power; None without any."""
         noise = self.estimate.problem.noise_power
         return None if noise is None else float(np.median(noise[self.estimate.modes]))
 

@@ -48,7 +48,7 @@ def tolerance_of(points: np.ndarray) -> float:
 
 MAX_REFINED = 40  # number of motions, of each base, that are refined, at most
 USUAL_COUNT = 64  # number of points from which fewer motions are refined
-ENOUGH = 0.9  # share of the points that must lie close to another for no further base to be tried
+ENOUGH = 0.9  # fraction of the points that must lie close to another for no further base to be tried
 
 
 def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
@@ -152,7 +152,7 @@ def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarra
 
 
 TRUSTED = "good"  # the verdict with which finding no swap means that there is none
-MAX_LISTED = 0.5  # share of the microphones in others' places beyond which only the rows say who stands where
+MAX_LISTED = 0.5  # fraction of the microphones in others' places beyond which only the rows say who stands where
 UNITS = (("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 3.281), ("inches", 39.37))
 UNIT_TOLERANCE = 0.1  # relative, of a factor that suggests a unit
 
@@ -305,9 +305,9 @@ def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     return replace(_best(found, given / scale), scale=scale)
 
 
-# share of the microphones that must be at their own places for the order to count as that of the list
+# fraction of the microphones that must be at their own places for the order to count as that of the list
 KEPT = 0.5
-# other orders fit as well up to this factor of the mean square, and this share of the spacing
+# other orders fit as well up to this factor of the mean square, and this fraction of the spacing
 ALIKE = 1.5
 RESOLVED = 0.03
 
@@ -350,8 +350,8 @@ def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> Positi
     return PositionCheck(errors, order if fits else own, away if fits else errors, fits, spacing)
 
 
-SWAPPED = 0.5  # a swap must reduce the distance of a microphone to less than this share of what it was
-IMPROVED = 0.75  # share of the microphones of a cycle for which it must
+SWAPPED = 0.5  # a swap must reduce the distance of a microphone to less than this fraction of what it was
+IMPROVED = 0.75  # fraction of the microphones of a cycle for which it must
 
 
 def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:

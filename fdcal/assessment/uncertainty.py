@@ -71,7 +71,7 @@ def one_sigma(blocks: np.ndarray) -> np.ndarray:
 
 
 def confidence_factor(probability: float, dimension: int) -> float:
-    """Return the half axes, in standard deviations, of the ellipse that holds a share of a D-dimensional Gaussian.
+    """Return the half axes, in standard deviations, of the ellipse that holds a fraction of a D-dimensional Gaussian.
 
     The square of the Mahalanobis distance is chi-square distributed with D degrees of freedom.
     """

@@ -157,7 +157,7 @@ class Basins:
 
     @property
     def shares(self) -> np.ndarray:
-        """Share of the map that each basin holds : (K,) float64."""
+        """Fraction of the map that each basin holds : (K,) float64."""
         return np.bincount(self.labels[self.labels >= 0], minlength=len(self.minima)) / self.labels.size
 
     def at(self, search: Search, place: Reals) -> int:
@@ -169,7 +169,7 @@ class Basins:
 
     @property
     def outside(self) -> float:
-        """Share of the map from which descent ends at its edge."""
+        """Fraction of the map from which descent ends at its edge."""
         return float((self.labels == OUTSIDE).mean())
 
 

@@ -4,7 +4,7 @@
     alpha     W^+ p, coefficients of the field (Eq. 5)
     residual  W alpha - p (Eqs. 6 and 7), one value per microphone
     cost      |residual|^2, summed over the modes in use (Eq. 7)
-    landscape cost over candidate positions of one microphone, all others held
+    landscape cost over candidate positions of one microphone, all others constrained
 
 With microphone n left out, W_-n = Q S, Z = S^-1, alpha = Z Z^H W_-n^H p_-n and r0 = |p_-n - W_-n alpha|^2, the cost
 with microphone n at x is

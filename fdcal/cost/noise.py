@@ -25,7 +25,7 @@ MAX_NOISE_FRACTION = 0.7  # of the noise
 
 
 DIFFUSE_FLOOR = (
-    1e-6  # least share of noise with the diffuse kernel, which leaves that much of a damped field unexplained
+    1e-6  # least fraction of noise with the diffuse kernel, which leaves that much of a damped field unexplained
 )
 
 

@@ -17,7 +17,7 @@ from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor
 
 TOWARDS_LIGHT = np.array([-0.55, 0.55, 0.63])
 DARKEST = 0.55  # brightness of a slope that the light does not reach
-BRIGHTEST = 0.3  # share of white on a slope that faces the light
+BRIGHTEST = 0.3  # fraction of white on a slope that faces the light
 
 
 @dataclass(frozen=True)

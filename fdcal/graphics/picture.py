@@ -28,7 +28,7 @@ from .primitives import Anchor, Floor, Label, Picture, theme_of
 from .surroundings import focus_of, frame, room_and_source, upper_frame, z_range_of
 
 # In radii of a marker: sizes of a text on the screen where the search domain fills it, and distances.
-LETTER, HEIGHT = 1.2, 2.8  # width of a letter, with its share of the edges; height of a text
+LETTER, HEIGHT = 1.2, 2.8  # width of a letter, with its fraction of the edges; height of a text
 BESIDE, ABOVE = 2.6, 3.0  # from the microphone to the near edge of its name
 MARK = 1.2  # reach of another mark
 # Where the near edge of the name is, from the microphone, and the part of the text that lies there; the first of equals

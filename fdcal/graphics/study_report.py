@@ -104,7 +104,7 @@ LONG = 24  # characters of an entry of a legend, above which there are two in a 
 
 
 def draw_success(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Figure:
-    """Return maps of the share of calibrations that found the array, a map for each panel."""
+    """Return maps of the fraction of calibrations that found the array, a map for each panel."""
     x, y = axes[shown.x], axes.get(shown.y, [""])
     figure, panels = shown.drawn(1.4 + 0.6 * len(x), 1.2 + 0.45 * len(y))
     drawn: Any = None

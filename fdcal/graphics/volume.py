@@ -63,12 +63,12 @@ def _vtk() -> tuple[Any, Any, Any]:
 
 AXES = "xyz"
 MAX_LEVELS = 4  # isosurfaces; more of them hide each other
-LARGEST, SMALLEST = 0.22, 2e-4  # shares of the domain that the outermost and the innermost isosurface enclose
+LARGEST, SMALLEST = 0.22, 2e-4  # fractions of the domain that the outermost and the innermost isosurface enclose
 OPACITY = (0.24, 0.85)  # of the outermost and of the innermost isosurface
 SLICE_OPACITY = 0.6  # so that the array is seen through it
 TOWARDS_LIGHT = np.array([-0.42, -0.55, 0.72])  # over the viewer's left shoulder in the oblique views
 DARKEST = 0.45  # brightness of a surface that faces away from the light
-ON_DARK = 0.15  # share of white in a surface on a dark page, and by how much more opaque it is
+ON_DARK = 0.15  # fraction of white in a surface on a dark page, and by how much more opaque it is
 SHADES = 32  # columns of a texture
 
 
@@ -139,7 +139,7 @@ def plate_of(rgb: np.ndarray, axis: int, position: float, domain: np.ndarray) ->
 
 
 def faded(volume: Volume, opacity: float, dark: bool = False) -> Volume:
-    """Return a volume whose isosurfaces have a share of their opacity, 0 to 1.
+    """Return a volume whose isosurfaces have a fraction of their opacity, 0 to 1.
 
     On a dark page they are brighter and less translucent: the low costs have dark colours.
     """

@@ -42,8 +42,8 @@ def pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None
     array = np.asarray(values)
     if array.ndim == 2 and array.dtype.kind in "fc":  # the first microphone with NaN is named, unless all have it
         bad = np.flatnonzero(~np.all(np.isfinite(array), axis=0))
-        named = list(range(array.shape[1])) if labels is None else list(labels)
-        if 0 < len(bad) < array.shape[1] and len(named) == array.shape[1]:
+        named = np.arange(array.shape[1]) if labels is None else np.asarray(labels)
+        if 0 < len(bad) < array.shape[1] and named.shape == array.shape[1:]:
             name = named[int(bad[0])]
             problem = f'pressures of microphone "{name}" are not all finite numbers'
             raise InputError(problem, f"correct them, or leave the microphone out: <exclude> {name}", key="pressures")

@@ -58,6 +58,9 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
     try:
         search = None
         if given:
+            for key in SEARCH[:2]:
+                if np.shape(table[key]) not in ((2,), (3,)):
+                    raise InputError(f"{key} has shape {np.shape(table[key])}", "give two or three numbers", key=key)
             kinds = zip(SEARCH, ((None,), (None,), (), ()), strict=True)
             values = [require_array(key, table[key], "real", shape, "m").tolist() for key, shape in kinds]
             search = Search(tuple(values[0]), tuple(values[1]), *values[2:])

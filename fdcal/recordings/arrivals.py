@@ -32,12 +32,12 @@ class ArrivalRules:
     """How arrivals are found."""
 
     fine: int = 16  # points per sample
-    first: float = 0.4  # share of the greatest value that the direct sound has at least
+    first: float = 0.4  # fraction of the greatest value that the direct sound has at least
     # before, after: of the window about a peak, in samples, but at least `min_window` seconds each
     before: float = 4.0
     after: float = 4.0
     min_window: float = 2.5e-4  # seconds
-    taper: float = 0.5  # share of the window, at either end, over which it rises and falls
+    taper: float = 0.5  # fraction of the window, at either end, over which it rises and falls
     quiet: float = 2.0  # ratio of amplitudes by which the peak exceeds what precedes it
     alike: float = 0.7  # least correlation with the template
     span: float = 0.02  # seconds, by which arrivals may differ: an array of some metres
@@ -109,7 +109,7 @@ def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] 
 
 
 def _first_peak(h: np.ndarray, top: float) -> float:
-    """Return the first peak of abs(h) above a share of `top`, in points; NaN without one."""
+    """Return the first peak of abs(h) above a fraction of `top`, in points; NaN without one."""
     a = np.abs(h)
     inner = a[1:-1]
     peaks = np.flatnonzero((inner >= a[:-2]) & (inner > a[2:]) & (inner > DIRECT_SOUND.first * top))

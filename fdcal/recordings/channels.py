@@ -18,7 +18,7 @@ class ClippingThresholds:
 
     silent: float = 1e-7  # level relative to the loudest channel at which a channel is silent
     run: int = 3  # neighbouring samples at the greatest magnitude of a channel: no wave stays there for so long
-    full_scale: float = 0.999  # share of full scale from which a sample counts as being there
+    full_scale: float = 0.999  # fraction of full scale from which a sample counts as being there
     full_scale_run: int = 2  # neighbouring samples at full scale
     full_scale_count: int = 3  # samples at full scale anywhere; a recording that was normalised has one
     # edge_count, edge_ratio: samples at the greatest value, and how many times more they are than those at the next

@@ -193,7 +193,7 @@ class DeconvolutionSettings:
     # where a sweep may end
     widening: float = 1.5
     max_widening: float = 50.0
-    min_outside: float = 0.25  # share of the recording that must lie outside of the response to estimate the noise
+    min_outside: float = 0.25  # fraction of the recording that must lie outside of the response to estimate the noise
     smoothing: int = 31  # neighbouring frequencies over which the noise is averaged
 
 

@@ -6,11 +6,13 @@ those that are farthest from one another are chosen.
 
 import math
 from dataclasses import asdict, dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from ..model.array_layout import Array, Gauge
 from ..model.arrays import positions_of
+from ..model.declared import Count, Metres, Seed, check, within
 from ..model.room import WALLS
 from ..model.scene import Scene
 from ..model.settings import Search
@@ -23,17 +25,22 @@ FINEST = 1.5  # times as large, from which the lattice of the search domain gets
 class SceneParameters:
     """The parameters of a scene that can be changed."""
 
-    microphones: int  # N; a regular array takes the nearest number that fills its rows
+    microphones: Count  # N; a regular array takes the nearest number that fills its rows
     # metres; radius of a circle or ball, half the longest side of a rectangle, plane or box, greatest distance of given
     # positions from their mean
-    radius: float
+    radius: Metres
     # "rigid", "pressure-release" or "absorbing"; "unknown" of a measured room, and then neither can be changed
     walls: str
-    absorption: float  # fraction of the energy absorbed at normal incidence, 1 - r^2, of absorbing walls
+    absorption: Annotated[
+        float, within(0, 1)
+    ]  # fraction of the energy absorbed at normal incidence, 1 - r^2, of absorbing walls
     snr_db: float  # decibels, inf for no noise
     sound_speed_error: float  # relative error of the sound speed given to the solver, positive if it is too high
-    known: int  # number of known microphones
-    seed: int  # of random microphones, noise and random starts
+    known: Annotated[int, within(0)]  # number of known microphones
+    seed: Seed  # of random microphones, noise and random starts
+
+    def __post_init__(self):
+        check(self)
 
 
 def parameters_of(scene: Scene) -> SceneParameters:
@@ -90,9 +97,6 @@ def _radius(array: Array) -> float:
 
 def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -> Array:
     """The array with another number of microphones, and larger or smaller."""
-    if not parameters.radius > 0:
-        problem = f"the array's radius = {parameters.radius:g} m is not above zero"
-        raise InputError(problem, "use a larger one", key="radius", value=parameters.radius)
     q = parameters.radius / before.radius
     if array.positions is not None:
         if parameters.microphones != before.microphones:

@@ -166,7 +166,7 @@ def _noise_at(problem: Problem, positions: Reals, modes: int) -> NoiseEstimate:
 
 
 def _noise_fractions(found: NoiseEstimate, problem: Problem, k: Reals) -> np.ndarray:
-    """Unexplained share of the power of modes with wavenumbers k (M,)."""
+    """Unexplained fraction of the power of modes with wavenumbers k (M,)."""
     return np.minimum(found.noise_fraction + (k * found.spread) ** 2 / problem.dimension, 0.5)
 
 

@@ -107,8 +107,8 @@ class Explore:
         overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")
 
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
-        binding, state = viewer.binding, viewer.run.session.view.state
-        running = viewer.run.session.view.running
+        binding, state = viewer.binding, viewer.view.state
+        running = viewer.view.running
         modes = binding.choices.modes or tuple(range(state.first, state.last + 1))
         label = f"{PAUSE} Pause" if running else f"{PLAY} Play again" if state.finished else f"{PLAY} Play"
         sweeps = viewer.tabs.sweep.playing
@@ -132,7 +132,7 @@ class Explore:
         name = viewer.run.scene.name
         if name in scene_names():
             return self._thumbnail(name)[1]
-        return drawing(np.asarray(viewer.run.session.view.history[0].positions)[:, :2])
+        return drawing(np.asarray(viewer.view.history[0].positions)[:, :2])
 
     @staticmethod
     def _thumbnail(name: str) -> tuple[str, str]:
@@ -144,7 +144,7 @@ class Explore:
     @staticmethod
     def _status(viewer: Viewer) -> str:
         """Return what the solver does, and the error that is left."""
-        view, measurement = viewer.run.session.view, viewer.run.measurement
+        view, measurement = viewer.view, viewer.run.measurement
         sought = viewer.snapshot.counted
         errors = measurement.errors(view.state.positions, sought)
         word = "" if errors is None else f", {length_text(float(errors[sought].mean()))} off on average"

@@ -96,6 +96,8 @@ class SessionFolders:
         self._folders = []
 
 
+DOUBLING_TIME = 1.2  # s in which a run that is watched becomes twice as fast
+MAX_DOUBLINGS = 12.0
 STEPS = ("Step", "Sweep", "Stage", "Reset")
 
 
@@ -107,6 +109,8 @@ class RunBar:
 
     def __init__(self, binding: Binding, restart: Callable[[], None]):
         self._binding, self._restart, gui, on = binding, restart, binding.gui, binding.on
+        self._watched = binding.run.solver.TRAITS.moves_all  # whether a run begins slowly
+        self._since, self._paced = -1.0, float(self._rate)  # when the run began, s, or below 0; its steps per second
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
         self.run = on(
             gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused"),
@@ -136,8 +140,8 @@ class RunBar:
 
     @property
     def _rate(self) -> int:
-        """Steps per second of Run."""
-        return self._binding.choices.steps_per_second(self._binding.run.solver.TRAITS.moves_all)
+        """Steps per second with which a run begins."""
+        return self._binding.choices.steps_per_second(self._binding.run.solver.TRAITS.moves_all, self._watched)
 
     def limit_rate(self, rate: int) -> None:
         """Limit the solver to so many steps per second; MAX_RATE removes the limit."""
@@ -145,14 +149,32 @@ class RunBar:
         self._binding.choose(rate=rate)
         self.apply_rate()
 
-    def use_rate(self, rate: int) -> None:
-        """Set the speed, steps per second; MAX_RATE for no limit."""
-        self.limit_rate(rate)
-        self.speed.value = rate
+    def watch(self) -> None:
+        """Let every run begin slowly, and become faster and faster: no speed that was chosen before counts."""
+        self._watched = True
+        self._binding.choose(rate=None)
+        self.apply_rate()
 
     def apply_rate(self) -> None:
-        """Give the solver the speed of the slider."""
-        self._binding.session.pace(0 if self._rate == MAX_RATE else self._rate)
+        """Give the solver the speed that it begins with."""
+        self._since = -1.0
+        self._pace(0 if self._rate == MAX_RATE else self._rate)
+
+    def _pace(self, rate: float) -> None:
+        self._paced = rate
+        self._binding.session.pace(rate)
+
+    def _speed_up(self, tick: Tick) -> None:
+        """Let a run whose speed nobody has chosen go on faster: a short one can be followed, a long one ends soon."""
+        if not tick.view.running or self._binding.choices.rate is not None or not self._watched:
+            if self._since >= 0:
+                self.apply_rate()
+            return
+        if self._since < 0:
+            self._since = tick.now
+        rate = self._rate * 2 ** min((tick.now - self._since) / DOUBLING_TIME, MAX_DOUBLINGS)
+        if rate > 1.2 * self._paced:
+            self._pace(rate)
 
     def wait(self, waiting: bool) -> None:
         """Hide the status while another session is prepared, whose progress stands above."""
@@ -177,7 +199,8 @@ class RunBar:
         self.verdict.visible = tick.found is not None or tick.assessing
         self.time.max, self.time.disabled = max(view.count - 1, 1), view.count < 2
         send(self.time, view.index)
-        send(self.speed, self._rate)
+        self._speed_up(tick)
+        send(self.speed, self._rate if self._since < 0 else min(round(self._paced), MAX_RATE))
         label = "Pause" if view.running else "Run"
         if self.run.label != label:
             self.run.label = label

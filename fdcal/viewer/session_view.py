@@ -170,6 +170,7 @@ class SessionPicture:
         return last[3]
 
 
+RUN_INTERVAL = 0.15  # s at least between two states that are shown while the solver runs
 FAULT_TIME = 10.0  # s at least that a fault of the page stays in the status lines
 
 log = logging.getLogger(__name__)
@@ -181,8 +182,9 @@ class Viewer:
     `folders`: SessionFolders for the controls; `nodes`: SceneNodes that show the picture; `open_other`: function that
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
     function that makes the main loop update the page at once; `floor`: the map that is shown until there is one of this
-    session, or None; `words`: on the canvas, or None. Raises InputError: the request of the run has choices
-    that are not possible. `snapshot`: what is on the screen; `call`: runs a function on viser's event loop.
+    session, or None; `words`: on the canvas, or None. Raises InputError: the request of the run has choices that are
+    not possible. `view`: the states as they are shown; `snapshot`: what is on the screen; `call`: runs a function on
+    viser's event loop.
     """
 
     def __init__(
@@ -202,6 +204,7 @@ class Viewer:
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
         self.binding = Binding(folders.gui, run, modes, open_other, before, wake, self.call)
         self._fault, self._fault_time = "", 0.0
+        self.view, self._viewed = run.session.view, 0.0
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
         self._key: tuple = ()  # of what is drawn
@@ -277,7 +280,7 @@ class Viewer:
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date at the time `now`, s."""
-        view, choices, tabs = self.run.session.view, self.binding.choices, self.tabs
+        view, choices, tabs = self._view_at(now), self.binding.choices, self.tabs
         if view.state is not self._state:
             self._revision, self._state = self._revision + 1, view.state
         drawn, reason = self._select_map(view, choices, now)
@@ -293,6 +296,13 @@ class Viewer:
         self._draw(tick, choices, self.drop.tick(view, drawn, now))
         tick = replace(tick, picture=self.picture)
         tabs.show(tick)
+
+    def _view_at(self, now: float) -> SessionView:
+        """Return the newest states; those of a moment ago while a run goes on, which needs the processor itself."""
+        newest = self.run.session.view
+        if not (newest.running and self.view.running and 0 < now - self._viewed < RUN_INTERVAL):
+            self.view, self._viewed = newest, now
+        return self.view
 
     def _draw(self, tick: Tick, choices: Choices, dropped: Dropped | None) -> None:
         """Draw the picture again where anything of it has changed."""

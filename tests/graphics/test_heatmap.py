@@ -26,7 +26,7 @@ from fdcal.graphics.primitives import (
 )
 from fdcal.model.settings import Search
 from fdcal.viewer.gui import plots
-from fdcal.viewer.tabs import modes as spectrum_plot
+from fdcal.viewer.tabs import spectrum as spectrum_plot
 
 
 def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():

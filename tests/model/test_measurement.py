@@ -144,6 +144,8 @@ def test_a_required_key_is_asked_for(written, key):
         ({"noise_power": [1.0]}, ["noise_power has shape (1,)"]),
         ({"search_step": 0.01 + 1j}, ["search_step is complex", "real numbers"]),
         ({"search_origin": [[0.0, 0.0]]}, ["search_origin has shape (1, 2)"]),
+        ({"search_size": np.zeros(100_000)}, ["search_size has shape (100000,)"]),
+        ({"names": "one text"}, ["names"]),
         ({"radius": "wide"}, ["radius is text"]),
         ({"known": np.array([None, 1])}, ['"known" is damaged or not a plain array']),
     ],

@@ -8,6 +8,7 @@ import threading
 import pytest
 
 from fdcal.acoustics.measure import cached_measurement
+from fdcal.commands import cli
 from fdcal.commands.cli import all_pieces, main
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
@@ -112,11 +113,13 @@ def test_a_warmup_reports_its_progress_and_ends(monkeypatch):
     assert made.close(60.0) and made.text == "", "a piece that fails ends it"
 
 
-def test_warm_compiles_everything_and_tells_how_far_it_is(capsys):
-    """On standard error. That nothing is left to compile afterwards, and that it lies on the disk, is shown above."""
+def test_warm_compiles_everything_and_tells_how_far_it_is(capsys, monkeypatch):
+    """On standard error. That the pieces leave nothing to compile, and that it lies on the disk, is shown above."""
+    names, compiled = [name for name, _ in all_pieces()], []
+    monkeypatch.setattr(cli, "all_pieces", lambda: [(name, lambda name=name: compiled.append(name)) for name in names])
     with pytest.raises(SystemExit) as ended:
         main(["warm"])
     out, errors = capsys.readouterr()
-    assert not ended.value.code and out == ""
-    for number, (name, _) in enumerate(all_pieces(), 1):
-        assert f"{number} of {len(all_pieces())}: {name} ..." in errors
+    assert not ended.value.code and out == "" and compiled == names
+    for number, name in enumerate(names, 1):
+        assert f"{number} of {len(names)}: {name} ..." in errors

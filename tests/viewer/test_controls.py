@@ -101,3 +101,21 @@ def test_mode_numbers_that_cannot_be_read_change_nothing_but_the_error(controls)
     assert panel.binding.choices.modes == (1, 3)
     set_by_client(panel.map.text, "1-99")
     assert panel.binding.choices.modes == (1, 3) and "1 to 6" in panel.binding.choices.modes_error
+
+
+def test_a_run_that_is_watched_begins_slowly_and_speeds_up_unless_a_speed_is_chosen(controls):
+    panel, session = controls
+    panel.run_bar.apply_rate()
+    session.view = dataclasses.replace(session.view, running=True)
+    for now in (10.0, 10.1, 13.0, 20.0):
+        panel.run_bar.show(Tick(session.view, now))
+    rates = [rate for name, rate in session.commands if name == "pace"]
+    assert rates[0] == 5 and rates == sorted(rates) and len(rates) == 3 and rates[-1] > 500
+    set_by_client(panel.run_bar.speed, 12)
+    panel.run_bar.show(Tick(session.view, 30.0))
+    assert session.commands[-1] == ("pace", 12) and panel.run_bar.speed.value == 12
+    session.view = dataclasses.replace(session.view, running=False)
+    panel.binding.choose(rate=None)
+    panel.run_bar.show(Tick(session.view, 31.0))
+    panel.run_bar.apply_rate()
+    assert session.commands[-1] == ("pace", 5), "the next run begins slowly again"

@@ -62,7 +62,7 @@ def edited_descent(tmp_path_factory):
 def test_an_exception_of_the_solver_is_shown_with_the_path_of_the_log(page):
     page.get_by_text("step 0, sweep 0").wait_for()
     press(page, "Run")
-    page.get_by_text("Stopped by an error").wait_for()
+    page.get_by_text("Stopped by an error", exact=True).wait_for()
     shown = page.get_by_text("ZeroDivisionError: the floor <b>opens</b>; details in").inner_text()
     log = Path(shown.rpartition("details in ")[2].strip())
     text = log.read_text(encoding="utf-8")

@@ -135,8 +135,8 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     turn_until(lambda: prepared(page))
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
     kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "plan", "themed")}
-    assert odd == replace(plain, style=replace(plain.style, dark=True), rate=60, **kept)
-    assert page.viewer.tabs.run_bar.speed.value == 60, "as fast as the machine can"
+    assert odd == replace(plain, style=replace(plain.style, dark=True), **kept)
+    turn_until(lambda: page.viewer.tabs.run_bar.speed.value < 60)  # so that it can be watched
     page.viewer.tabs.map.mark_minima(False)
     lessons.start("Mine")
     turn_until(lambda: page.viewer.binding.choices.style.minima)

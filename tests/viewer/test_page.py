@@ -101,7 +101,7 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     page.get_by_text("Right.", exact=True).wait_for()
     page.get_by_text("After 7 sweeps").wait_for()
     page.get_by_text("sweep 7").wait_for()
-    page.get_by_text("Converged").wait_for()
+    page.get_by_text("Converged", exact=True).wait_for()
     press(page, "Next step")
     page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
     page.get_by_text("step 0, sweep 0").wait_for()

@@ -27,6 +27,7 @@ from fdcal.session.sources import CalibrationInput, scene_input
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.verdict import IDLE_TIME, VerdictWorker, uncertainty_of
 from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, verdict_html
+from fdcal.viewer.server.hardening import STYLE
 from fdcal.viewer.tabs.microphones import channel_table, given_table
 
 
@@ -94,6 +95,9 @@ def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_aga
     assert worker.sought(again, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
 
 
+SIZES = f"<style>{STYLE.read_text(encoding='utf-8')}</style>"  # of type
+
+
 def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_them(browser):
     words = "the residual of 10 of 63 microphones is large: " + "one cause, or another; " * 20
     faulty = Channels(*np.zeros((5, 50)), (ChannelFault("20", "inverted"),))
@@ -105,7 +109,7 @@ def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_t
     shown += [found("model_mismatch", words, evidence=Evidence(1.0, leave_one_out_db=-9.0), channels=faulty)]
     page, heights = browser.new_page(viewport={"width": 340, "height": 720}), []
     for one in shown:
-        page.set_content(f"<div id='box'>{verdict_html(one, pending=True)}</div>")
+        page.set_content(f"{SIZES}<div id='box'>{verdict_html(one, pending=True)}</div>")
         heights.append(page.locator("#box").bounding_box()["height"])
     page.locator("summary").click()
     assert words.strip() in page.locator("summary").inner_text() and page.get_by_text("-9.0 dB").is_visible()
@@ -122,7 +126,9 @@ def test_the_names_of_two_odd_channels_are_seen_without_a_click(browser):
     hidden = []
     for channels in (None, Channels(*np.zeros((5, 50)), faults)):
         line = verdict_html(found("good", odd, channels=channels))
-        page.set_content(f"<body style='margin: 0; font: 14px DejaVu Sans, sans-serif'>{line}</body>")  # as viser's
+        page.set_content(
+            f"{SIZES}<body style='margin: 0; font: 14px DejaVu Sans, sans-serif'>{line}</body>"
+        )  # as viser's
         words = page.locator("summary div").first
         hidden.append(words.evaluate("words => words.scrollHeight > words.clientHeight + 2"))
     page.close()

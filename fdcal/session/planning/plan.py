@@ -129,7 +129,7 @@ def _mirror_words(request: PlanRequest) -> str:
 
 
 FORMAT = 1  # of the JSON
-LIKELY = 0.9  # share of simulated calibrations from which an answer is yes
+LIKELY = 0.9  # fraction of simulated calibrations from which an answer is yes
 LARGER = 1.05  # factor on that size from which an array counts as larger
 SIZES = (0.5, 0.71, 1.41, 2.0)  # factors on the size of the array that are put in words
 

@@ -53,17 +53,17 @@ class Trials:
 
     @property
     def found(self) -> float:
-        """Share of trials in which the array was found: error below 5 mm or three times the bound."""
+        """Fraction of trials in which the array was found: error below 5 mm or three times the bound."""
         return float(np.mean(self.rms < max(MIN_FOUND_M, FOUND_BOUNDS * self.bound)))
 
     @property
     def accurate(self) -> float:
-        """Share of trials in which every microphone is within the accuracy that is wanted."""
+        """Fraction of trials in which every microphone is within the accuracy that is wanted."""
         return float(np.mean(np.all(self.errors[:, self.free] < self.accuracy, axis=1)))
 
     @property
     def trusted_wrongly(self) -> float:
-        """Share of trials with verdict good in which the array was not found."""
+        """Fraction of trials with verdict good in which the array was not found."""
         wrong = ~(self.rms < max(MIN_FOUND_M, FOUND_BOUNDS * self.bound))
         return float(np.mean(wrong & (np.array(self.verdicts) == "good")))
 

@@ -175,6 +175,9 @@ def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
     scene = build(Scene, {**table, "seed": seed})
     changed = {key: value for key, value in values.items() if "." not in key}
     parameters = asdict(parameters_of(scene)) | changed
+    if "absorption" in changed and parameters["walls"] != "absorbing":
+        problem = f"absorption has no effect on {parameters['walls']} walls"
+        raise InputError(problem, 'add walls = "absorbing" below [fixed]', key="absorption")
     return with_parameters(scene, SceneParameters(**parameters))
 
 

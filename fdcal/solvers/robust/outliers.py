@@ -92,7 +92,7 @@ def _filter_grid() -> list[np.ndarray]:
 
 FILTER_GRID = _filter_grid()
 FILTER_NATS = 8.0  # by which a filter must be likelier than a place and a gain alone
-COHERENT = 0.75  # share of the power that it must explain
+COHERENT = 0.75  # fraction of the power that it must explain
 
 
 def _best(p: Complexes, e: Complexes, V: Reals, k: Reals, cut: Reals):

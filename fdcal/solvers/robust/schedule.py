@@ -162,7 +162,7 @@ def optima_agree(problem: Problem, state: State) -> bool:
     return False
 
 
-# share of the power, of the array and of one channel: a restart that leaves no more unexplained of a measurement
+# fraction of the power, of the array and of one channel: a restart that leaves no more unexplained of a measurement
 # without noise is the last, since in a wrong basin none does so; without the second a run ends in a wrong basin, 1.1
 # m off
 LOW_NOISE = 1e-7
@@ -221,7 +221,7 @@ def after_noiseless(problem: Problem, state: State) -> State:
 # residual of the near-field kernel over the noise that is assumed with it; without it an array with an error of 3.4
 # mm and a claim of 0.9 mm is good
 NEAR_DEFLATION = 3.0
-# share of noise by dimension of the field, at or below which a source near the array counts
+# fraction of noise by dimension of the field, at or below which a source near the array counts
 NEAR_NOISE = {2: 1e-5, 3: 2e-6}
 
 

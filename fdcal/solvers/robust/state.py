@@ -41,7 +41,7 @@ SUSPICIOUS = 4.0  # channel noise over that of the others from which a channel i
 # the errors grow by 2 %
 DIRECTION_UPDATES = 3
 
-# least share of noise in the power that each kernel can show; with 1e-10 for all, the covariance without noise
+# least fraction of noise in the power that each kernel can show; with 1e-10 for all, the covariance without noise
 # depends on the frame, with 1e-8 such an array is not found to the last digit
 MIN_NOISE_FRACTION = {"diffuse": 1e-6, "series": 1e-8, "directional": 1e-8, "damped_directional": 1e-8, "near": 1e-10}
 

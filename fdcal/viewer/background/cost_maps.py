@@ -151,6 +151,7 @@ def _key(request: CostMapRequest) -> tuple:
 
 
 PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor, too
+LOAD = 4  # times as long as a map takes: a running solver needs the processor, too
 FOLLOW_TIME = 0.6  # s at least that the map of a microphone stays while the page follows a running solver
 DRAG_TIME = 1.0  # s at most that a map stays while a microphone or a slice is dragged and the next map is in progress
 IDLE_TIME = 0.35  # s without a change before a finer map is requested
@@ -193,7 +194,7 @@ class CostMapWorker:
         due = True
         if latest is not None and running:
             last = latest.request[0]
-            pause = max(PAUSE, 0.5 * (latest.ended - latest.began))
+            pause = max(PAUSE, LOAD * (latest.ended - latest.began))
             if wanted.follow and last.microphone != wanted.microphone:
                 pause = max(pause, FOLLOW_TIME)
             due = now - latest.ended > pause or not last.stands_for(wanted, running)  # the user wants another one

@@ -52,6 +52,7 @@ VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camer
 
 Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
 MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
+WATCHED_MOVES = 20  # steps per second that can be followed, of single microphones
 WATCHED_RATE = 5  # steps per second that can be followed, of a solver whose steps move all microphones
 BOUNDS = {"opacity": (0.1, 1.0), "relief_height": (0.05, 1.0), "slice_position": (-math.inf, math.inf)}
 # Choices that another scene keeps.
@@ -86,12 +87,13 @@ class Choices:
     plan: PlanChoices = field(default_factory=PlanChoices)
     take: int | None = None  # whose rows and spectrum are shown; None for those of all takes
 
-    def steps_per_second(self, moves_all: bool) -> int:
+    def steps_per_second(self, moves_all: bool, watched: bool = False) -> int:
         """Return how many steps the solver takes per second, MAX_RATE for no limit.
 
-        `moves_all`: whether a step of the solver moves all microphones, so that a run has few of them.
+        `moves_all`: whether a step of the solver moves all microphones, so that a run has few of them; `watched`:
+        whether it is to be followed though its steps move single microphones.
         """
-        return self.rate or (WATCHED_RATE if moves_all else MAX_RATE)
+        return self.rate or (WATCHED_RATE if moves_all else WATCHED_MOVES if watched else MAX_RATE)
 
     @property
     def map_order(self) -> int | None:

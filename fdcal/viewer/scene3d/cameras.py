@@ -44,6 +44,7 @@ class Placement:
     view: str = "top"  # as in graphics.camera.VIEWS
     size: tuple[int, int] | None = None  # (width, height) of the canvas at that time, pixels, or None
     room: Room = Room()  # that was left at that time
+    margins: tuple[int, int, int, int] | None = None  # in place of it, pixels
     camera: Camera | None = None  # that was commanded, or None
     positions: tuple[tuple[float, float, float], ...] = ()  # the last ones of the camera, metres
 
@@ -177,7 +178,7 @@ class Cameras:
         """
         with self._guarded(client):
             if isinstance(view, Camera):
-                self._command(client, view, Placement("", canvas(client.camera), self.room, view))
+                self._command(client, view, Placement("", canvas(client.camera), self.room, self.margins, view))
             else:
                 self._place(client, view)
 
@@ -201,7 +202,7 @@ class Cameras:
         before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
         before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
         positions = (*before, wanted.position)[-KEPT_POSITIONS:]
-        self._command(client, wanted, Placement(view, size, room, wanted, positions))
+        self._command(client, wanted, Placement(view, size, room, self.margins, wanted, positions))
 
     def _command(self, client: viser.ClientHandle, wanted: Camera, placement: Placement) -> None:
         self._placements[client.client_id] = placement
@@ -236,7 +237,7 @@ class Cameras:
         if placement.camera is None:
             self._place(client, placement.view)
             return
-        fits = (canvas(camera), self.room) == (placement.size, placement.room)
+        fits = (canvas(camera), self.room, self.margins) == (placement.size, placement.room, placement.margins)
         if fits and is_at(camera, placement.camera):
             self._at_rest.add(client.client_id)
         elif any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):

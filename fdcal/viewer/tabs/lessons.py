@@ -17,7 +17,6 @@ from ...model.scene import Scene
 from ...model.validation import InputError, StorageError, shown
 from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, Setting, Step
 from ...session.request import OpenRequest
-from ..gui.choices import MAX_RATE
 from ..gui.html import complaint, error_message
 from ..gui.overlay import whole
 from ..lesson_settings import PageBefore, apply_setting, plain_choices
@@ -367,7 +366,7 @@ class LessonsTab:
         self._redraw()
 
     def _apply_all(self, settings: list[Setting], viewer: Viewer) -> None:
-        viewer.tabs.run_bar.use_rate(MAX_RATE)  # a lesson does not depend on the speed chosen before
+        viewer.tabs.run_bar.watch()  # a lesson does not depend on the speed chosen before
         for setting in settings:
             self._apply(setting, viewer, restarted=setting is settings[0])
 

@@ -72,6 +72,12 @@ def test_tasks_of_a_long_study_are_not_listed(tmp_path):
         ('"tiny"', '"none"'),
         ("draws = 3", "draws = 0"),
         ("draws = 3", "drafts = 3"),
+        ("[20, 40]", '["loud"]'),
+        ("[20, 40]", "[[20]]"),
+        ("snr_db = [20, 40]", "microphones = [10000000000000000000000]"),
+        ("snr_db = [20, 40]", 'microphones = ["many"]'),
+        ("snr_db = [20, 40]", "microphones = [nan]"),
+        ("snr_db = [20, 40]", "absorption = [0.1, 0.5]"),  # of rigid walls
     ],
 )
 def test_a_wrong_study_is_one_line(file, old, new):
