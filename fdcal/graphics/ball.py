@@ -36,7 +36,10 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
     metres, downhill, or None; `text`: beside the ball, in place of the name of the microphone; the name for "".
     """
     radius, base = picture.marker_radius, picture.z_range[0]
-    ball, ground = RADIUS * radius, _on(np.asarray(place, float)[None], floor, base)[0]
+    ball = RADIUS * radius
+    ground = _on(np.asarray(place, float)[None], floor, base, ball)[
+        0
+    ]  # on the edges of a hole that is too narrow for it
     in_space = len(place) == 3
     above = np.array([0.0, 0.0, 0.0 if in_space else layer_height(Layer.MINIMUM, radius)])
     centre = ground + above + [0.0, 0.0, 0.0 if in_space else 0.75 * ball]
@@ -60,9 +63,9 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
     return replace(picture, meshes=meshes, lines=drawn, labels=labels)
 
 
-def _on(points: np.ndarray, floor: Floor | None, base: float) -> np.ndarray:
-    """Points (P, 3), metres, on a map or at its height."""
-    draped = drape(points, floor)
+def _on(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.0) -> np.ndarray:
+    """Points (P, 3), metres, on a map, its highest place within a radius, or at its height."""
+    draped = drape(points, floor, radius)
     return draped if draped.shape[1] == 3 else glyphs.lift(draped, base)
 
 

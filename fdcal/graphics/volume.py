@@ -64,10 +64,11 @@ def _vtk() -> tuple[Any, Any, Any]:
 AXES = "xyz"
 MAX_LEVELS = 4  # isosurfaces; more of them hide each other
 LARGEST, SMALLEST = 0.22, 2e-4  # fractions of the domain that the outermost and the innermost isosurface enclose
-OPACITY = (0.12, 0.3)  # of the outermost and of the innermost isosurface
+OPACITY = (0.24, 0.85)  # of the outermost and of the innermost isosurface
+SLICE_OPACITY = 0.6  # so that the array is seen through it
 TOWARDS_LIGHT = np.array([-0.42, -0.55, 0.72])  # over the viewer's left shoulder in the oblique views
 DARKEST = 0.45  # brightness of a surface that faces away from the light
-ON_DARK = 0.4  # fraction of white in a surface on a dark page, and by how much more opaque it is
+ON_DARK = 0.15  # fraction of white in a surface on a dark page, and by how much more opaque it is
 SHADES = 32  # columns of a texture
 
 
@@ -133,9 +134,8 @@ def plate_of(rgb: np.ndarray, axis: int, position: float, domain: np.ndarray) ->
     """Return an image (h, w, 3) uint8 as a slice; the other parameters as of `slice_of`."""
     others = [other for other in range(3) if other != axis]
     (a, b), (width, height) = domain[0][others], np.ptp(domain, axis=0)[others]
-    return Plate(
-        "slice", frozen_array(rgb, np.uint8), axis, position, (float(a), float(b)), (float(width), float(height))
-    )
+    origin, size = (float(a), float(b)), (float(width), float(height))
+    return Plate("slice", frozen_array(rgb, np.uint8), axis, position, origin, size, SLICE_OPACITY)
 
 
 def faded(volume: Volume, opacity: float, dark: bool = False) -> Volume:

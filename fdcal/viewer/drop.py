@@ -107,6 +107,9 @@ class Drop:
             if binding.choices.follow or binding.choices.microphone != microphone:
                 self._select(microphone)
         at = tuple(float(x) for x in place)
+        here = binding.session.view.state.positions[microphone]
+        held = self._drag.place if self._drag is not None and self._drag.gesture == gesture else here
+        at += tuple(float(x) for x in held[len(at) :])  # the height, where the pointer gives none
         self._drag = Drag(microphone, at, gesture, released)
         binding.choose()
 
@@ -152,10 +155,11 @@ class Drop:
                 self._end(view, drag, np.asarray(drag.place))
             return Dropped(drag.microphone, drag.place, "")
         self._rolls = now if math.isnan(self._rolls) else self._rolls
-        share, end = min((now - self._rolls) / ROLL_TIME, 1.0), fall.path.points[-1]
+        share, height = min((now - self._rolls) / ROLL_TIME, 1.0), drag.place[len(fall.path.points[0]) :]
+        end = np.append(fall.path.points[-1], height)
         if share < 1:
             place = along(fall.path.points, share)
-            return Dropped(drag.microphone, tuple(place.tolist()), "", fall.path.points)
+            return Dropped(drag.microphone, (*place.tolist(), *height), "", fall.path.points)
         if not math.isinf(self._rolls):
             self._rolls = -math.inf  # it has come to rest: once
             self.tries, self.home = self.tries + 1, self.home + bool(fall.home)

@@ -65,7 +65,7 @@ def test_the_surfaces_are_those_of_the_levels_the_innermost_first_and_in_the_col
     drawn = rows[volume.surface.faces[:, 0]]
     assert np.all(np.diff(drawn) >= 0)
     opacity = volume.surface.texture[:, 0, 3]
-    assert np.all(np.diff(opacity.astype(int)) < 0) and opacity.max() < 128
+    assert np.all(np.diff(opacity.astype(int)) < 0) and 128 < opacity.max() < 240
     np.testing.assert_allclose(faded(volume, 0.5).surface.texture[:, 0, 3], opacity / 2, atol=1)
     light, dark = (faded(volume, 0.5, on_dark).surface.texture.astype(int) for on_dark in (False, True))
     assert (dark[..., :3] > light[..., :3]).all() and (dark[..., 3] > light[..., 3]).all(), "to be seen on a dark page"
@@ -121,7 +121,9 @@ def test_the_png_shows_surfaces_slice_and_the_lowest_cost_in_their_places(pictur
         painted, with_volume(picture, type(volume)(volume.surface, plate, volume.bar, volume.levels)), "top"
     )
     column, row = at([CENTRE[0] + low + 0.1, CENTRE[1] + 0.25, 3.38])
-    np.testing.assert_allclose(sliced[row, column], to_rgb(np.array(1.0)), atol=6)
+    seen_through = plate.opacity * to_rgb(np.array(1.0)) + (1 - plate.opacity) * 255
+    np.testing.assert_allclose(sliced[row, column], seen_through, atol=6)
+    assert 0.4 < plate.opacity < 0.8, "the array is seen through the slice"
 
 
 def test_the_vti_file_holds_the_cost_of_every_point():

@@ -82,3 +82,21 @@ def test_without_a_cost_the_microphone_follows_the_pointer(opened):
     viewer.drop.move(9, place, 1, False)
     turn_until(lambda: session.view.count == 2)
     np.testing.assert_allclose(session.view.state.positions[9], place)
+
+
+def test_in_space_it_falls_along_its_path_to_a_lower_cost(page_of, monkeypatch):
+    monkeypatch.setattr(drop_module, "ROLL_TIME", 0.3)
+    page, turn_until = page_of
+    choices = {"microphone": 9, "follow": False, "modes": [9], "volume": True}
+    page.open(OpenRequest(load_scene("ball3d"), choices=choices))
+    turn_until(lambda: page.viewer is not None and page.viewer.snapshot.picture.surfaces)
+    viewer, session = page.viewer, page.viewer.run.session
+    start = session.view.state.positions[9] + [0.1, -0.1, 0.0]
+    viewer.drop.move(9, start[:2], 1, False)  # the pointer gives no height
+    turn_until(lambda: any("dB" in text for text in labels(viewer)))
+    viewer.drop.move(9, start[:2], 1, True)
+    turn_until(lambda: session.view.count == 2)
+    path = viewer.drop.worker.latest.result.path
+    np.testing.assert_allclose(path.points[0], start, atol=1e-9)
+    np.testing.assert_allclose(session.view.state.positions[9], path.points[-1])
+    assert np.all(np.diff(path.costs) < 0) and path.points[-1][2] != start[2]

@@ -48,7 +48,7 @@ VOLUME = "Isosurfaces (3-D)"  # of an array in space
 SLICES = {"None": "none", "x": "x", "y": "y", "z": "z"}  # label to axis across the slice through a volume
 PICTURE = "Picture (PNG)"  # the first kind of file to save
 ELLIPSE_SCALES = {"Automatic": 0, "True": 1, "10 times": 10, "100 times": 100, "1000 times": 1000}  # label to factor
-VIEWS = {"Top": "top", "3-D": "3d", "Close": "close"}  # label to view of a camera
+VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
 
 Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
 MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit

@@ -24,12 +24,12 @@ def same_extent(one: Floor, other: Floor) -> bool:
     return (one.origin, one.size, one.height) == (other.origin, other.size, other.height)
 
 
-def image_of(floor: Floor) -> np.ndarray:
-    """Return the map's image, (ny, nx, 3) uint8, with its opacity as a fourth channel where it is not opaque."""
-    if floor.opacity >= 1:
-        return floor.rgb
-    alpha = np.full((*floor.rgb.shape[:2], 1), round(255 * floor.opacity), np.uint8)
-    return np.concatenate([floor.rgb, alpha], axis=2)
+def image_of(part: Floor | Plate) -> np.ndarray:
+    """Return the image of a map or slice, (ny, nx, 3) uint8, with its opacity as a fourth channel if not opaque."""
+    if part.opacity >= 1:
+        return part.rgb
+    alpha = np.full((*part.rgb.shape[:2], 1), round(255 * part.opacity), np.uint8)
+    return np.concatenate([part.rgb, alpha], axis=2)
 
 
 def surface_of(floor: Floor, heights: np.ndarray) -> trimesh.Trimesh:
@@ -192,11 +192,11 @@ class SceneNodes:
         place = tuple(plate.corners.mean(axis=0).tolist())
         if isinstance(old, Plate) and same_frame(old, plate):
             if old.rgb is not plate.rgb:
-                handle.image = plate.rgb
+                handle.image = image_of(plate)
             handle.position = place
             return handle
         return self._server.scene.add_image(
-            name, plate.rgb, *plate.size, format="png", cast_shadow=False, receive_shadow=False,
+            name, image_of(plate), *plate.size, format="png", cast_shadow=False, receive_shadow=False,
             wxyz=orientation(plate), position=place,
         )  # fmt: skip
 
