@@ -112,10 +112,10 @@ def test_it_plays_in_a_browser_without_a_network(run, browser, tmp_path):
     page.on("console", lambda message: faults.append(message.text))
     page.on("dialog", lambda dialog: (faults.append(dialog.message), dialog.dismiss()))
     page.goto(path.as_uri())
-    page.get_by_text("step 0, sweep 0, stage 1; modes 1 to ").wait_for()
+    page.get_by_text("step 0, sweep 0; modes 1 to ").wait_for()
     page.keyboard.press("End")
     last = states[-1]
-    page.get_by_text(f"step {last.step}, sweep {last.sweep}, stage {last.stage + 1}; ").wait_for()
+    page.get_by_text(f"step {last.step}, sweep {last.sweep}; ").wait_for()
     mean = 1e3 * position_errors(last.positions, measurement.positions)[measurement.problem().free].mean()
     assert f"mean {mean:.3g} mm" in page.locator("#errors").inner_text()
     drawn = [page.locator("#view").screenshot() for _ in range(2)]
