@@ -318,7 +318,9 @@ class Viewer:
         picture = self._picture.draw(tick.view, choices, tick.microphone, *parts, dropped)
         sigma = None if tick.uncertainty is None else tick.uncertainty.sigma
         sought = np.asarray(tick.sought)
-        self.snapshot = ViewSnapshot(self.run, picture, tick.view, choices, tick.microphone, sigma, volume, sought)
+        self.snapshot = ViewSnapshot(
+            self.run, picture, tick.view, choices, tick.microphone, sigma, volume, sought, tick.drawn
+        )
         self.nodes.show(picture)
         self._folders.overlay.show("legend", canvas_legend(picture.bar, legend_of(picture)))
         across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2

@@ -111,3 +111,13 @@ def test_the_thumbnails_are_of_the_lattice_of_the_map(snapshot, drawn):
     row, column = np.unravel_index(drawn.panels.total.argmin(), drawn.panels.total.shape)
     lowest = map_positions(np.array([[row, column]]), drawn.panels.search)[0]
     assert np.allclose(lowest, drawn.floor.lowest[0])
+
+
+def test_a_file_takes_the_maps_that_are_on_the_screen_and_computes_others(snapshot, drawn):
+    shown = dataclasses.replace(snapshot, drawn=drawn)
+    found = shown.fine_panels(8)
+    assert found.modes == MODES and found.total is drawn.panels.total and shown.fine_panels(2).modes == (7, 20)
+    assert dataclasses.replace(shown, microphone=MICROPHONE + 1).fine_panels(8) is None
+    assert dataclasses.replace(shown, choices=dataclasses.replace(shown.choices, modes=(7,))).fine_panels(8) is None
+    assert dataclasses.replace(shown, drawn=dataclasses.replace(drawn, fine=False)).fine_panels(8) is None
+    assert snapshot.fine_panels(8) is None

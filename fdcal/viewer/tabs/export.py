@@ -26,7 +26,7 @@ from ...model.validation import InputError
 from ...session import session_file
 from ...session.history import SessionView
 from ...session.request import OpenRequest
-from ..background.cost_map import CostMapRequest, fine_panels, map_label, map_modes
+from ..background.cost_map import CostMap, CostMapRequest, ModePanels, fine_panels, map_label, map_modes, shown_modes
 from ..background.cost_maps import terms_of
 from ..background.prepare import PreparedRun
 from ..background.threads import Threads
@@ -47,11 +47,24 @@ class ViewSnapshot:
     sigma: np.ndarray | None  # (N,) float64, metres, one standard deviation of each position, or None
     volume: Volume | None = None  # the cost in space that the picture shows, or None
     sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
+    drawn: CostMap | None = None  # the map that the picture shows, or None
 
     @property
     def counted(self) -> np.ndarray:
         """Numbers of the microphones whose errors count, and by which a blind array is aligned."""
         return self.run.sought if self.sought is None else self.sought
+
+    def fine_panels(self, count: int) -> ModePanels | None:
+        """Return the maps that are on the screen, `count` single modes at most; None where they are coarse."""
+        drawn, wanted = self.drawn, map_request(self)
+        if drawn is None or drawn.panels is None or not drawn.fine or drawn.request.style.shape:
+            return None
+        shown = drawn.request
+        same = (shown.state is wanted.state, shown.microphone == wanted.microphone, shown.modes == wanted.modes)
+        if not all(same) or shown.order_offset != wanted.order_offset:
+            return None
+        kept, modes = shown_modes(len(drawn.panels.modes), count), drawn.panels.modes
+        return replace(drawn.panels, modes=tuple(modes[i] for i in kept), maps=drawn.panels.maps[kept])
 
     @property
     def caption(self) -> str:
@@ -108,7 +121,7 @@ def _errors(snapshot: ViewSnapshot) -> str:
 def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
     """Maps as fine as the screen, of the modes of the map on the page, `count` of them at most, and their sum."""
     run, request = snapshot.run, map_request(snapshot)
-    panels = fine_panels(run, request, max_count=count)
+    panels = snapshot.fine_panels(count) or fine_panels(run, request, max_count=count)
     if panels is None:
         raise ValueError("maps that nobody cancels are complete")
     f, modes = run.measurement.frequencies, len(request.modes)
