@@ -96,7 +96,11 @@ class InputError(ValueError):
 
 
 def word_arguments(text: str, names: Mapping[str, str]) -> str:
-    """Return a text with the arguments in angle brackets called as in `names`, or by their own name."""
+    """Return a text with the arguments in angle brackets called as in `names`, or by their own name.
+
+    Of "modes (<modes>)" the parentheses go where there is no other name.
+    """
+    text = re.sub(r"\b(\w+) \(<(\1)>\)", lambda match: match[0] if match[2] in names else match[1], text)
     return re.sub(r"<([a-z_]+)>", lambda match: names.get(match[1], match[1]), text)
 
 
