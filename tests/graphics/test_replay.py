@@ -128,7 +128,7 @@ def test_it_plays_in_a_browser_without_a_network(run, browser, tmp_path):
     page.get_by_label("Speed").select_option("50")
     page.get_by_role("button", name="Play").click()
     page.get_by_role("button", name="Pause").wait_for()
-    page.get_by_text(f"step {last.step}, sweep {last.sweep}, ").wait_for()
+    page.get_by_text(f"step {last.step}, sweep {last.sweep}; ").wait_for()
     page.get_by_role("button", name="Play").wait_for()
     page.context.close()
     assert not faults
