@@ -85,8 +85,8 @@ def test_isosurfaces_and_a_slice_stand_in_the_scene_and_follow_the_controls(page
 def test_a_relief_lies_on_its_axes_from_the_top_and_its_slider_sets_its_height(page):
     choose(page, "Show", "Relief")
     page.wait_for_function(DRAWN, arg="/relief")
-    page.wait_for_function(f"() => ({BOX})('/relief')[1][2] < 2")  # while a surface is replaced there is none
-    low, high = box(page, "/relief")
+    seen = f"() => {{ const box = ({BOX})('/relief'), top = box[1][2]; return 0 < top && top < 2 && box }}"
+    low, high = page.wait_for_function(seen).json_value()  # in one look: while a surface is replaced there is none
     assert [round(x, 3) for x in low] == [1.39, 1.09, 0.8] and [round(x, 3) for x in high[:2]] == [2.41, 2.11]
     handle = slider(page, "Relief height (%)")
     handle.focus()

@@ -90,13 +90,10 @@ def modes_text(measurement: Measurement, first: int, last: int) -> str:
     return f"modes {first} to {last}, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
 
 
-def error_text(
-    measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = ALL, left_out: Sequence[str] = ()
-) -> str:
+def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = ALL) -> str:
     """Return the mean and largest error of (N, D) positions, in metres, over the microphones `sought`.
 
-    A line of its own says what the positions are compared with where they are moved as a whole, or are nominal, and
-    which microphones with faulty channels are `left_out`.
+    What the positions are compared with stands in a line of its own where they are moved as a whole, or are nominal.
     """
     errors = measurement.errors(positions, sought)
     if errors is None:
@@ -104,7 +101,6 @@ def error_text(
     errors = errors[sought]
     words = ["from nominal"] if measurement.nominal else []
     words += ["after alignment"] if measurement.blind else []
-    words += [f"without microphone {', '.join(left_out)}, faulty"] if left_out else []
     below = f"<br><span style='opacity: 0.65'>{escape(', '.join(words))}</span>" if words else ""
     if len(errors) == 1:
         return f"<b>{length_text(errors[0])}</b>{below}"
@@ -137,11 +133,14 @@ def status(
     `trusted`: whether the verdict on the state is good; `left_out`: names of microphones with faulty channels, which
     are not among them. Returns HTML.
     """
-    state = view.state
+    state, error = view.state, "Deviation" if measurement.nominal else "Error"
+    if left_out:  # in the place of the other word: a line more would move the buttons as the verdict comes
+        why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
+        error = f"<span title='{escape(why)}'>Healthy</span>"
     rows = {
         "Progress": f"step {state.step}, sweep {state.sweep}",
         "In use": escape(modes_text(measurement, state.first, state.last)),
-        "Deviation" if measurement.nominal else "Error": error_text(measurement, state.positions, sought, left_out),
+        error: error_text(measurement, state.positions, sought),
         "Cost": cost_text(view.cost, state.channels is not None, row_word(measurement)),
     }
     cells = "".join(
