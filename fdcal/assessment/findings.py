@@ -285,7 +285,7 @@ def _good(seen: Judged) -> str:
     if not seen.faulty:
         return f"nothing speaks against these positions; {words}"
     faults = "; ".join(fault.text for fault in channel_faults(seen.faulty, seen.names))
-    return f"nothing speaks against the positions of the other microphones; {words}; odd: {faults}"
+    return f"nothing speaks against the positions of the other microphones; {words}; faulty: {faults}"
 
 
 INACCURATE = 2.0  # sigma of the given positions found over the expected one

@@ -101,14 +101,14 @@ def _prediction(result: Calibration, evidence: Evidence) -> str:
 
 
 def _channel_lines(result: Calibration) -> list[str]:
-    """Return the spread of the channels' gains, the odd channels, and the given positions as corrected."""
+    """Return the spread of the channels' gains, the faulty channels, and the given positions as corrected."""
     channels = result.channels
     if channels is None:
         return []
     gain, phase = (float(np.std(values[result.healthy])) for values in (channels.gain_db, channels.phase_deg))
-    odd = "; ".join(fault.text for fault in channels.faults)
+    faults = "; ".join(fault.text for fault in channels.faults)
     spread = f"spread {gain:.2g} dB and {phase:.2g} degrees" if channels.gains_sought else "taken as matched"
-    return [f"channels {spread}; {'odd: ' + odd if odd else 'none is odd'}", *_given_lines(channels.given)]
+    return [f"channels {spread}; {'faulty: ' + faults if faults else 'none is faulty'}", *_given_lines(channels.given)]
 
 
 def _given_lines(given: Sequence[GivenPosition]) -> list[str]:

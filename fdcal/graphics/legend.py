@@ -73,7 +73,7 @@ MARKS = {
         Entry("trails", "trail", (LEVEL,), TRAIL, 0.24, halo=False),
         Entry("ellipses", ELLIPSE_TEXT, (_ring(0.8, 0.5),), ELLIPSE, 0.24, halo=False),
         Entry("cut", "cut from A to B", (LEVEL,), CUT, 0.24, halo=False),
-        Entry("microphones/faulty", "odd channel", (_ring(0.66), ((-0.47, 0.47), (0.47, -0.47))), FAULTY, 0.2),
+        Entry("microphones/faulty", "faulty channel", (_ring(0.66), ((-0.47, 0.47), (0.47, -0.47))), FAULTY, 0.2),
     )
 }
 

@@ -1,7 +1,7 @@
 """The marks of a picture: their colours, the order in which they cover each other, and their shapes.
 
 True microphones are black circles, estimates red crosses, known microphones blue squares, the lowest cost of the map an
-amber diamond, odd channels violet circles with a bar. The shapes differ first; the colours differ for colour-blind
+amber diamond, faulty channels violet circles with a bar. The shapes differ first; the colours differ for colour-blind
 eyes, too. A white halo around each keeps it legible on the map and on any background.
 
 Marks are flat and have a size in the room, not on the screen: lengths are metres, colours RGB from 0 to 255.

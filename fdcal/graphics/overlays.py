@@ -20,7 +20,7 @@ NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn
 SMALL_ELLIPSE = 0.5  # of the radius of a marker: half axis below which an ellipse is hidden by the marks
 VISIBLE = 0.03  # of the extent: half axis to which the median ellipse is enlarged
 CUT_RADIUS, CUT_PIECES = 1.3, 80  # of the ring at an end, radii of a marker; pieces of the line over a relief
-FAULTY_RADIUS, FAULTY_SIDES = 2.4, 24  # of the circle around an odd channel, radii of a marker
+FAULTY_RADIUS, FAULTY_SIDES = 2.4, 24  # of the circle around an faulty channel, radii of a marker
 
 
 def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:

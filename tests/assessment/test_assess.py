@@ -450,7 +450,7 @@ def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(kind, known, no
     ends = [at(altered), *([estimated(altered, "joint")] if noise_given else [])]
     for found in map(assess, ends):
         assert [fault.name for fault in found.channels.faults] == ["17"] and found.verdict == "good", found.message
-        assert "odd: microphone 17" in found.message
+        assert "faulty: microphone 17" in found.message
 
 
 @pytest.mark.parametrize("snr_db", [np.inf, 30])

@@ -71,7 +71,7 @@ def test_the_line_is_coloured_by_the_code():
     bad = verdict_html(found("model_mismatch", "no", evidence=Evidence(1.0, leave_one_out_db=-12.34)))
     assert "<b>model mismatch</b>" in bad, "words, not a code"
     assert DOUBTFUL in bad and GOOD not in bad and "leave-one-out error -12.3 dB" in bad
-    dead = found("good", "odd: b dead", channels=Channels(*np.zeros((5, 3)), (ChannelFault("b", "dead"),)))
+    dead = found("good", "faulty: b dead", channels=Channels(*np.zeros((5, 3)), (ChannelFault("b", "dead"),)))
     assert FAULTY in verdict_html(dead) and GOOD not in verdict_html(dead), "not all is good"
 
 
@@ -119,7 +119,7 @@ def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_t
 
 
 def test_the_names_of_two_odd_channels_are_seen_without_a_click(browser):
-    odd = "nothing speaks against the positions of the other microphones; one sigma 0.45 mm; odd: microphone 20: "
+    odd = "nothing speaks against the positions of the other microphones; one sigma 0.45 mm; faulty: microphone 20: "
     odd += "inverted; microphone 45: dead"
     faults = (ChannelFault("20", "inverted"), ChannelFault("45", "dead"))
     page = browser.new_page(viewport={"width": 340, "height": 720})
