@@ -90,7 +90,9 @@ class Drop:
         self._drag: Drag | None = None
         self._droppable = False  # whether the map shows a cost
         self._asked: tuple[Drag, CostMap] | None = None
+        self._gesture = -1  # whose times follow
         self._released = self._rolls = math.nan  # when the microphone was let go, and began to roll, s
+        self._placed: tuple[SessionView, float] | None = None  # the view and the time when the session was told its end
         self._count = 0  # states of the history at the last tick
         self._cost: tuple[CostMap, np.ndarray, Search, Basins] | None = None  # of the last map; of the thread alone
         self.tries = self.home = 0
@@ -99,19 +101,24 @@ class Drop:
     def move(self, microphone: int, place, gesture: int, released: bool) -> None:
         """Drag a microphone to a place, (2,) or (3,), metres, or let it go there; on viser's event loop."""
         binding = self._binding
-        if not self._droppable or binding.choices.plan.shown:
-            binding.place(microphone, place, gesture)
+        held = self._drag if self._drag is not None and self._drag.gesture == gesture else None
+        if held is None and (not self._droppable or binding.choices.plan.shown):
+            self.place(microphone, place, gesture, released)
             return
-        if self._drag is None or self._drag.gesture != gesture:
+        if held is None:
             binding.session.pause()
             if binding.choices.follow or binding.choices.microphone != microphone:
                 self._select(microphone)
         at = tuple(float(x) for x in place)
-        here = binding.session.view.state.positions[microphone]
-        held = self._drag.place if self._drag is not None and self._drag.gesture == gesture else here
-        at += tuple(float(x) for x in held[len(at) :])  # the height, where the pointer gives none
+        here = binding.session.view.state.positions[microphone] if held is None else held.place
+        at += tuple(float(x) for x in here[len(at) :])  # the height, where the pointer gives none
         self._drag = Drag(microphone, at, gesture, released)
         binding.choose()
+
+    def place(self, microphone: int, place, gesture: int, released: bool) -> None:
+        """Move a microphone in the session at once; what was dragged or rolls stays where the session has it."""
+        self._drag = None
+        self._binding.place(microphone, place, gesture)
 
     # Below: the main loop.
 
@@ -130,10 +137,12 @@ class Drop:
             if self._asked is None or self._asked[0] is not drag:
                 self._asked = drag, drawn
                 self.worker.request(drag, drawn)
+        if drag.gesture != self._gesture:
+            self._gesture, self._placed = drag.gesture, None
+            self._released = self._rolls = math.nan
         fall, final = self._newest(drag)
         if drag.released:
             return self._rolling(view, drag, fall if final else None, now)
-        self._released = self._rolls = math.nan
         text = "" if fall is None else fall.cost_text(0)
         self._say(text)
         return Dropped(drag.microphone, drag.place, text, None if fall is None else fall.path.points)
@@ -151,8 +160,7 @@ class Drop:
             self._released = now
         if fall is None:
             if now - self._released > PATIENCE:
-                self._binding.session.place(drag.microphone, drag.place)
-                self._end(view, drag, np.asarray(drag.place))
+                self._rest(view, drag, np.asarray(drag.place), now)
             return Dropped(drag.microphone, drag.place, "")
         self._rolls = now if math.isnan(self._rolls) else self._rolls
         share, height = min((now - self._rolls) / ROLL_TIME, 1.0), drag.place[len(fall.path.points[0]) :]
@@ -160,18 +168,25 @@ class Drop:
         if share < 1:
             place = along(fall.path.points, share)
             return Dropped(drag.microphone, (*place.tolist(), *height), "", fall.path.points)
-        if not math.isinf(self._rolls):
-            self._rolls = -math.inf  # it has come to rest: once
-            self.tries, self.home = self.tries + 1, self.home + bool(fall.home)
-            self._binding.session.place(drag.microphone, end)
+        if self._rest(view, drag, end, now):
+            if fall.home is not None:
+                self.tries, self.home = self.tries + 1, self.home + fall.home
             self._say(fall.text, {CONTINUE: self._continue})
-        self._end(view, drag, end)
         return Dropped(drag.microphone, tuple(end.tolist()), fall.text)
 
-    def _end(self, view: SessionView, drag: Drag, end: np.ndarray) -> None:
-        """End the drag once the session has the microphone at its end, unless another one has begun."""
-        if self._drag is drag and np.allclose(view.state.positions[drag.microphone][: len(end)], end):
+    def _rest(self, view: SessionView, drag: Drag, end: np.ndarray, now: float) -> bool:
+        """Tell the session once where the microphone has come to rest, and return whether this was the time.
+
+        The drag ends with the next view of the session, unless another one has begun.
+        """
+        if self._placed is None:
+            self._placed = view, now
+            self._binding.session.place(drag.microphone, end)
+            return True
+        before, since = self._placed
+        if self._drag is drag and (view is not before or now - since > PATIENCE):
             self._drag = None
+        return False
 
     def _continue(self) -> None:
         """Run the solver from the present state."""
@@ -200,11 +215,12 @@ class Drop:
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
         decibels = request.order_offset is not None
         truth = run.measurement.aligned_truth(request.state.positions)
-        if truth is None:
+        if truth is None or run.measurement.nominal:
             return Fall(path, decibels)
-        place = truth[drag.microphone][: cost.ndim]
-        home = path.basin >= 0 and basins.at(search, place) == path.basin
-        return Fall(path, decibels, home, float(np.linalg.norm(path.points[-1] - place)))
+        place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])
+        home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
+        home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # at its height in a layer
+        return Fall(path, decibels, bool(home), float(np.linalg.norm(end - place)))
 
     def _cost_of(self, drawn: CostMap) -> tuple[np.ndarray, Search]:
         """Return the cost that a map shows, and its lattice: the fine one of a map that is fine, or of few modes."""

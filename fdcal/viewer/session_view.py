@@ -228,7 +228,8 @@ class Viewer:
         nodes.show(picture)
         name = f"/picking/{folders.number}"
         self.drop = Drop(binding, self.tabs.map.pick, words)
-        self._picker = MicrophonePicker(server, binding, picture, self.tabs.map.pick, self.drop.move, name)
+        moves = self.tabs.map.pick, self.drop.move, self.drop.place
+        self._picker = MicrophonePicker(server, binding, picture, *moves, name)
         self._line_handles = LineHandles(server, binding, picture, f"/cut_handles/{folders.number}")
         binding.threads.own(run.session)
 

@@ -73,6 +73,38 @@ def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_name
     turn_until(lambda: session.view.count == 1 and "home" not in said(page))
 
 
+def test_every_flick_counts_even_between_two_ticks_and_each_gives_one_state(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    minima, *_ = minima_of(viewer)
+    for gesture in (1, 2):
+        viewer.drop.move(9, minima[0] + [0.01, 0.0], gesture, False)
+        viewer.drop.move(9, minima[0] + [0.005, 0.0], gesture, True)
+        turn_until(lambda: viewer.drop.tries == gesture and viewer.drop._drag is None)  # noqa: B023
+        assert session.view.count == gesture + 1
+
+
+def test_a_drag_of_another_microphone_stays_one_drag_while_its_map_is_made(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    for step, released in enumerate([False, False, True]):
+        viewer.drop.move(12, (0.6 + 0.01 * step, 0.5), 7, released)
+        viewer.tick(1e6 + step)
+        assert session.view.count == 1 and viewer.drop._drag is not None
+    turn_until(lambda: viewer.drop._drag is None)
+    assert session.view.count == 2 and viewer.drop.tries == 1
+
+
+def test_with_shift_what_rolls_stays_where_the_pointer_puts_it(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    viewer.drop.move(9, (0.6, 0.5), 1, True)
+    viewer.drop.place(9, (0.7, 0.6), 2, True)
+    turn_until(lambda: np.allclose(session.view.state.positions[9], (0.7, 0.6)))
+    viewer.tick(1e6)
+    assert viewer.drop._drag is None and viewer.drop.tries == 0
+
+
 def test_without_a_cost_the_microphone_follows_the_pointer(opened):
     page, turn_until = opened
     viewer, session = page.viewer, page.viewer.run.session

@@ -18,9 +18,8 @@ SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
 @pytest.fixture
 def picker():
     """A picker, the moves that it reported, and a function that passes it a drag of viser's."""
-    placed, selected, callbacks = [], [], {}
+    placed, selected, direct, callbacks = [], [], [], {}
     binding = SimpleNamespace(
-        place=lambda *arguments: placed.append(arguments),
         measurement=SimpleNamespace(count=5, search=SEARCH),
         choices=SimpleNamespace(release=False, plan=PlanChoices()),
         run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))),
@@ -31,9 +30,16 @@ def picker():
     )
     server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=lambda *_, **__: disc))
     picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
-    made = MicrophonePicker(server, binding, picture, selected.append, lambda *moved: placed.append(moved))
+    made = MicrophonePicker(
+        server,
+        binding,
+        picture,
+        selected.append,
+        lambda *moved: placed.append(moved),
+        lambda *moved: direct.append(moved),
+    )
     return SimpleNamespace(
-        made=made, binding=binding, placed=placed, selected=selected, **{
+        made=made, binding=binding, placed=placed, selected=selected, direct=direct, **{
             name: lambda event, call=call: finish(call(event)) for name, call in callbacks.items()
         }
     )  # fmt: skip
@@ -56,7 +62,8 @@ def test_the_position_is_where_the_line_of_sight_meets_the_floor(picker):
 def test_with_shift_the_microphone_goes_where_the_pointer_is(picker):
     for phase in ("start", "end"):
         picker.shift(event(phase, 2, (1.25, 2.1, 2.5), eye=(1.2, 2.0, 5.0)))
-    for index, place, _ in picker.placed:
+    assert len(picker.direct) == 2 and not picker.placed
+    for index, place, *_ in picker.direct:
         assert index == 2 and place == pytest.approx([1.3, 2.2])
 
 
@@ -114,7 +121,14 @@ def test_an_update_without_a_start_or_after_the_page_closed_moves_nothing(picker
     picker.drag(event("start", 1, (1.2, 2.2, 0.0)))
     picker.made.forget(3)
     picker.drag(event("update", 1, (1.2, 2.2, 0.0)))
-    assert len(picker.placed) == 1
+    assert [released for *_, released in picker.placed] == [False, True], "a page that closes lets go"
+
+
+def test_a_microphone_is_let_go_at_its_last_place_where_the_pointer_has_left_the_floor(picker):
+    picker.drag(event("start", 1, (1.2, 2.2, 0.0)))
+    picker.drag(event("end", 1, (1.2, 2.2, 9.0)))
+    (_, before, _, _), (_, place, _, released) = picker.placed
+    assert released and place == pytest.approx(before)
 
 
 @pytest.mark.parametrize(

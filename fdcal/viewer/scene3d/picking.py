@@ -31,8 +31,8 @@ class MicrophonePicker:
 
     `binding`: of the session; `picture`: as drawn, for the extent of the search domain and the size of the markers;
     `select`: called with the number of the microphone that was clicked; `move`: called with the number of one that is
-    dragged, its place, metres, the number of the gesture, and whether it was let go; `name`: of the discs' node, a new
-    one for each instance.
+    dragged, its place, metres, the number of the gesture, and whether it was let go; `place`: likewise, with Shift;
+    `name`: of the discs' node, a new one for each instance.
     """
 
     def __init__(
@@ -42,13 +42,15 @@ class MicrophonePicker:
         picture: Picture,
         select: Callable[[int], None],
         move: Move,
+        place: Move,
         name: str = "/picking",
     ):
-        self._binding, self._select, self._move = binding, select, move
+        self._binding, self._select, self._move, self._place = binding, select, move, place
         self._marker, self._base, self._across = picture.marker_radius, picture.z_range[0], 2
         self._shown: np.ndarray | None = None
         self._gestures = itertools.count()
         self._gesture: dict[int, int] = {}  # number of the gesture of each page that drags
+        self._last: dict[int, tuple[Move, int, np.ndarray]] = {}  # of each of them: the last move
         x0, y0, x1, y1 = picture.focus
         edge = 0.0 if binding.measurement.search is None else binding.measurement.search.step / 2
         z0, z1 = picture.z_range
@@ -72,7 +74,7 @@ class MicrophonePicker:
 
         @discs.on_drag("left", modifier="shift")
         async def _(event) -> None:
-            self._drag(event, lambda index, place, gesture, released: self._binding.place(index, place, gesture))
+            self._drag(event, self._place)
 
         return discs
 
@@ -98,14 +100,19 @@ class MicrophonePicker:
         if self._across != 2:
             place = plane_point(eye, point, self._across, float(here[self._across]))
         if place is not None:
-            low, high = self._low[: len(place)], self._high[: len(place)]
-            move(index, np.clip(place, low, high), gesture, event.phase == "end")
+            place = np.clip(place, self._low[: len(place)], self._high[: len(place)])
+            self._last[event.client_id] = move, index, place
+            if event.phase != "end":
+                move(index, place, gesture, False)
         if event.phase == "end":
-            self._gesture.pop(event.client_id, None)
+            self.forget(event.client_id)
 
     def forget(self, client_id: int) -> None:
-        """Drop the gesture of a page that has closed, perhaps in the middle of a drag."""
-        self._gesture.pop(client_id, None)
+        """Let go what a page drags, at its last place: it has let go, perhaps beside the map, or has closed."""
+        gesture, last = self._gesture.pop(client_id, None), self._last.pop(client_id, None)
+        if gesture is not None and last is not None:
+            move, index, place = last
+            move(index, place, gesture, True)
 
     def remove(self) -> None:
         """Remove the discs from the scene."""
