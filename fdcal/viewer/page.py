@@ -9,6 +9,7 @@ opened, the status bar says why in one line. Otherwise its controls replace the 
 from __future__ import annotations
 
 import collections
+import logging
 import time
 from collections.abc import Callable, Sequence
 
@@ -41,6 +42,8 @@ MAX_RATE = 50.0  # updates per second while the user waits for something
 CANVAS_INTERVAL = 1.0  # s between two looks at the sizes of all canvases
 RELEASE_DELAY = 1.5  # s from the end of a session, when its threads have ended, until its memory is released
 
+log = logging.getLogger(__name__)
+
 
 class Page:
     """Owns the panels, the scene, and the session that is shown.
@@ -70,7 +73,7 @@ class Page:
         self.explore = Explore(self, self.lessons)
         self.address, self._dark = AddressBar(self, self.lessons), False
         self.panels.overlay.on("dark", lambda client, value: self._prefer(value == "on"))
-        self._progress, self._on_progress = "", on_progress
+        self._progress, self._on_progress, self._fault = "", on_progress, ""
         self._canvases_checked, self._wake = 0.0, WakeEvent()
         self._releases: collections.deque[float] = collections.deque()  # when each is due, one for each session
         self._follow_clients(server)
@@ -157,8 +160,13 @@ class Page:
             self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
         call = self._server.get_event_loop().call_soon_threadsafe
         self.lessons.show(call)
-        self.address.tick(call)
-        self.explore.show()
+        try:
+            self.address.tick(call)
+            self.explore.show()
+        except Exception as error:  # the page continues, as after a fault of a session
+            if repr(error) != self._fault:
+                log.exception("the canvas could not be updated")
+            self._fault = repr(error)
         clients = self._server.get_clients().values()
         self.nodes.cameras.process_requests(clients)
         if now - self._canvases_checked > CANVAS_INTERVAL:

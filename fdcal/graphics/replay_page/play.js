@@ -37,36 +37,37 @@ function dragTo(n, e) {
 function release(n) {
   own.waiting = map?.n == n && map.key == wanted.key ? -1 : n;
   if (own.waiting >= 0) return;  // it rolls as soon as its map is there
-  rolling = {n, path: downhill(map, own.places[n]), begun: performance.now()};
+  rolling = {n, over: map, path: downhill(map, own.places[n]), begun: performance.now()};
   requestAnimationFrame(roll);
 }
 function roll(time) {
   if (!rolling || !own) return;
-  const {n, path, begun} = rolling, share = Math.min(Math.max((time - begun) / ROLL, 0), 1);
+  const {n, over, path, begun} = rolling, share = Math.min(Math.max((time - begun) / ROLL, 0), 1);
   const at = (path.length - 1) * share * share * (3 - 2 * share), i = Math.min(Math.floor(at), path.length - 1), j = Math.min(i + 1, path.length - 1);
   own.places[n] = [0, 1].map(axis => path[i][axis] + (at - i) * (path[j][axis] - path[i][axis])).concat(own.places[n][2]);
   own.path = path.slice(i); own.words = "";
   if (share < 1) { scene(); requestAnimationFrame(roll); return; }
   own.path = null; rolling = null;
-  landed(n);
+  landed(n, over);
 }
-// Names the hole in which microphone n has come to rest.
-function landed(n) {
-  const [x, y] = own.places[n], away = truth ? Math.hypot(x - truthOf(n)[0], y - truthOf(n)[1]) : NaN, home = away <= HOME;
-  own.tries++; own.homes += home;
-  const hole = [...map.minima.lowest, ...map.minima.others].some(p => Math.hypot(p[0] - x, p[1] - y) < 2 * map.lattice.step);
-  own.words = !hole ? "at the edge of the map" : !truth ? `at rest, ${level(map, [x, y]).toFixed(1)} dB` : home ? "home" : `trapped, ${(100 * away).toFixed(0)} cm off`;
+// Names the hole of a map in which microphone n has come to rest; only true positions tell whether it is at home.
+function landed(n, over) {
+  const [x, y] = own.places[n], sure = truth && data.reference == "true";
+  const away = sure ? Math.hypot(...own.places[n].map((v, axis) => v - truthOf(n)[axis])) : NaN, home = away <= HOME;
+  if (sure) { own.tries++; own.homes += home; }
+  const hole = [...over.minima.lowest, ...over.minima.others].some(p => Math.hypot(p[0] - x, p[1] - y) < 2 * over.lattice.step);
+  own.words = !hole ? "at the edge of the map" : !sure ? `at rest, ${level(over, [x, y]).toFixed(1)} dB` : home ? "home" : `trapped, ${(100 * away).toFixed(0)} cm off`;
   show();
 }
 
 // The way downhill over a map from a place to the local minimum that it marks, or to its edge: points (x, y), metres.
-function downhill({cost, lattice}, start) {
+function downhill({cost, lattice, minima}, start) {
   const [nx, ny] = lattice.shape, {step} = lattice, height = ([i, j]) => {
     const a = Math.min(Math.max(Math.floor(i), 0), nx - 2), b = Math.min(Math.max(Math.floor(j), 0), ny - 2), u = i - a, v = j - b, at = b * nx + a;
     return (1 - v) * ((1 - u) * cost[at] + u * cost[at + 1]) + v * ((1 - u) * cost[at + nx] + u * cost[at + nx + 1]);
   };
   const clip = ([i, j]) => [Math.min(Math.max(i, 0), nx - 1), Math.min(Math.max(j, 0), ny - 1)];
-  const marked = [...map.minima.lowest, ...map.minima.others].map(p => p.map((v, axis) => Math.round((v - lattice.places[axis][0]) / step)));
+  const marked = [...minima.lowest, ...minima.others].map(p => p.map((v, axis) => Math.round((v - lattice.places[axis][0]) / step)));
   let here = clip(start.slice(0, 2).map((v, axis) => (v - lattice.places[axis][0]) / step));
   const path = [here];
   for (let count = 0; count < 4000; count++) {
@@ -124,6 +125,7 @@ function descentStep(n, places, low, high) {
 }
 function takeSteps(count) {
   takeOver();
+  rolling = null; own.waiting = -1;
   const ends = chosen ?? [first[at], last[at]];
   for (let i = 0; i < count; i++) {
     selected = free[own.turn++ % free.length];
@@ -148,7 +150,7 @@ async function open() {
     places ??= map.minima.lowest;
     say(`${count == 1 ? "One frequency" : `${count} frequencies`}: ${left} place${left == 1 ? " fits" : "s fit"}`);
     await pause(left > 1 ? 3 : 0.5);
-    if (low == 1) {
+    if (opening && low == 1) {
       // it rolls from the hole of the first map from which the way home is longest
       const home = path => Math.hypot(...path.at(-1).map((v, i) => v - map.minima.lowest[0][i])) < 2 * map.lattice.step;
       const ways = places.map(place => downhill(map, place)).filter(home), start = ways.reduce((a, b) => b.length > a.length ? b : a, [map.minima.lowest[0]])[0];

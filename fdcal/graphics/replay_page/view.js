@@ -257,7 +257,10 @@ function theme(dark) {
 const pointers = new Map();
 let dragged = 0, pinch = 0, taken = -1;  // pixels; fingers apart; the microphone below the pointer
 const view = $("view");
-view.addEventListener("pointerdown", e => { view.setPointerCapture(e.pointerId); pointers.set(e.pointerId, [e.clientX, e.clientY]); dragged = pinch = 0; taken = pointers.size == 1 ? grabbed(e) : -1; });
+view.addEventListener("pointerdown", e => { view.setPointerCapture(e.pointerId); pointers.set(e.pointerId, [e.clientX, e.clientY]); dragged = pinch = 0; 
+  if (pointers.size > 1 && taken >= 0 && own) release(taken);  // a second finger
+  taken = pointers.size == 1 ? grabbed(e) : -1;
+});
 view.addEventListener("pointermove", e => {
   const old = pointers.get(e.pointerId);
   if (!old) return;

@@ -65,8 +65,9 @@ class VolumeMaps:
 
     def coarse(self, request: CostMapRequest) -> CostMap:
         """Return the volume on a coarse lattice, or the fine one where that is there already; with a coarse slice."""
-        if self._sampled.get(True, (None,))[0] == _key(request):
-            return self._map(request, self._sampled[True][1], True, COARSE_PIXELS)
+        found = self._sampled.get(True)  # in one look: the other thread may store the next one meanwhile
+        if found is not None and found[0] == _key(request):
+            return self._map(request, found[1], True, COARSE_PIXELS)
         sampled = self._sample(request, False, lambda: False)
         if sampled is None:
             raise ValueError("a volume that nobody cancels is complete")
@@ -80,8 +81,9 @@ class VolumeMaps:
     def _sample(self, request: CostMapRequest, fine: bool, cancelled: Callable[[], bool]) -> SampledVolume | None:
         """Return the values of the volume of a request, the last ones where they are of the same cost."""
         key = _key(request)
-        if self._sampled.get(fine, (None,))[0] == key:
-            return self._sampled[fine][1]
+        found = self._sampled.get(fine)
+        if found is not None and found[0] == key:
+            return found[1]
         negligible = VOLUME_NEGLIGIBLE if fine else COARSE_NEGLIGIBLE
         terms = terms_of(self._run.problem, request, cancelled, negligible)
         sampled = None if terms is None else sampled_volume(terms, POINTS if fine else COARSE_POINTS, cancelled)
@@ -94,11 +96,12 @@ class VolumeMaps:
             return self._basins(request, sampled, fine)
         style = request.style
         key = (_key(request), style.log, style.minima)
-        if self._drawn.get(fine, (None,))[0] != key:
-            self._drawn[fine] = key, drawn_volume(sampled, style.log, style.minima)
+        drawn = self._drawn.get(fine)
+        if drawn is None or drawn[0] != key:
+            drawn = self._drawn[fine] = key, drawn_volume(sampled, style.log, style.minima)
         position = request.state.positions[request.microphone]
         volume = sliced(
-            self._drawn[fine][1], sampled, style.slice_axis, place_of(style, position), style.log,
+            drawn[1], sampled, style.slice_axis, place_of(style, position), style.log,
             pixels,
         )  # fmt: skip
         figures, fine = _figures(sampled, position), fine and pixels == PIXELS

@@ -8,6 +8,7 @@ A region that only changes in part keeps the elements that stay, so that a slide
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable
 
 import viser
@@ -72,6 +73,6 @@ class Overlay:
 
 def whole(value: str, low: int, high: int) -> int:
     """Return a whole number of a command, bounded. Raises InputError: it is none."""
-    if not value.lstrip("-").isdecimal() or len(value) > 9:
+    if not re.fullmatch(r"-?[0-9]{1,9}", value):
         raise InputError(f'"{value[:40]}" is no whole number', f"use {low} to {high}", value=value)
     return min(max(int(value), low), high)

@@ -78,6 +78,9 @@ def titled(respond: Respond) -> Respond:
             response.body = with_title(bytes(response.body), response.headers.get("Content-Encoding") == "gzip")
             del response.headers["Content-Length"]
             response.headers["Content-Length"] = str(len(response.body))
+            response.headers["Content-Security-Policy"] = (
+                "frame-ancestors 'self'"  # no other site shows it, and acts by it
+            )
         return response
 
     return answer
