@@ -482,10 +482,16 @@ def map_minima(
 
     `cost` (ny, nx) float64: the map on the lattice `search`. The minima of a sum of few modes are those of a fine one.
     """
-    if len(modes) <= FEW_MODES and max(search.shape[:2]) < FINE:
-        search = refined(search_domain(problem))
-        cost = cost_maps(problem, solver, state, n, modes, order_offset, search).sum(axis=0)
+    lattice = lattice_of(problem, modes)
+    if max(lattice.shape[:2]) > max(search.shape[:2]):
+        search, cost = lattice, cost_maps(problem, solver, state, n, modes, order_offset, lattice).sum(axis=0)
     return minima_of(cost, search)
+
+
+def lattice_of(problem: Problem, modes: Sequence[int]) -> Search:
+    """Return the coarsest lattice that shows the minima of a sum of modes as they are: a fine one for few modes."""
+    domain = search_domain(problem)
+    return refined(domain) if len(modes) <= FEW_MODES else domain
 
 
 def minima_of(cost: Reals, search: Search) -> Minima:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .session_view import Viewer
     from .tabs.lessons import LessonPage, LessonsTab
 
+MAX_MODES_TEXT = 60  # characters of the modes of a map: with the camera a command has room for no more
 MAX_NUMBER = 99_999  # of a microphone and of a step
 SOLVER = "solver"  # the modes that the solver uses
 MAP_NAMES = {kind: name for name, kind in KINDS.items()}
@@ -69,6 +70,11 @@ def _number(value: str) -> int | None:
     return int(value) if re.fullmatch(r"\d{1,6}", value) and int(value) <= MAX_NUMBER else None
 
 
+def _modes(value: str) -> str | None:
+    numbers = re.fullmatch(r"[\d, -]+", value) and len(value) <= MAX_MODES_TEXT
+    return value if value == SOLVER or numbers else None
+
+
 def _camera(value: str) -> Camera | None:
     try:
         x, y, z, u, v, w, a, b, c, fov = numbers = [float(number) for number in value.split(",")]
@@ -82,7 +88,7 @@ def _camera(value: str) -> Camera | None:
 _PARTS: dict[str, Callable[[str], object]] = {
     "scene": lambda value: value or None,
     "microphone": _number,
-    "modes": lambda value: value if value == SOLVER or re.fullmatch(r"[\d, -]{1,150}", value) else None,
+    "modes": _modes,
     "map": lambda value: value if value in MAPS else None,
     "view": _camera,
     "lesson": lambda value: value or None,
@@ -98,7 +104,9 @@ def address_of(viewer: Viewer, lesson: str = "", step: int = 1) -> str:
     parts = {"scene": quote(viewer.run.scene.name)}
     if not choices.follow:
         parts["microphone"] = str(choices.microphone)
-    parts["modes"] = SOLVER if choices.modes is None else modes_text(choices.modes).replace(" ", "")
+    modes = SOLVER if choices.modes is None else modes_text(choices.modes).replace(" ", "")
+    if len(modes) <= MAX_MODES_TEXT:  # a link with more could not be opened
+        parts["modes"] = modes
     parts["map"] = MAP_NAMES[kind_of(choices)]
     return "&".join("=".join(part) for part in parts.items())
 

@@ -23,7 +23,7 @@ def serve(
 
     `request`: what the page shows first; the opening (`fdcal.viewer.opening`) unless given; `host`: address to listen
     at; `port`: 0 takes a free port; `on_ready`: called with the page's address as soon as it can be opened; the
-    simulation may still be running then; `lessons`: offered in the tab Lessons, in this order; `begin`: the lesson to
+    simulation may still be running then; `lessons`: offered in this order; `begin`: the lesson to
     start with, whose scene is opened in place of `request`;
     `on_progress`: called with the progress of the first session in words, and with "" when it is ready or refused.
     Raises InputError: the address or the scene cannot be used; StorageError: a file of the scene cannot be read.

@@ -15,8 +15,7 @@ import numpy as np
 
 from ..cost.basins import Basins, basins_of
 from ..cost.descent_path import DescentPath, descent_path
-from ..cost.maps import cost_maps, refined
-from ..cost.scale import FEW_MODES
+from ..cost.maps import cost_maps, lattice_of
 from ..graphics.ball import along
 from ..model.settings import Search
 from ..model.types import Reals
@@ -92,7 +91,7 @@ class Drop:
         self._asked: tuple[Drag, CostMap] | None = None
         self._gesture = -1  # whose times follow
         self._released = self._rolls = math.nan  # when the microphone was let go, and began to roll, s
-        self._placed: tuple[SessionView, float] | None = None  # the view and the time when the session was told its end
+        self._placed: tuple[SessionView, float] | None = None  # when the session was sent the end: its view, and s
         self._count = 0  # states of the history at the last tick
         self._cost: tuple[CostMap, np.ndarray, Search, Basins] | None = None  # of the last map; of the thread alone
         self.tries = self.home = 0
@@ -223,15 +222,11 @@ class Drop:
         return Fall(path, decibels, bool(home), float(np.linalg.norm(end - place)))
 
     def _cost_of(self, drawn: CostMap) -> tuple[np.ndarray, Search]:
-        """Return the cost that a map shows, and its lattice: the fine one of a map that is fine, or of few modes."""
+        """Return the cost that a map shows, and a lattice that has the minima marked on it."""
         request, run = drawn.request, self._binding.run
         if drawn.sampled is not None:
             return drawn.sampled.cost, drawn.sampled.search
-        search = run.problem.search
-        if search is None:
-            raise ValueError("a map has a search domain")
-        if len(request.modes) <= FEW_MODES:
-            search = refined(search)
+        search = lattice_of(run.problem, request.modes)
         maps = cost_maps(run.problem, run.solver, request.state, request.microphone, request.modes,
                          request.order_offset, search)  # fmt: skip
         return maps.sum(axis=0), search

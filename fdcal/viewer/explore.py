@@ -1,7 +1,7 @@
 """The face Explore: one bar on the canvas with scene, Play, modes and microphone, and sheets of scenes and lessons.
 
-It is what a browser opens; "Expert" shows the panels in its place. Which of the two a browser shows is known there
-alone (`server/page.js`), so that a lecturer may use the panels while all others see the canvas.
+It is what a browser opens; "Expert" shows the panels in its place. Each browser chooses for itself (`server/page.js`),
+so that a lecturer may use the panels while all others see the canvas.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from .tabs.lessons import LessonPage, LessonsTab
 
 THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
-DOT = 34.0  # pixels; a microphone is drawn with this radius, divided by the square root of their number and 8
+DOT = 8.5  # pixels, radius of a single microphone; of several it falls with the square root of their number
 PLAY, PAUSE = "&#9654;", "&#10074;&#10074;"
 
 
 def drawing(points: np.ndarray) -> str:
     """Return an array seen from above as SVG: `points` (N, 2), metres."""
     low, extent = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-9)
-    span, radius = THUMB - 2 * MARGIN, max(DOT / 8 / np.sqrt(len(points)) * 2, 0.9)
+    span, radius = THUMB - 2 * MARGIN, max(DOT / np.sqrt(len(points)), 0.9)
     offset = (extent - np.ptp(points, axis=0)) / 2
     places = MARGIN + span * (points - low + offset) / extent
     dots = "".join(f"<circle cx='{x:.1f}' cy='{THUMB - y:.1f}' r='{radius:.2f}'/>" for x, y in places)

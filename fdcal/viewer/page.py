@@ -3,7 +3,7 @@
 `Page.open(request)` is the one entry point that shows something else: the panels, a lesson and a session file use it.
 The present session stays and keeps running until the next one is ready (`session_switch`). If the next one cannot be
 opened, the status bar says why in one line. Otherwise its controls replace the old ones in the panels
-(`layout.SessionFolders`). Browsers stay connected, and the chosen tabs stay chosen.
+(`panels.SessionFolders`). Browsers stay connected, and the chosen tabs stay chosen.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ log = logging.getLogger(__name__)
 class Page:
     """Owns the panels, the scene, and the session that is shown.
 
-    `lessons`: offered in the tab Lessons, in this order; `on_progress`: called with the progress of the first session
+    `lessons`: offered in this order; `on_progress`: called with the progress of the first session
     in words, and with "" when it is ready or refused; `opening`: that plays first; no session is shown meanwhile.
     `viewer`: Viewer of the session that is shown, or None; `words`: on the canvas.
     """

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from fdcal.model.validation import InputError
 from fdcal.session.lesson import load_lesson
 from fdcal.session.request import OpenRequest
+from fdcal.viewer import address
 from fdcal.viewer.address import address_of, parse_address
 from fdcal.viewer.gui.choices import MAP_KINDS
 
@@ -42,6 +43,17 @@ def shown(page_of, scene):
 
 def address_bar(page):
     return page.panels.overlay._regions["address"].content.partition("-->")[2].replace("&amp;", "&")
+
+
+def test_an_address_leaves_out_modes_that_it_has_no_room_for(shown, monkeypatch):
+    page, _ = shown
+    monkeypatch.setattr(address, "MAX_MODES_TEXT", 20)  # `tiny` has few modes
+    page.viewer.tabs.map.choose_modes(range(1, page.viewer.binding.modes + 1, 2))
+    written = address_of(page.viewer)
+    assert parse_address(written).scene and "modes" not in written
+    page.viewer.tabs.map.choose_modes((1, 3))
+    assert parse_address(address_of(page.viewer)).modes == "1,3"
+    page.viewer.tabs.map.choose_modes(None)
 
 
 def test_an_address_that_the_page_writes_leads_to_the_same_view(shown):

@@ -21,13 +21,13 @@ from ...cost.maps import (
     CostVolume,
     cost_maps,
     cost_volume,
+    lattice_of,
     map_minima,
     minima_of,
     mode_shape,
-    refined,
 )
 from ...cost.reference_cost import ORDER_OFFSET
-from ...cost.scale import FEW_MODES, Minima
+from ...cost.scale import Minima
 from ...graphics.basin_map import basin_slice, descent_text
 from ...graphics.heatmap import field_floor
 from ...graphics.surroundings import z_range_of
@@ -228,8 +228,8 @@ class CostMapWorker:
             return self._volumes.coarse(request)
         if request.style.shape:
             return self._compute_shape(request)
-        run, search, few = self._run, self._search(), len(request.modes) <= FEW_MODES
-        search = refined(search) if few and request.style.basins else search  # no basins of false minima
+        run = self._run  # of basins on a lattice without false minima
+        search = lattice_of(run.problem, request.modes) if request.style.basins else self._search()
         key = (request.revision, request.microphone, request.modes, request.order_offset, search)
         if self._costs.get("fast", (None,))[0] != key:
             n, modes = request.microphone, request.modes

@@ -24,7 +24,7 @@ class CanvasWords:
         overlay.on("words", lambda client, label: self.press(label))
 
     def press(self, label: str) -> None:
-        """Do what a button does; nothing for a button that is not there any more."""
+        """Do what a button does; nothing for a button that has been removed."""
         self._buttons.get(label, lambda: None)()
 
     def show(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS, alone: bool = False) -> None:
