@@ -96,11 +96,16 @@ def begin_anew(page):
 
 def press(page, name):
     """Press a button, as soon as there is one of that name: while a session takes another's place there are two."""
-    from playwright.sync_api import expect
+    from playwright.sync_api import Error, expect
 
     button = page.get_by_role("button", name=name, exact=True)
-    expect(button).to_have_count(1, timeout=WAIT * 1e3)
-    button.click()
+    while True:
+        expect(button).to_have_count(1, timeout=WAIT * 1e3)
+        try:
+            return button.click()
+        except Error as error:  # a session took another's place between the two lines
+            if "strict mode violation" not in str(error):
+                raise
 
 
 def slider(page, label):
