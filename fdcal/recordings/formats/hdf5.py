@@ -1,6 +1,7 @@
 """HDF5 of Acoular: `time_data` (T, N), one channel per microphone, with the attribute `sample_freq`, Hz."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def _elsewhere(file, name: bytes, kind: int) -> str:
     shown_name = shown(name.decode(errors="replace"), 80)
     if kind == h5py.h5l.TYPE_EXTERNAL:
         return f'"{shown_name}" is a link to {shown(file.id.links.get_val(name)[0].decode(errors="replace"), 80)}'
-    data = file[name] if kind == h5py.h5l.TYPE_HARD else None
+    data: Any = file[name] if kind == h5py.h5l.TYPE_HARD else None
     if isinstance(data, h5py.Dataset) and data.external:
         return f'"{shown_name}" has its values in {shown(data.external[0][0], 80)}'
     if isinstance(data, h5py.Dataset) and data.is_virtual:
