@@ -7,17 +7,18 @@ from types import ModuleType
 
 from .validation import InputError
 
-LIBRARY = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "netCDF4": "netcdf4", "vtkmodules": "vtk"}  # of a package
+LIBRARY = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "vtkmodules": "vtk"}  # of a package
 REQUIREMENT = re.compile(r"""([\w.-]+).*; extra == ['"](\w+)['"]""")
 
 
 def extra_of(package: str) -> str | None:
-    """Return the first extra that brings a package, such as "page" for "viser"; None where none does."""
+    """Return the smallest extra that brings a package, such as "page" for "viser"; None where none does."""
+    brought: dict[str, set[str]] = {}
     for line in metadata.requires("fdcal") or ():
-        found = REQUIREMENT.match(line)
-        if found and found[1].lower() == LIBRARY.get(package, package).lower():
-            return found[2]
-    return None
+        if found := REQUIREMENT.match(line):
+            brought.setdefault(found[2], set()).add(found[1].lower())
+    library = LIBRARY.get(package, package).lower()
+    return min((extra for extra in brought if library in brought[extra]), key=lambda e: len(brought[e]), default=None)
 
 
 def install_remedy(extra: str) -> str:
