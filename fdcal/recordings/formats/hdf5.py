@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from ...model.extras import needs
 from ...model.validation import InputError, shown
 from ..isolated import isolated
 from ..recording import Recording, sample_ranges
-from . import Format, needs
+from . import Format
 
 
 def require_whole_file(path: Path) -> None:

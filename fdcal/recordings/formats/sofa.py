@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ...model.extras import needs
 from ...model.given_positions import MicrophonePositions
 from ...model.validation import InputError, StorageError
 from ..isolated import call, isolated
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
-from . import Format, needs
+from . import Format
 from .hdf5 import require_whole_file
 
 AXES = "MRNE"  # measurements, receivers, samples, emitters
