@@ -27,11 +27,16 @@ Act = Callable[[viser.ClientHandle, str], object]
 log = logging.getLogger(__name__)
 
 
+def content(region: str, html: str = "") -> str:
+    """Return what a hidden control sends to fill a region with HTML."""
+    return f"<!--fdcal:{region}-->{html}"
+
+
 class Overlay:
     """Owns the hidden controls, and knows what each command does."""
 
     def __init__(self, gui: viser.GuiApi):
-        self._regions = {name: gui.add_html(f"<!--fdcal:{name}-->", visible=False) for name in REGIONS}
+        self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self._acts: dict[str, Act] = {}
         self.channel = gui.add_text(CHANNEL, "", visible=False)
 
@@ -42,13 +47,12 @@ class Overlay:
 
     def greet(self, client: viser.ClientHandle) -> None:
         """Tell a browser that its commands are heard: viser drops what it sends before it has sent its camera."""
-        client.gui.add_html("<!--fdcal:greeting-->", visible=False)
+        client.gui.add_html(content("greeting"), visible=False)
 
     def show(self, region: str, html: str) -> None:
         """Fill a region; any thread. All texts in `html` are escaped already."""
-        content = f"<!--fdcal:{region}-->{html}"
-        if self._regions[region].content != content:
-            self._regions[region].content = content
+        if self._regions[region].content != (wanted := content(region, html)):
+            self._regions[region].content = wanted
 
     def on(self, name: str, act: Act) -> None:
         """Call `act(client, value)` for a command, in place of what it did before; on viser's event loop."""
