@@ -15,22 +15,15 @@ from collections.abc import Callable
 import viser
 
 from ...model.validation import InputError, StorageError
+from ..server.regions import REGIONS, content
 from .html import error_message
 
 CHANNEL = "fdcal command"  # label of the control of the commands, as in page.js
-# words: large, in the middle; caption: of a lesson; legend: scale and marks; bar: of the face Explore; sheet: above it,
-# on demand; address: what is shared of the page's address; lecture: "on" in lecture mode.
-REGIONS = ("words", "caption", "legend", "bar", "sheet", "address", "lecture")
 ERROR_TIME = 8.0  # s that a refused command is shown
 
 Act = Callable[[viser.ClientHandle, str], object]
 
 log = logging.getLogger(__name__)
-
-
-def content(region: str, html: str = "") -> str:
-    """Return what a hidden control sends to fill a region with HTML."""
-    return f"<!--fdcal:{region}-->{html}"
 
 
 class Overlay:
