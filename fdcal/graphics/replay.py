@@ -26,6 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from ..cost.expansion import CarriedModes, carried_modes
+from ..cost.noise import MAX_NOISE_FRACTION
 from ..cost.reference_cost import ReferenceCost, reference_cost_of
 from ..cost.scale import DECADES, DEPTH, FEW_MODES
 from ..model.gauge import align, fixes_gauge
@@ -33,6 +34,10 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.settings import SolverSettings, search_round
+from ..solvers.levenberg_marquardt import FIRST_DAMPING, INCREASE, MAX_DAMPING, MIN_FALL
+from ..solvers.robust.noise import NOISE_MODES
+from ..solvers.robust.solver import MAX_STEP
+from ..solvers.robust.state import MIN_NOISE_FRACTION, STAGE_DAMPING
 from .heatmap import to_rgb
 from .surroundings import focus_of, wall_height, z_range_of
 
@@ -144,7 +149,7 @@ MAX_COSTS = 400  # states whose cost is computed, evenly spaced
 BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
 POSITION_LEVELS = 2**28  # of a coordinate, of the largest distance from the middle of the array
 PAGE = Path(__file__).with_name("replay_page")
-SCRIPTS = ("unpack.js", "eq7.js", "view.js", "map.js", "play.js", "address.js", "start.js")
+SCRIPTS = ("unpack.js", "eq7.js", "joint.js", "view.js", "map.js", "play.js", "address.js", "start.js")
 
 
 def replay_html(
@@ -172,6 +177,7 @@ def replay_html(
     if maps is not None:
         data["maps"], arrays = maps
         data["maps"]["descent"] = _descent(problem, states[-1], data["maps"]["order_offset"])
+        data["maps"]["joint"] = JOINT
     channels = {} if maps is None else channel_arrays(states)
     room = max_bytes - BASE_BYTES - NAME_BYTES * measurement.count - sum(a.nbytes for a in arrays.values()) * 4 / 3
     kept = _kept_states(len(states), room, measurement.positions is not None, states[0].positions.shape, bool(channels))
@@ -182,6 +188,20 @@ def replay_html(
         arrays["seconds"] = np.asarray(seconds, "<f8")[kept]
     data |= changing | {"title": title, "taken": len(states), "microphone": microphone, "packed": packed(arrays)}
     return _page(title, json.dumps(data, separators=(",", ":"), allow_nan=False))
+
+
+# What a step of all microphones in the browser needs (`replay_page/joint.js`), as the solver joint has it.
+JOINT = {
+    "floor": MIN_NOISE_FRACTION["diffuse"],
+    "ceiling": MAX_NOISE_FRACTION,
+    "noise_modes": NOISE_MODES,
+    "max_step": MAX_STEP,
+    "damping": STAGE_DAMPING,
+    "first_damping": FIRST_DAMPING,
+    "max_damping": MAX_DAMPING,
+    "increase": INCREASE,
+    "min_fall": MIN_FALL,
+}
 
 
 def _descent(problem: Problem | None, state, order_offset: int) -> dict | None:
