@@ -26,7 +26,6 @@ from pathlib import Path
 import numpy as np
 
 from ..cost.expansion import CarriedModes, carried_modes
-from ..cost.noise import MAX_NOISE_FRACTION
 from ..cost.reference_cost import ReferenceCost, reference_cost_of
 from ..cost.scale import DECADES, DEPTH, FEW_MODES
 from ..model.gauge import align, fixes_gauge
@@ -34,10 +33,6 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.settings import SolverSettings, search_round
-from ..solvers.levenberg_marquardt import FIRST_DAMPING, INCREASE, MAX_DAMPING, MIN_FALL
-from ..solvers.robust.noise import NOISE_MODES
-from ..solvers.robust.solver import MAX_STEP
-from ..solvers.robust.state import MIN_NOISE_FRACTION, STAGE_DAMPING
 from .heatmap import to_rgb
 from .surroundings import focus_of, wall_height, z_range_of
 
@@ -177,7 +172,7 @@ def replay_html(
     if maps is not None:
         data["maps"], arrays = maps
         data["maps"]["descent"] = _descent(problem, states[-1], data["maps"]["order_offset"])
-        data["maps"]["joint"] = JOINT
+        data["maps"]["joint"] = _joint()
     channels = {} if maps is None else channel_arrays(states)
     room = max_bytes - BASE_BYTES - NAME_BYTES * measurement.count - sum(a.nbytes for a in arrays.values()) * 4 / 3
     kept = _kept_states(len(states), room, measurement.positions is not None, states[0].positions.shape, bool(channels))
@@ -190,18 +185,23 @@ def replay_html(
     return _page(title, json.dumps(data, separators=(",", ":"), allow_nan=False))
 
 
-# What a step of all microphones in the browser needs (`replay_page/joint.js`), as the solver joint has it.
-JOINT = {
-    "floor": MIN_NOISE_FRACTION["diffuse"],
-    "ceiling": MAX_NOISE_FRACTION,
-    "noise_modes": NOISE_MODES,
-    "max_step": MAX_STEP,
-    "damping": STAGE_DAMPING,
-    "first_damping": FIRST_DAMPING,
-    "max_damping": MAX_DAMPING,
-    "increase": INCREASE,
-    "min_fall": MIN_FALL,
-}
+def _joint() -> dict:
+    """Return what a step of all microphones in the browser needs (`replay_page/joint.js`), as the solver joint has it."""
+    from ..cost import noise as estimates  # with the solvers comes what the page loads late
+    from ..solvers import levenberg_marquardt as damped
+    from ..solvers.robust import noise, solver, state
+
+    return {
+        "floor": state.MIN_NOISE_FRACTION["diffuse"],
+        "ceiling": estimates.MAX_NOISE_FRACTION,
+        "noise_modes": noise.NOISE_MODES,
+        "max_step": solver.MAX_STEP,
+        "damping": state.STAGE_DAMPING,
+        "first_damping": damped.FIRST_DAMPING,
+        "max_damping": damped.MAX_DAMPING,
+        "increase": damped.INCREASE,
+        "min_fall": damped.MIN_FALL,
+    }
 
 
 def _descent(problem: Problem | None, state, order_offset: int) -> dict | None:
