@@ -186,7 +186,7 @@ def replay_html(
 
 
 def _joint() -> dict:
-    """Return what a step of all microphones in the browser needs (`replay_page/joint.js`), as the solver joint has it."""
+    """Return what joint steps in the browser need (`replay_page/joint.js`), as the solver joint has it."""
     from ..cost import noise as estimates  # with the solvers comes what the page loads late
     from ..solvers import levenberg_marquardt as damped
     from ..solvers.robust import noise, solver, state
