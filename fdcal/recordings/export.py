@@ -8,12 +8,12 @@ import numpy as np
 
 from ..assessment.calibration import Calibration, placed_in_frame
 from ..assessment.result_file import channel_table
+from ..model.extras import needs
 from ..model.given_positions import MicrophonePositions
 from ..model.measurement import Measurement
 from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice
 from . import formats
-from .formats import needs
 
 FLAT = 1e-6  # metres: heights that differ less are one height
 
@@ -126,7 +126,7 @@ def measurement_of_pyfar(data, coordinates=None, **options: Any) -> Measurement:
     >>> fdcal.Measurement.from_pyfar(data).count
     4
     """
-    pyfar = needs("pyfar", "pyfar")
+    pyfar = needs("pyfar")
     positions = None if coordinates is None else np.asarray(coordinates.cartesian, float).reshape(-1, 3)
     if isinstance(data, pyfar.Signal):
         from .import_options import ImportOptions
@@ -164,5 +164,5 @@ def pyfar_coordinates(self: Calibration, *, frame: str | None = None) -> Any:
     >>> fdcal.calibrate(fdcal.load("tiny"), modes=12).to_pyfar().cshape
     (16,)
     """
-    pyfar, placed = needs("pyfar", "pyfar"), placed_in_frame(self, frame)
+    pyfar, placed = needs("pyfar"), placed_in_frame(self, frame)
     return pyfar.Coordinates(*placed.positions.T.copy(), comment=f"microphones {', '.join(placed.names)}")

@@ -159,6 +159,9 @@ class Projector:
 class Opening:
     """Plays the film in the scene; called by the main loop.
 
+    All browsers see the same moment of it. It begins with the first of them, and anew when a browser comes to it that
+    nobody else watches, as one that is loaded again; whoever touches anything ends it, for all and for good.
+
     `dark`: whether the page is; `request`: for the session that follows; `playing`: whether the film holds the scene,
     in which no session may draw then; `floor`: the map that is shown.
     """
@@ -181,7 +184,7 @@ class Opening:
         self.playing = False
 
     def tick(self, words: CanvasWords, now: float) -> None:
-        """Show what is due at the time `now`, s, with words on the canvas; the film begins once a browser draws."""
+        """Show what is due at the time `now`, s, with words on the canvas; the film waits for a browser that draws."""
         if self._nodes.cameras.user_moves:
             self.end()
         if not self.playing:
@@ -189,7 +192,9 @@ class Opening:
                 self._nodes.cameras.margins = None
                 words.show("")
             return
-        if self._began < 0 and self._nodes.cameras.placed:
+        if not self._nodes.cameras.placed:
+            self._began = -1.0
+        elif self._began < 0:
             self._began = now
         time = now - self._began if self._began >= 0 else 0.0
         moment = self._projector.film.at(time)

@@ -94,7 +94,19 @@ def test_the_film_waits_for_a_browser_and_ends_with_its_button(server):
     for now in (0.0, 60.0, 120.0):
         plays.tick(words, now)
     assert "One frequency" in overlay._regions["words"].content
+    shown = lambda: overlay._regions["words"].content  # noqa: E731
     nodes.cameras._at_rest.add(1)
+    for now in (180.0, 180.0 + plays._projector.film.length / 2):
+        plays.tick(words, now)
+    half = shown()
+    assert "One frequency" not in half
+    nodes.cameras._at_rest.add(2)
+    plays.tick(words, 180.0 + plays._projector.film.length / 2)
+    assert shown() == half, "a second browser joins it"
+    nodes.cameras._at_rest.clear()
+    plays.tick(words, 199.0)
+    assert "One frequency" in shown(), "it begins anew for a browser that is alone"
+    nodes.cameras._at_rest.add(3)
     plays.tick(words, 200.0)
     plays.tick(words, 200.0 + plays._projector.film.length)
     assert opening.FOUND in overlay._regions["words"].content and "Now you" in overlay._regions["words"].content

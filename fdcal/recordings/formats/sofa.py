@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ...model.extras import needs
 from ...model.given_positions import MicrophonePositions
 from ...model.validation import InputError, StorageError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
-from . import Format, needs
+from . import Format
 
 AXES = "MRNE"  # measurements, receivers, samples, emitters
 

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ...model.extras import needs
 from ...model.validation import InputError
 from ..recording import Recording, sample_ranges
-from . import Format, needs
+from . import Format
 
 # What libsndfile logs about a chunk longer than the file: of WAV, AIFF, AU, W64 and RF64.
 LENGTH = re.compile(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import re
+import secrets
 from collections.abc import Callable
 
 import viser
@@ -33,6 +34,7 @@ class Overlay:
     def __init__(self, gui: viser.GuiApi):
         self._regions = {name: gui.add_html(f"<!--fdcal:{name}-->", visible=False) for name in REGIONS}
         self._acts: dict[str, Act] = {}
+        self._start = secrets.token_hex(8)  # of this server: a browser tells by it whether its address is still of use
         self.channel = gui.add_text(CHANNEL, "", visible=False)
 
         @self.channel.on_update
@@ -42,7 +44,7 @@ class Overlay:
 
     def greet(self, client: viser.ClientHandle) -> None:
         """Tell a browser that its commands are heard: viser drops what it sends before it has sent its camera."""
-        client.gui.add_html("<!--fdcal:greeting-->", visible=False)
+        client.gui.add_html(f"<!--fdcal:greeting-->{self._start}", visible=False)
 
     def show(self, region: str, html: str) -> None:
         """Fill a region; any thread. All texts in `html` are escaped already."""

@@ -2,7 +2,9 @@
 //
 //   overlay     regions on the canvas, whose HTML the server sends in hidden controls (gui/overlay.py)
 //   commands    what is pressed or set there, sent as text: "play", "modes=12"
-//   address     the view after #, read when the page opens or the address changes, written once nothing changes
+//   address     the view after #, read when the page opens or the address changes, written once nothing changes; a page
+//               that comes back with the address that it has written itself, to the server that it wrote it for, changes
+//               nothing there: others may have gone on meanwhile
 //   theme       the browser's preference, when the page opens and when it changes
 //   connection  viser tries to reconnect every second; Chromium delays each attempt by up to 5 s after some have failed,
 //               so that every attempt is ended by the next one. Here the page waits until the server answers, and reloads.
@@ -15,10 +17,13 @@ const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERV
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
 let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
 let lastRetry = -RETRY, count = 0;
-let shared = "", camera = null, moved = false, writing = 0, touched = -RETRY, placed = 0, asked = location.hash.slice(1);
+let shared = "", camera = null, moved = false, writing = 0, touched = -RETRY, placed = 0, server = "";
+const written = history.state?.fdcal ?? {};  // what this page has written before, and for which start of the server
+let asked = location.hash.slice(1) || written.address || "";
+const setAddress = (state, hash) => history.replaceState(state, "", location.pathname + location.search + hash);
 
 // viser takes the server's address from the page's, and would take what stands after # for a part of it.
-if (asked) history.replaceState(null, "", location.pathname + location.search);
+if (asked) setAddress(history.state, "");
 
 const Native = window.Worker;
 window.Worker = class extends Native {
@@ -80,14 +85,16 @@ function introduce() {
   if (introduced || !greeted || !control) return;  // the two come in either order
   introduced = true;
   send(`dark=${matchMedia("(prefers-color-scheme: dark)").matches ? "on" : "off"}`);
-  open(asked);
+  const part = (text, name) => new URLSearchParams(text).get(name);
+  if (written.server != server || written.address != asked) open(asked);
+  else if (["scene", "lesson"].every(name => part(asked, name) == part(shared, name)))
+    open(asked.split("&").filter(pair => /^(face|view)=/.test(pair)).join("&"));
 }
 
 function open(text) {
-  const parts = new URLSearchParams(text);
-  if (parts.has("face")) face(parts.get("face"));
-  parts.delete("face");
-  text = [...parts].map(pair => pair.join("=")).join("&");
+  const parts = text.split("&");  // as they are: the server decodes them
+  for (const pair of parts) if (pair.startsWith("face=")) face(pair.slice(5));
+  text = parts.filter(pair => !pair.startsWith("face=")).join("&");
   if (text && !send(`open=${text}`) && text.length > 150) note(`The address is too long: ${text.slice(0, 60)}...`);
 }
 
@@ -106,7 +113,7 @@ function show(uuid, content) {
   const name = regionOf.get(uuid), html = content.replace(REGION, "");
   if (shown.get(name) == html && name != "greeting") return;
   shown.set(name, html);
-  if (name == "greeting") { greeted = true; introduce(); return; }
+  if (name == "greeting") { [greeted, server] = [true, html]; introduce(); return; }
   if (name == "address") { shared = html.replaceAll("&amp;", "&"); write(); return; }
   if (name == "lecture") { root.toggleAttribute("data-lecture", Boolean(html)); return; }
   const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
@@ -205,10 +212,10 @@ function addressNow() {
 
 function write() {
   clearTimeout(writing);
-  if (!introduced || lost) return;
+  if (!introduced || lost || !shared) return;
   writing = setTimeout(() => {
     asked = addressNow().slice(1);
-    if (addressNow() != location.hash) history.replaceState(null, "", location.pathname + location.search + addressNow());
+    setAddress({fdcal: {server, address: asked}}, `#${asked}`);
   }, WRITE_DELAY);
 }
 addEventListener("hashchange", () => open(location.hash.slice(1)));
@@ -225,12 +232,14 @@ function lose() {
   if (lost) return;
   lost = true;
   note("The connection is lost. The page comes back by itself when the server answers.");
+  let answers = 0;  // a server that stops may answer once more, over a socket that Chromium has opened in advance
   const poll = async () => {
     try {
-      if (!(await fetch(location.pathname, {method: "GET", cache: "no-store"})).ok) throw new Error("no page");
-    } catch { setTimeout(poll, POLL); return; }
+      answers = (await fetch(location.pathname, {method: "GET", cache: "no-store"})).ok ? answers + 1 : 0;
+    } catch { answers = 0; }
+    if (answers < 2) { setTimeout(poll, POLL); return; }
     sessionStorage.setItem("fdcal back", "1");
-    history.replaceState(null, "", location.pathname + location.search + (asked ? `#${asked}` : ""));
+    setAddress(history.state, asked && `#${asked}`);
     location.reload();
   };
   setTimeout(poll, POLL);
@@ -252,7 +261,7 @@ addEventListener("DOMContentLoaded", () => {
   }, 50);
   if (sessionStorage.getItem("fdcal back")) {
     sessionStorage.removeItem("fdcal back");
-    note("The connection was lost and is back. The page shows again what its address names.");
+    note("The connection was lost and is back.");
   }
 });
 })();
