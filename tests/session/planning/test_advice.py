@@ -108,17 +108,6 @@ def test_the_microphones_to_measure_by_tape_beat_the_median_choice_in_drawn_fiel
     assert drawn_bound(taped(request, best), len(request.layout.positions)) < others[len(others) // 2][1]
 
 
-def test_the_microphones_to_measure_by_tape_lower_the_error_of_the_solver():
-    """Over all layouts together, with errors of the tape: each alone would need many more calibrations."""
-    ratios = []
-    for text in LAYOUTS:
-        request, best, others = tape_choices(text)
-        typical = others[len(others) // 2][0]
-        errors = [np.sqrt(np.mean(errors_of(taped(request, chosen), 6) ** 2)) for chosen in (best, typical)]
-        ratios.append(errors[0] / errors[1])
-    assert np.exp(np.mean(np.log(ratios))) < 0.95, ratios
-
-
 def test_the_advised_ratio_reaches_the_accuracy():
     """The median error of calibrations is at most a quarter above the accuracy, and no less than a third of it."""
     request = request_of("rectangle 4x3 0.6x0.4", snr_db=10.0, accuracy=0.008)
