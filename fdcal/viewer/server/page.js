@@ -9,12 +9,13 @@
 //   theme       the browser's preference, when the page opens and when it changes
 //   connection  viser tries to reconnect every second; Chromium delays each attempt by up to 5 s after some have failed,
 //               so that every attempt is ended by the next one. Here the page waits until the server answers, and reloads.
+//   still       the first picture of the film, in the page's HTML, until the browser has drawn the scene itself
 //   keys        arrows on a slider move the slider alone, not the camera
 (() => {
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
 const MAX_COMMAND = 190;  // characters
-const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000;  // ms
+const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000, STILL_DELAY = 200;  // ms
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
 let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
 let lastRetry = -RETRY, count = 0;
@@ -236,6 +237,7 @@ function cover(canvas) {
     const right = innerWidth - left - width, bottom = innerHeight - top - height;
     for (const [name, value] of Object.entries({left, top, right, bottom})) root.style.setProperty(`--${name}`, `${value}px`);
     canvasSize = [width, height];
+    root.toggleAttribute("data-broad", width >= Math.max(1000, 1.4 * height));  // as in scene3d/cameras.py
   };
   new ResizeObserver(place).observe(canvas);
   addEventListener("resize", place);
@@ -276,6 +278,20 @@ function write() {
 }
 addEventListener("hashchange", () => open(location.hash.slice(1)));
 
+// --- the first picture
+
+// It goes once the map is drawn, as the camera stands that the server has placed.
+function fade(still) {
+  const nodes = () => window.__viserMutable?.nodeRefFromName ?? {};
+  const drawn = () => shared || (placed && ["/relief", "/floor"].some(name => nodes()[name]?.children.length));
+  const look = () => {
+    if (!drawn()) { requestAnimationFrame(look); return; }
+    setTimeout(() => still.classList.add("drawn"), STILL_DELAY);
+    setTimeout(() => still.remove(), STILL_DELAY + 400);
+  };
+  look();
+}
+
 // --- connection
 
 function retries() {
@@ -304,8 +320,15 @@ function lose() {
 // --- start
 
 face(new URLSearchParams(asked).get("face"));
+root.toggleAttribute("data-linked", Boolean(asked));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", event => send(`dark=${event.matches ? "on" : "off"}`));
 addEventListener("DOMContentLoaded", () => {
+  const still = document.getElementById("fdcal-still");
+  if (still) {
+    overlay.querySelector("[data-region=words]").append(document.createElement("div"));
+    overlay.querySelector("[data-region=words] div").textContent = asked ? "" : still.dataset.words;
+    fade(still);
+  }
   document.body.append(layer, overlay, line);
   document.body.addEventListener("keydown", event => {
     const slider = event.target.closest?.("[role=slider], [type=range], [role=radiogroup]");
