@@ -6,8 +6,6 @@ fast as that is, and on the server, 60 times a second. Frames are the browser's 
 command to the page's first microphones, the browser running already. FDCAL_WARM_ONLY leaves the cold start out.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

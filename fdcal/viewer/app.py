@@ -1,7 +1,5 @@
 """Serve the page until Ctrl-C."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from ..session.lesson import Lesson
