@@ -1,7 +1,5 @@
 """Commands of `fdcal`, run as a user would: in a process of their own, or in this one, which saves time."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import subprocess

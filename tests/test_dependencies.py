@@ -1,7 +1,5 @@
 """pyproject.toml, CONTRIBUTING.md, `.ci/run` and the workflow agree on what fdcal needs and is tested with."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import importlib

@@ -1,7 +1,5 @@
 """Bad input and files of another kind: exit code 2, one line that names value and remedy."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

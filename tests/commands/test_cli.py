@@ -1,7 +1,5 @@
 """Each command, run as a user would, on `tiny`; and each kind of bad input, with what it gets."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

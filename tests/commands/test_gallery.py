@@ -1,7 +1,5 @@
 """`fdcal gallery`: a folder of pages that a browser opens from the disk, written completely or not at all."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`fdcal plan` and `fdcal study`: formats, words, and input that is refused in one line."""
 
-from __future__ import annotations
-
 import json
 import sys
 

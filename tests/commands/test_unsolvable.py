@@ -1,7 +1,5 @@
 """Measurements that cannot be solved, through the command line: one line, the right exit code, and the way out."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files for other programs, read back by those programs' own readers; the panels of a study's figures."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools

@@ -1,7 +1,5 @@
 """Import recordings of a room: pressures are exact without noise, and the noise estimate is right."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

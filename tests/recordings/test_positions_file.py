@@ -1,7 +1,5 @@
 """Files of positions that somebody gives: Acoular's XML and tables."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

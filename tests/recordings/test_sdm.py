@@ -1,7 +1,5 @@
 """A measured room imported: an array rendered at the positions given, with what is modelled said plainly."""
 
-from __future__ import annotations
-
 import shutil
 import struct
 

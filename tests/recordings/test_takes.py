@@ -1,7 +1,5 @@
 """Several files, sources or parts of a recording: takes of one array, or the channels of one take."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """BLAS has one thread while fdcal computes and as many as before afterwards; importing fdcal changes nothing."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A session file restores the session to the last bit; any other file is refused in one line."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import io

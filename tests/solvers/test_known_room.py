@@ -1,7 +1,5 @@
 """Absolute positions in a room of known size, through the command line."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from dataclasses import replace
