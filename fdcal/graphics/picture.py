@@ -244,5 +244,5 @@ def _with_selected(
     if picture.z_range[1] > base:  # ties the microphone to the map below it
         drawn += (lines("selected/stem", glyphs.stems(cross, base), ESTIMATE, 2.0),)
     (x, y), anchor = name_place(name, position[:2], marks, picture.focus, radius)
-    label = Label("selected/name", name, (x, y, float(cross[0, 2])), TRUE, anchor)
+    label = Label("selected/name", name, (x, y, float(cross[0, 2])), picture.theme.foreground, anchor)
     return replace(picture, lines=drawn, meshes=meshes, labels=(*picture.labels, label))

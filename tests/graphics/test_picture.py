@@ -14,9 +14,10 @@ import dataclasses
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image, ImageDraw
 
 from fdcal import solvers
-from fdcal.graphics import glyphs
+from fdcal.graphics import annotations, glyphs
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE, solver_mark
@@ -305,6 +306,23 @@ def test_a_measured_room_has_no_walls_and_no_source_in_any_picture():
     corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     pixels = project(camera_for(picture, (640, 480), "3d"), (640, 480), corners)
     assert (pixels >= 0).all() and (pixels <= (640, 480)).all(), "there is no floor at z = 0 to stand on"
+
+
+def test_heights_have_a_ruler_where_it_shows_and_no_text_covers_another():
+    scene = load_scene("ball3d")
+    picture = static_picture(scene, listen(positions_of(scene), search=scene.search, dimension=3))
+    image, size = ImageDraw.Draw(Image.new("RGB", (900, 700))), (900, 700)
+    letters = annotations.font(14)
+    for view, shown in (("top", "frame/range"), ("close", "frame/z")):
+        texts = annotations.uncovered(image, picture, camera_for(picture, size, view, (90, 60, 40, 60)), letters)
+        names = {label.name for label, _ in texts}
+        assert shown in names and len({"frame/range", "frame/z"} & names) == 1
+        numbers = [float(label.text) for label, _ in texts if label.name[:7] == "frame/z" and label.text[0].isdigit()]
+        low, high = picture.z_range
+        assert len(numbers) >= 3 * (view == "close") and all(low <= number <= high for number in numbers)
+        boxes = np.array([image.textbbox(at, label.text, letters, annotations.anchor(label)) for label, at in texts])
+        apart = (boxes[:, None, :2] > boxes[None, :, 2:]).any(axis=2)
+        assert (apart | apart.T | np.eye(len(boxes), dtype=bool)).all()
 
 
 def test_a_solver_that_is_added_has_a_mark_of_its_own(monkeypatch):
