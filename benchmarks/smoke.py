@@ -1,10 +1,9 @@
 """A smoke test of fdcal as it is installed: a calibration, a picture, a page that answers. `python -m benchmarks.smoke`
 
 `.ci/run` calls it with the lowest versions that pyproject.toml allows, and with each Python that it names, where the
-test suite runs with the newest versions and one Python. It needs nothing that fdcal does not.
+test suite runs with the newest versions and one Python. It needs nothing that fdcal does not; `--core` tests an
+installation without extras. It runs outside of the checkout, so that the installed package is what it tests.
 """
-
-from __future__ import annotations
 
 import platform
 import signal
@@ -14,8 +13,6 @@ import tempfile
 from importlib import metadata
 from pathlib import Path
 from urllib.request import urlopen
-
-from .protocol import ProtocolPage
 
 TIMEOUT = 300.0  # s, of one command; the first one compiles
 SCENE, PNG = "tiny", b"\x89PNG\r\n\x1a\n"
@@ -32,6 +29,8 @@ def fdcal(*arguments: str) -> None:
 
 def check_page() -> None:
     """Serve the page, read its HTML and its scene, and end it as Ctrl-C does."""
+    from .protocol import ProtocolPage  # here, because it needs the extra "page"
+
     command = [sys.executable, "-m", "fdcal", "view", SCENE, "--port", "0", "--no-browser"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
@@ -49,17 +48,37 @@ def check_page() -> None:
     assert server.returncode == 0 and "Traceback" not in errors, errors
 
 
-def main(folder: Path) -> None:
-    result, table, picture = (str(folder / name) for name in ("result.json", "table.csv", "picture.png"))
+def check_core(folder: Path) -> None:
+    """Calibrate, and write the result; a command that needs an extra names it in one line."""
+    result, table = (str(folder / name) for name in ("result.json", "table.csv"))
+    fdcal("--version")
     fdcal("calibrate", SCENE, "-o", result)
     fdcal("export", result, "-o", table)
-    fdcal("snapshot", SCENE, "--result", result, "--size", "320x240", "-o", picture)
-    assert Path(picture).read_bytes().startswith(PNG)
-    check_page()
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in SHOWN)
+
+
+def check_what_is_missing() -> None:
+    """The commands of the extras end with one line that names the extra."""
+    for extra, arguments in (("page", ("view", SCENE)), ("pictures", ("snapshot", SCENE, "-o", "none.png"))):
+        run = subprocess.run(
+            [sys.executable, "-m", "fdcal", *arguments], capture_output=True, text=True, timeout=TIMEOUT
+        )
+        assert run.returncode == 2 and run.stderr.count("\n") == 1 and f"fdcal[{extra}]" in run.stderr, run.stderr
+
+
+def main(folder: Path, core: bool) -> None:
+    check_core(folder)
+    if core:
+        check_what_is_missing()
+    else:
+        picture = folder / "picture.png"
+        fdcal("snapshot", SCENE, "--result", str(folder / "result.json"), "--size", "320x240", "-o", str(picture))
+        assert picture.read_bytes().startswith(PNG)
+        check_page()
+    names = sorted(set(SHOWN) & {one.metadata["Name"] for one in metadata.distributions()})
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in names)
     print(f"smoke test passed: Python {platform.python_version()}, {versions}")
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as folder:
-        main(Path(folder))
+    with tempfile.TemporaryDirectory() as temporary:
+        main(Path(temporary), core="--core" in sys.argv[1:])

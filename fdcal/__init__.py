@@ -12,8 +12,6 @@ Examples
 'give <search>'
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from typing import TYPE_CHECKING, Any
@@ -67,6 +65,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version(__name__)
     if name not in PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = _resolved(PUBLIC[name])
@@ -93,7 +95,12 @@ def _bind(owner: type, name: str, target: str) -> None:
 
 def _resolved(target: str) -> Any:
     module, _, attribute = target.partition(":")
-    return getattr(importlib.import_module(f".{module}", __name__), attribute)
+    try:
+        return getattr(importlib.import_module(f".{module}", __name__), attribute)
+    except ModuleNotFoundError as error:
+        from .model.extras import missing_library
+
+        raise missing_library(error) or error from error
 
 
 def __dir__() -> list[str]:

@@ -1,7 +1,5 @@
 """pyproject.toml, CONTRIBUTING.md, `.ci/run` and the workflow agree on what fdcal needs and is tested with."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import importlib
@@ -14,17 +12,14 @@ from pathlib import Path
 
 import pytest
 import yaml
+from running import exit_code
+
+import fdcal
+from fdcal.model.extras import LIBRARY, missing_library
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-OPTIONAL = {
-    "pandas",
-    "pyfar",
-    "distributed",
-    "pyarrow",
-    "locket",
-}  # imported where it is called, with a remedy where it is missing
 PRIVATE_MODULES = ("numba.core", "numba.np")  # private without an underscore
 ROW = re.compile(r"^\| (\w+) (<[\d.]+) \| (.*?) \| (.*?) \| (.*?) \|$", re.MULTILINE)
 BOUNDED = re.compile(r"^\s*(import|from) (viser|websockets|numba)\b", re.MULTILINE)
@@ -33,8 +28,21 @@ MODULES = ("viser._messages", "viser.infra._infra", "viser.infra._async_message_
 NAME = re.compile(r"[A-Za-z0-9_.-]+")
 
 
+OWN = re.compile(r"fdcal\[([\w,]+)\]")
+
+
 def distributions(requirements: list[str]) -> set[str]:
-    return {NAME.match(requirement).group().lower() for requirement in requirements}
+    """Names of the libraries of some requirements, and of the extras among them."""
+    found = set()
+    for requirement in requirements:
+        own = OWN.match(requirement)
+        extras = own[1].split(",") if own else ()
+        found |= set().union(*(distributions(EXTRAS[extra]) for extra in extras)) if own else {_name(requirement)}
+    return found
+
+
+def _name(requirement: str) -> str:
+    return NAME.match(requirement).group().lower()
 
 
 @functools.cache
@@ -59,24 +67,25 @@ def imports(folder: str) -> set[str]:
 
 def test_every_library_that_is_imported_is_named():
     needed = distributions(PROJECT["dependencies"])
-    assert imports("fdcal") <= needed | OPTIONAL
+    assert imports("fdcal") <= needed | distributions(EXTRAS["all"])
     assert imports("tests") <= needed | distributions(EXTRAS["test"])
     # the benchmark of wave fields with a finite-element mesh and the fuzz of all formats need more
-    assert imports("benchmarks") <= needed | distributions([*EXTRAS["benchmarks"], *EXTRAS["formats"]])
+    assert imports("benchmarks") <= needed | distributions(EXTRAS["benchmarks"])
 
 
 @pytest.mark.parametrize(
     "requirement", [*PROJECT["dependencies"], *(line for extra in EXTRAS.values() for line in extra)]
 )
 def test_every_library_has_a_lower_bound(requirement):
-    assert re.match(r"[\w.\[\]-]+>=\d", requirement)
+    assert re.match(r"[\w.,\[\]-]+>=\d", requirement)
 
 
 def test_the_lowest_versions_are_those_of_pyproject():
     printed = subprocess.run([sys.executable, ROOT / ".ci" / "lowest.py"], capture_output=True, text=True, check=True)
     lowest = dict(line.split("==") for line in printed.stdout.splitlines())
-    assert len(lowest) == len(PROJECT["dependencies"])
-    for requirement in PROJECT["dependencies"]:
+    requirements = PROJECT["dependencies"] + EXTRAS["page"][1:] + EXTRAS["pictures"]
+    assert len(lowest) == len(requirements)
+    for requirement in requirements:
         name = NAME.match(requirement).group()
         assert requirement.startswith(f"{name}>={lowest[name]}")
 
@@ -121,7 +130,8 @@ def test_every_private_name_is_in_the_table_and_used():
 
 
 def test_the_table_has_the_bounds_of_pyproject():
-    bounded = {NAME.match(line).group(): line.split(",")[1] for line in PROJECT["dependencies"] if "<" in line}
+    bounded = {NAME.match(line).group(): line.split(",")[1] for line in PROJECT["dependencies"] + EXTRAS["page"]
+               if "<" in line}  # fmt: skip
     assert bounded == {name: bound for name, bound, _, _ in table()}
 
 
@@ -143,3 +153,66 @@ def test_the_workflow_runs_what_ci_runs_on_every_python():
     assert job["strategy"]["matrix"]["python"] == pythons
     assert PROJECT["requires-python"] == f">={pythons[0]}"
     assert "-m benchmarks.smoke" in script and ".ci/lowest.py" in script
+
+
+# -- what an installation without extras lacks -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("module", "extra"),
+    [("viser", "page"), ("matplotlib.figure", "pictures"), ("PIL", "pictures"), ("vtkmodules", "pictures"),
+     ("h5py", "formats"), ("netCDF4", "formats"), ("pyfar", "pyfar"), ("pandas", "study"), ("distributed", "study")],
+)  # fmt: skip
+def test_a_missing_library_is_one_line_that_names_its_extra(module, extra):
+    library = module.partition(".")[0]
+    missing = missing_library(ModuleNotFoundError(f"No module named {module!r}", name=module))
+    assert missing is not None and f"pip install 'fdcal[{extra}]'" in missing.remedy
+    assert LIBRARY.get(library, library) in missing.problem
+
+
+def test_a_module_of_fdcal_or_of_python_that_is_missing_is_a_fault():
+    for module in ("fdcal.nowhere", "nowhere", None):
+        assert missing_library(ModuleNotFoundError("No module", name=module)) is None
+
+
+def test_a_command_and_a_method_say_what_is_missing():
+    """In a process of its own: the libraries of this one are loaded."""
+    program = (
+        "import sys; sys.modules.update(dict.fromkeys(['matplotlib', 'viser'], None))\n"
+        "import fdcal\n"
+        "try: fdcal.landscape\n"
+        "except fdcal.InputError as error: print(error)\n"
+        "from fdcal.commands.cli import main; main(['view', '--port', '0', '--no-browser'])"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert "fdcal[pictures]" in run.stdout
+    assert run.returncode == 2 and len(run.stderr.splitlines()) == 1 and "pip install" in run.stderr
+
+
+# -- a release ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_tag_publishes_what_ci_has_passed():
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "publish.yml").read_text(encoding="utf-8"))
+    assert workflow[True] == {"push": {"tags": ["v*"]}}
+    build, publish = workflow["jobs"]["build"], workflow["jobs"]["publish"]
+    runs = [step.get("run", "") for step in build["steps"]]
+    assert runs.index(".ci/run") < runs.index("pipx run build") and "GITHUB_REF_NAME#v" in " ".join(runs)
+    assert publish["needs"] == "build" and publish["permissions"] == {"id-token": "write"}
+    assert any("gh-action-pypi-publish" in step["uses"] for step in publish["steps"])
+
+
+def test_the_version_is_the_same_everywhere():
+    version = PROJECT["version"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == version and citation["license"] == PROJECT["license"]
+    assert fdcal.__version__ == metadata.version("fdcal")
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^## \[(.+?)\]", changes, re.MULTILINE)
+    assert headings[0] == "Unreleased"
+
+
+def test_the_version_names_the_commit_in_a_checkout(capsys):
+    exit_code("--version")
+    printed = capsys.readouterr().out
+    assert re.fullmatch(rf"fdcal {re.escape(metadata.version('fdcal'))}(, commit [0-9a-f]{{7,}}\+?)?\n", printed)

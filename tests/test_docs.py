@@ -1,7 +1,5 @@
 """docs/: what it says runs, what it names is there, and it names everything that a reader may look for."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import shutil
@@ -271,7 +269,9 @@ def test_the_highest_frequency_of_array_1_is_computed():
 def test_every_dependency_has_its_reason():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    for requirement in project["dependencies"] + extras["test"] + extras["docs"]:
+    for requirement in sum(extras.values(), project["dependencies"]):
+        if requirement.startswith("fdcal["):
+            continue
         name = re.match(r"[\w-]+", requirement).group()
         assert re.search(rf"^\|[^|]*\b{name}\b[^|]*\|", DEPENDENCIES, re.MULTILINE), f"{name} is not explained"
 

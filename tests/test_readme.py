@@ -1,7 +1,5 @@
 """README.md does what it says: its example runs, its lines are there, and it leads to the documentation."""
 
-from __future__ import annotations
-
 import re
 
 import click
@@ -32,7 +30,7 @@ def test_python_example_runs_with_and_without_true_positions(capsys, scored):
 
 def test_its_two_lines_install_and_open_the_page_and_run_the_tests():
     lines = [block.code.strip() for block in blocks(TEXT) if block.language == "sh"]
-    assert "python3 -m venv .venv && .venv/bin/pip install -e . && .venv/bin/fdcal view" in lines
+    assert "python3 -m venv .venv && .venv/bin/pip install -e '.[all]' && .venv/bin/fdcal view" in lines
     assert ".venv/bin/pip install -e '.[test]' && .venv/bin/pytest" in lines
 
 

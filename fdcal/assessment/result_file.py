@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 from msgspec import structs
 
+from ..model.extras import needs
 from ..model.measurement import Measurement
 from ..model.reading import parse_json, read_bytes
 from ..model.storage import write_atomically
@@ -389,10 +390,7 @@ def data_frame(self: Calibration) -> Any:
     ['x', 'y', 'known', 'uncertainty', 'error', 'gain_db']
     """
     result = self
-    try:
-        import pandas
-    except ImportError:
-        raise InputError("to_dataframe needs the library pandas", "install it: pip install pandas") from None
+    pandas = needs("pandas")
     axes = "xyz"[: result.positions.shape[1]]
     columns: dict[str, Any] = dict(zip(axes, result.positions.T, strict=True))
     if result.known is not None:

@@ -6,8 +6,6 @@ Exit codes: 0 done, 1 out of memory or a fault of fdcal itself, 2 bad input, 3 a
 `--debug` shows the traceback as well. Libraries that take long to load are imported by the command that needs them.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys
@@ -18,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import click
 
+from ..model.extras import missing_library
 from ..model.validation import InputError
 from ..session.blas_threads import one_blas_thread_for_command
 from . import file_commands, plan_command, plot_commands, study_command
@@ -64,6 +63,8 @@ def guarded(debug: bool = False) -> Iterator[End]:
 
 def _described(error: BaseException) -> tuple[str, int]:
     """Return the message for an exception, and the exit code."""
+    if isinstance(error, ImportError):
+        error = missing_library(error) or error
     if isinstance(error, (click.exceptions.Abort, KeyboardInterrupt)):
         return INTERRUPTED, 130
     if isinstance(error, click.NoSuchOption):
@@ -111,8 +112,21 @@ def main(args: list[str] | None = None) -> None:
     sys.exit(end.code)
 
 
+def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Print the version, and the commit where fdcal runs from a checkout, and end."""
+    if not asked:
+        return
+    from ..session.study.definition import code_version
+
+    code = code_version()
+    click.echo(f"fdcal {code.version}" + (f", commit {code.commit}" if code.commit else ""))
+    context.exit()
+
+
 @click.group(invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="fdcal", message="fdcal %(version)s")
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version, help="Show the version."
+)
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 @click.pass_context
 def commands(context):

@@ -118,11 +118,6 @@ class StorageError(OSError):
     """
 
 
-def install_remedy(extra: str) -> str:
-    """Return how to install an extra of fdcal, in a checkout and elsewhere."""
-    return f"install it: pip install -e '.[{extra}]' in a checkout of fdcal, pip install 'fdcal[{extra}]' elsewhere"
-
-
 def unexpected_argument(function: str, name: str, known: Iterable[str]) -> TypeError:
     """Return the error for an argument that a function does not have, with the one that may be meant."""
     near = difflib.get_close_matches(name, list(known), 1)

@@ -10,13 +10,10 @@ lesson,step  name of a lesson, and the number of its step, from 1; it sets the r
 "face", Explore or Expert, is of a browser alone, and never comes here (`server/page.js`).
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl, quote
 
 import viser
@@ -30,10 +27,8 @@ from ..session.request import OpenRequest
 from .gui.choices import kind_of
 from .lesson_settings import KINDS, apply_setting, plain_choices
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
-
-if TYPE_CHECKING:
-    from .session_view import Viewer
-    from .tabs.lessons import LessonPage, LessonsTab
+from .session_view import Viewer
+from .tabs.lessons import LessonPage, LessonsTab
 
 MAX_MODES_TEXT = 60  # characters of the modes of a map: with the camera a command has room for no more
 MAX_NUMBER = 99_999  # of a microphone and of a step
@@ -117,7 +112,8 @@ class AddressBar:
     def __init__(self, page: LessonPage, lessons: LessonsTab):
         self._page, self._lessons = page, lessons
         self._asked: tuple[viser.ClientHandle, Address] | None = None  # before there is a session
-        self._pending: tuple[OpenRequest, viser.ClientHandle, Address] | None = None  # until its scene is shown
+        # Until its scene is shown; without a request, that of a lesson.
+        self._pending: tuple[OpenRequest | None, viser.ClientHandle, Address] | None = None
         page.panels.overlay.on("open", lambda client, text: self.open(client, parse_address(text)))
 
     def open(self, client: viser.ClientHandle, asked: Address) -> None:
@@ -133,6 +129,7 @@ class AddressBar:
         name = viewer.run.scene.name
         if asked.lesson:
             lessons.open(asked.lesson, asked.step)
+            self._pending = None, client, asked
         elif lessons.active and asked.scene:
             lessons.leave()
         if not asked.lesson and asked.scene not in ("", name):
@@ -142,8 +139,8 @@ class AddressBar:
             request = OpenRequest(load_scene(asked.scene), choices=plain_choices())
             self._page.open(request)
             self._pending = request, client, asked
-            return
-        self._set(viewer, client, asked)
+        elif not asked.lesson:
+            self._set(viewer, client, asked)
 
     def _set(self, viewer: Viewer, client: viser.ClientHandle, asked: Address) -> None:
         """Set what differs from what is shown: a page that is loaded again changes nothing."""
@@ -173,7 +170,7 @@ class AddressBar:
         if self._asked is not None:
             (client, asked), self._asked = self._asked, None
             call(lambda: self._guarded(client, lambda: self.open(client, asked)))
-        elif self._pending is not None and viewer.binding.run.opening is self._pending[0]:
+        elif self._pending is not None and self._is_shown(viewer, self._pending[0]):
             (_, client, asked), self._pending = self._pending, None
             call(lambda: self._guarded(client, lambda: self._set(viewer, client, asked)))
         elif self._pending is not None and self._page.switcher.idle:
@@ -181,6 +178,10 @@ class AddressBar:
         elif self._pending is None and not viewer.tabs.sweep.playing:
             name = "" if lesson.lesson is None else lesson.lesson.name or lesson.lesson.title
             self._page.panels.overlay.show("address", address_of(viewer, name, lesson.number + 1).replace("&", "&amp;"))
+
+    def _is_shown(self, viewer: Viewer, request: OpenRequest | None) -> bool:
+        """Whether what a link names is on the screen: the scene of a request, or without one the step of a lesson."""
+        return self._lessons.ready if request is None else viewer.binding.run.opening is request
 
     def _guarded(self, client: viser.ClientHandle, act: Callable[[], object]) -> None:
         self._page.panels.overlay.guarded(client, act)

@@ -4,8 +4,6 @@ It is what a browser opens; "Expert" shows the panels in its place. Each browser
 so that a lecturer may use the panels while all others see the canvas.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from html import escape
 
@@ -40,8 +38,14 @@ def drawing(points: np.ndarray) -> str:
 
 @lru_cache(maxsize=64)
 def thumbnail(name: str) -> tuple[str, str]:
-    """Return the title of a scene that comes with fdcal, and its drawing; of a measured array a ring stands for it."""
-    scene = load_scene(name)
+    """Return the title of a scene that comes with fdcal, and its drawing; of a measured array a ring stands for it.
+
+    A file that was changed by hand and cannot be read has its name for a title, and no drawing.
+    """
+    try:
+        scene = load_scene(name)
+    except (InputError, StorageError):
+        return name, ""
     angles = np.linspace(0, 2 * np.pi, 7, endpoint=False)
     points = np.column_stack([np.cos(angles), np.sin(angles)])
     return scene.title, drawing(points if isinstance(scene, MeasuredScene) else positions_of(scene)[:, :2])
@@ -131,15 +135,8 @@ class Explore:
     def _drawn(self, viewer: Viewer) -> str:
         name = viewer.run.scene.name
         if name in scene_names():
-            return self._thumbnail(name)[1]
+            return thumbnail(name)[1]
         return drawing(np.asarray(viewer.view.history[0].positions)[:, :2])
-
-    @staticmethod
-    def _thumbnail(name: str) -> tuple[str, str]:
-        try:
-            return thumbnail(name)
-        except (InputError, StorageError):  # a file that was changed by hand
-            return name, ""
 
     @staticmethod
     def _status(viewer: Viewer) -> str:
@@ -154,7 +151,7 @@ class Explore:
         shown = viewer.run.scene.name
         scenes = "".join(
             f"<button data-do='scene={escape(name)}' aria-pressed='{str(name == shown).lower()}'>"
-            f"{self._thumbnail(name)[1]}<span>{escape(self._thumbnail(name)[0])}</span></button>"
+            f"{thumbnail(name)[1]}<span>{escape(thumbnail(name)[0])}</span></button>"
             for name in scene_names()
         )
         return f"<div class='scenes'>{scenes}</div><div class='lessons'>{self._lessons.list_html()}</div>"

@@ -183,7 +183,9 @@ class Page:
         try:
             with self._server.atomic():
                 before = old and old.binding.choices
-                floor = self._opening.floor if self._opening is not None and old is None else None
+                opening = self._opening
+                goes_on = opening is not None and old is None and prepared.opening is opening.request
+                floor = opening.floor if opening is not None and goes_on else None
                 new = Viewer(
                     self._server, prepared, folders, self.nodes, self.open, before, self._wake.set, floor, self.words
                 )

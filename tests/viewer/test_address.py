@@ -1,8 +1,10 @@
 """The view in the page's address, and the commands of what is on the canvas."""
 
+import time
 from types import SimpleNamespace
 
 import pytest
+from browsing import WAIT
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,6 +14,9 @@ from fdcal.session.request import OpenRequest
 from fdcal.viewer import address
 from fdcal.viewer.address import address_of, parse_address
 from fdcal.viewer.gui.choices import MAP_KINDS
+from fdcal.viewer.opening import Opening
+from fdcal.viewer.page import Page
+from fdcal.viewer.scene3d.nodes import SceneNodes
 
 CAMERA = "1,2,30,1,2,0,0,1,0,0.02"
 
@@ -92,6 +97,16 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
     assert page.viewer.binding.choices.microphone == 16, "which the first step sets"
     turn_until(lambda: address_bar(page) == "lesson=1_many_minima&step=2")
     client = Client()
+    camera = lambda: [view for one, view in page.nodes.cameras._requests if one is client and view is not None]  # noqa: E731
+    for step in (2, 3):  # one that is shown already, and one that has to be set up
+        page.nodes.cameras._requests.clear()
+        command(page, f"open=lesson=1_many_minima&step={step}&view={CAMERA}", client)
+        page.nodes.cameras.process_requests = lambda clients: None  # they stay to be read
+        turn_until(camera)
+        turn_until(lambda: page.switcher.idle)
+        assert page.nodes.cameras._requests[-1][1] == parse_address(f"view={CAMERA}").view, (
+            "after the lesson's own view"
+        )
     command(page, "open=lesson=1_many_minima&step=99", client)
     assert "there is no step 99" in client.told[0]
 
@@ -110,6 +125,30 @@ def test_what_no_address_has_is_refused_in_one_line(shown, part):
     command(page, f"open={part}", client)
     assert len(client.told) == 1 and "\n" not in client.told[0]
     assert page.viewer.binding.choices is before and page.switcher.idle
+
+
+def test_a_link_that_ends_the_film_opens_with_its_own_camera_and_map(server, scene, kernels):
+    """The film's relief is of its own scene alone."""
+    nodes = SceneNodes(server)
+    page = Page(server, nodes, opening=Opening(nodes))
+    page.open(OpenRequest(scene, choices={"shown": False}))
+    for _ in range(round(WAIT / 0.02)):
+        page.tick(time.perf_counter())
+        if page.viewer is not None:
+            break
+        time.sleep(0.02)
+    assert page.viewer._first_floor is None and "relief" not in nodes.parts
+    assert nodes.cameras.view == "top"
+    page.close()
+    server.gui.reset()
+    server.scene.reset()
+
+
+def test_an_address_is_decoded_once(shown):
+    page, _ = shown
+    client = Client()
+    command(page, "open=scene=100%2525", client)
+    assert "100%25" in client.told[0] and "100%2525" not in client.told[0]
 
 
 @given(st.text(max_size=190))

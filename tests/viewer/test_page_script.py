@@ -22,6 +22,16 @@ def test_the_page_follows_address_and_theme_and_comes_back_with_the_server(brows
         handle.press("ArrowRight", delay=300)
         page.wait_for_function("location.hash.includes('microphone=8')")
         assert page.evaluate(place) == before, "the arrows move the slider alone"
+        page.goto("about:blank")  # away, while another browser goes on
+        other = opened_page(browser, url, f"{COARSE}&microphone=3&map=none")
+        other.wait_for_function("location.hash.includes('microphone=3')")
+        page.go_back()
+        page.wait_for_function("location.hash.includes('microphone=3')")
+        other.wait_for_timeout(500)
+        assert "microphone=3" in other.evaluate("location.hash"), "who comes back leaves the session as it is"
+        other.evaluate("location.hash = 'microphone=8&map=none&scene=t%69ny'")
+        page.wait_for_function("location.hash.includes('microphone=8')")
+        other.close()
     page.get_by_text("The connection is lost").wait_for()
     page.wait_for_timeout(3000)  # in which viser alone would make Chromium delay its attempts
     with serving_here(scene, port=int(url.rpartition(":")[2])):

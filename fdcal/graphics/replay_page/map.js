@@ -138,4 +138,4 @@ function mapControls() {
   $("map").onchange = show;
 }
 // For tests, and for curious people with the console open.
-window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, placeOf, data, arrays, descentStep, downhill, level, get own() { return own; }, drawn: n => drawnAt[n]};
+window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, placeOf, data, arrays, descentStep, jointStep, downhill, level, get own() { return own; }, drawn: n => drawnAt[n]};

@@ -1,6 +1,6 @@
 // What a viewer does without Python: a microphone that is dragged over its map rolls downhill when it is let go, and
 // descent (fdcal/solvers/descent.py) takes steps from there. `own` holds the viewer's positions; null: the recording.
-const ROLL = 1200, NEAR = 16, HOME = maps && Math.max(2 * maps.step, 0.01);  // ms; pixels; metres from the true place
+const ROLL = 1200, NEAR = 16;  // ms; pixels
 let own = null, rolling = null;  // {places (N, 3), turn, tries, homes, words, path, waiting}; {n, path, begun}
 const descentLattice = maps?.descent && new Landscapes(maps, arrays, N, D, Math.max(...maps.shape));
 
@@ -50,13 +50,15 @@ function roll(time) {
   own.path = null; rolling = null;
   landed(n, over);
 }
-// Names the hole of a map in which microphone n has come to rest; only true positions tell whether it is at home.
+// Names the hole of a map in which microphone n has come to rest: it is at home in the one in which the true position lies.
 function landed(n, over) {
-  const [x, y] = own.places[n], sure = truth && data.reference == "true";
-  const away = sure ? Math.hypot(...own.places[n].map((v, axis) => v - truthOf(n)[axis])) : NaN, home = away <= HOME;
+  const [x, y] = own.places[n], sure = truth && data.reference == "true", apart = p => Math.hypot(p[0] - x, p[1] - y);
+  const home = sure && apart(downhill(over, truthOf(n)).at(-1)) < 2 * over.lattice.step;
+  const away = sure ? Math.hypot(...own.places[n].map((v, axis) => v - truthOf(n)[axis])) : NaN;
   if (sure) { own.tries++; own.homes += home; }
-  const hole = [...over.minima.lowest, ...over.minima.others].some(p => Math.hypot(p[0] - x, p[1] - y) < 2 * over.lattice.step);
-  own.words = !hole ? "at the edge of the map" : !sure ? `at rest, ${level(over, [x, y]).toFixed(1)} dB` : home ? "home" : `trapped, ${(100 * away).toFixed(0)} cm off`;
+  const hole = [...over.minima.lowest, ...over.minima.others].some(p => apart(p) < 2 * over.lattice.step);
+  const off = away < 0.0995 ? `${(1e3 * away).toFixed(0)} mm` : `${(100 * away).toFixed(0)} cm`;
+  own.words = !hole ? "at the edge of the map" : !sure ? `at rest, ${level(over, [x, y]).toFixed(1)} dB` : `${home ? "home" : "trapped"}, ${off} off`;
   show();
 }
 
@@ -133,6 +135,28 @@ function takeSteps(count) {
   }
   Object.assign(own, {path: null, words: ""});
   show();
+}
+
+// One step of all free microphones at once with the modes `low` to `high`: places (N, 3) and how far one has moved, metres.
+// noise (M): that of each mode, in parts of its power; the likeliest unless given.
+function jointStep(places, low, high, noise) {
+  const tau = arrays.noise ? arrays.noise.slice(at * N, (at + 1) * N) : new Float64Array(N).fill(1), modes = [];
+  maps.modes.forEach((mode, index) => {
+    if (mode < low || mode > high) return;
+    const {p, scale} = landscapes.pressures(index, at), re = p.filter((_, i) => i % 2 == 0).map((v, n) => v / scale[n]), im = p.filter((_, i) => i % 2).map((v, n) => v / scale[n]);
+    const unit = Math.sqrt(N) / Math.hypot(lengthOf(re), lengthOf(im));
+    modes.push({k: arrays.wavenumbers[2 * index], re: re.map(v => v * unit), im: im.map(v => v * unit)});
+  });
+  const joint = new Joint(modes, tau, free, maps.joint);
+  return joint.step(places, noise ?? joint.noise(places));
+}
+function takeJointStep() {
+  takeOver();
+  rolling = null; own.waiting = -1;
+  const {places, moved} = jointStep(own.places, ...(chosen ?? [first[at], last[at]]));
+  Object.assign(own, {places, path: null, words: ""});
+  show();
+  $("tries").textContent = moved < 1e-5 ? "Converged" : `One joint step: up to ${mm(moved)}`;
 }
 
 // The opening: lower and lower modes are added to the map, until one hole is left, into which the microphone rolls.

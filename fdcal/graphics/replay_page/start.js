@@ -19,6 +19,7 @@ $("turn").onclick = () => look(false);
 $("trails").onchange = show;
 $("descend").onclick = () => takeSteps(1);
 $("sweepall").onclick = () => takeSteps(free.length);
+$("jointly").onclick = takeJointStep;
 $("back").onclick = () => { giveBack(); show(); };
 if (maps) mapControls(); else $("mapbar").hidden = true;
 $("theme").onclick = () => { themed = true; theme(document.documentElement.dataset.theme != "dark"); };

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
 from ...model.given_positions import MicrophonePositions
 from ...model.reading import require_regular
-from ...model.validation import InputError, StorageError, install_remedy
+from ...model.validation import InputError, StorageError
 from ..recording import Recording
 
 MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this: a header that announces more is damaged
@@ -116,11 +115,3 @@ def write(path: str | Path, target: str | Path, placed: MicrophonePositions, ori
             return
     remedy = f"use one of {', '.join(suffixes('write'))}"
     raise InputError(f'"{target}" ends in no suffix of a format for positions', remedy, key="output", value=str(target))
-
-
-def needs(name: str, extra: str = "formats") -> ModuleType:
-    """Return a library that comes with an extra; raise InputError with the way to install it where it is missing."""
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise InputError(f'this format needs the library "{name}"', install_remedy(extra)) from None

@@ -1,8 +1,4 @@
-"""Files of samples with interleaved channels, one per microphone, read in pieces.
-
-.wav, .flac, ...   what libsndfile reads
-.h5, .hdf5         of Acoular: `time_data` (T, N) with the attribute `sample_freq`, Hz
-"""
+"""Files of samples with interleaved channels, one per microphone, that libsndfile reads: .wav, .flac, ..."""
 
 import os
 import re
@@ -13,7 +9,7 @@ import numpy as np
 
 from ...model.validation import InputError
 from ..recording import Recording, sample_ranges
-from . import Format, needs
+from . import Format
 
 # What libsndfile logs about a chunk longer than the file: of WAV, AIFF, AU, W64 and RF64.
 LENGTH = re.compile(
@@ -64,6 +60,18 @@ def _read_sound(path: Path, source: int | None = None) -> Recording:
     return Recording(str(path), None, float(rate), channels, samples, block, full_scale=1.0 if whole else None)
 
 
+SUFFIXES = (".wav", ".w64", ".rf64", ".aiff", ".caf", ".au")  # of files that can hold 32-bit floats
+
+
+def open_for_writing(path: Path, like: Recording):
+    """Open a sound file of 32-bit floats, with the channels and the rate of a recording; a rate is a whole number."""
+    import soundfile
+
+    if like.sample_rate != round(like.sample_rate):
+        raise InputError(f"a sound file has no sampling rate of {like.sample_rate} Hz", "resample the recording")
+    return soundfile.SoundFile(_name(path), "w", round(like.sample_rate), like.count, "FLOAT")
+
+
 def _require_whole(path: Path, log: str) -> None:
     """Raise InputError where the header announces more samples than there are: libsndfile only logs it."""
     note = LENGTH.search(log)
@@ -72,43 +80,4 @@ def _require_whole(path: Path, log: str) -> None:
         raise InputError(problem, "copy it again")
 
 
-def _read_hdf5(path: Path, source: int | None = None) -> Recording:
-    """Return the recording of an Acoular time data file, read in pieces; raise InputError for another kind of file."""
-    h5py = needs("h5py")
-    try:
-        with h5py.File(path, "r") as file:
-            data = file.get("time_data")
-            if not isinstance(data, h5py.Dataset):
-                raise InputError(f'{path} has no "time_data"', "write the samples (T, N) there, as Acoular does")
-            if data.ndim != 2 or data.dtype.kind not in "fiu":
-                raise InputError(f'{path}: "time_data" is {data.dtype}, {data.shape}', "give real samples (T, N)")
-            if "sample_freq" not in data.attrs:
-                problem = f'{path}: "time_data" has no attribute "sample_freq", the sampling rate in Hz'
-                raise InputError(problem, "add it")
-            rate = np.asarray(data.attrs["sample_freq"])
-            if rate.size != 1 or rate.dtype.kind not in "fiu":
-                raise InputError(f'{path}: "sample_freq" is {rate.tolist()!r}', "give one number, the rate in Hz")
-            rate = float(rate.item())
-            samples, channels = data.shape
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file raises anything
-        raise InputError(f"{path} is not an HDF5 file that can be read: {error}") from error
-
-    def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
-        values = np.empty((len(chosen), stop - start))
-        try:
-            with h5py.File(path, "r") as file:
-                for first, last in sample_ranges(stop - start, channels):
-                    values[:, first:last] = file["time_data"][start + first : start + last].T[chosen]
-        except Exception as error:
-            raise InputError(f"{path} cannot be read at sample {start}: {error}", "copy the file again") from error
-        return values
-
-    return Recording(str(path), None, rate, int(channels), int(samples), block)
-
-
-FORMATS = (
-    Format((".wav", ".flac", ".w64", ".rf64", ".aiff", ".aif", ".caf", ".au"), read=_read_sound),
-    Format((".h5", ".hdf5"), read=_read_hdf5),
-)
+FORMATS = (Format((".wav", ".flac", ".w64", ".rf64", ".aiff", ".aif", ".caf", ".au"), read=_read_sound),)

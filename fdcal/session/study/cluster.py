@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from ...model.validation import InputError, install_remedy
+from ...model.extras import missing_library
+from ...model.validation import InputError
 from .definition import Study
 from .results import Results
 
@@ -43,7 +44,7 @@ def connected(workers: int, scheduler: str | None) -> Iterator[Client]:
     try:
         from distributed import Client, LocalCluster
     except ImportError as error:
-        raise InputError("a study needs dask", install_remedy("study"), key="study") from error
+        raise missing_library(error) or error from error
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=PACE.connect_seconds)

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from ...assessment.study_statistics import SCORES
+from ...model.extras import needs
 from ...model.storage import write_atomically
-from ...model.validation import InputError, StorageError, install_remedy
+from ...model.validation import InputError, StorageError
 from .definition import Study, code_version, version_text
 
 if TYPE_CHECKING:
@@ -145,12 +146,8 @@ def read_results(folder: str | Path) -> tuple[dict, pandas.DataFrame]:
 
 def require_tables() -> None:
     """Raise InputError unless pandas and pyarrow, which read and write Parquet, are installed."""
-    try:
-        import pandas
-        import pyarrow.parquet
-    except ImportError as error:
-        raise InputError("a study needs dask, pandas and pyarrow", install_remedy("study"), key="study") from error
-    del pandas, pyarrow
+    needs("pandas")
+    needs("pyarrow.parquet")
 
 
 def _head(path: Path) -> dict:

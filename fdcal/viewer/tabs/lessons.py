@@ -153,11 +153,10 @@ class LessonsTab:
         progress, lesson, step = self.progress, self.progress.lesson, self.progress.step
         if lesson is None or step is None:
             return None
-        ready = self._pending is None
         waits = "" if self._before is None else RACE_WAITS if self._before.has_race else WAITS
         following = NEXT_STEP if progress.moved(1) is not None else NEXT_LESSON.format(self._next_lesson)
-        following = following if progress.answered and ready and following != NEXT_LESSON.format("") else ""
-        return Caption(lesson, progress.number, progress.choice, ready, waits, self._error, following)
+        following = following if progress.answered and self.ready and following != NEXT_LESSON.format("") else ""
+        return Caption(lesson, progress.number, progress.choice, self.ready, waits, self._error, following)
 
     def list_html(self) -> str:
         """Return the lessons as buttons."""
@@ -185,6 +184,11 @@ class LessonsTab:
                 return lesson
         remedy = f"use {', '.join(lesson.name for lesson in self._lessons.values())}"
         raise InputError(f'there is no lesson "{shown(name)}"', remedy, key="lesson", value=name)
+
+    @property
+    def ready(self) -> bool:
+        """Whether nothing waits for a scene."""
+        return self._pending is None
 
     @property
     def active(self) -> bool:
