@@ -20,7 +20,6 @@ from .landscape import figure_bytes
 from .study_report import code_text
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.figure import Figure
 
 COLUMNS = 5  # panels in a row of the figure
@@ -78,7 +77,7 @@ named.
 """
 
 
-def calibration_page(head: dict, rows: pandas.DataFrame, name: str, stem: str) -> str:
+def calibration_page(head: dict, rows: Any, name: str, stem: str) -> str:
     """Return the page; `rows` as of `read_results`, `name`: of the study's file, `stem`: of the page's."""
     rows, key = _scored(rows), next(iter(head["axes"]))
     names = [value for value in head["axes"][key] if np.any(rows[key] == value)]
@@ -112,7 +111,7 @@ def calibration_page(head: dict, rows: pandas.DataFrame, name: str, stem: str) -
     return text.rstrip("\n") + "\n"
 
 
-def _scored(rows: pandas.DataFrame) -> pandas.DataFrame:
+def _scored(rows: Any) -> Any:
     """Rows that are judged; refused draws have no scores."""
     if "inside" not in rows or not rows["inside"].notna().any():
         problem = "the rows of this study say nothing of coverage"
@@ -120,7 +119,7 @@ def _scored(rows: pandas.DataFrame) -> pandas.DataFrame:
     return judged(rows[rows["inside"].notna()])
 
 
-def _bars_line(name: str, part: pandas.DataFrame) -> str:
+def _bars_line(name: str, part: Any) -> str:
     good = part[part["trusted"] & (part["judged"] > 0)]
     if not len(good):
         return f"| {name} | 0 |" + " |" * (3 + len(LEVELS)) + "\n"
@@ -131,7 +130,7 @@ def _bars_line(name: str, part: pandas.DataFrame) -> str:
     return f"| {name} | {len(good)} | {sizes} | {ratio:.2f} | {cells} |\n"
 
 
-def _verdict_line(name: str, part: pandas.DataFrame) -> str:
+def _verdict_line(name: str, part: Any) -> str:
     right = part["found"]
     accused, sound = (part[[a, b]].to_numpy(float).sum() for a, b in (ACCUSED, SOUND))
     named, faults = (part[[a, b]].to_numpy(float).sum() for a, b in (NAMED, FAULTS))
@@ -146,7 +145,7 @@ ACCUSED, SOUND = ("accused", "wrongly_doubted"), ("sound", "right_given")
 NAMED, FAULTS = ("named", "doubted_given"), ("faults", "wrong_given")
 
 
-def draw_ranks(head: dict, rows: pandas.DataFrame) -> Figure:
+def draw_ranks(head: dict, rows: Any) -> Figure:
     """Return the rank histograms of the good draws of every setting, with bands, and the coverage of all of them."""
     from matplotlib.figure import Figure
 
@@ -182,7 +181,7 @@ def _stepped(values: np.ndarray) -> np.ndarray:
     return np.append(values, values[-1])
 
 
-def write_page(page: Path, head: dict, rows: pandas.DataFrame, name: str) -> None:
+def write_page(page: Path, head: dict, rows: Any, name: str) -> None:
     """Write the page, its rows as CSV beside it, and its figure into the folder `pictures` beside that of the page."""
     pictures = page.resolve().parent.parent / "pictures"
     if not pictures.is_dir():

@@ -230,7 +230,8 @@ def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals, counte
     functions, of which those `counted` (K,) bool are traced.
     """
     H, centred = np.linalg.inv(P), gradients - gradients.mean(axis=0)
-    left_out = np.linalg.solve(H - LEVERAGE * matrices, centred[..., None])[..., 0]
+    others = np.asarray(H - LEVERAGE * matrices)
+    left_out = np.asarray(np.linalg.solve(others, np.asarray(centred[..., None])))[..., 0]
     outputs = outputs[counted]
     found = np.sum((centred @ P @ outputs.T) * (left_out @ outputs.T))
     model = np.sum((outputs @ P) * outputs)
