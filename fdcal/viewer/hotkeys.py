@@ -94,6 +94,11 @@ def _place_camera(view: str) -> Callable:
     return lambda page, client: page.nodes.cameras.request(client, view)
 
 
+def _look_from_the_side(page, client) -> None:
+    if page.viewer is not None:
+        page.viewer.tabs.look(client, "close")
+
+
 KEYS = (
     Key("R", "Run or pause", _with_tabs(lambda tabs: tabs.run_bar.toggle())),
     Key("N", "One step", _press("Step")),
@@ -115,7 +120,7 @@ KEYS = (
     Key("H", "Lecture mode: large type, panels folded away", _with_tabs(_toggle_lecture)),
     Key("1", "Plan view", _place_camera("top")),
     Key("2", "Whole room", _place_camera("3d")),
-    Key("3", "Close view of the array", _place_camera("close")),
+    Key("3", "3-D view of the array", _look_from_the_side),
     Key("J", "Next step of the lesson", lambda page, client: page.lessons.go(NEXT)),
     Key("J", "Previous step of the lesson", lambda page, client: page.lessons.go(BACK), "shift"),
 )

@@ -229,7 +229,7 @@ class Tabs:
         place: Callable[[viser.ClientHandle, str], None],
         export: Callable[[viser.ClientHandle, str], None],
     ):
-        self.binding = binding
+        self.binding, self._place = binding, place
         with folders.run_bar():
             self.run_bar = RunBar(binding, lambda: self.solver.restart())
             self.solver = SolverTab(binding)
@@ -242,7 +242,7 @@ class Tabs:
             self.spectrum = SpectrumPanel(binding)
             self.cut = CutPanel(binding)
         with folders.tab("View"):
-            self.view = ViewTab(binding, place)
+            self.view = ViewTab(binding, self.look)
             self.export = ExportTab(binding, export)
         with folders.tab("Curves"):
             self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought)
@@ -255,6 +255,12 @@ class Tabs:
 
     def __iter__(self) -> Iterator[Tab]:
         return (tab for tab in vars(self).values() if isinstance(tab, Tab))
+
+    def look(self, client: viser.ClientHandle, view: str) -> None:
+        """Place the camera of one browser; a map that lies flat rises for the view from the side."""
+        if view == "close":
+            self.map.rise()
+        self._place(client, view)
 
     def refresh(self) -> None:
         """Let everything follow the values of the controls, after a program has set them."""

@@ -330,6 +330,11 @@ class MapTab(Tab):
         self.refresh()
         self.kind.value = kind
 
+    def rise(self) -> None:
+        """Show what stands in space in place of a flat map: the isosurfaces, or the relief of an array in a plane."""
+        if self.kind.value == FLOOR:
+            self.show_as(VOLUME if VOLUME in self.kinds else RELIEF)
+
     def scale_as(self, scale: str) -> None:
         """Use the scale LOG or LINEAR."""
         self._binding.choose_style(log=scale == LOG)
