@@ -10,6 +10,7 @@ from html import escape
 import numpy as np
 import viser
 
+from ..graphics.camera import VIEWS
 from ..model.arrays import positions_of
 from ..model.scene_file import MeasuredScene, load_scene, scene_names
 from ..model.texts import length_text, modes_text
@@ -74,6 +75,7 @@ class Explore:
     def __init__(self, page: LessonPage, lessons: LessonsTab):
         self._page, self._lessons, overlay = page, lessons, page.panels.overlay
         overlay.on("scene", self._open)
+        overlay.on("look", self._look)
         commands = {
             "play": lambda viewer, _: self._play(viewer),
             "onestep": lambda viewer, _: viewer.tabs.run_bar.press("Step"),
@@ -104,6 +106,12 @@ class Explore:
         require_choice("scene", name, scene_names())
         self._lessons.leave()
         self._page.open(OpenRequest(load_scene(name), fewer_modes=True))
+
+    def _look(self, client: viser.ClientHandle, view: str) -> None:
+        """Place the camera of the browser that asks."""
+        require_choice("view", view, VIEWS)
+        if self._page.viewer is not None:
+            self._page.viewer.tabs.look(client, view)
 
     @staticmethod
     def _play(viewer: Viewer) -> None:
@@ -140,6 +148,7 @@ class Explore:
             f"<path d='{run_curve(viewer.view)}'/></svg>"
             f"<input type='range' data-do='state' aria-label='State of the run' min='0' max='{max(count - 1, 1)}'"
             f" value='{viewer.view.index}'{'' if count > 1 else ' disabled'}></div>"
+            "<button class='view' data-do='look=top'>Top</button><button class='view' data-do='look=close'>3-D</button>"
             f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'>{self._drawn(viewer)}"
             f"<span><b>{escape(title or viewer.run.scene.title)}</b>"
             f"<small>{escape(waiting) or self._status(viewer)}</small></span></button>"

@@ -94,9 +94,14 @@ def _place_camera(view: str) -> Callable:
     return lambda page, client: page.nodes.cameras.request(client, view)
 
 
-def _look_from_the_side(page, client) -> None:
-    if page.viewer is not None:
-        page.viewer.tabs.look(client, "close")
+def _look(view: str) -> Callable:
+    """Place the camera, and let the map rise or lie down."""
+
+    def do(page, client) -> None:
+        if page.viewer is not None:
+            page.viewer.tabs.look(client, view)
+
+    return do
 
 
 KEYS = (
@@ -118,9 +123,9 @@ KEYS = (
     Key("Y", "Trails", _with_tabs(_toggle_trails)),
     Key("K", "Dark or light page", _with_tabs(_toggle_dark)),
     Key("H", "Lecture mode: large type, panels folded away", _with_tabs(_toggle_lecture)),
-    Key("1", "Plan view", _place_camera("top")),
+    Key("1", "Plan view", _look("top")),
     Key("2", "Whole room", _place_camera("3d")),
-    Key("3", "3-D view of the array", _look_from_the_side),
+    Key("3", "3-D view of the array", _look("close")),
     Key("J", "Next step of the lesson", lambda page, client: page.lessons.go(NEXT)),
     Key("J", "Previous step of the lesson", lambda page, client: page.lessons.go(BACK), "shift"),
 )

@@ -257,9 +257,9 @@ class Tabs:
         return (tab for tab in vars(self).values() if isinstance(tab, Tab))
 
     def look(self, client: viser.ClientHandle, view: str) -> None:
-        """Place the camera of one browser; a map that lies flat rises for the view from the side."""
-        if view == "close":
-            self.map.rise()
+        """Place the camera of one browser; a flat map rises to be seen from the side, and lies down again."""
+        if view in ("close", "top"):
+            (self.map.rise if view == "close" else self.map.lie)()
         self._place(client, view)
 
     def refresh(self) -> None:
