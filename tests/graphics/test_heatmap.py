@@ -4,8 +4,6 @@ Colours that colour-blind eyes tell apart: distances in CIELAB after the simulat
 of Machado, Oliveira and Fernandes.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import matplotlib
