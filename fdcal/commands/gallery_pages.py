@@ -7,11 +7,13 @@ import numpy as np
 
 from ..cost.reference_cost import reference_cost_of
 from ..graphics.gallery import Entry, index_html, picture_of, race_html
+from ..graphics.lesson_page import lesson_html
 from ..graphics.replay import replay_html
 from ..model.texts import parse_modes
 from ..session.calibration_run import problem_of, states_of
 from ..session.comparison import timed_states
 from ..session.history import recorded
+from ..session.lesson import load_lesson
 from ..session.sources import CalibrationInput, with_settings
 from .options import scene_of
 from .plotting import counted_microphones
@@ -63,6 +65,12 @@ SHOWS = (
         "Gains differ by 1 dB and 5 degrees, one channel is inverted and one is dead: the solver finds both.",
     ),
 )  # fmt: skip
+# What the index says of each lesson that it holds.
+LESSONS = {
+    "1_many_minima": "Why one frequency is not enough: a question, an answer, and a microphone to drag.",
+    "2_joint_minimum": "Add frequencies one after the other, and one minimum is left.",
+    "3_too_many_too_soon": "Sixteen microphones from a random start: take steps of descent, and joint steps, yourself.",
+}
 RACE, RACERS = "tiny", ("descent", "joint")
 RACE_TITLE = "A race: descent beside joint"
 RACE_TEXT = (
@@ -75,13 +83,21 @@ Progress = Callable[..., None]
 
 def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
     """Yield name and text of each file, the index last; `progress` gets the fraction done and a note."""
-    entries, count = [], len(SHOWS) + 1
-    for i, show in enumerate(SHOWS):
+    entries, count = [], len(LESSONS) + len(SHOWS) + 1
+    files = [f"lesson-{number}.html" for number, _ in enumerate(LESSONS, 1)]
+    for i, (name, text) in enumerate(LESSONS.items()):
+        progress(i / count, name)
+        lesson = load_lesson(name)
+        page, picture = lesson_html(lesson, files[i + 1] if i + 1 < len(files) else "")
+        figures = f"lesson, {len(lesson.steps)} steps, {len(page) / 1e6:.2f} MB"
+        entries.append(Entry(files[i], f"Lesson {lesson.title}", text, figures, picture))
+        yield files[i], page
+    for i, show in enumerate(SHOWS, len(LESSONS)):
         progress(i / count, show.scene)
         text, entry = _run(show)
         entries.append(entry)
         yield f"{show.name}.html", text
-    progress(len(SHOWS) / count, "race")
+    progress(1 - 1 / count, "race")
     for name, text in _race(entries):
         yield name, text
     yield "index.html", index_html(TITLE, INTRODUCTION, entries, f"{OPENING.name}.html#{OPENING.address}&opening=on")
