@@ -6,8 +6,6 @@ fast as that is, and on the server, 60 times a second. Frames are the browser's 
 command to the page's first microphones, the browser running already. FDCAL_WARM_ONLY leaves the cold start out.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -24,7 +22,7 @@ from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer.scene3d import cameras
 
-from .pages import Served, ServedEmpty, chromium, open_page, slider, wait_for_node
+from .pages import WAIT, Served, ServedEmpty, chromium, open_page, slider, wait_for_node
 from .report import Figure
 from .watched import DRAG
 
@@ -44,10 +42,25 @@ FRAMES = """seconds => new Promise(resolve => {
 })"""
 
 
+# When the browser has painted the largest picture of the page so far, and when viser has the relief, ms.
+PAINTED = """
+window.painted = {map: 0, relief: 0};
+new PerformanceObserver(list => {
+    for (const entry of list.getEntries()) if (entry.element?.tagName == "IMG") painted.map ||= entry.startTime;
+}).observe({type: "largest-contentful-paint", buffered: true});
+const look = () => {
+    if (window.__viserMutable?.nodeRefFromName?.["/relief"]?.children.length) painted.relief = performance.now();
+    else requestAnimationFrame(look);
+};
+look();
+"""
+
+
 def run() -> list[Figure]:
     figures = [Figure("load of the machine, mean of the last minute, before", os.getloadavg()[0], "")]
     with chromium() as browser:
-        figures += [] if os.environ.get("FDCAL_WARM_ONLY") else _cold(browser)
+        figures += [] if os.environ.get("FDCAL_WARM_ONLY") else [*_opening(browser, cold=True), *_cold(browser)]
+        figures += _opening(browser)
         first = _first_picture(browser)
         with Served(SCENE, {"name": "descent"}, watched=True) as served:
             page = open_page(browser, served.url)
@@ -81,6 +94,26 @@ def _cold(browser) -> list[Figure]:
     return [
         Figure(f"first picture of {SCENE}, cold caches", first, "s", "below 60", first < 60),
         Figure("the page shows its progress after", shown, "s", "shown", shown < first),
+    ]
+
+
+def _opening(browser, cold: bool = False) -> list[Figure]:
+    """`fdcal view` without a scene, started for this page: from the navigation to the first map, which the page's HTML
+    brings, and to the relief that viser draws, by the browser's own clock."""
+    with Served("", {}, cold=cold) as served:
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.set_default_timeout(WAIT)
+        page.add_init_script(PAINTED)
+        page.goto(served.url)
+        page.wait_for_function("() => Object.values(window.painted).every(time => time > 0)")
+        seen = page.evaluate("window.painted")
+        page.close()
+    caches = "cold caches" if cold else "warm caches"
+    return [
+        Figure(
+            f"the opening, {caches}: navigation to its first map", 1e-3 * seen["map"], "s", "below 1", seen["map"] < 1e3
+        ),
+        Figure("the same until viser has drawn the relief", 1e-3 * seen["relief"], "s"),
     ]
 
 

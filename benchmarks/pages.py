@@ -54,7 +54,8 @@ class Served:
 
     def _command(self) -> list[str]:
         program = ["benchmarks.watched", str(self._log)] if self._watched else ["fdcal"]
-        return [sys.executable, "-m", *program, "view", str(self._scene), "--port", "0", "--no-browser"]
+        scene = [str(self._scene)] if self._scene else []  # without one the opening plays
+        return [sys.executable, "-m", *program, "view", *scene, "--port", "0", "--no-browser"]
 
     def __exit__(self, *_) -> None:
         start = time.perf_counter()

@@ -1,12 +1,17 @@
 """Write the files with which the page opens before anything is computed: `python docs/opening.py`.
 
-They are the measurement of the scene of the opening, and its maps (`fdcal.viewer.opening`). Run it again whenever the
-simulation, the cost or the rule for local minima changes; tests/viewer/test_opening.py compares both with computation.
+They are the measurement of the scene of the opening, its maps, and the first picture of its film as a part of the
+page's HTML (`fdcal.viewer.opening`). Run it again whenever the simulation, the cost, the rule for local minima or the
+look of a relief changes; tests/viewer/test_opening.py compares all with computation. `--still` writes the picture
+alone.
 """
 
-from __future__ import annotations
+import base64
+import io
+import sys
 
 import numpy as np
+from PIL import Image
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -16,14 +21,42 @@ from fdcal.cost.maps import map_minima, partial_sums
 from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.viewer import opening
+from fdcal.viewer import app, opening
 
 FIRST = 92  # the mode whose map has most local minima that a finer lattice has, too; lower modes are added to it
 SUMMED = (1, 2, 3, 4, 6, 9, 14, 22, 37, 60, 92)
 
 
 def main() -> None:
-    """Write both files."""
+    """Write the files."""
+    if "--still" not in sys.argv:
+        write_maps()
+    write_still()
+
+
+def write_still() -> None:
+    """Write the first picture of the film, light and dark, and its words, as a part of the page's HTML."""
+    measurement = opening.opening_request().measurement
+    if measurement is None:
+        raise ValueError("the opening has a measurement")
+    projector, parts = opening.Projector(measurement), []
+    for dark in (False, True):
+        pixels, file = opening.still(projector, dark), io.BytesIO()
+        drawn = np.any(pixels != pixels[0, 0], axis=-1, keepdims=True)  # the page is seen around it
+        image = Image.fromarray(np.concatenate([pixels, np.uint8(255) * drawn.astype(np.uint8)], axis=-1))
+        image.save(file, "WEBP", quality=opening.STILL_QUALITY, method=6)
+        print(f"{'dark' if dark else 'light'}: {image.size[0]} x {image.size[1]} pixels, {len(file.getvalue())} bytes")
+        parts.append(f"data:image/webp;base64,{base64.b64encode(file.getvalue()).decode()}")
+    light, dark = parts
+    app.STILL.write_text(
+        f'<div id="fdcal-still" data-words="{projector.film.at(0.0).words}"><picture>'
+        f'<source srcset="{dark}" media="(prefers-color-scheme: dark)"><img src="{light}" alt=""></picture></div>\n',
+        encoding="utf-8",
+    )
+
+
+def write_maps() -> None:
+    """Write the measurement and the maps."""
     scene = load_scene(opening.SCENE)
     measurement, n = cached_measurement(scene), opening.MICROPHONE
     problem, solver = measurement.problem(), solvers.load(scene.solver.name)

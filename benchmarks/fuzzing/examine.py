@@ -17,7 +17,6 @@ import numpy as np
 
 from fdcal.model.validation import InputError, StorageError
 
-from .mutations import broken
 from .readers import READERS, Reader
 
 SECONDS = 10  # of processor time for one file
@@ -73,7 +72,7 @@ def faults(name: str, first: int, count: int) -> list[str]:
         if fault := fault_of(reader, path):
             return [f"{name}: the file that is not broken: {fault}"]
         for case in range(first, first + count):
-            path.write_bytes(broken(good, np.random.default_rng([case, *name.encode()])))
+            path.write_bytes(reader.mutate(good, np.random.default_rng([case, *name.encode()])))
             if fault := fault_of(reader, path):
                 found.append(f"{name}, case {case}: {fault}")
     return found

@@ -26,6 +26,9 @@ from fdcal.session import session_file
 from fdcal.session.lesson import lesson_folder, load_lesson
 from fdcal.session.sources import check_scene
 
+from .hdf5 import broken_structure
+from .mutations import broken
+
 
 @dataclass(frozen=True)
 class Reader:
@@ -36,13 +39,17 @@ class Reader:
     suffix : of its files
     make : writes a good file
     read : reads a file, and raises AssertionError for an object that is not in order
-    apart : whether a C library reads it, so that a fault may end the process
+    apart : whether a C library reads it in this process, so that a fault may end it
+    mutate : breaks the content of a file
+    cases : of the tests
     """
 
     suffix: str
     make: Callable[[Path], object]
     read: Callable[[Path], object]
     apart: bool = False
+    mutate: Callable[[bytes, np.random.Generator], bytes] = broken
+    cases: int = 200
 
 
 def measurement(count: int = 8, modes: int = 6) -> Measurement:
@@ -214,8 +221,8 @@ READERS = {
     "archive": Reader(".npz", _make_recordings, _read_recording),
     "wav": Reader(".wav", _make_sound, _read_recording),
     "flac": Reader(".flac", _make_sound, _read_recording),
-    "hdf5": Reader(".h5", _make_hdf5, _read_recording, apart=True),
-    "sofa": Reader(".sofa", _make_sofa, _read_recording, apart=True),
+    "hdf5": Reader(".h5", _make_hdf5, _read_recording, mutate=broken_structure, cases=12),
+    "sofa": Reader(".sofa", _make_sofa, _read_recording, mutate=broken_structure, cases=12),
     "meshrir": Reader(".npz", _make_meshrir, _read_meshrir),
     "sdm": Reader(".mat", _make_sdm, _read_sdm, apart=True),
     "geometry": Reader(".xml", _make_geometry, _read_geometry),

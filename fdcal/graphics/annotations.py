@@ -8,10 +8,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, project
 from .legend import ROW, Entry, draw_legend, legend_of, legend_rows
-from .primitives import ColourBar, Picture, Theme
+from .primitives import ColourBar, Label, Picture, Theme, by_rank, halo_of
 
 ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label, to Pillow's
-WHITE = (255, 255, 255)
 SMALLEST_FONT = 6  # pixels
 LEGEND_EDGE = 20  # pixels left and right of the legend, at a 16-pixel font
 
@@ -49,19 +48,37 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
     size, scale = image.size, text_scale(image.size)
     draw = ImageDraw.Draw(image)
     letters = font(16 * scale)
-    positions = np.array([label.position for label in picture.labels]).reshape(-1, 3)
-    theme = picture.theme
-    for label, (x, y) in zip(picture.labels, project(camera, size, positions), strict=True):
-        vertical, horizontal = label.anchor.split("-")
-        anchor = ANCHORS[horizontal] + ANCHORS[vertical]
-        outline = theme.background if label.colour == theme.foreground else WHITE  # a text that is black on any
-        _write(draw, (float(x), float(y)), label.text, letters, label.colour, anchor, outline, scale)
+    for label, place in uncovered(draw, picture, camera, letters):
+        outline = halo_of(label.colour, picture.theme)
+        _write(draw, place, label.text, letters, label.colour, anchor(label), outline, scale)
     _draw_title(draw, picture, scale)
     corner = LEGEND_EDGE * scale, size[1] - legend_height(picture, size) - LEGEND_EDGE / 4 * scale
     draw_legend(image, _legend(picture, size), corner, letters, picture.theme)
     if picture.bar is not None:
         _draw_bar(draw, picture.bar, picture.theme, letters, _bar_place(picture, camera, size))
     return np.asarray(image)
+
+
+def uncovered(draw, picture: Picture, camera: Camera, letters) -> list[tuple[Label, tuple[float, float]]]:
+    """The texts of a scene and their pixels, without those that would cover one that comes before, as on the page."""
+    labels, taken, seen = by_rank(picture.labels), [], []
+    places = project(camera, draw.im.size, np.array([label.position for label in labels]).reshape(-1, 3)).tolist()
+    heights = [y for label, (_, y) in zip(labels, places, strict=True) if label.name.startswith("frame/z")]
+    upright = bool(heights) and max(heights) - min(heights) > 4 * letters.size
+    for label, (x, y) in zip(labels, places, strict=True):
+        if label.name.startswith("frame/z" if not upright else "frame/range"):
+            continue
+        a, b, c, d = draw.textbbox((x, y), label.text, font=letters, anchor=anchor(label))
+        if all(a > right or c < left or b > bottom or d < top for left, top, right, bottom in taken):
+            taken.append((a, b, c, d))
+            seen.append((label, (x, y)))
+    return seen
+
+
+def anchor(label: Label) -> str:
+    """Return the anchor of a text as Pillow has it."""
+    vertical, horizontal = label.anchor.split("-")
+    return ANCHORS[horizontal] + ANCHORS[vertical]
 
 
 def _write(draw, place: tuple[float, float], text: str, letters, colour, anchor: str, outline, scale: float) -> None:

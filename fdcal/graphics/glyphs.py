@@ -143,5 +143,19 @@ def ruler(
     ends[:, 0, 1 - axis], ends[:, 1, 1 - axis] = across, across - length
     places = ends[:, 1].copy()
     places[:, 1 - axis] -= 0.6 * length
+    return ends, places, tick_texts(values)
+
+
+def upright_ruler(corner, low: float, high: float, length: float) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return the ticks of heights along a vertical edge at `corner` (2,), to the side of low x; else as `ruler`."""
+    values = round_ticks(low, high, 5)
+    ends = np.zeros((len(values), 2, 3))
+    ends[..., :2], ends[..., 2] = corner, values[:, None]
+    ends[:, 1, 0] -= length
+    return ends, ends[:, 1] - [0.6 * length, 0.0, 0.0], tick_texts(values)
+
+
+def tick_texts(values: np.ndarray) -> tuple[str, ...]:
+    """Return evenly spaced numbers with as many decimals as tell them apart, as "1.2"."""
     decimals = max(0, -int(np.floor(np.log10(values[1] - values[0])))) if len(values) > 1 else 2
-    return ends, places, tuple(f"{value:.{decimals}f}" for value in values)
+    return tuple(f"{value:.{decimals}f}" for value in values)

@@ -10,6 +10,7 @@ import numpy as np
 from ..model.measurement import Measurement
 from ..model.scene import Scene
 from . import glyphs
+from .heatmap import relief_sides
 from .markers import (
     ESTIMATE,
     LOWEST,
@@ -150,7 +151,11 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
 
     None removes the map.
     """
-    if floor is None or not floor.show_minima:
+    if floor is None:
+        return replace(picture, floor=None)
+    if floor.heights is not None:
+        picture = replace(picture, meshes=picture.meshes + relief_sides(floor, picture.theme))
+    if not floor.show_minima:
         return replace(picture, floor=floor)
     radius = picture.marker_radius
     diamond = radius * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
@@ -244,5 +249,5 @@ def _with_selected(
     if picture.z_range[1] > base:  # ties the microphone to the map below it
         drawn += (lines("selected/stem", glyphs.stems(cross, base), ESTIMATE, 2.0),)
     (x, y), anchor = name_place(name, position[:2], marks, picture.focus, radius)
-    label = Label("selected/name", name, (x, y, float(cross[0, 2])), TRUE, anchor)
+    label = Label("selected/name", name, (x, y, float(cross[0, 2])), picture.theme.foreground, anchor)
     return replace(picture, lines=drawn, meshes=meshes, labels=(*picture.labels, label))

@@ -29,7 +29,7 @@ class Theme:
     @property
     def quiet(self) -> Colour:
         """Of texts that give way to others of the same kind: between foreground and background, still legible."""
-        red, green, blue = (round(0.62 * a + 0.38 * b) for a, b in zip(self.foreground, self.background, strict=True))
+        red, green, blue = (round(0.68 * a + 0.32 * b) for a, b in zip(self.foreground, self.background, strict=True))
         return red, green, blue
 
 
@@ -45,6 +45,26 @@ def theme_of(dark: bool, lecture: bool = False) -> Theme:
     if lecture:
         return LECTURE_DARK if dark else LECTURE_LIGHT
     return DARK if dark else LIGHT
+
+
+CONTRAST = 4.5  # least of a text and its halo, as WCAG 2 asks for
+
+
+def contrast(one: Colour, other: Colour) -> float:
+    """Return the contrast of two colours by WCAG 2, 1 to 21."""
+    dark, bright = sorted(np.dot(linear(colour), (0.2126, 0.7152, 0.0722)) for colour in (one, other))
+    return float((bright + 0.05) / (dark + 0.05))
+
+
+def linear(colour: Colour) -> np.ndarray:
+    """Return the linear light (3,), 0 to 1, of an sRGB colour."""
+    share = np.asarray(colour) / 255
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+
+
+def halo_of(colour: Colour, theme: Theme) -> Colour:
+    """Return the colour around the letters of a text: the background's, or white where that has too little contrast."""
+    return theme.background if contrast(colour, theme.background) >= CONTRAST else (255, 255, 255)
 
 
 def fractions(colour: Colour) -> tuple[float, float, float]:
@@ -70,6 +90,7 @@ class ColourBar:
     label: str  # name and unit
     clipped: bool = False  # whether lower values than `low` exist, which share its colour
     colour_map: str = COLOUR_MAP  # of matplotlib.colormaps
+    capped: bool = False  # whether higher values than `high` exist, which share its colour
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:
@@ -194,6 +215,16 @@ class Label:
     position: tuple[float, float, float]  # (3,), metres
     colour: Colour
     anchor: Anchor = "center-center"  # the part of the text that lies at the point, as in "center-left"
+
+
+def by_rank(labels: Iterable[Label]) -> list[Label]:
+    """Return texts in the order in which they take their place: names, names of axes, numbers, those of z last."""
+
+    def rank(label: Label) -> tuple[bool, bool, int]:
+        number = label.name.startswith("frame/")
+        return number, label.name.startswith("frame/z"), len(label.name) if number else label.name != "selected/name"
+
+    return sorted(labels, key=rank)
 
 
 @dataclass(frozen=True)

@@ -88,8 +88,11 @@ def camera_of(picture: Picture, size: tuple[int, int], view: str) -> Camera:
     return camera_for(picture, size, view, margins(picture, size))
 
 
-def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
-    """Return the image (H, W, 3) uint8, on the main thread of a process with a GL library."""
+def draw(picture: Picture, size: tuple[int, int], view: str, camera: Camera | None = None) -> np.ndarray:
+    """Return the image (H, W, 3) uint8, on the main thread of a process with a GL library.
+
+    `camera`: in place of that of `view`.
+    """
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
     import pyvista
 
@@ -100,7 +103,7 @@ def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
     else:
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
     plotter.set_background(fractions(picture.theme.background))
-    camera = camera_of(picture, size, view)
+    camera = camera or camera_of(picture, size, view)
     if picture.floor is not None:
         _add_floor(plotter, pyvista, picture.floor)
     for mesh in picture.meshes:

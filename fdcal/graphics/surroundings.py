@@ -94,9 +94,8 @@ def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[
     for axis, (low, high, across, anchor) in enumerate(edges):
         ticks, places, texts = glyphs.ruler(low, high, across, axis, 1.2 * marker_radius, level)
         pieces.append(ticks)
-        for i, ((x, y, z), text) in enumerate(zip(places.tolist(), texts, strict=True)):
-            labels.append(Label(f"frame/{'xy'[axis]}{i}", text, (x, y, z), theme.foreground, anchor))
-    labels.append(Label("frame/x", "x (m)", (x1, y0 - 5.0 * marker_radius, level), theme.foreground, "top-right"))
+        labels += _numbers("xy"[axis], places, texts, theme, anchor)
+    labels.append(Label("frame/x", "x (m)", (x1, y0 - 6.0 * marker_radius, level), theme.foreground, "top-right"))
     labels.append(Label("frame/y", "y (m)", (x0, y1 + 2.0 * marker_radius, level), theme.foreground, "bottom-center"))
     return (lines("frame", np.concatenate(pieces), theme.foreground, 1.5),), tuple(labels)
 
@@ -104,20 +103,33 @@ def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[
 def upper_frame(
     focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme
 ) -> tuple[tuple[Lines, ...], tuple[Label, ...]]:
-    """Return the edges of a search domain in space above its base.
+    """Return the edges of a search domain in space above its base, with a ruler of heights at its left edge.
 
-    From the top they coincide, so that one label gives the whole range of heights.
+    From the top its numbers coincide, and one label gives the whole range of heights.
     """
     x0, y0, x1, y1 = focus
     low, high = z_range
     corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
     uprights = glyphs.stems(glyphs.lift(corners, low), high)
+    ticks, places, texts = glyphs.upright_ruler((x0, y1), low, high, 1.2 * marker_radius)
     text = f"z {low:.2f} to {high:.2f} m"
-    label = Label("frame/z", text, (x1, y1 + marker_radius, high), theme.foreground, "bottom-right")
+    labels = (
+        Label("frame/range", text, (x1, y1 + marker_radius, high), theme.foreground, "bottom-right"),
+        Label("frame/z", "z (m)", (x0, y1, high + 3 * marker_radius), theme.foreground, "bottom-center"),
+        *_numbers("z", places, texts, theme, "center-right"),
+    )
     return (
         lines("frame_uprights", uprights, theme.grid, 1.5),
-        lines("frame_top", glyphs.loop(corners, high), theme.foreground, 1.0),
-    ), (label,)
+        lines("frame_top", np.concatenate([glyphs.loop(corners, high), ticks]), theme.foreground, 1.0),
+    ), labels
+
+
+def _numbers(axis: str, places: np.ndarray, texts: tuple[str, ...], theme: Theme, anchor: Anchor) -> list[Label]:
+    """The numbers of a ruler at `places` (T, 3), metres."""
+    return [
+        Label(f"frame/{axis}{i}", text, (x, y, z), theme.foreground, anchor)
+        for i, ((x, y, z), text) in enumerate(zip(places.tolist(), texts, strict=True))
+    ]
 
 
 def room_and_source(
@@ -157,9 +169,11 @@ def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines
         sources = np.array(scene.emitter.places, float)
         feet = np.concatenate([glyphs.lift(vertices, height), sources[: len(sources) == 1]])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
-        meshes, before = (), (lines("room/box", box, theme.grid, 2.0),)
+        meshes, before = (), (lines("room/box", box, theme.grid, 1.0),)
     else:
         edges = np.concatenate([edges, glyphs.loop(vertices, height)])
         meshes, before = (mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12),), ()
     grid_lines = lines("room/grid", grid, theme.grid, 1.0)
-    return (*before, grid_lines, lines("room/edges", edges, theme.foreground, 2.0)), meshes
+    strong = not before  # the edges of a room that is higher than the array cross the picture of it
+    colour, width = (theme.foreground, 2.0) if strong else (theme.quiet, 1.0)
+    return (*before, grid_lines, lines("room/edges", edges, colour, width)), meshes

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..model.declared import require_positive
-from ..model.validation import InputError, frozen_array, require_array
+from ..model.validation import LIMITS, InputError, frozen_array, require_array
 
 KINDS = ("impulse", "stationary")
 OLD_KINDS = {"response": "impulse", "work": "stationary"}  # spellings that older files and scripts contain
@@ -120,10 +120,12 @@ def read_samples(recording: Recording, start: int, stop: int, channels=None) -> 
         problem = f"{recording.path} is truncated: some of the samples {start} to {stop} are missing"
         raise InputError(problem, "copy the file again")
     values = values.astype(float)
-    bad = np.argwhere(~np.isfinite(values))
-    if len(bad):
-        name, sample = recording.names[channels[bad[0][0]]], start + int(bad[0][1])
-        problem = f'{recording.path}: sample {sample} of channel "{name}" is not a finite number'
+    usable = np.abs(values) <= LIMITS.strongest  # False for NaN
+    if not np.all(usable):
+        row, column = np.argwhere(~usable)[0]
+        name, wrong = recording.names[channels[row]], values[row, column]
+        what = f"{wrong:.3g}, too large for a sound" if np.isfinite(wrong) else "not a finite number"
+        problem = f'{recording.path}: sample {start + int(column)} of channel "{name}" is {what}'
         remedy = f"repair the file, or leave out the channel: <leave_out> {name}"
         raise InputError(problem, remedy, key="leave_out", value=name)
     return values

@@ -1,13 +1,14 @@
 """Serve the page until Ctrl-C."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from ..session.lesson import Lesson
 from ..session.request import OpenRequest
 from .server.hardening import open_server, without_output
 from .server.process import Interrupt, error_log, share_one_heap
+
+STILL = Path(__file__).with_name("opening.html")  # the first picture of the opening
 
 
 def serve(
@@ -30,8 +31,10 @@ def serve(
     """
     share_one_heap()
     with Interrupt() as interrupt, error_log():
-        server = open_server(host, port)
-        page = None
+        page = opening = None
+        film = request is None and begin is None
+        begins = lambda: film and (opening is None or opening.begins)  # noqa: E731
+        server = open_server(host, port, lambda: STILL.read_text(encoding="utf-8") if begins() else "")
         try:
             server.gui.configure_theme(show_share_button=False, show_logo=False)
             server.gui.set_panel_label("fdcal")
@@ -42,7 +45,7 @@ def serve(
             from .scene3d.nodes import SceneNodes
 
             nodes = SceneNodes(server)
-            opening = Opening(nodes) if request is None and begin is None else None
+            opening = Opening(nodes) if film else None
             if request is not None and begin is None:
                 show_cached(nodes, request)
             from .page import Page

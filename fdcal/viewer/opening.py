@@ -3,6 +3,7 @@
     Film     what is shown, read from a file that comes with fdcal: nothing is simulated or compiled before it plays
     Moment   what it shows at one time
     Opening  plays the film in the scene until somebody touches anything
+    still    its first picture, which stands in the page's HTML (`app.STILL`) until the browser has drawn the scene
 
 `docs/opening.py` writes the files. The film ends with one button; the session is shown when that is pressed.
 """
@@ -17,6 +18,7 @@ import numpy as np
 
 from ..cost.scale import Minima
 from ..graphics.ball import along, with_ball
+from ..graphics.camera import camera_for
 from ..graphics.heatmap import cost_floor
 from ..graphics.picture import compose
 from ..graphics.primitives import Floor, Picture
@@ -29,6 +31,7 @@ from .scene3d.nodes import SceneNodes
 
 SCENE, MICROPHONE = "fig1_square", 16
 MEASUREMENT, MAPS = (Path(__file__).with_name(f"opening_{name}.npz") for name in ("measurement", "maps"))
+STILL_SIZE, STILL_QUALITY = (1280, 720), 72  # pixels of the canvas whose picture it is a part of; of the WebP files
 LOWEST = -160.0  # dB, that the file of the maps can hold
 LEVELS = 2**16 - 1
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
@@ -156,6 +159,24 @@ class Projector:
         return replace(floor, show_minima=still)
 
 
+def still(projector: Projector, dark: bool) -> np.ndarray:
+    """Return the first picture of the film (H, W, 3) uint8: what fills a canvas of STILL_SIZE within MARGINS.
+
+    It has no labels, and is no wider than its map: the page fits it into the MARGINS of any canvas, as the camera does.
+    """
+    from ..graphics.snapshot import draw
+
+    moment = projector.film.at(0.0)
+    picture = projector.picture(moment, dark)
+    (left, bottom, right, top), (width, height) = MARGINS, STILL_SIZE
+    camera = camera_for(picture, STILL_SIZE, "close", MARGINS)
+    narrow = (camera_for(picture, (less, height), "close", MARGINS).height for less in range(height // 2, width, 2))
+    width = height // 2 + 2 * next(i for i, seen in enumerate(narrow) if seen < 1.001 * camera.height)
+    camera = camera_for(picture, (width, height), "close", MARGINS)
+    bare = replace(picture, labels=(), floor=replace(projector.floor(moment), bar=None))
+    return draw(bare, (width, height), "close", camera)[top : height - bottom, left : width - right]
+
+
 class Opening:
     """Plays the film in the scene; called by the main loop.
 
@@ -178,6 +199,11 @@ class Opening:
         nodes.cameras.view, nodes.cameras.margins = "close", MARGINS
         nodes.cameras.set_initial(picture)
         nodes.show(picture)
+
+    @property
+    def begins(self) -> bool:
+        """Whether a browser that comes now sees the film from its beginning."""
+        return self.playing and not self._nodes.cameras.placed
 
     def end(self) -> None:
         """Stop, and leave the scene to the session. Any thread."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fields import bessel_kernel, plane_wave
+from fields import plane_wave
 from scipy.special import hankel2, jv, spherical_jn, spherical_yn, yv
 
 from fdcal.acoustics.dictionary import degrees, fourier_bessel, spherical_bessel
@@ -93,15 +93,6 @@ def test_the_matrices_of_a_diffuse_field_are_its_kernel_between_all_pairs(dimens
         diffuse_matrices(np.full_like(x, np.nan), K, dimension, False)
 
 
-@pytest.mark.parametrize(("dimension", "D"), ARRAYS)
-def test_the_series_of_a_real_wavenumber_is_a_diffuse_field(dimension, D):
-    x = array(D)
-    matrices, slope = series_kernel(x, None, K, dimension)
-    expected, S = diffuse_matrices(x, K, dimension, True)
-    np.testing.assert_allclose(matrices, expected, atol=1e-8)
-    np.testing.assert_allclose(slope, np.moveaxis(S[..., None] * (x[:, None] - x), -1, 0), atol=1e-6)
-
-
 @pytest.mark.parametrize("near", [False, True])
 @pytest.mark.parametrize("damping", [0.0, 0.05, 1.0])
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
@@ -120,19 +111,6 @@ def test_the_series_is_the_covariance_of_the_dictionary_with_its_gains(dimension
         np.testing.assert_allclose(found[m], expected, rtol=0, atol=1e-12 * np.abs(expected).max())
     kernel = lambda y: series_kernel(y, about, k, dimension, near, False)[0]  # noqa: E731
     assert_slope(kernel, x, slope, 1e-8 * np.abs(slope).max())
-
-
-@pytest.mark.parametrize("damping", [0.0, 0.05])
-@pytest.mark.parametrize(("dimension", "D"), ARRAYS)
-def test_waves_of_equal_power_from_everywhere_are_the_series(dimension, D, damping):
-    x, k = array(D), K - 1j * damping if damping else K
-    centre = expansion_about(x, k, dimension, False)[0]
-    about = x + (centre - x.mean(axis=0))
-    ones = np.ones((len(K), directions_needed(x, 2 * K, dimension)))
-    found = plane_wave_kernel(x, about, k, ones, True, dimension)
-    expected = series_kernel(x, None, k, dimension, False)
-    np.testing.assert_allclose(found[0], expected[0], atol=1e-8)
-    np.testing.assert_allclose(found[1], expected[1], atol=1e-6)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.2])
@@ -167,19 +145,6 @@ def test_products_with_the_slope_of_plane_waves_need_no_slope(dimension, D, damp
     np.testing.assert_allclose(g, np.einsum("amij,mj->ami", slope, u), rtol=1e-9, atol=1e-10 * np.abs(g).max())
     expected = np.einsum("amij,mij->ami", slope, np.conj(P)).real
     np.testing.assert_allclose(traced, expected, rtol=1e-9, atol=1e-10 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize(("dimension", "D"), ARRAYS)
-def test_every_covariance_is_hermitian_and_not_negative(dimension, D):
-    x = array(D)
-    for found in (
-        diffuse_matrices(x, K, dimension, False)[0],
-        series_kernel(x, None, K - 0.1j, dimension, True, False)[0],
-        plane_wave_kernel(x, x, K - 0.1j, lopsided(x, dimension), False, dimension)[0],
-        plane_wave_kernel(x, x, K, lopsided(x, dimension), False, dimension)[0],
-    ):
-        np.testing.assert_allclose(found, np.conj(found.swapaxes(1, 2)), atol=1e-10 * np.abs(found).max())
-        assert np.linalg.eigvalsh(found).min() > -1e-9 * np.abs(found).max()
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -348,16 +313,6 @@ def test_positions_that_are_not_finite_have_no_expansion(D):
             expansion_about(x, WAVENUMBERS, D, False)
 
 
-def test_circular_waves_of_ample_order_are_a_diffuse_field():
-    """Graf's addition theorem: the sum over all orders is J_0(k r) whatever the centre."""
-    x = places(count=15)
-    centre, orders, gains = expansion_about(x, WAVENUMBERS, 2, False)
-    W, _ = circular_waves(x, centre, WAVENUMBERS, orders, gains, False)
-    assert W.dtype == float
-    for k, one in zip(WAVENUMBERS, W, strict=True):
-        np.testing.assert_allclose(one.T @ one, bessel_kernel(x, k), atol=1e-8)
-
-
 @pytest.mark.parametrize("damping", [0.0, 0.2])
 def test_circular_waves_are_the_dictionary_of_the_paper_after_a_unitary_map(damping):
     """Also with gains, and with an order that is lower than the highest: its other columns are zero."""
@@ -394,13 +349,6 @@ def test_a_plane_wave_is_a_sum_of_circular_waves_by_jacobi_and_anger():
     alpha = np.concatenate([[1.0], np.stack([factor * np.cos(l * angle), factor * np.sin(l * angle)], axis=1).ravel()])
     found = circular_dictionary(x, k, L, centre) @ alpha
     np.testing.assert_allclose(found * plane_wave(centre[None], k, angle), plane_wave(x, k, angle), atol=1e-12)
-
-
-def test_the_first_columns_are_the_dictionary_of_a_lower_order():
-    x = places()
-    high, low = (circular_dictionary(x, WAVENUMBERS[2], L, x.mean(axis=0)) for L in (9, 4))
-    np.testing.assert_allclose(high[:, :9], low, atol=1e-14)
-    assert high.shape == (len(x), 19)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -14,9 +14,10 @@ import dataclasses
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image, ImageDraw
 
 from fdcal import solvers
-from fdcal.graphics import glyphs
+from fdcal.graphics import annotations, glyphs
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE, solver_mark
@@ -307,6 +308,23 @@ def test_a_measured_room_has_no_walls_and_no_source_in_any_picture():
     assert (pixels >= 0).all() and (pixels <= (640, 480)).all(), "there is no floor at z = 0 to stand on"
 
 
+def test_heights_have_a_ruler_where_it_shows_and_no_text_covers_another():
+    scene = load_scene("ball3d")
+    picture = static_picture(scene, listen(positions_of(scene), search=scene.search, dimension=3))
+    image, size = ImageDraw.Draw(Image.new("RGB", (900, 700))), (900, 700)
+    letters = annotations.font(14)
+    for view, shown in (("top", "frame/range"), ("close", "frame/z")):
+        texts = annotations.uncovered(image, picture, camera_for(picture, size, view, (90, 60, 40, 60)), letters)
+        names = {label.name for label, _ in texts}
+        assert shown in names and len({"frame/range", "frame/z"} & names) == 1
+        numbers = [float(label.text) for label, _ in texts if label.name[:7] == "frame/z" and label.text[0].isdigit()]
+        low, high = picture.z_range
+        assert len(numbers) >= 3 * (view == "close") and all(low <= number <= high for number in numbers)
+        boxes = np.array([image.textbbox(at, label.text, letters, annotations.anchor(label)) for label, at in texts])
+        apart = (boxes[:, None, :2] > boxes[None, :, 2:]).any(axis=2)
+        assert (apart | apart.T | np.eye(len(boxes), dtype=bool)).all()
+
+
 def test_a_solver_that_is_added_has_a_mark_of_its_own(monkeypatch):
     monkeypatch.setattr(solvers, "names", lambda: ["descent", "descent+joint", "joint", "newest"])
     marks = {solver_mark(name) for name in solvers.names()}
@@ -428,3 +446,21 @@ def test_bars_in_space_keep_their_width_and_length():
     corners = vertices.reshape(3, 4, 3)
     np.testing.assert_allclose(np.linalg.norm(corners[:, 0] - corners[:, 3], axis=1), 0.1)
     np.testing.assert_allclose(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1), [4, 2, 2])
+
+
+def test_a_map_in_relief_is_a_block_from_its_heights_down_to_its_level(scene, measurement):
+    cost = np.random.default_rng(2).uniform(1, 2, (9, 11))
+    floor = cost_floor(cost, scene.search, relief=True, height=0.5)
+    drawn = compose(scene, measurement, floor=floor)
+    sides = [part(drawn, f"relief_sides/{axis}") for axis in "xy"]
+    assert sides[0].colour != sides[1].colour, "the light comes from one side"
+    x0, y0 = floor.origin
+    for side, axis in zip(sides, (0, 1), strict=True):
+        low, high = side.vertices.min(axis=0), side.vertices.max(axis=0)
+        np.testing.assert_allclose(
+            np.unique(side.vertices[:, axis]), [(x0, y0)[axis], (x0, y0)[axis] + floor.size[axis]], atol=1e-6
+        )
+        assert low[2] == 0.5 and high[2] == pytest.approx(0.5 + np.delete(floor.heights, slice(1, -1), 1 - axis).max())
+        assert trimesh.Trimesh(side.vertices, side.faces, process=False).area > 0
+    flat = compose(scene, measurement, floor=cost_floor(cost, scene.search))
+    assert not [name for name in names(flat) if name.startswith("relief_sides")]

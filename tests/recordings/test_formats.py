@@ -8,6 +8,8 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
+import signal
 import warnings
 import xml.dom.minidom
 from pathlib import Path
@@ -26,7 +28,7 @@ from fdcal.assessment.result_file import save_result
 from fdcal.commands.cli import main
 from fdcal.model.given_positions import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
-from fdcal.recordings import formats
+from fdcal.recordings import formats, isolated
 from fdcal.recordings.channels import inspect_channels, require_usable_channels
 from fdcal.recordings.formats.positions import read_table
 from fdcal.recordings.import_options import ImportOptions
@@ -225,6 +227,82 @@ def test_faults_of_other_files_are_named(tmp_path):
     assert 'no "time_data"' in refusal(tmp_path / "b.h5")
     np.savez(tmp_path / "a.npz", recordings=SAMPLES)
     assert 'no "sample_rate"' in refusal(tmp_path / "a.npz")
+
+
+def half_precision(file: h5py.File) -> None:
+    kept = dict(file["SourcePosition"].attrs)
+    del file["SourcePosition"]
+    file.create_dataset("SourcePosition", (1, 3), "f2").attrs.update({key: kept[key] for key in ("Type", "Units")})
+
+
+def linked(file: h5py.File) -> None:
+    del file["Data.IR"]
+    file["Data.IR"] = h5py.SoftLink("/aside/IR")
+    file["aside"] = h5py.ExternalLink("/etc/passwd", "/")
+
+
+def outside(file: h5py.File) -> None:
+    file.create_dataset("aside", (5,), "u1", external=[("/etc/passwd", 0, 5)])
+
+
+def through(file: h5py.File) -> None:
+    layout = h5py.VirtualLayout((5,), "u1")
+    layout[:] = h5py.VirtualSource("other.h5", "x", (5,))
+    file.create_virtual_dataset("aside", layout)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (half_precision, "cannot be read"),  # netCDF 4.10 crashes
+        (linked, '"aside" is a link to /etc/passwd, and no other file is read'),
+        (outside, '"aside" has its values in /etc/passwd'),
+        (through, '"aside" is a virtual dataset'),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_an_hdf5_file_of_another_structure_is_refused_in_one_line(change, words, tmp_path):
+    with h5py.File(write_sofa(tmp_path / "a.sofa"), "a") as file:
+        change(file)
+    said = refusal(tmp_path / "a.sofa")
+    assert "a.sofa" in said and words in said
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (os.abort, "crashed (SIGABRT)"),
+        (signal.pause, "cannot be read in 1 s"),
+        (bytearray, "MemoryError"),
+        (int, "ValueError: invalid literal"),
+    ],
+)
+def test_a_reader_that_crashes_hangs_or_takes_all_memory_ends_in_one_line(function, words, monkeypatch):
+    if function is signal.pause:
+        monkeypatch.setattr(isolated, "SECONDS", 1.0)
+    arguments = {bytearray: (10**12,), int: ("x",)}.get(function, ())
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
+        isolated.call("room.sofa", function, *arguments)
+    assert str(caught.value).startswith("room.sofa") and "\n" not in str(caught.value)
+
+
+def test_a_long_recording_is_read_in_blocks_by_other_processes(tmp_path, monkeypatch):
+    monkeypatch.setattr(isolated, "MAX_HELD", 0)
+    for path in (write_hdf5(tmp_path / "a.h5"), write_sofa(tmp_path / "a.sofa")):
+        assert np.allclose(read_samples(formats.read(path), 3, 90, [2, 0]), SAMPLES[[2, 0], 3:90])
+
+
+@pytest.mark.filterwarnings("error")
+def test_values_that_no_sound_has_are_named(tmp_path):
+    with h5py.File(write_hdf5(tmp_path / "a.h5"), "a") as file:
+        file["time_data"][7, 1] = np.nan
+    assert 'sample 7 of channel "1" is not a finite number' in refusal(tmp_path / "a.h5")
+    folder = write_meshrir(tmp_path / "mesh")
+    np.save(folder / "ir_3.npy", np.load(folder / "ir_3.npy").astype(float) + 1e300)
+    assert 'sample 0 of channel "3" is 1e+300, too large for a sound' in refusal(folder)
+    with open(folder / "ir_3.npy", "wb") as file:  # of a header that announces more than can be counted
+        np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": (2**62, 2**62)})
+    assert "ir_3.npy is damaged" in refusal(folder)
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if name != "mesh"])

@@ -59,10 +59,17 @@ def test_the_legend_stands_on_the_canvas_below_the_map(page):
     page.locator("canvas").first.wait_for()
     canvas = page.locator("canvas").first.bounding_box()
     x, y = scene.search.origin[:2]
-    (_, bottom), _ = on_screen(page, scene, [(x, y, 0.0), (x + 0.1, y, 0.0)])
+    (left, bottom), (right, _) = on_screen(page, scene, [(x, y, 0.0), (x + 0.1, y, 0.0)])
     box = legend_of(page).bounding_box()
     assert canvas["x"] <= box["x"] and box["x"] + box["width"] <= canvas["x"] + canvas["width"]
     assert bottom + 30 < box["y"] and box["y"] + box["height"] <= page.size[1], "below the numbers of the ruler"
+    numbers = page.locator("#fdcal-labels .number:visible", has_text=re.compile(r"^[\d.]+$")).filter(visible=True)
+    assert numbers.count() >= 6
+    for number in numbers.all()[:3]:
+        at = number.bounding_box()
+        value = x + (at["x"] + at["width"] / 2 - left) / (right - left) * 0.1
+        assert value == pytest.approx(float(number.inner_text()), abs=0.004), "each number is where its place is"
+    assert "px" in numbers.first.evaluate("element => getComputedStyle(element).textShadow"), "outlined"
 
 
 @ON_A_DESKTOP

@@ -1,11 +1,14 @@
 """The opening: its film is what the scene computes to, it ends with any touch, and the map stays on the canvas."""
 
+import base64
+import io
 import re
 import time
 
 import numpy as np
 import pytest
 from browsing import COARSE, WAIT, serving_here
+from PIL import Image
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -13,7 +16,7 @@ from fdcal.cost.maps import interpolate, map_minima, partial_sums
 from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.viewer import opening
+from fdcal.viewer import app, opening
 from fdcal.viewer.gui.overlay import Overlay
 from fdcal.viewer.gui.words import CanvasWords
 from fdcal.viewer.page import Page
@@ -43,6 +46,23 @@ def test_the_files_hold_what_the_scene_computes_to():
     np.testing.assert_allclose(film.path[-1], film.minima[-1].lowest[0])
     np.testing.assert_allclose(film.path[-1], measurement.positions[opening.MICROPHONE], atol=problem.search.step)
     assert sum(file.stat().st_size for file in (opening.MAPS, opening.MEASUREMENT)) < 600_000
+
+
+def test_the_picture_in_the_page_is_the_first_of_the_film():
+    """Light and dark, with its words; `python docs/opening.py --still` writes it."""
+    html, projector = app.STILL.read_text(), opening.Projector(opening.opening_request().measurement)
+    assert re.search('data-words="(.*?)"', html)[1] == projector.film.at(0.0).words
+    dark, light = (
+        np.asarray(Image.open(io.BytesIO(base64.b64decode(data))), float) for data in re.findall('base64,(.*?)"', html)
+    )
+    for shipped, is_dark in ((light, False), (dark, True)):
+        drawn = opening.still(projector, is_dark).astype(float)
+        assert shipped.shape[:2] == drawn.shape[:2]
+        solid = shipped[..., 3] > 0
+        assert 0.4 < solid.mean() < 0.8, "the relief and its rulers alone"
+        off = np.abs(shipped[..., :3] - drawn).max(axis=-1)[solid]
+        assert np.mean(off > 40) < 0.02 and off.mean() < 6, "what the computation is drawn as"
+    assert app.STILL.stat().st_size < 62_000
 
 
 def test_the_words_say_how_many_places_fit_and_three_quarters_of_the_time_have_several():
@@ -118,6 +138,7 @@ def test_the_film_waits_for_a_browser_and_ends_with_its_button(server):
     server.gui.reset()
 
 
+STILL, STILL_TAG = "(document.getElementById('fdcal-still') != null)", 'id="fdcal-still"'
 SHOWN = "() => document.querySelector('[data-region=words]').innerText"
 RELIEF = "() => (window.__viserMutable?.nodeRefFromName?.['/relief']?.children.length ?? 0) > 0"
 
@@ -126,9 +147,12 @@ def test_the_page_opens_with_the_film_and_shows_the_session_when_it_is_skipped(b
     with serving_here() as url:
         page = browser.new_page(viewport={"width": 1280, "height": 720})
         page.set_default_timeout(WAIT * 1e3)
-        page.goto(f"{url}/{COARSE}")
-        page.get_by_text("One frequency: 8 places fit").wait_for()
-        page.wait_for_function(RELIEF)
+        page.goto(f"{url}/{COARSE.partition('#')[0]}", wait_until="domcontentloaded")
+        assert page.evaluate(f"[{STILL}, ({SHOWN})()]") == [True, "One frequency: 8 places fit"], "before any message"
+        page.wait_for_function(f"() => {STILL} || ({RELIEF})()")
+        page.wait_for_function(f"() => !{STILL} && ({RELIEF})()")
+        assert STILL_TAG not in page.request.get(url).text(), "the film has begun: it stands at another picture"
+        page.evaluate("location.hash = 'face=expert'")
         paused = page.get_by_text("Paused", exact=True)
         assert not paused.count() or not paused.first.is_visible()
         page.get_by_role("button", name="Skip").press("Enter")  # a notice of the browser may lie above it

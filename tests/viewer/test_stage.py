@@ -2,13 +2,20 @@
 
 import contextlib
 import dataclasses
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from fdcal.graphics.picture import compose, with_estimate
+from fdcal.graphics.camera import Camera, project
+from fdcal.graphics.overlays import with_cut
+from fdcal.graphics.picture import compose, static_picture, with_estimate
+from fdcal.graphics.primitives import DARK, LECTURE_DARK, LECTURE_LIGHT, LIGHT, Label, contrast, halo_of
+from fdcal.model.arrays import positions_of
+from fdcal.model.scene_file import load_scene
 from fdcal.viewer.scene3d import cameras
+from fdcal.viewer.scene3d.labels import labels_html
 from fdcal.viewer.scene3d.nodes import SceneNodes
 from fdcal.viewer.server import hardening
 
@@ -174,7 +181,7 @@ class SentScene:
         self.nodes[name.removeprefix("/")] = node = Node(**values)
         return node
 
-    add_line_segments = add_image = add_label = add_mesh_simple = add_mesh_trimesh = add
+    add_line_segments = add_image = add_mesh_simple = add_mesh_trimesh = add
 
     def __getattr__(self, name):
         return lambda *_, **__: None  # lights
@@ -183,7 +190,9 @@ class SentScene:
 @pytest.fixture
 def sent_scene():
     scene = SentScene()
-    server = SimpleNamespace(scene=scene, atomic=contextlib.nullcontext, initial_camera=None)
+    scene.texts = SimpleNamespace(content="")
+    gui = SimpleNamespace(add_html=lambda *_, **__: scene.texts)
+    server = SimpleNamespace(scene=scene, gui=gui, atomic=contextlib.nullcontext, initial_camera=None)
     return scene, SceneNodes(server)
 
 
@@ -209,10 +218,45 @@ def test_what_the_next_picture_lacks_is_removed(sent_scene, scene, measurement):
     assert made.nodes.keys() == nodes.parts.keys() and not any("selected" in name for name in made.nodes)
 
 
-def test_the_numbers_of_a_ruler_have_the_size_that_the_scene_asks_for(sent_scene, scene, measurement):
+def test_texts_are_sent_as_html_names_first(sent_scene, scene, measurement):
     made, nodes = sent_scene
-    small = compose(scene, measurement)
-    for picture in (small, dataclasses.replace(small, marker_radius=4 * small.marker_radius)):
-        nodes.show(picture)
-        heights = {made.nodes[label.name].font_scene_height for label in picture.labels}
-        assert len(heights) == 1 and heights.pop() == pytest.approx(1.5 * picture.marker_radius)
+    picture = compose(scene, measurement, measurement.positions, 4)
+    label = Label("cut_ends/A", "<b>", (1.0, 2.0, 0.0), (0, 95, 95))
+    nodes.show(dataclasses.replace(picture, labels=(*picture.labels, label)))
+    texts = re.findall(r">([^<>]+)</span>", made.texts.content)
+    assert texts[0] == "microphone 4" and "&lt;b&gt;" in texts[1:3], "names come first, and none is taken for HTML"
+    assert texts.index("x (m)") < min(texts.index(number) for number in texts if number[0].isdigit())
+
+
+@pytest.mark.parametrize("theme", [LIGHT, DARK, LECTURE_LIGHT, LECTURE_DARK], ids=["light", "dark", "lecture", "both"])
+def test_every_text_stands_out_from_its_outline(scene, measurement, theme):
+    dark, lecture = theme.background != (255, 255, 255), theme.marks > 1
+    drawn = with_estimate(
+        static_picture(scene, measurement, dark, None, lecture), measurement, measurement.positions, 3
+    )
+    drawn = with_cut(drawn, [(0.6, 0.4), (0.8, 0.6)])
+    for colour in {*(label.colour for label in drawn.labels), theme.quiet}:
+        assert contrast(colour, halo_of(colour, theme)) >= 4.5
+    assert f"color:rgb{drawn.labels[-1].colour}".replace(" ", "") in labels_html(drawn.labels, theme)
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (1440, 900), (618, 720), (390, 844)])
+@pytest.mark.parametrize("name", ["fig1_square", "ball3d", "array1_circle"])
+@pytest.mark.parametrize("view", ["top", "close"])
+def test_each_view_of_the_array_fills_the_window(server, name, size, view):
+    scene = load_scene(name)
+    measurement = SimpleNamespace(
+        search=scene.search, positions=positions_of(scene), array_dimension=len(scene.search.origin), known=[],
+        nominal=False,
+    )  # fmt: skip
+    placed = cameras.Cameras(server)
+    placed.picture = picture = compose(scene, measurement)
+    camera = SimpleNamespace(image_width=size[0], image_height=size[1])
+    placed.place(SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext), view)
+    there = Camera(camera.position, camera.look_at, camera.up_direction, camera.fov, 1.0)
+    x0, y0, x1, y1 = picture.focus
+    corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range]
+    pixels = project(there, size, corners)
+    free = min(size[0], 0.55 * size[1] if size[1] > size[0] else size[1])
+    assert np.ptp(pixels, axis=0).max() > 0.6 * free
+    assert (pixels > 0).all() and (pixels < size).all()

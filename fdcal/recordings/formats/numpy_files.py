@@ -129,7 +129,8 @@ def _positions(path: Path) -> np.ndarray:
 def _mapped(path: Path) -> np.ndarray:
     """Return an .npy file of real numbers, memory-mapped."""
     try:
-        values = np.load(path, mmap_mode="r", allow_pickle=False)
+        with np.errstate(all="raise"):  # a damaged header may announce more bytes than there are numbers
+            values = np.load(path, mmap_mode="r", allow_pickle=False)
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
     except Exception as error:  # a damaged header raises anything

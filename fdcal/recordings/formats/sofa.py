@@ -17,8 +17,10 @@ import numpy as np
 from ...model.extras import needs
 from ...model.given_positions import MicrophonePositions
 from ...model.validation import InputError, StorageError
+from ..isolated import call, isolated
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
 from . import Format
+from .hdf5 import require_whole_file
 
 AXES = "MRNE"  # measurements, receivers, samples, emitters
 
@@ -32,6 +34,7 @@ MAX_DELAY = 10_000_000  # samples
 def open_sofa(path: Path):
     """Yield the open file with its `variables`; any error of its reader becomes an InputError."""
     sofar = needs("sofar")
+    require_whole_file(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about conventions that have been replaced, which are read all the same
@@ -255,6 +258,7 @@ def _copied(sofar, original: str):
     except OSError as error:
         raise StorageError(f"cannot read {original}: {error.strerror}") from error
     try:
+        require_whole_file(Path(original))
         sofa = sofar.read_sofa(original, verbose=False)
         np.shape(sofa.Data_IR)[1]  # raises for a file without responses
         if sofa.GLOBAL_SOFAConventions in REPLACED_CONVENTIONS:
@@ -333,4 +337,11 @@ def _in_channel_order(placed: MicrophonePositions) -> np.ndarray:
     return placed.positions[np.argsort([numbers[name] for name in placed.names])]
 
 
-FORMATS = (Format((".sofa",), read=_read, write=_write, source_count=_source_count),)
+FORMATS = (
+    Format(
+        (".sofa",),
+        read=isolated(_read),
+        write=lambda path, placed, original: call(original or path, _write, path, placed, original),
+        source_count=lambda path: call(path, _source_count, path),
+    ),
+)

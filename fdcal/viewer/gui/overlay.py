@@ -15,12 +15,10 @@ from collections.abc import Callable
 import viser
 
 from ...model.validation import InputError, StorageError
+from ..server.regions import REGIONS, content
 from .html import error_message
 
 CHANNEL = "fdcal command"  # label of the control of the commands, as in page.js
-# words: large, in the middle; caption: of a lesson; legend: scale and marks; bar: of the face Explore; sheet: above it,
-# on demand; address: what is shared of the page's address; lecture: "on" in lecture mode.
-REGIONS = ("words", "caption", "legend", "bar", "sheet", "address", "lecture")
 ERROR_TIME = 8.0  # s that a refused command is shown
 
 Act = Callable[[viser.ClientHandle, str], object]
@@ -32,7 +30,7 @@ class Overlay:
     """Owns the hidden controls, and knows what each command does."""
 
     def __init__(self, gui: viser.GuiApi):
-        self._regions = {name: gui.add_html(f"<!--fdcal:{name}-->", visible=False) for name in REGIONS}
+        self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self._acts: dict[str, Act] = {}
         self._start = secrets.token_hex(8)  # of this server: a browser tells by it whether its address is still of use
         self.channel = gui.add_text(CHANNEL, "", visible=False)
@@ -44,13 +42,12 @@ class Overlay:
 
     def greet(self, client: viser.ClientHandle) -> None:
         """Tell a browser that its commands are heard: viser drops what it sends before it has sent its camera."""
-        client.gui.add_html(f"<!--fdcal:greeting-->{self._start}", visible=False)
+        client.gui.add_html(content("greeting", self._start), visible=False)
 
     def show(self, region: str, html: str) -> None:
         """Fill a region; any thread. All texts in `html` are escaped already."""
-        content = f"<!--fdcal:{region}-->{html}"
-        if self._regions[region].content != content:
-            self._regions[region].content = content
+        if self._regions[region].content != (wanted := content(region, html)):
+            self._regions[region].content = wanted
 
     def on(self, name: str, act: Act) -> None:
         """Call `act(client, value)` for a command, in place of what it did before; on viser's event loop."""

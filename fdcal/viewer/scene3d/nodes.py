@@ -12,8 +12,10 @@ import viser
 import viser.transforms
 
 from ...graphics.heatmap import relief_grid
-from ...graphics.primitives import Floor, Label, Lines, Mesh, Picture, Plate, Surface
+from ...graphics.primitives import Floor, Lines, Mesh, Picture, Plate, Surface
+from ..server.regions import content
 from .cameras import Cameras
+from .labels import labels_html
 
 if TYPE_CHECKING:
     import trimesh
@@ -87,9 +89,8 @@ def same_frame(one: Plate, other: Plate) -> bool:
 
 
 REPLACING_TIME = 0.3  # s that a relief stays beside the one that replaces it
-RULER_TEXT = 1.5  # height of a ruler's numbers, in radii of a marker
 
-Part = Lines | Mesh | Label | Floor | Surface | Plate
+Part = Lines | Mesh | Floor | Surface | Plate
 
 
 class SceneNodes:
@@ -105,8 +106,8 @@ class SceneNodes:
         server.scene.add_light_ambient("/light", intensity=math.pi)  # alone, it leaves colours as they are
         self._parts: dict[str, Part] = {}
         self._handles: dict[str, Any] = {}
-        self._marker: float | None = None
-        self._text = 1.0  # size of labels
+        self._labels = server.gui.add_html(content("labels"), visible=False)
+        self._empty = True
         self._numbers = itertools.count()
         self._replaced: list[tuple[float | None, Any]] = []  # reliefs that others replace, and since when, s
         self.cameras = Cameras(server)
@@ -119,27 +120,27 @@ class SceneNodes:
     @property
     def is_empty(self) -> bool:
         """Whether nothing has been shown yet."""
-        return self._marker is None
+        return self._empty
 
     def show(self, picture: Picture) -> None:
         """Make the scene look like `picture`."""
-        parts: dict[str, Part] = {part.name: part for part in (*picture.lines, *picture.meshes, *picture.labels)}
+        parts: dict[str, Part] = {part.name: part for part in (*picture.lines, *picture.meshes)}
         parts |= {part.name: part for part in (*picture.surfaces, *picture.plates)}
         if picture.floor is not None:
             # No other name may lie below it: viser would move that node along. And a page keeps the position of a name
             # for the next node of that name, so a relief, which has none, needs a name of its own.
             parts["floor" if picture.floor.heights is None else "relief"] = picture.floor
-        rescaled = self._marker is not None and self._marker != picture.marker_radius
-        self._marker, self._text = picture.marker_radius, picture.theme.text
-        self.cameras.picture = picture
+        self._empty, self.cameras.picture = False, picture
+        texts = content("labels", labels_html(picture.labels, picture.theme))
         with self._server.atomic():
             for name in sorted(self._handles.keys() - parts.keys(), reverse=True):  # a child before its parent
                 self._handles.pop(name).remove()
             for name, part in parts.items():
                 old = self._parts.get(name)
-                stays = old is part or (old is not None and _looks_same(old, part))
-                if not stays or (rescaled and isinstance(part, Label)):
+                if old is None or not (old is part or _looks_same(old, part)):
                     self._handles[name] = self._send(f"/{name}", old, self._handles.get(name), part)
+            if self._labels.content != texts:
+                self._labels.content = texts
         self._parts = parts
 
     def settle(self, now: float) -> None:
@@ -157,8 +158,6 @@ class SceneNodes:
             return self._send_lines(name, old, handle, part)
         if isinstance(part, Floor):
             return self._send_floor(name, old, handle, part)
-        if isinstance(part, Label):
-            return self._send_label(name, handle, part)
         if isinstance(part, Plate):
             return self._send_plate(name, old, handle, part)
         if isinstance(part, Surface):
@@ -200,21 +199,6 @@ class SceneNodes:
             wxyz=orientation(plate), position=place,
         )  # fmt: skip
 
-    def _send_label(self, name: str, handle, label: Label):
-        if handle is None:
-            ruler = label.name.startswith("frame/")  # sized in the room, so that numbers do not collide from afar
-            return self._server.scene.add_label(
-                name, label.text, position=label.position, anchor=label.anchor,
-                font_size_mode="scene" if ruler else "screen", font_scene_height=RULER_TEXT * (self._marker or 0.0),
-                font_screen_scale=self._text,
-            )  # fmt: skip
-        handle.text, handle.position, handle.anchor = label.text, label.position, label.anchor
-        if handle.font_scene_height != (height := RULER_TEXT * (self._marker or 0.0)):  # another scene, another size
-            handle.font_scene_height = height
-        if handle.font_screen_scale != self._text:
-            handle.font_screen_scale = self._text
-        return handle
-
     def _send_solid(self, name: str, old: Part | None, handle, solid: Mesh):
         if isinstance(old, Mesh) and old.colour == solid.colour and np.array_equal(old.faces, solid.faces):
             handle.vertices = solid.vertices
@@ -233,4 +217,4 @@ def _looks_same(old: Part, new: Part) -> bool:
     if isinstance(new, Mesh) and isinstance(old, Mesh):
         same_style = (old.colour, old.opacity) == (new.colour, new.opacity)
         return same_style and np.array_equal(old.vertices, new.vertices) and np.array_equal(old.faces, new.faces)
-    return isinstance(new, Label) and old == new
+    return False

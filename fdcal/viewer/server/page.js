@@ -1,5 +1,6 @@
 // Runs before viser's own script. It gives the page what viser has not:
 //
+//   labels      the texts of the scene, outlined, without those that would cover others (scene3d/labels.py)
 //   overlay     regions on the canvas, whose HTML the server sends in hidden controls (gui/overlay.py)
 //   commands    what is pressed or set there, sent as text: "play", "modes=12"
 //   address     the view after #, read when the page opens or the address changes, written once nothing changes; a page
@@ -8,12 +9,13 @@
 //   theme       the browser's preference, when the page opens and when it changes
 //   connection  viser tries to reconnect every second; Chromium delays each attempt by up to 5 s after some have failed,
 //               so that every attempt is ended by the next one. Here the page waits until the server answers, and reloads.
+//   still       the first picture of the film, in the page's HTML, until the browser has drawn the scene itself
 //   keys        arrows on a slider move the slider alone, not the camera
 (() => {
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
 const MAX_COMMAND = 190;  // characters
-const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000;  // ms
+const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000, STILL_DELAY = 200;  // ms
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
 let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
 let lastRetry = -RETRY, count = 0;
@@ -115,6 +117,7 @@ function show(uuid, content) {
   shown.set(name, html);
   if (name == "greeting") { [greeted, server] = [true, html]; introduce(); return; }
   if (name == "address") { shared = html.replaceAll("&amp;", "&"); write(); return; }
+  if (name == "labels") { setLabels(html); return; }
   if (name == "lecture") { root.toggleAttribute("data-lecture", Boolean(html)); return; }
   const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
   if (!region) return;
@@ -138,6 +141,59 @@ function morph(old, wanted) {
     }
   });
   before.slice(after.length).forEach(node => node.remove());
+}
+
+// --- labels
+
+const layer = document.createElement("div");
+layer.id = "fdcal-labels";
+let labels = [], drawnFrom = "", canvasSize = [0, 0];
+const SIDES = {left: 0, center: 0.5, right: 1, top: 0, bottom: 1}, GAP = 3, AXIS = 60;  // pixels: between texts; of an axis that shows
+
+function setLabels(html) {
+  layer.innerHTML = html;
+  labels = [...layer.children].map(element => {
+    const {at, anchor, axis} = element.dataset, [vertical, horizontal] = anchor.split("-");
+    return {element, axis, at: at.split(",").map(Number), share: [SIDES[horizontal], SIDES[vertical]], size: null};
+  });
+  drawnFrom = "";
+  followScene();
+}
+
+// three.js calls `onAfterRender` with each picture, so that texts and scene move together.
+function followScene() {
+  const {scene, camera} = window.__viserMutable ?? {};
+  if (!scene || !camera) { setTimeout(followScene, 50); return; }
+  scene.onAfterRender = (renderer, from, by) => { if (by == window.__viserMutable.camera) placeLabels(by); };
+  placeLabels(camera);
+}
+
+function placeLabels(camera) {
+  const root = window.__viserMutable.nodeRefFromName[""]?.matrixWorld;
+  if (!root || !labels.length || !canvasSize[0]) return;
+  const e = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).multiply(root).elements;
+  const key = [...e, ...canvasSize].join();
+  if (key == drawnFrom) return;
+  drawnFrom = key;
+  const span = {}, taken = [];
+  for (const label of labels) {
+    label.size ??= [label.element.offsetWidth, label.element.offsetHeight];
+    const [x, y, z] = label.at, [u, v, w] = [0, 1, 3].map(i => e[i] * x + e[i + 4] * y + e[i + 8] * z + e[i + 12]);
+    label.place = [(1 + u / w) / 2, (1 - v / w) / 2].map((share, i) => share * canvasSize[i]);
+    label.seen = w > 0;
+    label.box = label.place.map((at, i) => Math.round(at - label.share[i] * label.size[i]));
+    const [low, high] = span[label.axis] ?? [label.place, label.place];
+    if (label.axis) span[label.axis] = [low.map((a, i) => Math.min(a, label.place[i])), high.map((a, i) => Math.max(a, label.place[i]))];
+  }
+  const long = axis => axis in span && Math.hypot(...span[axis][1].map((a, i) => a - span[axis][0][i])) > AXIS;
+  for (const {element, axis, seen, box: [x, y], size: [width, height]} of labels) {
+    const inside = x >= 0 && y >= 0 && x + width <= canvasSize[0] && y + height <= canvasSize[1];
+    const free = taken.every(([a, b, c, d]) => x > c + GAP || x + width + GAP < a || y > d || y + height < b);
+    const shown = seen && inside && free && (axis == "r" ? !long("z") : !axis || long(axis));
+    if (shown) taken.push([x, y, x + width, y + height]);
+    element.style.visibility = shown ? "" : "hidden";
+    element.style.transform = `translate(${x}px, ${y}px)`;
+  }
 }
 
 function face(name) {
@@ -180,6 +236,8 @@ function cover(canvas) {
     const {left, top, width, height} = canvas.getBoundingClientRect();
     const right = innerWidth - left - width, bottom = innerHeight - top - height;
     for (const [name, value] of Object.entries({left, top, right, bottom})) root.style.setProperty(`--${name}`, `${value}px`);
+    canvasSize = [width, height];
+    root.toggleAttribute("data-broad", width >= Math.max(1000, 1.4 * height));  // as in scene3d/cameras.py
   };
   new ResizeObserver(place).observe(canvas);
   addEventListener("resize", place);
@@ -220,6 +278,20 @@ function write() {
 }
 addEventListener("hashchange", () => open(location.hash.slice(1)));
 
+// --- the first picture
+
+// It goes once the map is drawn, as the camera stands that the server has placed.
+function fade(still) {
+  const nodes = () => window.__viserMutable?.nodeRefFromName ?? {};
+  const drawn = () => shared || (placed && ["/relief", "/floor"].some(name => nodes()[name]?.children.length));
+  const look = () => {
+    if (!drawn()) { requestAnimationFrame(look); return; }
+    setTimeout(() => still.classList.add("drawn"), STILL_DELAY);
+    setTimeout(() => still.remove(), STILL_DELAY + 400);
+  };
+  look();
+}
+
 // --- connection
 
 function retries() {
@@ -248,9 +320,16 @@ function lose() {
 // --- start
 
 face(new URLSearchParams(asked).get("face"));
+root.toggleAttribute("data-linked", Boolean(asked));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", event => send(`dark=${event.matches ? "on" : "off"}`));
 addEventListener("DOMContentLoaded", () => {
-  document.body.append(overlay, line);
+  const still = document.getElementById("fdcal-still");
+  if (still) {
+    overlay.querySelector("[data-region=words]").append(document.createElement("div"));
+    overlay.querySelector("[data-region=words] div").textContent = asked ? "" : still.dataset.words;
+    fade(still);
+  }
+  document.body.append(layer, overlay, line);
   document.body.addEventListener("keydown", event => {
     const slider = event.target.closest?.("[role=slider], [type=range], [role=radiogroup]");
     if (slider && /^Arrow|^Home$|^End$|^Page/.test(event.key)) event.stopPropagation();

@@ -1,0 +1,83 @@
+"""HDF5 of Acoular: `time_data` (T, N), one channel per microphone, with the attribute `sample_freq`, Hz."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...model.extras import needs
+from ...model.validation import InputError, shown
+from ..isolated import isolated
+from ..recording import Recording, sample_ranges
+from . import Format
+
+
+def require_whole_file(path: Path) -> None:
+    """Raise InputError for an HDF5 file with links or data that another file holds, and for a damaged one."""
+    h5py = needs("h5py")
+
+    links: list[tuple[bytes, int]] = []
+    try:
+        with h5py.File(path, "r") as file:
+            file.id.links.visit(lambda name, link: links.append((name, link.type)), info=True)
+            found = [_elsewhere(file, name, kind) for name, kind in links]
+    except Exception as error:  # a damaged file raises anything
+        raise InputError(f"{path} is not an HDF5 file that can be read: {error}") from error
+    for reason in filter(None, found):
+        raise InputError(f"{path}: {reason}, and no other file is read", "write the values into the file itself")
+
+
+def _elsewhere(file, name: bytes, kind: int) -> str:
+    """Return which other file a link or the dataset there needs; "" for none."""
+    h5py = needs("h5py")
+    shown_name = shown(name.decode(errors="replace"), 80)
+    if kind == h5py.h5l.TYPE_EXTERNAL:
+        return f'"{shown_name}" is a link to {shown(file.id.links.get_val(name)[0].decode(errors="replace"), 80)}'
+    data: Any = file[name] if kind == h5py.h5l.TYPE_HARD else None
+    if isinstance(data, h5py.Dataset) and data.external:
+        return f'"{shown_name}" has its values in {shown(data.external[0][0], 80)}'
+    if isinstance(data, h5py.Dataset) and data.is_virtual:
+        return f'"{shown_name}" is a virtual dataset, with its values in other datasets'
+    return ""
+
+
+def _read_hdf5(path: Path, source: int | None = None) -> Recording:
+    """Return the recording of an Acoular time data file, read in pieces; raise InputError for another kind of file."""
+    h5py = needs("h5py")
+    require_whole_file(path)
+    try:
+        with h5py.File(path, "r") as file:
+            data = file.get("time_data")
+            if not isinstance(data, h5py.Dataset):
+                raise InputError(f'{path} has no "time_data"', "write the samples (T, N) there, as Acoular does")
+            if data.ndim != 2 or data.dtype.kind not in "fiu":
+                raise InputError(f'{path}: "time_data" is {data.dtype}, {data.shape}', "give real samples (T, N)")
+            if "sample_freq" not in data.attrs:
+                problem = f'{path}: "time_data" has no attribute "sample_freq", the sampling rate in Hz'
+                raise InputError(problem, "add it")
+            rate = np.asarray(data.attrs["sample_freq"])
+            if rate.size != 1 or rate.dtype.kind not in "fiu":
+                raise InputError(
+                    f'{path}: "sample_freq" is {shown(rate.tolist(), 80)}', "give one number, the rate in Hz"
+                )
+            rate = float(rate.item())
+            samples, channels = data.shape
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file raises anything
+        raise InputError(f"{path} is not an HDF5 file that can be read: {error}") from error
+
+    def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
+        values = np.empty((len(chosen), stop - start))
+        try:
+            with h5py.File(path, "r") as file:
+                for first, last in sample_ranges(stop - start, channels):
+                    values[:, first:last] = file["time_data"][start + first : start + last].T[chosen]
+        except Exception as error:
+            raise InputError(f"{path} cannot be read at sample {start}: {error}", "copy the file again") from error
+        return values
+
+    return Recording(str(path), None, rate, int(channels), int(samples), block)
+
+
+FORMATS = (Format((".h5", ".hdf5"), read=isolated(_read_hdf5)),)

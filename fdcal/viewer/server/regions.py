@@ -1,0 +1,10 @@
+"""The regions over the canvas that `page.js` fills with the HTML of hidden controls."""
+
+# words: large, in the middle; caption: of a lesson; legend: scale and marks; bar: of the face Explore; sheet: above it,
+# on demand; address: what is shared of the page's address; lecture: "on" in lecture mode.
+REGIONS = ("words", "caption", "legend", "bar", "sheet", "address", "lecture")
+
+
+def content(region: str, html: str = "") -> str:
+    """Return what a hidden control sends to fill a region with HTML."""
+    return f"<!--fdcal:{region}-->{html}"
