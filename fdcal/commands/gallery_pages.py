@@ -7,7 +7,6 @@ import numpy as np
 
 from ..cost.reference_cost import reference_cost_of
 from ..graphics.gallery import Entry, index_html, picture_of, race_html
-from ..graphics.lesson_page import lesson_html
 from ..graphics.replay import replay_html
 from ..model.texts import parse_modes
 from ..session.calibration_run import problem_of, states_of
@@ -15,6 +14,7 @@ from ..session.comparison import timed_states
 from ..session.history import recorded
 from ..session.lesson import load_lesson
 from ..session.sources import CalibrationInput, with_settings
+from .lesson_page import lesson_html
 from .options import scene_of
 from .plotting import counted_microphones
 

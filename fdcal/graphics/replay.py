@@ -166,7 +166,7 @@ def replay_html(
     Beyond `max_bytes` fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown, without
     `problem` no map. `sought`: numbers of the microphones whose errors count; `microphone`: whose map is shown first,
     otherwise the one that the step moved; `seconds` (T,), processor time from the start to each state, s; `lesson`: its
-    steps, each with parts that show a range of the states (`fdcal.graphics.lesson_page`).
+    steps, each with parts that show a range of the states (`fdcal.commands.lesson_page`).
     """
     measurement, problem = _with_domain(measurement, problem, states[-1].positions)
     maps = None if problem is None else map_data(problem)
