@@ -134,6 +134,29 @@ def test_it_plays_in_a_browser_without_a_network(run, browser, tmp_path):
     assert not faults
 
 
+def test_a_calibration_shows_its_run_inside_a_notebook(run, browser):
+    """In a frame without an address of its own, of which nothing reaches the page around it."""
+    _, measurement, _ = run
+    found = fdcal.calibrate(measurement, solver="joint", modes=12)
+    replay = found.show()
+    _, arrays, positions = contents(replay.html)
+    np.testing.assert_allclose(positions[-1], found.positions, atol=1e-6)
+    assert arrays["mean"][-1] == pytest.approx(found.mean_error, rel=1e-3)
+    page, faults = browser.new_context(offline=True).new_page(), []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.set_content(f"<h1>Notebook</h1>{replay._repr_html_()}")
+    frame = page.frame_locator("iframe")
+    frame.get_by_text("step 0, sweep 0").wait_for()
+    frame.get_by_role("button", name="Joint step").click()
+    frame.get_by_text("One joint step: up to").wait_for()
+    page.wait_for_timeout(400)  # the time after which a page of its own writes its address
+    assert frame.get_by_text("your positions").is_visible() and page.get_by_text("Notebook").is_visible()
+    page.context.close()
+    assert not faults
+    with pytest.raises(fdcal.InputError, match="read from a file"):
+        fdcal.Calibration.from_json(found.to_json()).show()
+
+
 def test_the_command_writes_a_run(tmp_path, capsys):
     path = tmp_path / "run.html"
     with pytest.raises(SystemExit) as left:

@@ -79,7 +79,7 @@ function addressNow() {
 // Written once nothing has changed for a moment: browsers bound how often an address may change.
 function writeAddress() {
   clearTimeout(writing);
-  if (playing) return;
+  if (playing || location.protocol == "about:") return;  // inline in a notebook there is no address of its own
   writing = setTimeout(() => {
     if (addressNow() == location.hash) return;
     try { history.replaceState(null, "", addressNow()); } catch { location.replace(addressNow()); }
