@@ -108,7 +108,7 @@ def _run(show: Show) -> tuple[str, Entry]:
     inputs = with_settings(scene_of(show.scene), show.solver, None, None)
     states, problem = recorded(states_of(inputs)), problem_of(inputs)
     sought = counted_microphones(inputs, states[-1])
-    text = _replay(inputs, states, show.title, show.microphone, sought)
+    text = replay_of(inputs, states, show.title, show.microphone, sought)
     chosen = dict(part.split("=") for part in show.address.split("&")).get("modes")
     modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
     picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes)
@@ -116,7 +116,8 @@ def _run(show: Show) -> tuple[str, Entry]:
     return text, Entry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)
 
 
-def _replay(inputs: CalibrationInput, states: Sequence, title: str, microphone: int, sought, seconds=None) -> str:
+def replay_of(inputs: CalibrationInput, states: Sequence, title: str, microphone: int, sought, seconds=None) -> str:
+    """Return the page of a run."""
     problem = problem_of(inputs)
     return replay_html(
         inputs.scene, inputs.measurement, states, title, reference_cost_of(problem), sought, problem=problem,
@@ -133,7 +134,7 @@ def _race(entries: list[Entry]) -> Iterator[tuple[str, str]]:
     microphone = int(problem.free[0])
     for name, (states, seconds) in runs.items():
         files.append(f"race-{name}.html")
-        yield files[-1], _replay(inputs, states, name, microphone, problem.free, seconds)
+        yield files[-1], replay_of(inputs, states, name, microphone, problem.free, seconds)
         pictures.append(picture_of(inputs.measurement, problem, states[-1], microphone, None))
         figures.append(f"{name}: {_errors(inputs, states[-1], problem.free)}, {seconds[-1]:.2g} s")
     yield "race.html", race_html(RACE_TITLE, files, tuple(runs), [np.asarray(seconds) for _, seconds in runs.values()])

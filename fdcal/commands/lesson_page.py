@@ -12,6 +12,7 @@ from ..acoustics.measure import cached_measurement
 from ..cost.reference_cost import reference_cost_of
 from ..graphics.gallery import picture_of
 from ..graphics.replay import replay_html
+from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.texts import parse_modes
 from ..model.validation import InputError
@@ -23,9 +24,10 @@ CAMERAS = {"top": "top", "3d": "3d", "close": "3d"}
 MAX_BYTES = 2_000_000
 
 
-def lesson_html(lesson: Lesson, following: str = "") -> tuple[str, str]:
+def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | None = None) -> tuple[str, str]:
     """Return the page of a lesson and a picture of its first map; `following`: address of the next lesson's page.
 
+    `measurement`: of the lesson's scene, which is simulated unless it is given.
     Raises InputError: the lesson has several scenes.
     """
     start = lesson.start(0)
@@ -33,7 +35,7 @@ def lesson_html(lesson: Lesson, following: str = "") -> tuple[str, str]:
     if start is None or any(setting.begins for setting in settings[1:]):
         raise InputError(f'the lesson "{lesson.title}" has several scenes', "choose one that keeps its scene")
     scene, seed = start
-    measurement = cached_measurement(scene)
+    measurement = cached_measurement(scene) if measurement is None else measurement
     problem, states, steps = measurement.problem(scene.solver.weights, scene.solver.known), [], []
     runs = iter(states_of_lesson(lesson, problem, scene.solver, seed))
     for step in lesson.steps:

@@ -326,11 +326,15 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"
     page.keyboard.press("ArrowRight")
     page.keyboard.press("ArrowLeft")
+    assert page.get_by_role("button", name="Reset view").is_visible()
     after = "#step=10&modes=3&view=40,25&zoom=2,0.1,-0.05&trails=on&theme=dark"
     wait_for(page, f"location.hash == '{after}'")
     again = opened(browser, tmp_path / "moment.html", text, after)
     wait_for(page, "replay.map")
     assert page.locator("#view").screenshot() == again.locator("#view").screenshot()
+    again.get_by_role("button", name="Reset view").click()
+    wait_for(again, "location.hash == '#step=10&modes=3&view=3d&trails=on&theme=dark'")
+    assert not again.get_by_role("button", name="Reset view").is_visible()
     again.context.close()
     page.context.close()
     assert not faults

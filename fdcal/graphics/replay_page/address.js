@@ -6,6 +6,7 @@
 //   modes       of the map, 1-20, or one of them, or "solver"
 //   view        top, 3d, or azimuth,elevation in degrees
 //   zoom        factor, and by how many metres the picture is moved to the right and up
+//   embed       on: without curves and table, for a frame in another page
 //   map, trails on or off; theme light or dark; opening on: modes are added one after the other, from `modes` down
 let writing = 0, themed = false;
 
@@ -53,6 +54,7 @@ function readAddress() {
   read("map", onOff("map"));
   read("trails", onOff("trails"));
   read("opening", text => text == "on");
+  read("embed", text => { if (text != "on") return false; document.documentElement.classList.add("embedded"); });
   read("theme", text => {
     if (text != "dark" && text != "light") return false;
     themed = true; document.documentElement.dataset.theme = text;
@@ -72,6 +74,7 @@ function addressNow() {
   if (eye.zoom != 1 || eye.x || eye.y) parts.zoom = [eye.zoom, eye.x, eye.y].map(v => Number(v.toPrecision(4))).join();
   if (maps && !$("map").checked) parts.map = "off";
   if ($("trails").checked) parts.trails = "on";
+  if (document.documentElement.classList.contains("embedded")) parts.embed = "on";
   if (themed) parts.theme = document.documentElement.dataset.theme;
   return "#" + Object.entries(parts).filter(([, value]) => value || value === 0).map(pair => pair.join("=")).join("&");
 }

@@ -17,6 +17,7 @@ $("play").onclick = () => play(!playing);
 $("time").oninput = e => { playing = false; go(Number(e.target.value)); };
 $("top").onclick = () => look(true);
 $("turn").onclick = () => look(false);
+$("reset").onclick = () => look(flat);
 $("trails").onchange = show;
 $("descend").onclick = () => takeSteps(1);
 $("sweepall").onclick = () => takeSteps(free.length);

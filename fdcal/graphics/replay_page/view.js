@@ -121,6 +121,7 @@ function room(pen, project) {
 }
 
 function scene() {
+  $("reset").hidden = eye.zoom == 1 && !eye.x && !eye.y && (flat || eye.azimuth == TURNED && eye.elevation == TURNED);
   const [pen, w, h] = fit($("view")), [project, scale] = projector(w, h);
   const r = Math.max(4, Math.min(11, scale * 0.0125 * Math.max(x1 - x0, y1 - y0)));
   pen.font = "12px system-ui, sans-serif"; pen.lineJoin = "round"; pen.lineCap = "round";
