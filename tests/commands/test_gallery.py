@@ -123,7 +123,9 @@ def test_a_lesson_asks_shows_its_runs_and_is_resumed(site, browser):
     page.get_by_text("step 0, sweep 0; modes 1 to 20").wait_for()
     wait_for(page, "replay.map?.minima.count > 1")
     lowest = page.evaluate("replay.map.minima.lowest[0]")
-    assert math.dist(lowest, load("tiny").positions[8]) == pytest.approx(0.44, abs=0.01), "44 cm, as the step says"
+    truth = load("tiny").positions
+    assert truth is not None
+    assert math.dist(lowest, truth[8]) == pytest.approx(0.44, abs=0.01), "44 cm, as the step says"
     page.get_by_role("button", name=lesson.steps[1].choices[1]).click()
     page.get_by_text("Right.").wait_for()
     wait_for(page, "replay.map?.indices.length == 3 && replay.map.minima.count == 1")
