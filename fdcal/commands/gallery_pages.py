@@ -108,7 +108,7 @@ def _run(show: Show) -> tuple[str, Entry]:
     inputs = with_settings(scene_of(show.scene), show.solver, None, None)
     states, problem = recorded(states_of(inputs)), problem_of(inputs)
     sought = counted_microphones(inputs, states[-1])
-    text = replay_of(inputs, states, show.title, show.microphone, sought)
+    text = replay_of(inputs, states, show.title, show.microphone, sought, opens_at=show.address)
     chosen = dict(part.split("=") for part in show.address.split("&")).get("modes")
     modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
     picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes)
@@ -116,12 +116,14 @@ def _run(show: Show) -> tuple[str, Entry]:
     return text, Entry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)
 
 
-def replay_of(inputs: CalibrationInput, states: Sequence, title: str, microphone: int, sought, seconds=None) -> str:
+def replay_of(
+    inputs: CalibrationInput, states: Sequence, title: str, microphone: int, sought, seconds=None, opens_at: str = ""
+) -> str:
     """Return the page of a run."""
     problem = problem_of(inputs)
     return replay_html(
         inputs.scene, inputs.measurement, states, title, reference_cost_of(problem), sought, problem=problem,
-        microphone=microphone, seconds=seconds, max_bytes=MAX_BYTES,
+        microphone=microphone, seconds=seconds, max_bytes=MAX_BYTES, opens_at=opens_at,
     )  # fmt: skip
 
 

@@ -160,13 +160,15 @@ def replay_html(
     seconds=None,
     max_bytes: int = MAX_BYTES,
     lesson: dict | None = None,
+    opens_at: str = "",
 ) -> str:
     """Return the HTML of a run of any solver.
 
     Beyond `max_bytes` fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown, without
     `problem` no map. `sought`: numbers of the microphones whose errors count; `microphone`: whose map is shown first,
     otherwise the one that the step moved; `seconds` (T,), processor time from the start to each state, s; `lesson`: its
-    steps, each with parts that show a range of the states (`fdcal.commands.lesson_page`).
+    steps, each with parts that show a range of the states (`fdcal.commands.lesson_page`); `opens_at`: what it shows
+    where nothing stands after # in its address, as it would stand there.
     """
     measurement, problem = _with_domain(measurement, problem, states[-1].positions)
     maps = None if problem is None else map_data(problem)
@@ -189,7 +191,13 @@ def replay_html(
     arrays = arrays | table | {name: values[kept] for name, values in channels.items()}
     if seconds is not None:
         arrays["seconds"] = np.asarray(seconds, "<f8")[kept]
-    data |= changing | {"title": title, "taken": len(states), "microphone": microphone, "lesson": lesson}
+    data |= changing | {
+        "title": title,
+        "taken": len(states),
+        "microphone": microphone,
+        "lesson": lesson,
+        "opens_at": opens_at,
+    }
     data["packed"] = packed(arrays)
     return _page(title, json.dumps(data, separators=(",", ":"), allow_nan=False))
 

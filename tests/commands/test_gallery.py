@@ -111,6 +111,8 @@ def test_a_lesson_asks_shows_its_runs_and_is_resumed(site, browser):
     faults, lesson = [], load_lesson(LESSON)
     page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
     page.on("pageerror", lambda error: faults.append(str(error)))
+    page.goto((site / "fig1.html").as_uri())  # as its entry in the index shows it, also without an address
+    wait_for(page, "window.replay?.map?.n == 9 && replay.map.indices.length == 1")
     page.goto((site / "lesson-1.html").as_uri())
     page.get_by_text(lesson.steps[0].question).wait_for()
     assert "mean 224 mm" in page.locator("#errors").inner_text()

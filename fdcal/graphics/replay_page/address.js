@@ -11,7 +11,7 @@
 let writing = 0, themed = false;
 
 function readAddress() {
-  const asked = new URLSearchParams(location.hash.slice(1)), refused = [];
+  const asked = new URLSearchParams(location.hash.slice(1) || data.opens_at), refused = [];
   const read = (key, use) => { if (asked.has(key) && use(asked.get(key)) === false) refused.push(`${key}=${asked.get(key).slice(0, 40)}`); };
   const number = text => /^-?\d+(\.\d+)?$/.test(text) ? Number(text) : NaN, onOff = id => text => {
     if (text != "on" && text != "off") return false;
