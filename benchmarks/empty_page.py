@@ -3,8 +3,6 @@
 A program: python -m benchmarks.empty_page
 """
 
-from __future__ import annotations
-
 import contextlib
 import sys
 import time

@@ -100,7 +100,10 @@ def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
     progress(1 - 1 / count, "race")
     for name, text in _race(entries):
         yield name, text
-    yield "index.html", index_html(TITLE, INTRODUCTION, entries, f"{OPENING.name}.html#{OPENING.address}&opening=on&embed=on")
+    yield (
+        "index.html",
+        index_html(TITLE, INTRODUCTION, entries, f"{OPENING.name}.html#{OPENING.address}&opening=on&embed=on"),
+    )
     progress(1.0, "written")
 
 

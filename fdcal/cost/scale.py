@@ -9,8 +9,6 @@ log-likelihood, has a linear scale from its lowest to its highest value.
 This module loads before the compiled code: the first picture of the page needs it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ viser moves the camera with W, A, S, D, Q, E and the arrows, so none of them is 
 text is typed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

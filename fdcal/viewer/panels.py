@@ -5,8 +5,6 @@ same tab afterwards. `Tabs` lists the tabs of a session: a new one is a line the
 module of `tabs`.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager

@@ -3,8 +3,6 @@
 Colours that colour-blind eyes tell apart: distances in CIELAB after the simulation of Vienot, Brettel and Mollon.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import matplotlib

@@ -3,8 +3,6 @@
 Maps as colours, as a relief, and side by side: what was given is where it should be.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

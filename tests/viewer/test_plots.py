@@ -11,7 +11,6 @@ from viser import uplot
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.model.texts import length_text
 from fdcal.session.history import StateCosts
 from fdcal.session.request import OpenRequest, edited
 from fdcal.viewer.background.comparison import ComparisonSetup, RunSummary, status_word
@@ -275,13 +274,6 @@ def test_a_race_says_that_it_prepares_and_gives_large_errors_in_metres():
     assert "error 1.16 m, largest 5.98 m" in html and "e+" not in html
     assert "dB" not in html, "the cost of an earlier state is not that of the positions"
     assert "-80.0 dB" in table((dataclasses.replace(far, cost=-80.0),))
-
-
-@pytest.mark.parametrize(
-    ("length", "text"), [(0.0042, "4.2 mm"), (0.535, "535 mm"), (0.99951, "1 m"), (1.234, "1.23 m")]
-)
-def test_lengths_from_a_metre_on_are_in_metres(length, text):
-    assert length_text(length) == text
 
 
 def test_no_old_status_stands_beside_the_progress_of_the_next_session(page_of):

@@ -6,8 +6,6 @@ runs them in order on its own event loop. None of them blocks. viser sends a pro
 the browsers have; so a tab assigns all that it shows at each tick.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Large words at the top of the canvas, with buttons below them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from html import escape
 from types import MappingProxyType

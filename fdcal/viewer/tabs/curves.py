@@ -5,8 +5,6 @@ top, alike for any number of stages, which hide neither the curves nor the axis.
 legend.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The tab Map: of which microphone and modes the map is, and how it is drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...acoustics.dictionary import max_order

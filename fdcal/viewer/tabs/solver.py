@@ -1,7 +1,5 @@
 """The settings of the solver, below its buttons: the method and its start, the modes in use."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from ... import solvers

@@ -1,7 +1,5 @@
 """Modes are added to the map one by one, in the tab Map, and its local minima are counted on the way."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
