@@ -251,6 +251,7 @@ class Viewer:
 
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""
+        self.binding.closed = True
         self._picker.remove()
         self.drop.close()
         self._line_handles.remove()
