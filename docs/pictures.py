@@ -71,15 +71,6 @@ def commanded(lines: list[str], folder: Path) -> None:
             raise SystemExit(f"fdcal {line} ended with {run.returncode}")
 
 
-def plate(folder: Path) -> None:
-    """Draw the result of the tutorial "Your first recording"."""
-    sys.path.insert(0, str(ROOT))
-    import fdcal
-
-    measurement = fdcal.load("tiny")
-    fdcal.calibrate(measurement).plot(measurement.positions).savefig(folder / "picture.png", dpi=110)
-
-
 def browsed(ended: bool, folder: Path) -> None:
     """Take a picture of the page of array 1, before or after a run."""
     sys.path.insert(0, str(ROOT))
@@ -131,15 +122,13 @@ def make(name: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         if name in COMMANDS:
             commanded(COMMANDS[name], Path(folder))
-        elif name in BROWSED:
-            browsed(BROWSED[name], Path(folder))
         else:
-            plate(Path(folder))
+            browsed(BROWSED[name], Path(folder))
         keep(Path(folder) / "picture.png", PICTURES / f"{name}.png")
 
 
 if __name__ == "__main__":
-    every = [*COMMANDS, "plate", *BROWSED]
+    every = [*COMMANDS, *BROWSED]
     for wanted in sys.argv[1:] or every:
         if wanted not in (*every, *STUDIES):
             raise SystemExit(f"no picture is called {wanted}: give any of {', '.join((*every, *STUDIES))}")

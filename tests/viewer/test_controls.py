@@ -9,7 +9,7 @@ from doubles import INVALID_VALUES, State, set_by_client, view_of
 from fdcal.graphics.picture import static_picture
 from fdcal.model.validation import InputError
 from fdcal.viewer.gui.binding import Binding, Tick
-from fdcal.viewer.gui.choices import NOTHING
+from fdcal.viewer.gui.choices import FLOOR, NOTHING, RELIEF, kind_of
 from fdcal.viewer.tabs import map
 
 
@@ -30,6 +30,18 @@ def test_controls_without_effect_are_hidden(controls):
     session.view = dataclasses.replace(session.view, state=dataclasses.replace(session.view.state, finished=True))
     panel.view.show(Tick(session.view, picture=picture))
     assert not panel.view.ellipses_text.visible
+
+
+def test_the_view_from_the_side_raises_a_flat_map_and_that_from_above_lays_it_down(controls):
+    panel, _ = controls
+    seen = []
+    for view, chosen in (("close", None), ("top", None), ("top", RELIEF), ("close", NOTHING), ("3d", FLOOR)):
+        if chosen is not None:
+            panel.map.show_as(chosen)
+        panel.look(None, view)
+        seen.append(kind_of(panel.binding.choices))
+        assert panel.map.kind.value == seen[-1]
+    assert seen == [RELIEF, FLOOR, RELIEF, NOTHING, FLOOR], "what a user chooses stays"
 
 
 def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, work):

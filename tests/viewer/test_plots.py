@@ -109,6 +109,16 @@ def test_errors_are_drawn_over_whole_decades(server, measurement, monkeypatch):
         assert len(numbers) == len(handle.axes[1]["splits"]) == 1 + round(np.log10(wanted[1] / wanted[0]))
 
 
+def test_after_a_drag_the_errors_keep_their_axis_until_another_run(server, measurement, monkeypatch):
+    monkeypatch.setattr(plots, "APART", 0.0)
+    curves = CurvesTab(server.gui, measurement, np.arange(10))
+    first, good, dragged = (State(measurement.positions + shift, i) for i, shift in enumerate((0.2, 2e-5, 0.1)))
+    for now, states, low in ((0.0, [first, good], 0.01), (1.0, [first, dragged], 0.01), (2.0, [dragged], 100.0)):
+        curves.show(Tick(view_of(states), now))
+        curves.error.settle()
+        assert 10.0 ** min(curves.error.decades) == pytest.approx(low)
+
+
 def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monkeypatch):
     """The page would draw the curve in a corner: it builds a new chart and forgets which part of it is seen."""
     clock, sent = [0.0], []
