@@ -264,7 +264,10 @@ def _speed_words(seen: Judged) -> str:
 
 
 def _loose_scale(seen: Judged, limit: float) -> bool:
-    return not len(seen.estimate.problem.known) and seen.scale is None and seen.scale_sigma > limit
+    """Whether nothing but the wavelengths gives the size, which those in a plane of space hardly do."""
+    problem = seen.estimate.problem
+    hardly = seen.scale_sigma > limit or problem.array_dimension < problem.dimension
+    return not len(problem.known) and seen.scale is None and hardly
 
 
 def _uncertain(seen: Judged) -> float:
@@ -353,7 +356,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
     Finding("scale_undetermined", _loose_scale,
             lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
             "name known microphones, or give one <distance> with <estimate_sound_speed>",
-            0.06, "one sigma of the least certain stretching of a blind array, relative"),
+            0.06, "one sigma of the least certain stretching of a blind array, relative; any in a plane of space"),
     Finding("ambiguous", lambda seen, _: seen.rival() > 0,
             lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
             "use more modes (<modes>), or known microphones that lie less on one line"),
