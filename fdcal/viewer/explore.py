@@ -23,6 +23,10 @@ from .tabs.lessons import LessonPage, LessonsTab
 THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
 DOT = 8.5  # pixels, radius of a single microphone; of several it falls with the square root of their number
+RESET_VIEW = (  # a frame with a dot in its middle
+    "<svg viewBox='0 0 24 24' aria-hidden='true'><path d='M3 8V3h5M16 3h5v5M21 16v5h-5M8 21H3v-5'/>"
+    "<circle cx='12' cy='12' r='3'/></svg>"
+)
 PLAY, PAUSE = "&#9654;", "&#10074;&#10074;"
 
 
@@ -60,6 +64,7 @@ class Explore:
     def __init__(self, page: LessonPage, lessons: LessonsTab):
         self._page, self._lessons, overlay = page, lessons, page.panels.overlay
         overlay.on("scene", self._open)
+        overlay.on("view", lambda client, _: self._reset_view(client))
         commands = {
             "play": lambda viewer, _: self._play(viewer),
             "sweep": lambda viewer, _: viewer.tabs.sweep.toggle(),
@@ -89,6 +94,13 @@ class Explore:
         self._lessons.leave()
         self._page.open(OpenRequest(load_scene(name), fewer_modes=True))
 
+    def _reset_view(self, client: viser.ClientHandle) -> None:
+        """Show what is drawn as a whole: a map in relief or in space from the side, all else from above."""
+        viewer = self._page.viewer
+        style = None if viewer is None else viewer.binding.choices.style
+        raised = style is not None and (style.relief or style.volume)
+        self._page.nodes.cameras.request(client, "close" if raised else "top")
+
     @staticmethod
     def _play(viewer: Viewer) -> None:
         """Run the solver or pause it; from its start where it has finished."""
@@ -117,17 +129,19 @@ class Explore:
         label = f"{PAUSE} Pause" if running else f"{PLAY} Play again" if state.finished else f"{PLAY} Play"
         sweeps = viewer.tabs.sweep.playing
         row = binding.row.capitalize()
+        shown = title or viewer.run.scene.title
         end = "<button data-do='lecture'>End lecture mode</button>" if binding.choices.lecture else ""
         return (
-            f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'>{self._drawn(viewer)}"
-            f"<span><b>{escape(title or viewer.run.scene.title)}</b>"
+            f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'"
+            f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(shown)}</b>"
             f"<small>{escape(waiting) or self._status(viewer)}</small></span></button>"
             f"<button class='first' data-do='play'>{label}</button>"
             f"<label>{row}s <input type='range' data-do='modes' min='1' max='{binding.modes}' value='{modes[-1]}'>"
             f"<output>{escape(modes_text(modes))}</output></label>"
-            f"<button data-do='sweep' aria-label='Add {binding.row}s one by one'>{PAUSE if sweeps else PLAY}</button>"
+            f"<button data-do='sweep' title='Add {binding.row}s one by one'>{'Stop' if sweeps else 'Add up'}</button>"
             f"<label>Microphone <input type='range' data-do='microphone' min='0' max='{binding.measurement.count - 1}'"
             f" value='{viewer.snapshot.microphone}'><output>{viewer.snapshot.microphone}</output></label>"
+            f"<button data-do='view' class='icon' title='Reset view' aria-label='Reset view'>{RESET_VIEW}</button>"
             f"<button data-local='sheet:lessons'>Lessons</button>{end}"
             "<button data-local='face:expert'>Expert</button>"
         )
