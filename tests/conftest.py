@@ -51,27 +51,28 @@ def kernels() -> None:
         compile_piece()
 
 
-RUNS: dict[bytes, tuple] = {}  # ends of runs of this process, by all that they depend on
-
-
 @pytest.fixture(scope="module")
 def remembered_runs(cache):
     """A calibration of the same measurement with the same settings and seed is run once, and assessed each time.
 
-    For tests of what becomes of options and results; not for those of the run itself.
+    For tests of what becomes of options and results; not for those of the run itself. All workers share the ends.
     """
-    run = calibration_run.last_state
+    run, folder = calibration_run.last_state, cache / "runs"
+    folder.mkdir(exist_ok=True)
 
     def last_state(inputs, progress, problem, clock):
         if inputs.time_limit is not None or clock is not time.process_time:
             return run(inputs, progress, problem, clock)
-        key = hashlib.sha256(pickle.dumps((inputs.measurement, problem, inputs.settings, inputs.seed))).digest()
-        if key not in RUNS:
+        key = hashlib.sha256(pickle.dumps((inputs.measurement, problem, inputs.settings, inputs.seed))).hexdigest()
+        if not (folder / key).exists():
             found = run(inputs, progress, problem, clock)
             if found[1]:  # stopped early
                 return found
-            RUNS[key] = found
-        return RUNS[key][0], "", clock() + calibration_run.time_limit(problem, inputs.settings.modes)
+            own = folder / f"{key}-{os.getpid()}"
+            own.write_bytes(pickle.dumps(found[0]))
+            own.replace(folder / key)
+        end = clock() + calibration_run.time_limit(problem, inputs.settings.modes)
+        return pickle.loads((folder / key).read_bytes()), "", end
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration_run, "last_state", last_state)

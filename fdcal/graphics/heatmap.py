@@ -13,7 +13,7 @@ import numpy as np
 from ..cost.scale import DECADES, Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array
-from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor
+from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor, Mesh, Theme
 
 TOWARDS_LIGHT = np.array([-0.55, 0.55, 0.63])
 DARKEST = 0.55  # brightness of a slope that the light does not reach
@@ -47,6 +47,32 @@ def relief_grid(origin, size, heights: np.ndarray) -> ReliefGrid:
         for low, length, count in zip(origin, size, heights.shape[::-1], strict=True)
     ]
     return ReliefGrid(axes[0], axes[1], np.pad(np.asarray(heights, float), 1, mode="edge"))
+
+
+SIDES = (0.28, 0.4)  # of the way from the background to the texts: shades of the sides across x and across y
+
+
+def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
+    """Return the sides of a map in relief, down to its level, which make it a block: two shades, by the same light."""
+    if floor.heights is None:
+        raise ValueError("a flat map has no sides")
+    grid = relief_grid(floor.origin, floor.size, floor.heights)
+    x, y = np.meshgrid(grid.x, grid.y)
+    rim = np.stack([x, y, floor.height + grid.heights], axis=-1)
+    meshes = []
+    for name, share, edges in (("x", SIDES[0], (rim[:, 0], rim[:, -1])), ("y", SIDES[1], (rim[0], rim[-1]))):
+        top = np.stack(edges)
+        foot = top * [1, 1, 0] + [0, 0, floor.height]
+        count = top.shape[1]
+        corner = (np.arange(count - 1) + np.array([[0], [2 * count]])).ravel()[:, None]
+        faces = np.concatenate([corner + [0, 1, count + 1], corner + [0, count + 1, count]])
+        vertices = np.stack([top, foot], axis=1).reshape(-1, 3)
+        red, green, blue = (
+            round((1 - share) * a + share * b) for a, b in zip(theme.background, theme.foreground, strict=True)
+        )
+        shape = frozen_array(vertices, np.float32), frozen_array(faces, np.int32)
+        meshes.append(Mesh(f"relief_sides/{name}", *shape, (red, green, blue)))
+    return tuple(meshes)
 
 
 RELIEF_HEIGHT = 0.3  # of a map in relief, of the longer side of the search domain

@@ -239,6 +239,11 @@ def figure_bytes(figure: Figure, file_format: str) -> bytes:
     return file.getvalue()
 
 
+def landscape_bytes(file_format: str, *drawn) -> bytes:
+    """Return `figure_bytes` of `draw_landscape`."""
+    return figure_bytes(draw_landscape(*drawn), file_format)
+
+
 def landscape(
     measurement: Measurement,
     microphone: str | int,

@@ -10,6 +10,7 @@ import numpy as np
 from ..model.measurement import Measurement
 from ..model.scene import Scene
 from . import glyphs
+from .heatmap import relief_sides
 from .markers import (
     ESTIMATE,
     LOWEST,
@@ -150,7 +151,11 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
 
     None removes the map.
     """
-    if floor is None or not floor.show_minima:
+    if floor is None:
+        return replace(picture, floor=None)
+    if floor.heights is not None:
+        picture = replace(picture, meshes=picture.meshes + relief_sides(floor, picture.theme))
+    if not floor.show_minima:
         return replace(picture, floor=floor)
     radius = picture.marker_radius
     diamond = radius * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])

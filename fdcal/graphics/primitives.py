@@ -90,6 +90,7 @@ class ColourBar:
     label: str  # name and unit
     clipped: bool = False  # whether lower values than `low` exist, which share its colour
     colour_map: str = COLOUR_MAP  # of matplotlib.colormaps
+    capped: bool = False  # whether higher values than `high` exist, which share its colour
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:

@@ -1,21 +1,19 @@
 """A picture drawn off-screen by pyvista, to a PNG file or bytes.
 
-A child process (`python -m fdcal.graphics.snapshot`) draws: a crash of the GL library stays away from the caller, and
+A child process draws: a crash of the GL library stays away from the caller, and
 VTK out of its memory. Its main thread is the only one to use GL.
 """
 
 import io
 import os
-import pickle
 import re
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..model.isolated import ProcessError, call
 from ..model.validation import InputError, StorageError, require_choice
 from .annotations import annotate, margins, text_scale
 from .camera import VIEWS, Camera, camera_for
@@ -33,25 +31,20 @@ def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = 
     """Return the bytes of the PNG, drawn by a child process; StorageError without a GL library of a fitting version."""
     require_size(size)
     require_choice("view", view, VIEWS)
-    package = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
-    environment = {**os.environ, "PYTHONPATH": path}
     try:
-        child = subprocess.run(
-            [sys.executable, "-m", "fdcal.graphics.snapshot"],
-            input=pickle.dumps((picture, tuple(size), view)),
-            capture_output=True,
-            timeout=TIMEOUT,
-            env=environment,
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise StorageError(f"the picture could not be drawn: {error}") from error
-    if child.returncode != 0 or not child.stdout.startswith(b"\x89PNG"):
-        messages = child.stderr.decode(errors="replace").strip().splitlines()
-        reason = messages[-1].strip() if messages else ""
-        remedy = VERSIONS if MISFIT.match(reason) and "shared object" not in reason else REMEDY
-        raise StorageError(f"the picture could not be drawn{reason and f' ({reason})'}; {remedy}")
-    return child.stdout
+        return call(png_bytes, picture, tuple(size), view, seconds=TIMEOUT)
+    except ProcessError as error:
+        remedy = VERSIONS if MISFIT.match(str(error)) and "shared object" not in str(error) else REMEDY
+        raise StorageError(f"the picture could not be drawn ({error}); {remedy}") from error
+
+
+def png_bytes(picture: Picture, size: tuple[int, int], view: str) -> bytes:
+    """Return the bytes of the PNG, drawn by this process, which a wrong GL library may end."""
+    from PIL import Image
+
+    png = io.BytesIO()
+    Image.fromarray(draw(picture, size, view)).save(png, format="png")
+    return png.getvalue()
 
 
 def require_size(size: Sequence[int]) -> None:
@@ -166,17 +159,3 @@ def _place_camera(plotter: Any, camera: Camera) -> None:
     else:
         eye.parallel_projection, eye.parallel_scale = True, camera.height / 2
     plotter.renderer.ResetCameraClippingRange()
-
-
-def main() -> None:
-    """Read picture, size and view as a pickle from standard input, and write the PNG to standard output."""
-    from PIL import Image
-
-    picture, size, view = pickle.load(sys.stdin.buffer)
-    png = io.BytesIO()
-    Image.fromarray(draw(picture, size, view)).save(png, format="png")
-    sys.stdout.buffer.write(png.getvalue())
-
-
-if __name__ == "__main__":
-    main()

@@ -169,9 +169,11 @@ def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines
         sources = np.array(scene.emitter.places, float)
         feet = np.concatenate([glyphs.lift(vertices, height), sources[: len(sources) == 1]])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
-        meshes, before = (), (lines("room/box", box, theme.grid, 2.0),)
+        meshes, before = (), (lines("room/box", box, theme.grid, 1.0),)
     else:
         edges = np.concatenate([edges, glyphs.loop(vertices, height)])
         meshes, before = (mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12),), ()
     grid_lines = lines("room/grid", grid, theme.grid, 1.0)
-    return (*before, grid_lines, lines("room/edges", edges, theme.foreground, 2.0)), meshes
+    strong = not before  # the edges of a room that is higher than the array cross the picture of it
+    colour, width = (theme.foreground, 2.0) if strong else (theme.quiet, 1.0)
+    return (*before, grid_lines, lines("room/edges", edges, colour, width)), meshes

@@ -29,13 +29,20 @@ from .primitives import Area, ColourBar, Plate, Surface
 
 
 def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return vertices (V, 3), metres, faces (F, 3) and normals (V, 3), uphill, of where values equal a level."""
+    """Return vertices (V, 3), metres, faces (F, 3) and normals (V, 3), uphill, of where values equal a level.
+
+    What is lower is enclosed: where it goes on beyond the lattice, the surface is closed there.
+    """
+    if level > values.max():
+        return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3))
     vtk_core, vtk_data, arrays = _vtk()
+    closed = np.pad(np.asarray(values, float), 1, constant_values=float(values.max()) + BEYOND)
+    low = np.array(search.origin)
     image = vtk_data.vtkImageData()
-    image.SetDimensions(*values.shape[::-1])
-    image.SetOrigin(*search.origin)
+    image.SetDimensions(*closed.shape[::-1])
+    image.SetOrigin(*(low - search.step))
     image.SetSpacing(search.step, search.step, search.step)
-    flat = np.ascontiguousarray(values, dtype=float).ravel()
+    flat = np.ascontiguousarray(closed).ravel()
     image.GetPointData().SetScalars(arrays.numpy_to_vtk(flat))
     contour = vtk_core.vtkFlyingEdges3D()
     contour.SetInputData(image)
@@ -49,6 +56,7 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
     vertices = arrays.vtk_to_numpy(found.GetPoints().GetData()).astype(float)
     faces = arrays.vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(int)
     normals = arrays.vtk_to_numpy(found.GetPointData().GetNormals()).astype(float)
+    vertices = np.clip(vertices, low, low + search.step * (np.array(values.shape[::-1]) - 1))
     return vertices, faces, -normals  # VTK's point towards lower values
 
 
@@ -63,11 +71,13 @@ def _vtk() -> tuple[Any, Any, Any]:
 
 AXES = "xyz"
 MAX_LEVELS = 4  # isosurfaces; more of them hide each other
-LARGEST, SMALLEST = 0.22, 2e-4  # fractions of the domain that the outermost and the innermost isosurface enclose
-OPACITY = (0.24, 0.85)  # of the outermost and of the innermost isosurface
-SLICE_OPACITY = 0.6  # so that the array is seen through it
+LARGEST, SMALLEST = 0.13, 2e-4  # fractions of the domain that the outermost and the innermost isosurface enclose
+COLOURED = 0.4  # fraction of the domain whose costs the scale tells apart: the isosurfaces are in its lower half
+BEYOND = 1e3  # by how much the cost is higher beyond the lattice
+OPACITY = (0.3, 0.95)  # of the outermost and of the innermost isosurface
+SLICE_OPACITY = 0.42  # so that the array is seen through it
 TOWARDS_LIGHT = np.array([-0.42, -0.55, 0.72])  # over the viewer's left shoulder in the oblique views
-DARKEST = 0.45  # brightness of a surface that faces away from the light
+DARKEST = 0.6  # brightness of a surface that faces away from the light
 ON_DARK = 0.15  # fraction of white in a surface on a dark page, and by how much more opaque it is
 SHADES = 32  # columns of a texture
 
@@ -108,15 +118,15 @@ def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
 
 def volume_of(cost: np.ndarray, search: Search, log: bool, minima: Minima | None = None) -> Volume:
     """Return the isosurfaces of costs (nz, ny, nx), relative to the power; `log`: whether colours follow decibels."""
-    low, high, clipped = colour_limits(cost, log)
+    low, high, clipped = colour_limits(np.minimum(cost, np.quantile(cost, COLOURED)), log)
     decibels = 10 * np.log10(np.maximum(cost, 1e-16))
     levels = levels_of(np.maximum(decibels, 10 * np.log10(max(low, 1e-16))))
     # the innermost first: an outer surface is drawn over the inner ones
     parts = [isosurface(decibels, search, level) for level in levels]
     colours = to_rgb(normalise(10 ** (np.array(levels) / 10), low, high, log)) if levels else np.zeros((0, 3), np.uint8)
-    bar = ColourBar(10 * np.log10(low), 10 * np.log10(high), False, "cost, Eq. 7 (dB)", clipped)
+    bar = ColourBar(10 * np.log10(low), 10 * np.log10(high), False, "cost, Eq. 7 (dB)", clipped, capped=True)
     if not log:
-        bar = ColourBar(low, high, False, "cost, Eq. 7 (relative to the power)", clipped)
+        bar = ColourBar(low, high, False, "cost, Eq. 7 (relative to the power)", clipped, capped=True)
     return Volume(_surface(parts, colours), None, bar, levels, minima)
 
 
@@ -148,7 +158,7 @@ def faded(volume: Volume, opacity: float, dark: bool = False) -> Volume:
         texture[..., :3] += ON_DARK * (255 - texture[..., :3])
         texture[..., 3] *= 1 + ON_DARK
     texture[..., 3] *= opacity
-    texture = np.rint(texture)
+    texture = np.rint(np.minimum(texture, 255))
     return replace(volume, surface=replace(volume.surface, texture=frozen_array(texture, np.uint8)))
 
 

@@ -46,13 +46,6 @@ def test_panels_are_the_cost_of_eq_7_and_their_sum(measured):
     assert np.allclose(panels.maps[:2, 17, 3], expected, rtol=1e-8)
 
 
-def test_the_joint_minimum_is_the_true_position(measured):
-    measurement, problem = measured
-    for n in (1, 9, 15):
-        panels = landscape_panels(problem, measurement.positions, n, range(1, 9), 2)
-        assert np.allclose(panels.minima[-1], measurement.positions[n])
-
-
 def test_a_mode_of_too_high_an_order_is_refused(measured):
     measurement, problem = measured
     with pytest.raises(InputError, match=r"2L \+ 1 = "):

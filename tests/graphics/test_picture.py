@@ -446,3 +446,21 @@ def test_bars_in_space_keep_their_width_and_length():
     corners = vertices.reshape(3, 4, 3)
     np.testing.assert_allclose(np.linalg.norm(corners[:, 0] - corners[:, 3], axis=1), 0.1)
     np.testing.assert_allclose(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1), [4, 2, 2])
+
+
+def test_a_map_in_relief_is_a_block_from_its_heights_down_to_its_level(scene, measurement):
+    cost = np.random.default_rng(2).uniform(1, 2, (9, 11))
+    floor = cost_floor(cost, scene.search, relief=True, height=0.5)
+    drawn = compose(scene, measurement, floor=floor)
+    sides = [part(drawn, f"relief_sides/{axis}") for axis in "xy"]
+    assert sides[0].colour != sides[1].colour, "the light comes from one side"
+    x0, y0 = floor.origin
+    for side, axis in zip(sides, (0, 1), strict=True):
+        low, high = side.vertices.min(axis=0), side.vertices.max(axis=0)
+        np.testing.assert_allclose(
+            np.unique(side.vertices[:, axis]), [(x0, y0)[axis], (x0, y0)[axis] + floor.size[axis]], atol=1e-6
+        )
+        assert low[2] == 0.5 and high[2] == pytest.approx(0.5 + np.delete(floor.heights, slice(1, -1), 1 - axis).max())
+        assert trimesh.Trimesh(side.vertices, side.faces, process=False).area > 0
+    flat = compose(scene, measurement, floor=cost_floor(cost, scene.search))
+    assert not [name for name in names(flat) if name.startswith("relief_sides")]

@@ -124,16 +124,6 @@ def test_files_of_several_channels_can_be_channels_of_one_take(folder, tmp_path)
     assert joined.count == COUNT
 
 
-def test_the_order_of_files_does_not_matter_for_the_positions(folder):
-    files = [folder / f"take{s}.wav" for s in range(3)]
-    found = []
-    for order in (files, files[::-1]):
-        measurement = fdcal.load(order, sound_speed=SPEED, array_radius=0.5, most=FEW)
-        found.append(fdcal.calibrate(measurement, known="none"))
-    moved = align(found[1].positions, found[0].positions)
-    assert np.sqrt(np.mean(np.sum((moved - found[0].positions) ** 2, axis=1))) < 0.1 * np.mean(found[0].uncertainty)
-
-
 def test_measurements_of_several_files_are_takes(folder, tmp_path):
     options = {"sound_speed": SPEED, "array_radius": 0.5, "most": 40}
     single = [fdcal.load(folder / f"take{s}.wav", **options) for s in range(2)]
@@ -144,17 +134,6 @@ def test_measurements_of_several_files_are_takes(folder, tmp_path):
         fdcal.load([tmp_path / "0.npz", folder / "take1.wav"])
     with pytest.raises(InputError, match="no recording and no measurement"):
         fdcal.load(["tiny", str(tmp_path / "0.npz")])
-
-
-def test_a_long_recording_is_cut_into_takes(folder):
-    parts = fdcal.load(folder / "still.wav", split=8.0, sound_speed=SPEED, array_radius=0.5, most=FEW)
-    whole = fdcal.load(folder / "still.wav", sound_speed=SPEED, array_radius=0.5, most=FEW)
-    assert parts.take_count == 3 and whole.take_count == 1
-    found = [fdcal.calibrate(one, known="none", solver="joint") for one in (parts, whole)]
-    moved = align(found[0].positions, found[1].positions)
-    apart = np.linalg.norm(moved - found[1].positions, axis=1)
-    sigma = np.sqrt(found[0].uncertainty ** 2 + found[1].uncertainty ** 2)
-    assert np.sqrt(np.mean((apart / sigma) ** 2)) < 2
 
 
 def test_a_source_that_is_carried_round_says_more_in_parts(folder):

@@ -27,14 +27,6 @@ def two_threads():
         yield
 
 
-def test_the_limit_is_taken_back(two_threads):
-    before = threads()
-    with one_blas_thread():
-        assert set(threads()) == {1}
-    assert threads() == before
-    assert set(before) == {2}
-
-
 def test_the_limit_is_taken_back_after_an_error(two_threads):
     with pytest.raises(ZeroDivisionError), one_blas_thread():
         raise ZeroDivisionError

@@ -8,9 +8,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.maps import cost_maps, map_minima, map_positions, minima_of, refined
 from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.gauge import position_errors
-from fdcal.session.calibration_run import solve
 from fdcal.session.lesson import load_lesson
-from fdcal.session.sources import CalibrationInput
 
 
 @pytest.fixture(scope="module")
@@ -224,22 +222,3 @@ def test_the_error_grows_with_distance_from_a_corner_and_not_from_the_centre(les
     assert inner == pytest.approx(9, abs=0.6) and outer == pytest.approx(9, abs=0.6) and abs(flat) < 0.3
     assert (sooner, sweeps) == (30, 40) and "30 sweeps instead of 40" in text
     assert ends.max() < 1e-6 and np.count_nonzero(last > 1) == 2 and last.max() == pytest.approx(20, abs=1)
-
-
-def test_a_second_place_says_more_than_a_longer_recording(lesson_text):
-    lesson, text, errors = load_lesson("8_second_place"), lesson_text("8_second_place"), []
-    for number, revealed in ((0, False), (0, True), (1, False), (2, False)):
-        scene, seed = lesson.start(number, revealed)
-        measurement = cached_measurement(scene)
-        found = solve(CalibrationInput(scene.name, scene, measurement, scene.solver, seed))
-        sought = np.setdiff1d(np.arange(measurement.count), measurement.known)
-        errors.append((1e3 * measurement.errors(found.positions)[sought].mean(), scene.measurement.snr_db))
-        assert found.verdict == "good" and measurement.count == 24 and len(measurement.known) == 4
-        assert measurement.take_count == len(scene.source.places) and len(measurement.frequencies) % 55 == 0
-    (one, snr), (longer, louder), (two, same), (halves, noisier) = errors
-    assert (snr, louder, same, noisier) == (50, 53, 50, 47) and "3 dB stronger, 47 dB" in text
-    assert len(measurement.frequencies) == 110 and "110 rows" in text and "55 frequencies" in text
-    assert one == pytest.approx(4.5, abs=0.1) and "4.5 mm" in text
-    assert longer == pytest.approx(3.8, abs=0.1) and "3.8 mm" in text and longer > 0.8 * one
-    assert two == pytest.approx(2.8, abs=0.1) and "2.8 mm" in text
-    assert halves == pytest.approx(3.2, abs=0.1) and "3.2 instead of 4.5 mm" in text

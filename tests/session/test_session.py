@@ -81,13 +81,6 @@ def make():
         assert session.close(WAIT), "the solver thread is still alive"
 
 
-def test_step_takes_one_step(make):
-    session = make(Counter())
-    session.step()
-    assert session.wait_for(lambda view: view.count == 2, WAIT)
-    assert (session.view.state.step, session.view.index, session.view.running) == (1, 1, False)
-
-
 def test_pause_stops_within_the_step_under_way(make):
     solver = Counter(gated=True)
     session = make(solver)

@@ -11,7 +11,6 @@ from fdcal.acoustics.dictionary import spherical_bessel
 from fdcal.cost.eq7 import known_weights, leave_one_out_fits
 from fdcal.cost.lattice import space_lattice
 from fdcal.cost.maps import cost_maps, refined
-from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings
@@ -73,10 +72,6 @@ def to_the_end(problem, state):
     return states
 
 
-def error(positions, truth, problem):
-    return np.linalg.norm(positions - truth, axis=1)[problem.free].mean()
-
-
 def test_few_unknown_microphones_are_found_exactly_from_anywhere_on_the_lattice():
     states = to_the_end(PROBLEM, descent.init(PROBLEM, SETTINGS, 0))
     assert states[-1].converged
@@ -85,15 +80,6 @@ def test_few_unknown_microphones_are_found_exactly_from_anywhere_on_the_lattice(
         moved = np.flatnonzero(np.any(before.positions != after.positions, axis=1))
         assert set(moved) <= {after.moved} and after.moved not in PROBLEM.known
     assert states[0].last == SETTINGS.first_modes and states[-1].last == SETTINGS.modes, "from low to high frequencies"
-
-
-def test_from_a_few_centimetres_cost_and_error_fall():
-    problem = problem_of(TRUTH, 15)
-    start = near(problem, TRUTH, 0.03)
-    last, reference_cost = to_the_end(problem, start)[-1], ReferenceCost(problem)
-    assert error(start.positions, TRUTH, problem) > 0.03
-    assert error(last.positions, TRUTH, problem) < 0.5 * error(start.positions, TRUTH, problem)
-    assert reference_cost(last.positions) < reference_cost(start.positions) - 10
 
 
 def test_the_step_is_the_lowest_candidate_of_the_whole_lattice():

@@ -15,7 +15,6 @@ from fdcal.model.gauge import position_errors
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import KNOWN_ROOM_SOLVERS, Search, SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.session.session import Session
 from fdcal.solvers import descent, joint
 from fdcal.solvers.interface import RunState, Traits
 
@@ -146,17 +145,3 @@ def test_with_modes_set_by_the_user_the_chain_ends_with_the_active_member(states
 def test_limits_of_the_second_member_are_reported_before_the_first_runs():
     with pytest.raises(InputError, match="modes are too few"):
         solvers.load("descent+joint").init(PROBLEM, dataclasses.replace(SETTINGS, modes=4, first_modes=3), 0)
-
-
-def test_a_session_drives_it_to_the_end(states):
-    session = Session(PROBLEM, SETTINGS, 0)
-    try:
-        session.play()
-        assert session.wait_for(lambda view: view.state.finished and not view.running, timeout=120)
-        assert session.view.error == "" and session.view.count == len(states)
-        assert np.array_equal(session.view.state.positions, states[-1].positions)
-        session.seek(2)
-        session.sweep()
-        assert session.wait_for(lambda view: view.state.sweep == states[2].sweep + 1, timeout=120)
-    finally:
-        session.close()

@@ -1,5 +1,6 @@
 """Laws of solver `joint`: the likelihood solver for matched channels and exact given positions."""
 
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
@@ -32,8 +33,18 @@ KNOWN = [0, 1, 2]
 SETTINGS = SolverSettings(name="joint", modes=40)
 
 
-def solve(measurement, settings=SETTINGS):
+RUNS: dict[bytes, list] = {}  # of this process: some tests start from the same run
+
+
+def solve_anew(measurement, settings=SETTINGS):
     return list(solvers.run(measurement.problem(), settings, 0))
+
+
+def solve(measurement, settings=SETTINGS):
+    key = pickle.dumps((measurement, settings))
+    if key not in RUNS:
+        RUNS[key] = solve_anew(measurement, settings)
+    return RUNS[key]
 
 
 @pytest.fixture(scope="module")
@@ -53,13 +64,6 @@ def are_held(states, known, places):
 
 def test_known_microphones_never_move(clean):
     assert are_held(clean, KNOWN, TRUTH[KNOWN])
-
-
-def test_known_microphones_never_move_though_one_is_the_origin():
-    """There the least rounding error of a step would count."""
-    positions = TRUTH - TRUTH[KNOWN[0]]
-    states = solve(replace(measured(TRUTH, KNOWN), positions=positions, known_positions=positions[KNOWN]))
-    assert are_held(states, KNOWN, positions[KNOWN])
 
 
 def test_known_microphones_never_move_though_their_channels_record_only_noise_or_their_positions_are_wrong():
@@ -86,18 +90,11 @@ def test_a_step_never_raises_what_it_minimises(clean):
         assert there == pytest.approx(after.cost, rel=1e-12) and there <= here
 
 
-def test_no_known_microphone_is_needed_up_to_a_rigid_motion():
-    last = solve(measured(TRUTH, []))[-1]
-    assert last.converged
-    assert position_errors(align(last.positions, TRUTH), TRUTH).max() < 5e-3
-
-
-@pytest.mark.parametrize("snr_db, rms_mm", [(40, 3.0), (20, 40.0)])
-def test_noise_costs_accuracy_in_proportion_and_loses_no_array(snr_db, rms_mm):
-    for known in (KNOWN, []):
-        last = solve(measured(TRUTH, known, snr_db=snr_db, seed=1))[-1]
-        placed = last.positions if known else align(last.positions, TRUTH)
-        assert np.sqrt(np.mean(position_errors(placed, TRUTH) ** 2)) < 1e-3 * rms_mm
+@pytest.mark.parametrize("snr_db, rms_mm, known", [(40, 3.0, KNOWN), (20, 40.0, [])])
+def test_noise_costs_accuracy_in_proportion_and_loses_no_array(snr_db, rms_mm, known):
+    last = solve(measured(TRUTH, known, snr_db=snr_db, seed=1))[-1]
+    placed = last.positions if known else align(last.positions, TRUTH)
+    assert np.sqrt(np.mean(position_errors(placed, TRUTH) ** 2)) < 1e-3 * rms_mm
 
 
 def test_unreported_noise_is_estimated():
@@ -121,33 +118,26 @@ def test_a_given_snr_overrides_the_noise_of_the_measurement():
     np.testing.assert_allclose(reported, wrong.noise_power / power, rtol=1e-9)
 
 
-def test_rigid_motion_of_the_truth_moves_the_answer_with_it():
-    """The same pressures with the known microphones given in another frame."""
+def test_a_rigid_motion_of_the_known_microphones_moves_the_answer_with_it_and_not_them():
+    """Also one that is the origin of the other frame, where the least rounding error of a step would count."""
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
     measurement = measured(TRUTH, KNOWN)
-    positions = TRUTH @ turn.T + [1.0, -4.0]
-    moved = replace(measurement, positions=positions, known_positions=positions[KNOWN])
-    here, there = (solve(m)[-1].positions for m in (measurement, moved))
-    np.testing.assert_allclose(there, here @ turn.T + [1.0, -4.0], atol=2e-4)
+    positions = (TRUTH - TRUTH[KNOWN[0]]) @ turn.T
+    states = solve(replace(measurement, positions=positions, known_positions=positions[KNOWN]))
+    here = solve(measurement)[-1].positions
+    np.testing.assert_allclose(states[-1].positions, (here - TRUTH[KNOWN[0]]) @ turn.T, atol=2e-4)
+    assert are_held(states, KNOWN, positions[KNOWN])
 
 
-def seen_from(frame, known):
-    """The same array and room, turned and mirrored in space: source and walls go with the microphones."""
-    flip = {"mirrored": [-1, 1], "turned half": [-1, -1], "as it is": [1, 1]}[frame]
-    place = lambda points: np.asarray(points) * flip + (6.0 * (flip[0] < 0), 5.0 * (flip[1] < 0))  # noqa: E731
-    return measured(place(TRUTH), known, source=tuple(place((5.47, 4.53)))), place(TRUTH)
-
-
-@pytest.mark.parametrize("known", [[], KNOWN], ids=["blind", "known"])
-def test_no_rigid_motion_and_no_mirror_of_all_changes_the_shape_found(known):
+def test_a_mirror_image_of_room_and_array_has_the_mirror_image_of_the_answer_blind():
+    """The distances are the same: source and walls go with the microphones."""
     shapes = []
-    for frame in ("as it is", "mirrored", "turned half"):
-        measurement, truth = seen_from(frame, known)
-        found = solve(measurement)[-1].positions
+    for flip, source in ((1, 5.47), (-1, 6.0 - 5.47)):
+        truth = TRUTH * [flip, 1] + (6.0 * (flip < 0), 0.0)
+        found = solve(measured(truth, [], source=(source, 4.53)))[-1].positions
         shapes.append(np.linalg.norm(found[:, None] - found[None], axis=-1))
-        assert position_errors(found if known else align(found, truth), truth).max() < 2e-3
-    for shape in shapes[1:]:
-        np.testing.assert_allclose(shape, shapes[0], atol=1e-4)
+        assert position_errors(align(found, truth), truth).max() < 2e-3
+    np.testing.assert_allclose(shapes[1], shapes[0], atol=1e-4)
 
 
 @pytest.mark.parametrize("known", ["minimal", "none"])
@@ -238,7 +228,7 @@ def test_few_microphones_are_enough_where_there_is_no_noise(seed):
 
 def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
     monkeypatch.setattr(compiled, "_pool", lambda: ThreadPoolExecutor(1))
-    alone = solve(measured(TRUTH, KNOWN))
+    alone = solve_anew(measured(TRUTH, KNOWN))
     np.testing.assert_array_equal(alone[-1].positions, clean[-1].positions)
 
 
@@ -300,30 +290,19 @@ def test_an_array_in_another_frame_is_bent_to_exact_positions_before_the_first_s
 
 
 def test_a_run_is_repeatable(clean):
-    again = solve(measured(TRUTH, KNOWN))
+    again = solve_anew(measured(TRUTH, KNOWN))
     assert len(again) == len(clean) and all(same_state(a, b) for a, b in zip(again, clean, strict=True))
 
 
-@pytest.mark.parametrize("snr_db", [np.inf, 30], ids=["without noise", "with noise"])
-def test_it_is_the_likelihood_solver_for_matched_channels_and_exact_positions(snr_db):
+def test_it_is_the_likelihood_solver_for_matched_channels_and_exact_positions():
     """They differ in the order of the starts, and in how many are enough."""
-    problem = measured(TRUTH, KNOWN, snr_db=snr_db).problem()
+    problem = measured(TRUTH, KNOWN, snr_db=30).problem()
     matched = replace(SETTINGS, name="robust", gains="fixed", known_sigma=0.0)
     *_, here = run_from(joint, problem, joint.init(problem, SETTINGS, 0))
     *_, there = run_from(robust, problem, robust.init(problem, matched, 0))
     assert here.converged and there.converged
-    noise = 10 ** (-snr_db / 20)
-    np.testing.assert_allclose(here.positions, there.positions, atol=2e-4 + 0.05 * noise)
+    np.testing.assert_allclose(here.positions, there.positions, atol=1.8e-3)
     np.testing.assert_array_equal(here.positions[KNOWN], there.positions[KNOWN])
-
-
-def test_landscape_is_lowest_at_the_microphone_once_it_is_found(clean):
-    problem = measured(TRUTH, KNOWN).problem()
-    last, n = clean[-1], 9
-    total = joint.landscape(problem, last, n, last.modes).sum(axis=0)
-    iy, ix = np.unravel_index(total.argmin(), total.shape)
-    lowest = np.array(problem.search.origin) + problem.search.step * np.array([ix, iy])
-    assert np.abs(lowest - TRUTH[n]).max() <= problem.search.step
 
 
 def test_modes_set_by_the_user():

@@ -68,16 +68,6 @@ def test_a_conditional_likelihood_of_other_modes_is_dropped_where_it_is_not_perm
     assert noise.with_conditional(in_unit_power(end.problem), stale).model.conditional == ""
 
 
-def test_matched_channels_and_exact_positions_are_found_to_the_last_digit_without_noise():
-    """A prior of exact positions, however stiff, would stop its steps 0.3 mm from the minimum."""
-    measurement = measure(load_scene("array1_circle"))
-    end = solved(measurement, modes=57, gains="fixed", known_sigma=0.0)
-    assert end.state.converged
-    assert np.array_equal(end.state.positions[measurement.known], measurement.known_positions)
-    free = np.setdiff1d(np.arange(measurement.count), measurement.known)
-    assert rms(end.state.positions, measurement.positions, free) < 5e-5
-
-
 def test_given_positions_that_are_exact_never_move():
     measurement = measured()
     end = solved(measurement, known_sigma=0.0)
@@ -127,7 +117,7 @@ def test_a_run_continues_from_every_state_as_if_it_was_never_interrupted(spoiled
     solver = load("robust")
     states = run_from(solver, end.problem, solver.init(end.problem, end.state.settings, 0))
     assert same_state(states[-1], end.state), "same seed, same run"
-    for state, following in list(pairwise(states))[::3]:
+    for state, following in list(pairwise(states))[::8]:
         assert same_state(solver.step(end.problem, saved_and_read(end.problem, state)), following)
 
 

@@ -11,6 +11,7 @@ from fdcal.cost.maps import cost_maps, minima_of, power_shares, refined
 from fdcal.cost.scale import Minima
 from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, descent_text, table_numbers
 from fdcal.graphics.heatmap import marks_of
+from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.legend import legend_of
 from fdcal.model.settings import Search
 from fdcal.session.request import OpenRequest
@@ -106,7 +107,7 @@ def test_files_show_the_basins_of_the_page(opened, monkeypatch):
     turn_until(lambda: viewer.snapshot.picture.areas)
     snapshot = dataclasses.replace(viewer.snapshot, choices=viewer.binding.choices)
     figures = []
-    monkeypatch.setattr(exports, "figure_bytes", lambda figure, file_format: figures.append(figure) or b"")
+    monkeypatch.setattr(exports, "call", lambda _, __, *drawn: figures.append(draw_landscape(*drawn)) or b"")
     exports.KINDS["Maps as in Fig. 1 (PNG)"].make(snapshot)
     panels = [panel for panel in figures[0].axes if panel.images]
     assert len(panels) == 3 and "Basins of attraction" in figures[0].get_suptitle()

@@ -1,6 +1,7 @@
 """Map, thumbnails and exported files show the same minima and the same marks."""
 
 import dataclasses
+import os
 import threading
 import time
 from types import SimpleNamespace
@@ -14,10 +15,12 @@ from matplotlib.colors import to_rgb
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.maps import map_positions, minima_of
+from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.markers import ESTIMATE, LOWEST
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
+from fdcal.viewer.background.threads import Threads
 from fdcal.viewer.gui.choices import Choices
 from fdcal.viewer.tabs import export as exports
 
@@ -83,7 +86,7 @@ def test_the_file_for_paraview_has_the_map_of_the_screen(snapshot, drawn, tmp_pa
 
 def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
     figures = []
-    monkeypatch.setattr(exports, "figure_bytes", lambda figure, _: figures.append(figure) or b"")
+    monkeypatch.setattr(exports, "call", lambda _, __, *drawn: figures.append(draw_landscape(*drawn)) or b"")
     exports.KINDS["Maps as in Fig. 1 (PNG)"].make(snapshot)
     panels = [axes for axes in figures[0].axes if axes.images]
     assert len(panels) == len(MODES) + 1
@@ -103,6 +106,25 @@ def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
     assert np.allclose(
         {line.get_label(): line for line in panels[-1].lines}["lowest cost"].get_xydata()[0], drawn.floor.lowest[0]
     )
+
+
+def test_files_leave_nothing_open(snapshot, drawn, kernels):
+    """Each session makes them on a thread of its own, for each of which matplotlib would keep fonts open."""
+    shown, got, open_files = dataclasses.replace(snapshot, drawn=drawn), [], []
+    client = SimpleNamespace(
+        add_notification=lambda *_, **__: None, send_file_download=lambda name, *_, **__: got.append(name)
+    )
+    kinds = sorted(exports.KINDS.keys() - {exports.PICTURE})
+    for _ in range(3):
+        session = Threads()
+        saving = exports.Exports(session)
+        for kind in kinds:
+            saving.ask(client, kind, shown)
+        worker = saving.worker
+        assert worker.wait_for(lambda _, worker=worker: not worker.busy, WAIT)
+        session.close(WAIT)
+        open_files.append(len(os.listdir("/proc/self/fd")))
+    assert len(got) == 3 * len(kinds) and open_files[0] == open_files[2]
 
 
 def test_the_thumbnails_are_of_the_lattice_of_the_map(snapshot, drawn):

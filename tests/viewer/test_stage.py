@@ -8,9 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fdcal.graphics.camera import Camera, project
 from fdcal.graphics.overlays import with_cut
 from fdcal.graphics.picture import compose, static_picture, with_estimate
 from fdcal.graphics.primitives import DARK, LECTURE_DARK, LECTURE_LIGHT, LIGHT, Label, contrast, halo_of
+from fdcal.model.arrays import positions_of
+from fdcal.model.scene_file import load_scene
 from fdcal.viewer.scene3d import cameras
 from fdcal.viewer.scene3d.labels import labels_html
 from fdcal.viewer.scene3d.nodes import SceneNodes
@@ -235,3 +238,25 @@ def test_every_text_stands_out_from_its_outline(scene, measurement, theme):
     for colour in {*(label.colour for label in drawn.labels), theme.quiet}:
         assert contrast(colour, halo_of(colour, theme)) >= 4.5
     assert f"color:rgb{drawn.labels[-1].colour}".replace(" ", "") in labels_html(drawn.labels, theme)
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (1440, 900), (618, 720), (390, 844)])
+@pytest.mark.parametrize("name", ["fig1_square", "ball3d", "array1_circle"])
+@pytest.mark.parametrize("view", ["top", "close"])
+def test_each_view_of_the_array_fills_the_window(server, name, size, view):
+    scene = load_scene(name)
+    measurement = SimpleNamespace(
+        search=scene.search, positions=positions_of(scene), array_dimension=len(scene.search.origin), known=[],
+        nominal=False,
+    )  # fmt: skip
+    placed = cameras.Cameras(server)
+    placed.picture = picture = compose(scene, measurement)
+    camera = SimpleNamespace(image_width=size[0], image_height=size[1])
+    placed.place(SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext), view)
+    there = Camera(camera.position, camera.look_at, camera.up_direction, camera.fov, 1.0)
+    x0, y0, x1, y1 = picture.focus
+    corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range]
+    pixels = project(there, size, corners)
+    free = min(size[0], 0.55 * size[1] if size[1] > size[0] else size[1])
+    assert np.ptp(pixels, axis=0).max() > 0.6 * free
+    assert (pixels > 0).all() and (pixels < size).all()

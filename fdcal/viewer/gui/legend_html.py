@@ -72,7 +72,9 @@ def colour_bar(bar: ColourBar) -> str:
         f"{text}</div>"
         for share, text in bar.ticks
     )
-    note = f"values below {format_number(bar.low, 2)} are clipped" if bar.clipped else ""
+    ends = (("below", bar.low, bar.clipped), ("above", bar.high, bar.capped))
+    beyond = " and ".join(f"{side} {format_number(value, 3)}" for side, value, there in ends if there)
+    note = f"values {beyond} are clipped" if beyond else ""
     words = "<br>".join(filter(None, (escape(bar.label), note)))
     layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
     return (

@@ -107,6 +107,9 @@ MARGINS = (76, 204, 34, 40)  # pixels left, bottom, right and top of the search 
 LECTURE_MARGINS = (110, 310, 60, 50)  # likewise, in larger type
 CAPTION, LECTURE_CAPTION = 350, 470  # pixels, of the width of a caption
 WIDE = 900  # pixels, of a canvas that has a caption at its right
+# Of a canvas with so many pixels and so much wider than high, whose legend stands beside the map; as in page.js.
+BROAD, BROAD_RATIO = 1000, 1.4
+BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 124, 290, 44), (400, 176, 200, 56)
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
 PHONE_PANEL = 0.45  # of the height of its canvas, which a panel or a caption covers
 PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top there
@@ -282,8 +285,11 @@ class Cameras:
 def _margins(size: tuple[int, int], room: Room) -> tuple[int, int, int, int]:
     """Pixels left, bottom, right and top of what is looked at, for rulers, legend, bar and caption."""
     if size[0] > PHONE_WIDTH or size[1] < 1.6 * size[0]:
-        left, bottom, right, top = LECTURE_MARGINS if room.lecture else MARGINS
-        beside = room.caption and size[0] > WIDE
-        return left, bottom, right + beside * (LECTURE_CAPTION if room.lecture else CAPTION), top
+        broad = size[0] >= max(BROAD, BROAD_RATIO * size[1])
+        usual, large = (BROAD_MARGINS, BROAD_LECTURE_MARGINS) if broad else (MARGINS, LECTURE_MARGINS)
+        left, bottom, right, top = large if room.lecture else usual
+        if room.caption and size[0] > WIDE:
+            right = (LECTURE_CAPTION if room.lecture else CAPTION) + min(right, MARGINS[2])
+        return left, bottom, right, top
     left, right, top = PHONE_MARGINS
     return left, round(PHONE_PANEL * size[1]), right, top

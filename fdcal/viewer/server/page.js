@@ -239,6 +239,7 @@ function cover(canvas) {
     const right = innerWidth - left - width, bottom = innerHeight - top - height;
     for (const [name, value] of Object.entries({left, top, right, bottom})) root.style.setProperty(`--${name}`, `${value}px`);
     canvasSize = [width, height];
+    root.toggleAttribute("data-broad", width >= Math.max(1000, 1.4 * height));  // as in scene3d/cameras.py
   };
   new ResizeObserver(place).observe(canvas);
   addEventListener("resize", place);

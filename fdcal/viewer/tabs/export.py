@@ -15,13 +15,14 @@ import viser
 
 from ...assessment.result_file import position_table
 from ...graphics import paraview
-from ...graphics.landscape import LandscapePanels, draw_landscape, figure_bytes, panels_of
+from ...graphics.landscape import LandscapePanels, landscape_bytes, panels_of
 from ...graphics.primitives import Picture
 from ...graphics.replay import replay_html
 from ...graphics.snapshot import render_png
 from ...graphics.surroundings import z_range_of
 from ...graphics.units import error_summary
 from ...graphics.volume import Volume, sampled_volume
+from ...model.isolated import call
 from ...model.validation import InputError
 from ...session import session_file
 from ...session.history import SessionView
@@ -140,8 +141,9 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
         decibels = request.order_offset is not None  # of Eq. 7, as on the page
         label = map_label(snapshot.run, replace(request, style=replace(request.style, log=True)))
         panels = _panels(snapshot, MAX_PANELS)
-        shown = {"decibels": decibels, "basins": request.style.basins}
-        return figure_bytes(draw_landscape(panels, truth, label, heading, positions[n][:2], **shown), file_format)
+        # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
+        drawn = (panels, truth, label, heading, positions[n][:2], decibels, request.style.basins)
+        return call(landscape_bytes, file_format, *drawn)
 
     return make
 

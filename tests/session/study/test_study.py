@@ -331,10 +331,10 @@ def test_a_killed_study_goes_on_and_draws_its_report(tmp_path):
 
 
 def test_a_field_that_points_of_a_draw_share_changes_no_row(tmp_path, monkeypatch):
-    """Noise, solver and known microphones differ between points; the radius changes the field itself."""
+    """The noise differs between points; the radius changes the field itself."""
     path = tmp_path / "study.toml"
     path.write_text(
-        'scene = "tiny"\ndraws = 2\n[axes]\nsnr_db = [20, 40]\nradius = [0.2, 0.25]\nknown = [3, 4]\n'
+        'scene = "tiny"\ndraws = 2\n[axes]\nsnr_db = [20, 40]\nradius = [0.2, 0.25]\n'
         '[fixed]\n"solver.modes" = 12\n"solver.name" = "joint"\n[drawn]\nsource = true\nleast_distance = 0.2\n'
     )
     study, computed = load_study(path), []

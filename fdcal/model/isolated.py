@@ -1,0 +1,90 @@
+"""A function in a process of its own: what it calls may crash, hang, take all memory or leave files open.
+
+The process starts, calls the function and ends (0.15 s and what the function imports).
+"""
+
+import contextlib
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .validation import InputError, shown
+
+
+class ProcessError(OSError):
+    """A process ended, or was ended, without a result; the text is the reason, in one line."""
+
+
+def call(
+    function: Callable[..., Any],
+    *arguments: Any,
+    seconds: float = 120.0,
+    processor_seconds: int | None = None,
+    memory: int | None = None,
+) -> Any:
+    """Return what a function of a module returns in a process of its own, or raise its InputError or OSError.
+
+    `seconds` on any clock, `processor_seconds` and `memory`, bytes of address space, are the most that it may take.
+    """
+    package = str(Path(__file__).resolve().parents[2])
+    paths = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
+    try:
+        child = subprocess.run(
+            [sys.executable, "-m", __name__],
+            input=pickle.dumps((processor_seconds, memory)) + pickle.dumps((function, arguments)),
+            capture_output=True,
+            timeout=seconds,
+            env={**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
+        )
+    except subprocess.TimeoutExpired:
+        raise ProcessError(f"it takes more than {seconds:g} s") from None
+    except OSError as error:
+        raise ProcessError(f"no process can be started: {error}") from error
+    if child.returncode:
+        raise ProcessError(_reason(child, processor_seconds))
+    result, error = pickle.loads(child.stdout)
+    if error is not None:
+        raise error
+    return result
+
+
+def _reason(child: subprocess.CompletedProcess, processor_seconds: int | None) -> str:
+    """Return why the process ended: a signal, or the last line that it wrote."""
+    if child.returncode == -signal.SIGXCPU:
+        return f"it takes more than {processor_seconds} s of processor time"
+    if child.returncode < 0:
+        return f"the library that it needs crashed, {signal.Signals(-child.returncode).name}"
+    lines = child.stderr.decode(errors="replace").strip().splitlines() or [f"exit status {child.returncode}"]
+    return shown(lines[-1], 200)
+
+
+def main() -> None:
+    """Call the function that standard input holds, and write its result or its error to standard output."""
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is no result
+    processor_seconds, memory = pickle.load(sys.stdin.buffer)
+    with contextlib.suppress(ImportError, OSError, ValueError):  # of systems that have no such limit
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if processor_seconds is not None:
+            resource.setrlimit(resource.RLIMIT_CPU, (processor_seconds, processor_seconds + 5))
+        if memory is not None:
+            resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    function, arguments = pickle.load(sys.stdin.buffer)
+    try:
+        answer = function(*arguments), None
+    except (InputError, OSError) as error:
+        answer = None, error
+    with output:
+        pickle.dump(answer, output, protocol=pickle.HIGHEST_PROTOCOL)
+    os._exit(0)  # a damaged file may crash a library that closes
+
+
+if __name__ == "__main__":
+    main()
