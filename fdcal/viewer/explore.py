@@ -63,6 +63,7 @@ class Explore:
 
     def __init__(self, page: LessonPage, lessons: LessonsTab):
         self._page, self._lessons, overlay = page, lessons, page.panels.overlay
+        self._names = scene_names()  # the bar is written with every turn of the main loop
         overlay.on("scene", self._open)
         overlay.on("view", lambda client, _: self._reset_view(client))
         commands = {
@@ -90,7 +91,7 @@ class Explore:
 
     def _open(self, client: viser.ClientHandle, name: str) -> None:
         """Open a scene that comes with fdcal; a lesson ends."""
-        require_choice("scene", name, scene_names())
+        require_choice("scene", name, self._names)
         self._lessons.leave()
         self._page.open(OpenRequest(load_scene(name), fewer_modes=True))
 
@@ -149,7 +150,7 @@ class Explore:
 
     def _drawn(self, viewer: Viewer) -> str:
         name = viewer.run.scene.name
-        if name in scene_names():
+        if name in self._names:
             return thumbnail(name)[1]
         return drawing(np.asarray(viewer.view.history[0].positions)[:, :2])
 
@@ -167,6 +168,6 @@ class Explore:
         scenes = "".join(
             f"<button data-do='scene={escape(name)}' aria-pressed='{str(name == shown).lower()}'>"
             f"{thumbnail(name)[1]}<span>{escape(thumbnail(name)[0])}</span></button>"
-            for name in scene_names()
+            for name in self._names
         )
         return f"<div class='scenes'>{scenes}</div><div class='lessons'>{self._lessons.list_html()}</div>"
