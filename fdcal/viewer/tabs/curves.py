@@ -125,7 +125,7 @@ def _series(*curves: tuple[str, str, float]) -> tuple[uplot.Series, ...]:
     """Return the series of a plot: sweeps, the curves (label, colour, width), restarts, lines and numbers of stages."""
     drawn = [uplot.Series(label=name, stroke=colour, width=width) for name, colour, width in curves]
     points: Any = {"show": False}
-    css = {name: {"class": f"fdcal-{name}"} for name in ("restart", "lines", "stage")}
+    css: dict[str, dict[str, Any]] = {name: {"class": f"fdcal-{name}"} for name in ("restart", "lines", "stage")}
     anew = uplot.Series(label="restart", scale="stage", width=2.5, **css["restart"], stroke=PURPLE, points=points)
     lines = uplot.Series(label="", scale="stage", width=2, **css["lines"], stroke=GREY, points=points)
     number = uplot.Series(label="stage", scale="number", width=0, **css["stage"], stroke=GREY, points=points)
