@@ -4,8 +4,6 @@ SessionSwitcher   takes requests from any thread; the main loop executes them an
 StatusBar         the progress of the preparation, with Cancel, or in one line why a request was refused
 """
 
-from __future__ import annotations
-
 import collections
 import logging
 import time

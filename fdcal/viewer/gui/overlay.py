@@ -5,8 +5,6 @@ sends its value as a command: `<button data-do="play">` sends "play", `<input ty
 A region that only changes in part keeps the elements that stay, so that a slider can be dragged meanwhile.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 import secrets

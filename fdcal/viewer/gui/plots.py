@@ -11,8 +11,6 @@ uPlot writes small numbers as 0, so errors are drawn in millimetres and costs in
 axis ticks without end, so none is sent.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 
