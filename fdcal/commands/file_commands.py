@@ -69,7 +69,8 @@ def import_(sources, output, files, number, dimension, force, **options):
     type=click.Choice(["positions", "gains"]),
     default="positions",
     show_default=True,
-    help="gains: a .csv table of gain, phase, noise and fault of every channel, of solver robust.",
+    help="gains: a .csv table of gain, phase, noise and fault of every channel, of solver robust, or Acoular's .xml of"
+    " factors.",
 )
 @force_option
 def export(result, output, frame, original, table, force):
@@ -85,7 +86,7 @@ def export(result, output, frame, original, table, force):
         for key, value in (("frame", frame), ("original", original)):
             if value is not None:
                 raise InputError("--table gains writes no positions", f"leave out <{key}>", key=key, value=value)
-        path = output_path(output, ".csv", force, result)
+        path = output_path(output, (".csv", ".xml"), force, result)
         calibration = load_result(result)
         export_gains(calibration, path, force)
         print(f"{path}: gains of {len(calibration.names)} channels")
@@ -98,4 +99,27 @@ def export(result, output, frame, original, table, force):
     print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")
 
 
-COMMANDS = (import_, export)
+@click.command()
+@click.argument("recording", metavar="RECORDING")
+@click.argument("result", metavar="RESULT.json")
+@output_option("FILE.wav")
+@force_option
+def correct(recording, result, output, force):
+    """Take the differences of the channels out of a recording.
+
+    Gains, phases, polarity, delays and the order of the channels are corrected as RESULT found them with solver robust;
+    the file has 32-bit floats.
+    """
+    from ..assessment.result_file import load_result
+    from ..recordings import formats
+    from ..recordings.correction import SUFFIXES, correction_of, correction_summary, write_corrected
+
+    path = output_path(output, SUFFIXES, force, recording, result)
+    recorded = formats.read(recording)
+    correction = correction_of(load_result(result), recorded)
+    write_corrected(path, recorded, correction, force)
+    print(correction_summary(correction, recorded.names))
+    print(path)
+
+
+COMMANDS = (import_, export, correct)

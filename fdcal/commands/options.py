@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..session.sources import CalibrationInput, Progress
 
 
-def output_path(text: str, suffix: str | list[str], force: bool, *inputs: str | None) -> Path:
+def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: str | None) -> Path:
     """Return the path of the option -o, checked before the work begins, which may take long.
 
     `suffix`: those allowed, in lower case; `inputs`: files that must not be overwritten, even by `force`.

@@ -1,5 +1,6 @@
 """A calibration in files and objects of other programs, and the signals of pyfar as a measurement."""
 
+import xml.etree.ElementTree as tree
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ def export(
     original : str or path, optional
         A SOFA file into a copy of which the positions are written.
     table : str
-        "positions", or "gains": a .csv table of gain, phase and noise of every channel, of solver "robust".
+        "positions", or "gains" of the channels, of solver "robust": a .csv table, or factors for Acoular (.xml).
     force : bool
         Whether an existing file is overwritten.
 
@@ -87,12 +88,34 @@ def export_positions(
 
 
 def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
-    """Write the gains of the channels as a table; see `fdcal.assessment.result_file.channel_table`."""
-    path, text = Path(path), channel_table(result)
-    if path.suffix.lower() != ".csv":
-        problem = f'"{path}" does not end in .csv, as the table of gains does'
-        raise InputError(problem, f"write {path.stem or 'gains'}.csv", key="output", value=str(path))
+    """Write the gains of the channels: `fdcal.assessment.result_file.channel_table`, or Acoular's factors (.xml)."""
+    path = Path(path)
+    if path.suffix.lower() not in GAIN_TEXTS:
+        problem = f'"{path}" ends in no suffix of a file of gains'
+        remedy = f"use one of {', '.join(GAIN_TEXTS)}"
+        raise InputError(problem, remedy, key="output", value=str(path))
+    text = GAIN_TEXTS[path.suffix.lower()](result)
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
+
+
+def acoular_factors(result: Calibration) -> str:
+    """Return the XML of Acoular's `Calib`: the factor of each channel, below 0 of an inverted one, 0 of a dead one.
+
+    Acoular takes it for pascal per unit; here it is relative to the median channel.
+    """
+    channel_table(result)  # refuses a result without gains
+    channels = result.channels
+    assert channels is not None
+    factors = np.copysign(10 ** (-channels.gain_db / 20), np.cos(np.radians(channels.phase_deg)))
+    dead = {fault.name for fault in channels.faults if fault.kind == "dead"}
+    root = tree.Element("Calib", name="relative to the median channel")
+    for name, factor in zip(result.names, factors, strict=True):
+        tree.SubElement(root, "pos", Name=name, factor=repr(0.0 if name in dead else float(factor)))
+    tree.indent(root)
+    return tree.tostring(root, "unicode", xml_declaration=True) + "\n"
+
+
+GAIN_TEXTS = {".csv": channel_table, ".xml": acoular_factors}
 
 
 def measurement_of_pyfar(data, coordinates=None, **options: Any) -> Measurement:

@@ -60,6 +60,18 @@ def _read_sound(path: Path, source: int | None = None) -> Recording:
     return Recording(str(path), None, float(rate), channels, samples, block, full_scale=1.0 if whole else None)
 
 
+SUFFIXES = (".wav", ".w64", ".rf64", ".aiff", ".caf", ".au")  # of files that can hold 32-bit floats
+
+
+def open_for_writing(path: Path, like: Recording):
+    """Open a sound file of 32-bit floats, with the channels and the rate of a recording; a rate is a whole number."""
+    import soundfile
+
+    if like.sample_rate != round(like.sample_rate):
+        raise InputError(f"a sound file has no sampling rate of {like.sample_rate} Hz", "resample the recording")
+    return soundfile.SoundFile(_name(path), "w", round(like.sample_rate), like.count, "FLOAT")
+
+
 def _require_whole(path: Path, log: str) -> None:
     """Raise InputError where the header announces more samples than there are: libsndfile only logs it."""
     note = LENGTH.search(log)
