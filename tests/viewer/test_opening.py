@@ -61,7 +61,7 @@ def test_the_picture_in_the_page_is_the_first_of_the_film():
         solid = shipped[..., 3] > 0
         assert 0.4 < solid.mean() < 0.8, "the relief and its rulers alone"
         off = np.abs(shipped[..., :3] - drawn).max(axis=-1)[solid]
-        assert np.mean(off > 40) < 0.02 and off.mean() < 6, "what the computation is drawn as"
+        assert np.mean(off > 40) < 0.03 and off.mean() < 7, "what the computation is drawn as"
     assert app.STILL.stat().st_size < 62_000
 
 
