@@ -6,8 +6,6 @@ there, by the slope of phase over frequency, give positions and directions by ro
 Nothing of the model of a sound field is used, and no position of a loudspeaker.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

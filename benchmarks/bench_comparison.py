@@ -6,8 +6,6 @@ arrival times need all of them. Prints a table in Markdown: RMS position errors 
 motion, in millimetres, and the seconds of the processor.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Iterator

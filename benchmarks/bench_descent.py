@@ -1,7 +1,5 @@
 """Accuracy of the paper's descent: arrays 1 and 2, ten seeds each, from a random start."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Exact, with known microphones: every microphone is right after rounding to the 1
 of its position after a rigid motion. The paper needs 57 modes for array 1 and 39 for array 2.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Speed of the simulation's update, against NumPy and against copying the same arrays, and of a whole run."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

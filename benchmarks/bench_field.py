@@ -5,8 +5,6 @@ commas), by FDCAL_BENCH_SOLVER (the solver that fdcal uses by itself unless give
 row a case.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 from collections.abc import Iterator

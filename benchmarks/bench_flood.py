@@ -1,7 +1,5 @@
 """How long another page waits while one sends 30,000 updates at once, or drags a microphone 200 times in a row."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import threading

@@ -3,8 +3,6 @@
 FDCAL_BENCH_CASES gives another number of cases, FDCAL_FUZZ some of the readers, separated by commas; "page" is one.
 """
 
-from __future__ import annotations
-
 import os
 import time
 

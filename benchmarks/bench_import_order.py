@@ -4,8 +4,6 @@ Each child process calibrates array 1 several times after one that warms it; the
 on the machine disturbs them alike. Processor time counts, because BLAS threads that spin cost it and waiting does not.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -5,8 +5,6 @@ against descent is that of the steps until Eq. 7 at joint's positions, of the sa
 descent ends with. Sizes are measured each in a process of its own, whose peak memory less that before is the run's.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -5,8 +5,6 @@ tests' closed form in rigid rooms and, in three dimensions, `fdcal.acoustics.box
 other than the solver's, which does not know the walls.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator

@@ -2,8 +2,6 @@
 
 And the maps of the likelihood, in the plane and in space, against the likelihood itself at some of their points."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

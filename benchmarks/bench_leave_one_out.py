@@ -4,8 +4,6 @@ Frequencies up to 300 Hz; RMS over draws of source, noise and, for array 2, arra
 from the estimated positions with the field of the room, at random points inside the array.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 

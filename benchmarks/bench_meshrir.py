@@ -4,8 +4,6 @@ The folder is made by image sources (Allen and Berkley 1979), which share nothin
 2.7 m whose walls reflect 0.72 of the pressure, 48 kHz, 32768 samples, sound up to 1.5 kHz, and noise 40 dB below.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

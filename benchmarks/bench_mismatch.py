@@ -3,8 +3,6 @@
 In the measured room one more channel is inverted and one dead; they are to be named; the error is that of the others.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Pooled over draws of source, noise and, for array 2, array; the bound is pooled 
 is more than three times its own bound.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 

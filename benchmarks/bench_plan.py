@@ -1,7 +1,5 @@
 """How long a plan takes, and how close the solver comes to the bound that a plan promises."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 

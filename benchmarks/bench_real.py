@@ -22,8 +22,6 @@ the size of the array found over the true one, the sigma claimed, the RMS of err
 processor from file to positions, and the verdicts.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import tempfile

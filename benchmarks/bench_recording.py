@@ -5,8 +5,6 @@ microphones in a ball of 0.5 m, image sources (bench_meshrir). 48 kHz, sensor no
 from 20 to 500 Hz and white beyond; four microphones known in the plane, five in space.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

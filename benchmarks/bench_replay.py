@@ -1,7 +1,5 @@
 """The replay of a run: how large 500 states of array 1 are, how long they take to write, and the largest file."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -5,8 +5,6 @@ each room is compared with its own bound, computed from its pressures without no
 within 1.3 times of it everywhere, and without noise at most twice what the rigid room gives.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from dataclasses import replace

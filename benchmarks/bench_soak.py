@@ -3,8 +3,6 @@
 FDCAL_SOAK_SECONDS says for how long, 600 unless given. Not part of a run of all benchmarks: name it, `soak`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

@@ -5,8 +5,6 @@ of source, noise and, in the ball, array. On a plane the wavenumber hardly deter
 microphones the shape is scored, after a similarity, and the verdict must say that the scale is not determined.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """How long a user waits: for a calibration as a process, for `import fdcal`, and for the page of a simulated scene."""
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

@@ -3,8 +3,6 @@
 FDCAL_BENCH_TASKS : calibrations of the throughput, 600 unless given; 10,000 take about an hour
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 import time

@@ -3,8 +3,6 @@
 FDCAL_SWITCHES says how many scenes are opened, 200 unless given. Not part of a run of all benchmarks: name it.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence

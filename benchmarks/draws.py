@@ -7,8 +7,6 @@ function of the solvers.
 Sources stand anywhere in the room, not nearer than 0.2 m (3-D: 0.3 m) to a wall and 1.2 m to the centre of the array.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib.util
 import itertools

@@ -7,8 +7,6 @@ sparse outliers, stress majorisation. Time differences: C. Knapp, G. Carter, "Th
 Estimation of Time Delay", IEEE TASSP 24(4), 1976.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import csd, resample_poly, stft

@@ -1,7 +1,5 @@
 """One line of a benchmark's report, and timing that a busy machine disturbs little."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """One size of `bench_joint`: random microphones in a square of 1 m, blind, 40 dB, in a process of its own."""
 
-from __future__ import annotations
-
 import resource
 import sys
 

@@ -5,8 +5,6 @@ test suite runs with the newest versions and one Python. It needs nothing that f
 installation without extras. It runs outside of the checkout, so that the installed package is what it tests.
 """
 
-from __future__ import annotations
-
 import platform
 import signal
 import subprocess

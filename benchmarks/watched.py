@@ -10,8 +10,6 @@ drags a microphone.
 On SIGUSR1 a microphone is dragged for DRAG seconds, with MOVES_PER_SECOND moves per second.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import signal

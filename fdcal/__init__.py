@@ -12,8 +12,6 @@ Examples
 'give <search>'
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from typing import TYPE_CHECKING, Any

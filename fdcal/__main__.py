@@ -3,8 +3,6 @@
 Loading the libraries takes a moment; an interrupt in it ends the process with one line, like any other interrupt.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import signal

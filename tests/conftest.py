@@ -1,7 +1,5 @@
 """Fixtures that several test files share, and what decides whether a browser or GL test may be skipped."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import os

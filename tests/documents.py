@@ -1,7 +1,5 @@
 """The documentation, README.md included, as tests read it: its pages, their blocks of code, and how these are run."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

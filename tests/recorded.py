@@ -1,7 +1,5 @@
 """Recordings of a room by image sources (pyroomacoustics), which shares nothing with fdcal."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

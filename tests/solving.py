@@ -1,7 +1,5 @@
 """Runs of a solver to their end, with what the assessment says of it."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import pickle

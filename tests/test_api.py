@@ -1,7 +1,5 @@
 """The public Python API: each name is there, is loaded when it is first used, and is documented."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """pyproject.toml, CONTRIBUTING.md, `.ci/run` and the workflow agree on what fdcal needs and is tested with."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import importlib
@@ -14,9 +12,9 @@ from pathlib import Path
 
 import pytest
 import yaml
+from running import exit_code
 
 import fdcal
-from fdcal.commands.cli import main
 from fdcal.model.extras import LIBRARY, missing_library
 
 ROOT = Path(__file__).parent.parent
@@ -215,7 +213,6 @@ def test_the_version_is_the_same_everywhere():
 
 
 def test_the_version_names_the_commit_in_a_checkout(capsys):
-    with pytest.raises(SystemExit):
-        main(["--version"])
+    exit_code("--version")
     printed = capsys.readouterr().out
     assert re.fullmatch(rf"fdcal {re.escape(metadata.version('fdcal'))}(, commit [0-9a-f]{{7,}}\+?)?\n", printed)

@@ -1,7 +1,5 @@
 """docs/: what it says runs, what it names is there, and it names everything that a reader may look for."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import shutil

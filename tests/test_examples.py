@@ -1,7 +1,5 @@
 """Every script in examples/ runs and finds what it says, and so does the notebook."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

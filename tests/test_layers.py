@@ -1,7 +1,5 @@
 """The plan of the house: which package imports which, and what may appear where. Read from the source, never run."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import operator

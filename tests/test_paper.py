@@ -1,7 +1,5 @@
 """The paper's figures and table: each command on `tiny`, that the figures show the runs, and that the runs are kept."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

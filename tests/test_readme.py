@@ -1,7 +1,5 @@
 """README.md does what it says: its example runs, its lines are there, and it leads to the documentation."""
 
-from __future__ import annotations
-
 import re
 
 import click

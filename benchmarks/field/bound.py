@@ -1,7 +1,5 @@
 """The Cramer-Rao bound of a diffuse field."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import j0, j1
 

@@ -1,7 +1,5 @@
 """Pressures in box-shaped rooms: image sources in the frequency domain, and the rooms of pyroomacoustics."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .constants import SOUND_SPEED

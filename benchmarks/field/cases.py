@@ -1,7 +1,5 @@
 """From the description of a case to a measurement and the truth. Every draw is fixed by the seed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

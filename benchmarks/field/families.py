@@ -1,7 +1,5 @@
 """Families of cases: lists of specs, each fixed by its seed. `FAMILIES` has them by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

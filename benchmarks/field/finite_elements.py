@@ -4,8 +4,6 @@ The field of the source in free space is subtracted, so that the part that is so
 once; its solutions are kept in a folder.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

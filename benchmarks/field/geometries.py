@@ -1,7 +1,5 @@
 """Array shapes, and which microphones of an array are known."""
 
-from __future__ import annotations
-
 import numpy as np
 
 CLOSEST = 0.012  # metres between two microphones; closer ones are moved

@@ -1,7 +1,5 @@
 """Where array and source stand in the room of a case."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

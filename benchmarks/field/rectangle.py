@@ -1,7 +1,5 @@
 """Pressures of a point source in a rigid rectangle, closed form. Time sign exp(+jwt)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

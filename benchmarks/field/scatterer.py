@@ -1,7 +1,5 @@
 """The field that a cylinder inside the array adds, in two dimensions."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import hankel2, jv
 

@@ -1,7 +1,5 @@
 """One case through the command line, compared with the truth."""
 
-from __future__ import annotations
-
 import json
 import re
 import resource

@@ -1,7 +1,5 @@
 """The description of a case."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """One case, and many: what a reader makes of broken files. `python -m benchmarks.fuzzing.examine NAME FIRST COUNT`."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import resource

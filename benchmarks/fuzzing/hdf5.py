@@ -1,7 +1,5 @@
 """How the structure of an HDF5 file is broken: data types, dataspaces, layouts, attributes, links."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 

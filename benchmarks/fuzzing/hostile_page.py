@@ -5,8 +5,6 @@ only a server sends, with bytes broken, and no messages at all. After every tent
 colours that the honest page asks for; in the end a new page is served, and the server has logged no error.
 """
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import inspect

@@ -1,7 +1,5 @@
 """How a file is broken: bytes, numbers in a text, members and arrays of an archive."""
 
-from __future__ import annotations
-
 import io
 import re
 import zipfile

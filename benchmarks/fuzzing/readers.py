@@ -1,7 +1,5 @@
 """Each reader with files that it reads, and what must hold of whatever it returns."""
 
-from __future__ import annotations
-
 import tempfile
 import warnings
 import zipfile

@@ -7,8 +7,6 @@ table     the table of results
 printed   what the paper states
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The command: `python -m benchmarks.paper -o FOLDER`."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Figs. 2 to 5 of the paper in its layout, from given runs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .printed import PRINTED, title_of

@@ -1,7 +1,5 @@
 """What the paper states about its two arrays, and the choices of its figures."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

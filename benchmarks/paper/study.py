@@ -3,8 +3,6 @@
 A run is exact if every microphone ends on its true cell of the search lattice. The runs are kept in the cache.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

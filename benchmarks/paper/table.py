@@ -1,7 +1,5 @@
 """The table "paper | descent | descent + joint | joint", as Markdown and as CSV."""
 
-from __future__ import annotations
-
 import csv
 import io
 

@@ -3,8 +3,6 @@
 A cached run is used again if the problem, the settings, the start and the code of fdcal are the same.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time
 from collections.abc import Callable

@@ -6,8 +6,6 @@ Exit codes: 0 done, 1 out of memory or a fault of fdcal itself, 2 bad input, 3 a
 `--debug` shows the traceback as well. Libraries that take long to load are imported by the command that needs them.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

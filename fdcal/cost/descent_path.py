@@ -5,8 +5,6 @@ basin where it begins (`fdcal.cost.basins`), so it ends at the minimum that the 
 too shallow to count it goes on at the nearest point of the basin whose cost is lower.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

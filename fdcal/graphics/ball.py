@@ -1,7 +1,5 @@
 """A microphone that rolls over its map: a ball with its shadow, and the path downhill."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -13,6 +13,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from ..model.validation import InputError
 from ..solvers.interface import RunState
 
 COST_TIME = 0.25  # of the time of the steps that costs may take while the solver runs
@@ -128,6 +129,7 @@ class SessionView:
     error: str  # the last exception of the solver, "" if there is none
     history: History  # oldest first
     costs: StateCosts = field(default_factory=StateCosts, compare=False)  # of the states in the history
+    refused: InputError | None = None  # why the last command was refused, which changed nothing
 
     @property
     def cost(self) -> float:

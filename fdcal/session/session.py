@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .. import solvers
-from ..model.validation import frozen_array
+from ..model.validation import InputError, frozen_array
 from ..solvers.interface import bounded
 from .history import MAX_STATES, History, SessionView, StateCosts, thinned
 
@@ -200,7 +200,16 @@ class SolverRun:
             self._publish(running=False, error=f"{type(error).__name__}: {error}")
 
     def execute(self, command: Command) -> None:
-        """Carry out a command."""
+        """Carry out a command; one that asks for what cannot be changes nothing, and the view says why."""
+        before = self._reached
+        self.view = replace(self.view, refused=None)
+        try:
+            self._obey(command)
+        except InputError as error:
+            self._reached = before
+            self._publish(refused=error)
+
+    def _obey(self, command: Command) -> None:
         match command:
             case Play():
                 self._run_to(lambda state: False)

@@ -5,8 +5,6 @@ the path downhill, which a thread computes. When it is let go it rolls along the
 state at its end. Where no cost is shown, the microphone follows the pointer in the session.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

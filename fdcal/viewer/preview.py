@@ -3,8 +3,6 @@
 This module is imported before the solvers, so that the page has a picture within the second that their import takes.
 """
 
-from __future__ import annotations
-
 from ..acoustics.measure import load_cached_measurement
 from ..graphics.picture import static_picture
 from ..model.measurement import Measurement

@@ -4,8 +4,6 @@ Three threads share no mutable data: viser's event loop checks what clients send
 queue, the solver thread publishes frozen states, and the main thread copies the newest of them to the screen here.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 from collections.abc import Callable
@@ -253,6 +251,7 @@ class Viewer:
 
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""
+        self.binding.closed = True
         self._picker.remove()
         self.drop.close()
         self._line_handles.remove()

@@ -1,7 +1,5 @@
 """The dictionaries in a plane and in space: Jacobi-Anger, Rayleigh, the diffuse kernel, and special functions."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 

@@ -1,7 +1,5 @@
 """Laws of the simulation: dispersion, energy, reciprocity, convergence, reflection; and what it refuses."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Rooms in closed form: the field of a box, the modes of a rectangle."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

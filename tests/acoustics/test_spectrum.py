@@ -1,7 +1,5 @@
 """Laws of the spectrum: peaks at the eigenfrequencies, pressures that solve Helmholtz, wavenumbers of the grid."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import replace

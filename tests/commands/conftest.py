@@ -1,7 +1,5 @@
 """What the tests of the command line share: a command that must fail, and files made from scene `tiny`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

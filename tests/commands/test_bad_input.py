@@ -1,7 +1,5 @@
 """Bad input and files of another kind: exit code 2, one line that names value and remedy."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re
@@ -11,10 +9,11 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+from running import exit_code
 
 import fdcal
 from fdcal.assessment.result_file import REQUIRED
-from fdcal.commands.cli import commands, main
+from fdcal.commands.cli import commands
 from fdcal.commands.options import OPTIONS
 
 
@@ -147,9 +146,7 @@ def error(capsys):
     """Function that runs a command and returns its only line on standard error; it must fail as bad input."""
 
     def run(*arguments: object) -> str:
-        with pytest.raises(SystemExit) as ended:
-            main([str(argument) for argument in arguments])
-        assert ended.value.code == 2
+        assert exit_code(*arguments) == 2
         lines = capsys.readouterr().err.strip().splitlines()
         assert len(lines) == 1
         return lines[0]
@@ -185,13 +182,6 @@ def test_python_is_told_what_to_load():
         fdcal.load(3)
 
 
-def test_the_version(capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["--version"])
-    assert not ended.value.code
-    assert re.fullmatch(r"fdcal \d+\.\d+\.\d+\n", capsys.readouterr().out)
-
-
 def test_what_belongs_to_the_import_is_said(error):
     assert "fdcal import INPUT -o FILE.npz --known FILE.csv" in error("calibrate", "tiny", "--known", "known.csv")
     assert "it is an option of fdcal import" in error("calibrate", "tiny", "--temperature", "21")
@@ -208,10 +198,9 @@ def test_what_belongs_to_the_import_is_said(error):
     ],
 )
 def test_a_file_that_is_not_there_is_named_alike_everywhere(capsys, arguments):
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
+    ended = exit_code(*arguments)
     line = capsys.readouterr().err
-    assert ended.value.code == 3
+    assert ended == 3
     assert re.search(r"cannot read (scene )?gone\.\w+: No such file or directory", line)
 
 

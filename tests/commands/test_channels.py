@@ -1,7 +1,5 @@
 """Solver robust through the command line: faulty channels are named, the others stay right, gains become a table."""
 
-from __future__ import annotations
-
 import csv
 import json
 

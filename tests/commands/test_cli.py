@@ -1,7 +1,5 @@
 """Each command, run as a user would, on `tiny`; and each kind of bad input, with what it gets."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -16,10 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from running import FDCAL, done, fdcal
+from running import FDCAL, done, exit_code, fdcal
 
 from fdcal.assessment.result_file import load_result
-from fdcal.commands.cli import main
 from fdcal.cost.channel_correction import ChannelCorrection
 from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.graphics.basin_map import PLACE
@@ -81,9 +78,7 @@ def calibrated(made, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
 
     def run(*options, path=made / "tiny.npz") -> tuple[str, dict]:
-        with pytest.raises(SystemExit) as ended:
-            main(["calibrate", str(path), "--modes", "20", "-o", "r.json", "--force", *map(str, options)])
-        assert ended.value.code in (0, 4)
+        assert exit_code("calibrate", path, "--modes", "20", "-o", "r.json", "--force", *map(str, options)) in (0, 4)
         return capsys.readouterr().out, json.loads((tmp_path / "r.json").read_text())
 
     return run
@@ -186,9 +181,7 @@ def test_known_microphones_that_do_not_span_the_array_are_refused(altered, refus
 
 def test_a_blind_result_is_laid_onto_the_truth_before_it_is_drawn(calibrated, made):
     calibrated("--known", "none")
-    with pytest.raises(SystemExit) as ended:
-        main(["landscape", str(made / "tiny.npz"), "--microphone", "9", "--result", "r.json", "-o", "f.png"])
-    assert not ended.value.code
+    assert exit_code("landscape", made / "tiny.npz", "--microphone", "9", "--result", "r.json", "-o", "f.png") == 0
     found = load_result("r.json").positions_for(load_measurement(made / "tiny.npz"))
     assert np.abs(found - load_measurement(made / "tiny.npz").positions).max() < 5e-3
 

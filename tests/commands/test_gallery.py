@@ -1,7 +1,5 @@
 """`fdcal gallery`: a folder of pages that a browser opens from the disk, written completely or not at all."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import replace
@@ -9,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from replays import Reader, contents, wait_for
+from running import exit_code
 
 from fdcal import load, solvers
 from fdcal.commands import gallery_pages
@@ -129,11 +128,10 @@ def quick(monkeypatch):
 
 def refused(capsys, *arguments):
     """Run the command; return its exit code and its only line."""
-    with pytest.raises(SystemExit) as left:
-        main(["gallery", *arguments])
+    left = exit_code("gallery", *arguments)
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1, lines
-    return left.value.code, lines[0]
+    return left, lines[0]
 
 
 def test_a_folder_that_holds_something_is_kept(quick, tmp_path, capsys):
@@ -141,9 +139,7 @@ def test_a_folder_that_holds_something_is_kept(quick, tmp_path, capsys):
     code, line = refused(capsys, "-o", str(tmp_path))
     assert code == 2 and "is not empty" in line and "--force" in line
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
-    with pytest.raises(SystemExit) as left:
-        main(["gallery", "-o", str(tmp_path), "--force"])
-    assert not left.value.code
+    assert exit_code("gallery", "-o", tmp_path, "--force") == 0
     assert {path.name for path in tmp_path.iterdir()} == {"mine.txt", "a.html", "index.html"}
 
 

@@ -1,7 +1,5 @@
 """What the command line does with what nobody foresaw: one line, an exit code, no traceback."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

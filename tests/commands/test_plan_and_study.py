@@ -1,13 +1,10 @@
 """`fdcal plan` and `fdcal study`: formats, words, and input that is refused in one line."""
 
-from __future__ import annotations
-
 import json
 import sys
 
 import pytest
-
-from fdcal.commands.cli import main
+from running import exit_code
 
 LAYOUT = "rectangle 4x4 0.5x0.5"
 
@@ -15,9 +12,7 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
 def test_a_plan_is_written_in_each_format(tmp_path, capsys):
     for suffix, first in ((".html", b"<!doctype html>"), (".json", b"{"), (".png", b"\x89PNG")):
         path = tmp_path / f"plan{suffix}"
-        with pytest.raises(SystemExit) as ended:
-            main(["plan", LAYOUT, "--known", "0,3,12", "-o", str(path)])
-        assert ended.value.code == 0
+        assert exit_code("plan", LAYOUT, "--known", "0,3,12", "-o", path) == 0
         printed = capsys.readouterr().out
         assert path.read_bytes().startswith(first)
     assert json.loads((tmp_path / "plan.json").read_text())["known"] == ["0", "3", "12"]
@@ -50,8 +45,7 @@ def test_bad_input_is_refused_in_one_line(refused, arguments):
 
 def test_without_trials_the_first_line_says_that_it_is_a_bound_only(capsys):
     for options, said in (([], True), (["--trials", "1", "--solver", "joint"], False)):
-        with pytest.raises(SystemExit):
-            main(["plan", LAYOUT, "--frequencies", "50:400", *options])
+        exit_code("plan", LAYOUT, "--frequencies", "50:400", *options)
         assert capsys.readouterr().out.startswith("a bound only") == said
 
 
@@ -59,9 +53,7 @@ def test_without_trials_the_first_line_says_that_it_is_a_bound_only(capsys):
 
 
 def refusal(capsys, *arguments: str) -> str:
-    with pytest.raises(SystemExit) as ended:
-        main(["study", *arguments])
-    assert ended.value.code == 2
+    assert exit_code("study", *arguments) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     return line
 

@@ -1,7 +1,5 @@
 """The summary and the titles agree with the result file: one cost, errors and sigma of the same microphones."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

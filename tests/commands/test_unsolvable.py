@@ -1,14 +1,12 @@
 """Measurements that cannot be solved, through the command line: one line, the right exit code, and the way out."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 from fields import measured
+from running import exit_code
 
-from fdcal.commands.cli import main
 from fdcal.model.measurement_file import load_measurement, save_measurement
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
@@ -32,13 +30,12 @@ def calibrate(tmp_path, monkeypatch, capsys):
         np.savez("m.npz", **{key: value for key, value in table.items() if value is not None})
         result = tmp_path / "r.json"
         result.unlink(missing_ok=True)
-        with pytest.raises(SystemExit) as ended:
-            main(["calibrate", "m.npz", "--solver", "joint", "-o", "r.json", *options])
+        ended = exit_code("calibrate", "m.npz", "--solver", "joint", "-o", "r.json", *options)
         out, errors = capsys.readouterr()
         lines = [line for line in errors.splitlines() if line.startswith("error: ")]
-        assert len(lines) == (ended.value.code in (2, 3))
-        assert result.exists() == (ended.value.code in (0, 4)), "2 and 3 write nothing, 4 writes all"
-        return ended.value.code, out, "".join(lines), json.loads(result.read_text()) if result.exists() else None
+        assert len(lines) == (ended in (2, 3))
+        assert result.exists() == (ended in (0, 4)), "2 and 3 write nothing, 4 writes all"
+        return ended, out, "".join(lines), json.loads(result.read_text()) if result.exists() else None
 
     return run
 
@@ -174,7 +171,5 @@ def test_excluding_keeps_names_known_ones_and_truth_in_step(tmp_path):
 
 def test_a_result_that_leaves_microphones_out_is_no_place_for_all(calibrate, capsys):
     assert calibrate(dict, "--exclude", "17")[0] == 0
-    with pytest.raises(SystemExit) as ended:
-        main(["landscape", "m.npz", "--microphone", "3", "--result", "r.json", "-o", "f.png"])
-    assert ended.value.code == 2
+    assert exit_code("landscape", "m.npz", "--microphone", "3", "--result", "r.json", "-o", "f.png") == 2
     assert "leaves out microphone 17" in capsys.readouterr().err

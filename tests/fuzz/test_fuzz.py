@@ -1,7 +1,5 @@
 """Broken files and messages, as of `benchmarks fuzz`, a few of each."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A process that draws off-screen, shared by the tests of a worker: it loads pyvista once."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Files for other programs, read back by those programs' own readers; the panels of a study's figures."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools
@@ -13,7 +11,6 @@ from PIL import Image
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.result_file import position_table
-from fdcal.commands.cli import main
 from fdcal.graphics import paraview
 from fdcal.graphics.landscape import draw_landscape, figure_bytes, landscape_panels, panels_of
 from fdcal.graphics.study_report import MAX_PANELS, study_panels
@@ -129,16 +126,6 @@ def test_panels_of_maps_that_exist(measured):
     for cost, found in zip(panels.maps, panels.minima, strict=True):
         column, row = np.rint((found - problem.search.origin) / problem.search.step).astype(int)
         assert cost[row, column] == cost.min()
-
-
-@pytest.mark.parametrize(("suffix", "start"), [("svg", b"<?xml"), ("vti", b"<?xml"), ("png", b"\x89PNG")])
-def test_the_suffix_determines_the_format(tmp_path, capsys, suffix, start):
-    path = tmp_path / f"figure.{suffix}"
-    with pytest.raises(SystemExit) as left:
-        main(["landscape", "tiny", "--microphone", "9", "--mode-numbers", "2,5", "-o", str(path)])
-    assert not left.value.code, capsys.readouterr().err
-    content = path.read_bytes()
-    assert content.startswith(start) and (suffix == "png" or ElementTree.fromstring(content) is not None)
 
 
 # Every calibration of a study is in one panel of its figures, and no figure has more panels than can be read.

@@ -7,8 +7,6 @@ The name of a microphone stands beside it, inside the picture, and hides as few 
 Shapes of markers, walls and grids: their areas and lengths, and where they lie.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The replay: numbers and maps are those of Python, one file that loads nothing else, played in a browser."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Arrays in the plane and in space, gauges, drawn sources, search domains, and how lengths are written."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

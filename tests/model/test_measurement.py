@@ -1,7 +1,5 @@
 """A measurement: what a solver sees of it, its file, and those made of arrays and of objects of pyfar."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import replace
 

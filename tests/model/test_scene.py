@@ -1,7 +1,5 @@
 """Scenes: those that come with fdcal are consistent; a bad one is refused with key, value and remedy."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 

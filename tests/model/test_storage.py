@@ -1,7 +1,5 @@
 """Files of anyone are refused at once where they are broken; those written are complete or absent; the cache."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json

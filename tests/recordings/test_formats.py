@@ -3,8 +3,6 @@
 Writers and readers on the other side are soundfile, sofar, h5py, NumPy, the csv, json and xml modules.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """A deconvolved response states the noise that is in it; one that wraps round is recognised."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

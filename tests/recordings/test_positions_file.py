@@ -1,14 +1,12 @@
 """Files of positions that somebody gives: Acoular's XML and tables."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
+from running import exit_code
 
 import fdcal
-from fdcal.commands.cli import main
 from fdcal.recordings.formats.positions import read_positions, read_xml
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
@@ -81,8 +79,7 @@ def exchanged(tmp_path):
 
 
 def test_exchanged_channels_are_found_with_the_positions_of_a_file(exchanged, capsys):
-    with pytest.raises(SystemExit):
-        main(["calibrate", "tiny", "--check", "--positions", str(exchanged)])
+    exit_code("calibrate", "tiny", "--check", "--positions", exchanged)
     assert "3" in (text := capsys.readouterr().out) and "10" in text and "swapped" in text
 
 
@@ -93,10 +90,9 @@ def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path
     places = factor * fdcal.load("tiny").positions[::step]
     rows = [f"{n},{x},{y}" for n, (x, y) in enumerate(places.tolist())]
     positions, result = written(tmp_path, "\n".join(["name,x,y", *rows]), "list.csv"), tmp_path / "r.json"
-    with pytest.raises(SystemExit) as ended:
-        main(["calibrate", "tiny", "--known", "none", "--check", "--positions", str(positions), "-o", str(result)])
+    ended = exit_code("calibrate", "tiny", "--known", "none", "--check", "--positions", positions, "-o", result)
     text, check = capsys.readouterr().out, json.loads(result.read_text())["check"]
-    assert said in text and ended.value.code == (5 if said else 0)
+    assert said in text and ended == (5 if said else 0)
     assert ("no channels are swapped" in text) == (step == 1)
     assert check["fits"] and check["scale"] == pytest.approx(factor, rel=0.02)
     assert check["order"] == [str(n) for n in range(16)][::step]
@@ -116,8 +112,7 @@ def test_the_positions_of_a_file_are_never_given_to_the_solver(exchanged):
 
 
 def test_channels_may_be_left_out_with_positions_of_all(exchanged, capsys):
-    with pytest.raises(SystemExit):
-        main(["calibrate", "tiny", "--exclude", "1,2", "--check", "--positions", str(exchanged)])
+    exit_code("calibrate", "tiny", "--exclude", "1,2", "--check", "--positions", exchanged)
     assert "10" in capsys.readouterr().out
 
 
@@ -137,13 +132,11 @@ def test_a_list_whose_names_are_not_those_of_the_channels_is_said_to_count_by_ro
     names = [str(n + 1) if label == "1+{}" else label.format(n) for n in range(16)]
     rows = [f"{name},{x},{y}" for name, (x, y) in zip(names, places, strict=True)]
     positions = written(tmp_path, "\n".join(["name,x,y", *rows]), "list.csv")
-    with pytest.raises(SystemExit) as ended:
-        main(["calibrate", "tiny", "--check", "--positions", str(positions)])
+    ended = exit_code("calibrate", "tiny", "--check", "--positions", positions)
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("list ")]
-    assert lines == ([f"list    {said}"] if said else []) and ended.value.code == 0
+    assert lines == ([f"list    {said}"] if said else []) and ended == 0
 
 
 def test_a_list_without_check_points_to_it(exchanged, capsys):
-    with pytest.raises(SystemExit):
-        main(["calibrate", "tiny", "--modes", "12", "--positions", str(exchanged)])
+    exit_code("calibrate", "tiny", "--modes", "12", "--positions", exchanged)
     assert "add --check" in capsys.readouterr().out

@@ -1,16 +1,14 @@
 """A measured room imported: an array rendered at the positions given, with what is modelled said plainly."""
 
-from __future__ import annotations
-
 import shutil
 import struct
 
 import numpy as np
 import pytest
+from running import exit_code
 from scipy.io import loadmat, savemat
 
 from fdcal.acoustics.plane_waves import plane_wave_pressures
-from fdcal.commands.cli import main
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.room import MEASURED_AND_MODELLED, response_path
 from fdcal.model.sdm_response import load_sdm_response, read_arrays
@@ -25,9 +23,7 @@ ROOM = str(response_path("listening_lab"))
 
 def run_command(arguments: list[str]) -> int:
     """Run a command and return its exit code."""
-    with pytest.raises(SystemExit) as end:
-        main(arguments)
-    return end.value.code or 0
+    return exit_code(*arguments)
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """A cube of 14 cm, from WAV to positions: its frequencies reach as far as so small an array can interpolate."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,17 +1,15 @@
 """BLAS has one thread while fdcal computes and as many as before afterwards; importing fdcal changes nothing."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
 import threading
 
 import pytest
+from running import exit_code
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import fdcal
-from fdcal.commands.cli import main
 from fdcal.session.blas_threads import VARIABLE, one_blas_thread
 
 
@@ -53,8 +51,7 @@ def test_the_last_of_several_computations_takes_it_back(two_threads):
 
 def test_a_command_takes_it_back(two_threads, monkeypatch, capsys):
     monkeypatch.delenv(VARIABLE, raising=False)
-    with pytest.raises(SystemExit):
-        main(["scenes"])
+    exit_code("scenes")
     assert VARIABLE not in os.environ
     assert set(threads()) == {2}
 

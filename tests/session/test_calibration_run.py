@@ -1,7 +1,5 @@
 """Calibrations from the session: given distances, modes left open, and scenes that are measurements."""
 
-from __future__ import annotations
-
 import dataclasses
 import zipfile
 from dataclasses import replace

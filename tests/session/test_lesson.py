@@ -4,8 +4,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from running import exit_code
 
-from fdcal.commands.cli import main
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import lesson as lessons
 from fdcal.session.lesson import Frame, Setting, lesson_folder, lesson_names, load_lesson, parse_frame
@@ -162,10 +162,9 @@ def test_how_far_a_run_goes(run, meant):
 
 
 def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(written, capsys):
-    with pytest.raises(SystemExit) as caught:
-        main(["view", "--lesson", str(written("answer = 2", "answer = 3")), "--no-browser"])
+    caught = exit_code("view", "--lesson", str(written("answer = 2", "answer = 3")), "--no-browser")
     error = capsys.readouterr().err
-    assert caught.value.code == 2 and "steps[1].answer = 3" in error and error.count("\n") == 1
+    assert caught == 2 and "steps[1].answer = 3" in error and error.count("\n") == 1
 
 
 def test_an_installed_package_brings_the_lessons_along():

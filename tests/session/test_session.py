@@ -7,11 +7,15 @@ import threading
 import time
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 
+from fdcal import solvers
+from fdcal.acoustics.measure import cached_measurement
+from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.history import COST_TIME, StateCosts
-from fdcal.session.session import Session
+from fdcal.session.session import Advance, Pause, Place, Play, Reset, Seek, Session, SolverRun, UseModes
 from fdcal.session.worker import LatestWorker, WakeEvent
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
@@ -188,6 +192,34 @@ def test_an_exception_pauses_the_session_and_is_shown(make, caplog):
     session.step()
     assert session.wait_for(lambda view: view.state.step == 3, WAIT)
     assert session.view.error == ""
+
+
+@pytest.mark.parametrize("name", ["joint", "robust", "descent+joint"])
+def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, caplog):
+    """Commands in any order: one that cannot be carried out changes nothing and stops nothing."""
+    scene, rng, refused = load_scene("tiny"), np.random.default_rng(5), 0
+    problem = cached_measurement(scene).problem()
+    settings = solvers.with_mode_count(problem, dataclasses.replace(scene.solver, name=name, start=None))
+    run = SolverRun(problem, settings, 0, None, (), None, lambda: None)
+    rows, count = problem.pressures.shape
+    for _ in range(150):
+        first, last = sorted(rng.integers(1, rows + 1, 2).tolist())
+        command = [
+            UseModes(first, last, bool(rng.integers(2))), UseModes(1, int(rng.integers(1, 8)), False), Play(), Pause(),
+            Advance("step", 1), Advance("sweep", 1), Seek(int(rng.integers(9))), Reset(int(rng.integers(3))),
+            Place(int(rng.integers(count)), tuple(rng.uniform(-1, 2, 2).tolist()), None),
+        ][int(rng.integers(9))]  # fmt: skip
+        before = run.view
+        run.guarded(run.execute, command)
+        if run.view.refused:
+            refused += 1
+            assert run.view.state is before.state and run.view.running == before.running, command
+        if run.running:
+            run.guarded(run.advance)
+        state = run.view.state
+        assert not run.view.error and not caplog.records, (command, run.view.error)
+        assert np.all(np.isfinite(state.positions)) and 1 <= state.first <= state.last <= rows
+    assert refused or name == "descent+joint"
 
 
 def test_views_are_frozen_and_whole(make):

@@ -1,7 +1,5 @@
 """A session file restores the session to the last bit; any other file is refused in one line."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import io
@@ -12,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from running import exit_code
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.commands.cli import main
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.model.validation import InputError, StorageError
@@ -281,10 +279,9 @@ def test_an_invalid_session_file_is_refused_in_one_line(tmp_path, capsys, conten
     path = tmp_path / f"broken.{suffix}"
     path.write_bytes(content)
     path.with_suffix(".npz").write_bytes(content)
-    with pytest.raises(SystemExit) as left:
-        main(["view", str(path), "--port", "0", "--no-browser"])
+    left = exit_code("view", path, "--port", "0", "--no-browser")
     errors = capsys.readouterr().err
-    assert left.value.code == 2 and errors.startswith("error: ") and errors.count("\n") == 1
+    assert left == 2 and errors.startswith("error: ") and errors.count("\n") == 1
 
 
 def test_a_missing_half_is_reported(folder, tmp_path):

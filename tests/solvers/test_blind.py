@@ -4,8 +4,6 @@ The estimate here is the truth turned, mirrored and moved, one microphone displa
 be metres.
 """
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io

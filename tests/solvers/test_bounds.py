@@ -1,7 +1,5 @@
 """Bounds of every calibration: whatever the file says, it ends in time and memory, and no microphone diverges."""
 
-from __future__ import annotations
-
 import itertools
 import threading
 import time

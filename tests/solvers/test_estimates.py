@@ -1,7 +1,5 @@
 """What is estimated and assumed beside the positions: noise, power, evidence, faulty channels."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

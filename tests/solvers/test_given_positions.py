@@ -1,7 +1,5 @@
 """Which given positions hold an array: hypotheses against an array that none of them holds, and the solver's answer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

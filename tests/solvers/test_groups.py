@@ -1,7 +1,5 @@
 """Groups of microphones far from each other: found, and put into the pose that the pressures between them show."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

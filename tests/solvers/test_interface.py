@@ -1,7 +1,5 @@
 """Every solver has what others rely on; laws of chains of solvers."""
 
-from __future__ import annotations
-
 import dataclasses
 from itertools import pairwise
 

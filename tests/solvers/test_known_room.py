@@ -1,7 +1,5 @@
 """Absolute positions in a room of known size, through the command line."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from dataclasses import replace
@@ -9,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fields import rigid_room, room_frequencies
+from running import exit_code
 
 from fdcal.acoustics.room_modes import room_symmetries
-from fdcal.commands.cli import main
 from fdcal.cost.maps import cost_maps
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
@@ -46,12 +44,11 @@ def calibrate(tmp_path, monkeypatch, capsys):
     def run(measured: Measurement, *options):
         save_measurement(measured, tmp_path / "m.npz")
         (tmp_path / "r.json").unlink(missing_ok=True)
-        with pytest.raises(SystemExit) as ended:
-            main(["calibrate", "m.npz", "-o", "r.json", *options])
+        ended = exit_code("calibrate", "m.npz", "-o", "r.json", *options)
         out, errors = capsys.readouterr()
         lines = [line for line in errors.splitlines() if line.startswith("error: ")]
         result = json.loads((tmp_path / "r.json").read_text()) if (tmp_path / "r.json").exists() else None
-        return ended.value.code, out, lines, result
+        return ended, out, lines, result
 
     return run
 

@@ -1,7 +1,5 @@
 """Laws of what a step minimises: its derivatives, its priors, and what is exact."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

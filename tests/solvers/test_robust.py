@@ -1,7 +1,5 @@
 """The solver `robust`: gains come back, faults are found, positions stay; in a measured room and in space, too."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

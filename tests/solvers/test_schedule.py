@@ -1,7 +1,5 @@
 """Laws of the table of transitions, and of when restarts agree."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

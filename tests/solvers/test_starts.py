@@ -1,7 +1,5 @@
 """Laws of the starts, affine and of the coherence, and of the deformations of an array."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

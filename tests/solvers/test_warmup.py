@@ -6,10 +6,11 @@ import sys
 import threading
 
 import pytest
+from running import exit_code
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.commands import cli
-from fdcal.commands.cli import all_pieces, main
+from fdcal.commands.cli import all_pieces
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.solvers.warmup import warmup_calls
@@ -117,9 +118,8 @@ def test_warm_compiles_everything_and_tells_how_far_it_is(capsys, monkeypatch):
     """On standard error. That the pieces leave nothing to compile, and that it lies on the disk, is shown above."""
     names, compiled = [name for name, _ in all_pieces()], []
     monkeypatch.setattr(cli, "all_pieces", lambda: [(name, lambda name=name: compiled.append(name)) for name in names])
-    with pytest.raises(SystemExit) as ended:
-        main(["warm"])
+    ended = exit_code("warm")
     out, errors = capsys.readouterr()
-    assert not ended.value.code and out == "" and compiled == names
+    assert not ended and out == "" and compiled == names
     for number, name in enumerate(names, 1):
         assert f"{number} of {len(names)}: {name} ..." in errors

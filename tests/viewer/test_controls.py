@@ -1,14 +1,17 @@
 """Controls without a browser: their commands, and which of them are shown."""
 
+import contextlib
 import dataclasses
 from types import SimpleNamespace
 
+import pytest
 from doubles import INVALID_VALUES, State, set_by_client, view_of
 
 from fdcal.graphics.picture import static_picture
+from fdcal.model.validation import InputError
 from fdcal.viewer.background.cost_map import CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.gui.binding import Binding, Tick
-from fdcal.viewer.gui.choices import NOTHING
+from fdcal.viewer.gui.choices import FLOOR, NOTHING, RELIEF, kind_of
 from fdcal.viewer.tabs import map
 
 
@@ -29,6 +32,18 @@ def test_controls_without_effect_are_hidden(controls):
     session.view = dataclasses.replace(session.view, state=dataclasses.replace(session.view.state, finished=True))
     panel.view.show(Tick(session.view, picture=picture))
     assert not panel.view.ellipses_text.visible
+
+
+def test_the_view_from_the_side_raises_a_flat_map_and_that_from_above_lays_it_down(controls):
+    panel, _ = controls
+    seen = []
+    for view, chosen in (("close", None), ("top", None), ("top", RELIEF), ("close", NOTHING), ("3d", FLOOR)):
+        if chosen is not None:
+            panel.map.show_as(chosen)
+        panel.look(None, view)
+        seen.append(kind_of(panel.binding.choices))
+        assert panel.map.kind.value == seen[-1]
+    assert seen == [RELIEF, FLOOR, RELIEF, NOTHING, FLOOR], "what a user chooses stays"
 
 
 def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, work):
@@ -54,6 +69,29 @@ def test_values_set_by_the_program_are_not_commands(controls):
     panel.show(Tick(view_of([State(session.view.state.positions, last=6)]), microphone=4))
     assert panel.solver.last.value == 6 and panel.map.microphone.value == 4
     assert session.commands == [] and panel.binding.choices.microphone == 3
+
+
+def test_too_few_modes_are_refused_at_the_slider_which_goes_back(controls):
+    panel, session = controls
+    panel.solver.show(Tick(session.view))
+    set_by_client(panel.solver.last, 2)
+    refused = InputError("2 modes are too few", "use at least 3 modes (<modes>)")
+    panel.solver.show(Tick(dataclasses.replace(session.view, refused=refused)))
+    assert "2 modes are too few; use at least 3" in panel.solver.refusal.content and panel.solver.last.value == 3
+    panel.solver.show(Tick(session.view))
+    assert panel.solver.refusal.content == ""
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_control_pressed_as_its_session_is_replaced_does_nothing(server, work, closed):
+    binding = Binding(server.gui, work, 6)
+    other = server.gui.add_slider("other", 0, 9, 1, 1)
+    control = binding.on(server.gui.add_slider("one", 0, 9, 1, 1), lambda value: setattr(other, "max", value))
+    other.remove()
+    binding.closed = closed
+    with contextlib.nullcontext() if closed else pytest.raises(RuntimeError, match="removed"):
+        set_by_client(control, 5)
+    server.gui.reset()
 
 
 def test_one_button_runs_and_pauses(controls):

@@ -1,7 +1,5 @@
 """A solver that fails, in a real browser: the page shows the exception and the path of the log, and works on."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

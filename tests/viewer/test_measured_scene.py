@@ -1,7 +1,5 @@
 """The page of a measurement that has no scene: of a file of fdcal, of a recording, with truth and without."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

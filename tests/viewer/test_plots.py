@@ -11,7 +11,6 @@ from viser import uplot
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.model.texts import length_text
 from fdcal.session.history import StateCosts
 from fdcal.session.request import OpenRequest, edited
 from fdcal.viewer.background.comparison import ComparisonSetup, RunSummary, status_word
@@ -126,6 +125,16 @@ def test_errors_are_drawn_over_whole_decades(server, measurement, monkeypatch):
         numbers = handle.axes[1]["values"]
         assert (numbers[0], numbers[-1]) == (f"{wanted[0]:g}", "1,000")
         assert len(numbers) == len(handle.axes[1]["splits"]) == 1 + round(np.log10(wanted[1] / wanted[0]))
+
+
+def test_after_a_drag_the_errors_keep_their_axis_until_another_run(server, measurement, monkeypatch):
+    monkeypatch.setattr(plots, "APART", 0.0)
+    curves = CurvesTab(server.gui, measurement, np.arange(10))
+    first, good, dragged = (State(measurement.positions + shift, i) for i, shift in enumerate((0.2, 2e-5, 0.1)))
+    for now, states, low in ((0.0, [first, good], 0.01), (1.0, [first, dragged], 0.01), (2.0, [dragged], 100.0)):
+        curves.show(Tick(view_of(states), now))
+        curves.error.settle()
+        assert 10.0 ** min(curves.error.decades) == pytest.approx(low)
 
 
 def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monkeypatch):
@@ -293,13 +302,6 @@ def test_a_race_says_that_it_prepares_and_gives_large_errors_in_metres():
     assert "error 1.16 m, largest 5.98 m" in html and "e+" not in html
     assert "dB" not in html, "the cost of an earlier state is not that of the positions"
     assert "-80.0 dB" in table((dataclasses.replace(far, cost=-80.0),))
-
-
-@pytest.mark.parametrize(
-    ("length", "text"), [(0.0042, "4.2 mm"), (0.535, "535 mm"), (0.99951, "1 m"), (1.234, "1.23 m")]
-)
-def test_lengths_from_a_metre_on_are_in_metres(length, text):
-    assert length_text(length) == text
 
 
 def test_no_old_status_stands_beside_the_progress_of_the_next_session(page_of):

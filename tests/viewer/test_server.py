@@ -57,10 +57,6 @@ def test_the_event_loop_is_woken_though_push_raises(server):
     buffer.message_event = startled._event
 
 
-def test_the_share_tunnel_is_out_of_reach(server):
-    assert _messages.ShareUrlRequest not in server._websock_server._incoming_handlers
-
-
 @pytest.mark.parametrize("port", [-1, 65536, 80000])
 def test_a_port_out_of_range_is_refused(port):
     with pytest.raises(InputError, match="port"):

@@ -1,7 +1,5 @@
 """The verdict on the page: when it comes, its words, its tables and the channels that do not count."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from dataclasses import replace

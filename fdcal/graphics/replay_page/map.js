@@ -1,5 +1,5 @@
 // The map on the floor: the cost of moving one microphone at the state that is shown, from the modes that are chosen.
-const MINIMUM = "#ffb000";
+const MINIMUM = "#ff8400";
 const free = [...Array(N).keys()].filter(n => !known.has(n));
 let map = null, wanted = null, working = false, modeMaps = {key: "", found: new Map()};
 

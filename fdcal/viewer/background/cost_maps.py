@@ -8,8 +8,6 @@ A volume, the cost of one microphone in space, takes most of its time for the te
 is drawn from what there is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 What `fdcal.solvers.warmup` names is compiled on a thread of its own, beside the simulation and then beside the page.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The threads of one session: whoever needs one starts it here, and all of them end together."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Protocol

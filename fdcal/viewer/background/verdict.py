@@ -3,8 +3,6 @@
 Only for a solver that has finished; an earlier state is not at a minimum.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

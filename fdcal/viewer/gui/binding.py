@@ -6,8 +6,6 @@ runs them in order on its own event loop. None of them blocks. viser sends a pro
 the browsers have; so a tab assigns all that it shows at each tick.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -89,6 +87,7 @@ class Binding:
         self.choices, self._wake = initial_choices(run, modes, before), wake
         self.threads = Threads(wake)
         self.sent: dict[int, object] = {}
+        self.closed = False  # the session is being replaced
 
     def on(self, handle: Control, act: Callable[[Any], object]) -> Control:
         """Call `act(value)` when a client, and not this program, has changed a control; return the control."""
@@ -96,7 +95,11 @@ class Binding:
         async def respond(event) -> None:
             if event.client is not None:
                 self.session.yield_to_ui()
-                act(event.target.value)
+                try:
+                    act(event.target.value)
+                except RuntimeError:
+                    if not self.closed:  # else the session has given way to another one, with all of its controls
+                        raise
 
         control: Any = handle
         (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)

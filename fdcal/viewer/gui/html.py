@@ -1,7 +1,5 @@
 """Status lines, the verdict, remarks and error messages as HTML. All texts of a file or a solver are escaped."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from html import escape

@@ -1,7 +1,5 @@
 """Legends of the marks and the scale of a map as HTML."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from html import escape
 

@@ -103,13 +103,13 @@ CHECKS = (1, 2, 4, 8, 16)  # looks after a placement at which the page is made t
 VISER_START = (3.0, 3.0, 3.0)  # metres, of viser's own camera, before a page has learnt where it starts
 KEPT_POSITIONS = 6  # last positions of a camera that are remembered
 FOV_NUDGE = 1e-4  # relative change of a field of view that makes the page report its camera
-MARGINS = (76, 204, 34, 40)  # pixels left, bottom, right and top of the search domain, for rulers, legend and bar
-LECTURE_MARGINS = (110, 310, 60, 50)  # likewise, in larger type
+MARGINS = (76, 234, 34, 40)  # pixels left, bottom, right and top of the search domain, for rulers, legend and bar
+LECTURE_MARGINS = (110, 350, 60, 50)  # likewise, in larger type
 CAPTION, LECTURE_CAPTION = 350, 470  # pixels, of the width of a caption
 WIDE = 900  # pixels, of a canvas that has a caption at its right
 # Of a canvas with so many pixels and so much wider than high, whose legend stands beside the map; as in page.js.
 BROAD, BROAD_RATIO = 1000, 1.4
-BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 124, 290, 44), (400, 176, 200, 56)
+BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 154, 290, 44), (400, 216, 200, 56)
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
 PHONE_PANEL = 0.45  # of the height of its canvas, which a panel or a caption covers
 PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top there

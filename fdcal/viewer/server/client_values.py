@@ -5,8 +5,6 @@ it says of a control for all other pages: a message is passed on only if the pag
 all its numbers are finite and its camera is one that can look at something.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

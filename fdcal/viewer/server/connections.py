@@ -5,8 +5,6 @@ Budget              how long a client must wait before its next message is handl
 version_checked     refuses clients of another version of viser, without viser's message on standard output
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

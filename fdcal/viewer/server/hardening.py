@@ -7,8 +7,6 @@ and why no page is served unless a foreign origin has been refused in fact: a se
 ask it, before its address is given to anybody.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import gzip

@@ -167,7 +167,15 @@ function followScene() {
   const {scene, camera} = window.__viserMutable ?? {};
   if (!scene || !camera) { setTimeout(followScene, 50); return; }
   scene.onAfterRender = (renderer, from, by) => { if (by == window.__viserMutable.camera) placeLabels(by); };
+  scene.onBeforeRender = hideHandles;
   placeLabels(camera);
+}
+
+// What is dragged has an unseen disc, which would cut a hole into whatever is translucent behind it.
+function hideHandles() {
+  for (const [name, node] of Object.entries(window.__viserMutable.nodeRefFromName))
+    if (/^\/(picking|cut_handles)\//.test(name))
+      node?.traverse(part => { for (const material of [part.material ?? []].flat()) material.depthWrite = false; });
 }
 
 function placeLabels(camera) {

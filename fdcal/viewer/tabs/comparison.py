@@ -1,7 +1,5 @@
 """The tab Race: solvers from the same start, compared in a table, in curves, and as marks in the scene."""
 
-from __future__ import annotations
-
 import itertools
 from html import escape
 

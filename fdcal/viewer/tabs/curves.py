@@ -42,7 +42,7 @@ class CurvesTab(Tab):
         self._sought, self._costs = sought, -1  # microphones whose errors count; how many costs were computed
         self._states: list[Any] = []  # whose numbers are in _rows
         self._rows: list[tuple] = []  # sweeps, mean error, largest error, last mode in use, stage, restart
-        self._updated = -1e9
+        self._updated, self._decades = -1e9, range(0)  # when, and of the errors of this run, which only grow
         self.error: Plot | None = None
         if measurement.positions is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
@@ -61,7 +61,7 @@ class CurvesTab(Tab):
         if now - self._updated < INTERVAL:
             return
         if sought is not None and not np.array_equal(sought, self._sought):
-            self._sought, self._states, self._rows = sought, [], []
+            self._sought, self._states, self._rows, self._decades = sought, [], [], range(0)
         if not self._update_rows(view.history) and view.costs.count == self._costs:
             return
         self._updated, self._costs = now, view.costs.count
@@ -73,7 +73,9 @@ class CurvesTab(Tab):
         if self.error is not None:
             drawn_errors = np.concatenate([mean, largest])
             decades = decades_of(drawn_errors[drawn_errors > ZERO] if largest.max() > ZERO else np.array([0.1, 1.0]))
-            self.error.show(_with_stages(x, (mean, largest), drawn, begins, anew, stage), decades)
+            ends = [*self._decades, *decades]  # a drag that ends the better part of a run leaves the axis as it is
+            self._decades = range(min(ends), max(ends) + 1)
+            self.error.show(_with_stages(x, (mean, largest), drawn, begins, anew, stage), self._decades)
         cost = np.array([view.costs.of(state) for state in self._states])
         known = np.flatnonzero(np.isfinite(cost))
         if len(known):  # between the costs that are known the curve is straight
@@ -87,6 +89,8 @@ class CurvesTab(Tab):
             kept -= 1
         if kept == len(history) == len(self._states):
             return False
+        if not kept:
+            self._decades = range(0)
         new = history[kept:]
         self._states[kept:], self._rows[kept:] = new, [self._row(state) for state in new]
         return True

@@ -3,8 +3,6 @@
 It is computed on a thread of its own, mode by mode and summed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import matplotlib

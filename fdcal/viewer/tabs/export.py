@@ -3,8 +3,6 @@
 A `ViewSnapshot` holds everything that goes into a file; `KINDS` lists the kinds of file.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The tab Help: keys, mouse, marks, and what the numbers mean."""
 
-from __future__ import annotations
-
 from html import escape
 
 import viser

@@ -244,7 +244,7 @@ class MapTab(Tab):
             ),
             lambda value: binding.choose_style(relief_height=value / 100),
         )  # fmt: skip
-        self.slice = SliceControls(binding)
+        self.slice, self._risen = SliceControls(binding), ""  # and the kind of map that `rise` has chosen
 
     def _add_scale(self) -> None:
         gui, on, style = self._binding.gui, self._binding.on, self._binding.choices.style
@@ -329,6 +329,18 @@ class MapTab(Tab):
         self._binding.choose_style(**style_of(kind, self._binding.measurement))
         self.refresh()
         self.kind.value = kind
+
+    def rise(self) -> None:
+        """Show what stands in space in place of a flat map: the isosurfaces, or the relief of an array in a plane."""
+        if self.kind.value == FLOOR:
+            self._risen = VOLUME if VOLUME in self.kinds else RELIEF
+            self.show_as(self._risen)
+
+    def lie(self) -> None:
+        """Show the flat map again after `rise`, unless another kind was chosen since."""
+        if self.kind.value == self._risen:
+            self.show_as(FLOOR)
+        self._risen = ""
 
     def scale_as(self, scale: str) -> None:
         """Use the scale LOG or LINEAR."""

@@ -3,8 +3,6 @@
 They are one image, drawn on a thread of its own: a drag does not wait for it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...graphics.panels import Marks, mosaic

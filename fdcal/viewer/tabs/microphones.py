@@ -3,8 +3,6 @@
 The tables are of the positions, of gain, phase and noise of each channel, and of the given positions as corrected.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from html import escape
 from typing import Any

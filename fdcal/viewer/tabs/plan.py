@@ -3,8 +3,6 @@
 The bound is computed on a thread of its own while microphones are dragged.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from html import escape
 

@@ -1,7 +1,5 @@
 """The tab Scene: array, walls, noise and known microphones of the scene; Apply simulates the changed scene."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

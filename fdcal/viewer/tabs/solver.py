@@ -1,7 +1,5 @@
 """The settings of the solver, below its buttons: the method and its start, the modes in use."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from ... import solvers
@@ -76,6 +74,7 @@ class SolverTab(Tab):
             ),
             lambda value: self.use_modes(self.first.value, self.last.value, value),
         )  # fmt: skip
+        self.refusal, self._refused = gui.add_html(""), None
 
     def _names(self) -> tuple[str, ...]:
         """Return the names of the solvers that can solve this problem."""
@@ -118,7 +117,11 @@ class SolverTab(Tab):
 
     def show(self, tick: Tick) -> None:
         """Let the controls follow the solver."""
-        state, send = tick.view.state, self._binding.send
+        state, send, refused = tick.view.state, self._binding.send, tick.view.refused
+        if refused is not self._refused:
+            self._refused, self.refusal.content = refused, html.complaint(refused or "")
+            for handle in (self.first, self.last, self.automatic) if refused else ():
+                self._binding.sent.pop(id(handle), None)  # back to what the solver uses
         send(self.first, state.first)
         send(self.last, state.last)
         send(self.automatic, state.automatic)

@@ -1,7 +1,5 @@
 """The power spectrum in the tab Map, and which of its modes are in the map."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

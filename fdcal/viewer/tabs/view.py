@@ -1,7 +1,5 @@
 """The tab View: the camera, the theme, and what is drawn over the map."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import viser
