@@ -110,7 +110,7 @@ CAPTION, LECTURE_CAPTION = 350, 470  # pixels, of the width of a caption
 WIDE = 900  # pixels, of a canvas that has a caption at its right
 # Of a canvas with so many pixels and so much wider than high, whose legend stands beside the map; as in page.js.
 BROAD, BROAD_RATIO = 1000, 1.4
-BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 154, 290, 44), (400, 216, 200, 56)
+BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 172, 290, 44), (400, 216, 200, 56)
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
 PHONE_PANEL = 0.45  # of the height of its canvas, which a panel or a caption covers
 PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top there
