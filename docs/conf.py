@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 import tomllib
 from pathlib import Path
 
 from docutils import nodes
+from docutils.parsers.rst import Directive
 from docutils.utils.math.latex2mathml import tex2mathml
 
 PROJECT = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -79,6 +81,31 @@ def displayed_math(translator, node) -> None:
     raise nodes.SkipNode
 
 
+class Replay(Directive):
+    """A replay of `docs/replays.py` in the page: its name, and after # what it shows."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        name, _, shown = self.arguments[0].partition("#")
+        document = self.state.document.settings.env.docname
+        address, shown = f"{'../' * document.count('/')}replays/{name}.html", shown.replace("&", "&amp;")
+        frame = f'<iframe src="{address}#embed=on&amp;{shown}" loading="lazy" title="{name}"></iframe>'
+        whole = f'<a href="{address}#{shown}">Open it in a window of its own</a>'
+        return [nodes.raw("", f'<div class="replay">{frame}{whole}</div>', format="html")]
+
+
+def replays(app, error) -> None:
+    """Write the replays beside the pages that show them."""
+    if error is None and app.builder.format == "html":
+        sys.path.insert(0, str(Path(__file__).parent))
+        from replays import write
+
+        write(Path(app.outdir) / "replays")
+
+
 def setup(app) -> None:
-    """Add the writer of formulas."""
+    """Add the writer of formulas and the replays."""
+    app.add_directive("replay", Replay)
+    app.connect("build-finished", replays)
     app.add_html_math_renderer("mathml", (inline_math, None), (displayed_math, None))

@@ -55,7 +55,9 @@ STUDIES = {
     "study-mismatch-error": ("mismatch", "error"),
     "study-mismatch-error-bars": ("mismatch", "error-bars"),
     "study-mismatch-verdicts": ("mismatch", "verdicts"),
+    "study-calibration": ("calibration", "study-calibration"),
 }
+CALIBRATION = "study-calibration"  # the figure of its page, which the same command writes
 RESULTS = ROOT / "build" / "studies"  # ignored by git
 BROWSED = {"page-start": False, "page": True}  # pictures of the page, and whether the run has ended
 
@@ -67,15 +69,6 @@ def commanded(lines: list[str], folder: Path) -> None:
         run = subprocess.run([sys.executable, "-m", "fdcal", *line.split()], cwd=folder, check=False)
         if run.returncode not in (0, 4):
             raise SystemExit(f"fdcal {line} ended with {run.returncode}")
-
-
-def plate(folder: Path) -> None:
-    """Draw the result of the tutorial "Your first recording"."""
-    sys.path.insert(0, str(ROOT))
-    import fdcal
-
-    measurement = fdcal.load("tiny")
-    fdcal.calibrate(measurement).plot(measurement.positions).savefig(folder / "picture.png", dpi=110)
 
 
 def browsed(ended: bool, folder: Path) -> None:
@@ -102,13 +95,14 @@ def browsed(ended: bool, folder: Path) -> None:
 
 
 def studied(study: str, figure: str) -> Path:
-    """Run what a study still lacks, write its report, and return one of its figures."""
-    folder = RESULTS / study
+    """Run what a study still lacks, write its report, or its page, and return one of its figures."""
+    folder, page = RESULTS / study, ROOT / "docs" / "explanation" / f"{CALIBRATION}.md"
     resumed = ["--resume"] if folder.is_dir() else []
     run = ["study", str(ROOT / "studies" / f"{study}.toml"), "-o", str(folder), *resumed]
-    for arguments in (run, ["study", "--report", str(folder)]):
+    report = ["study", "--report", str(folder)]
+    for arguments in (run, report + (["--page", str(page)] if figure == CALIBRATION else [])):
         subprocess.run([sys.executable, "-m", "fdcal", *arguments], cwd=ROOT, check=True)
-    return folder / "report" / f"{figure}.png"
+    return PICTURES / f"{figure}.png" if figure == CALIBRATION else folder / "report" / f"{figure}.png"
 
 
 def keep(path: Path, target: Path) -> None:
@@ -128,15 +122,13 @@ def make(name: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         if name in COMMANDS:
             commanded(COMMANDS[name], Path(folder))
-        elif name in BROWSED:
-            browsed(BROWSED[name], Path(folder))
         else:
-            plate(Path(folder))
+            browsed(BROWSED[name], Path(folder))
         keep(Path(folder) / "picture.png", PICTURES / f"{name}.png")
 
 
 if __name__ == "__main__":
-    every = [*COMMANDS, "plate", *BROWSED]
+    every = [*COMMANDS, *BROWSED]
     for wanted in sys.argv[1:] or every:
         if wanted not in (*every, *STUDIES):
             raise SystemExit(f"no picture is called {wanted}: give any of {', '.join((*every, *STUDIES))}")

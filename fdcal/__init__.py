@@ -50,6 +50,7 @@ METHODS = {
         "load": "assessment.result_file:load_result",
         "plot": "graphics.calibration_figure:draw_calibration",
         "save": "assessment.result_file:save_result",
+        "show": "graphics.calibration_figure:show_calibration",
         "to_dataframe": "assessment.result_file:data_frame",
         "to_json": "assessment.result_file:result_text",
         "to_pyfar": "recordings.export:pyfar_coordinates",

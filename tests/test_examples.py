@@ -77,8 +77,9 @@ def test_the_cells_of_the_notebook_run(tmp_path, monkeypatch):
     outputs = [shown(source, namespace) for source in cells("code")]
     assert isinstance(outputs[1], fdcal.Calibration)
     assert "<b>good</b>" in outputs[1]._repr_html_()
-    assert len(outputs[2]) == 3
-    assert outputs[3].shape == (4, 2)
+    assert "<iframe srcdoc=" in outputs[2]._repr_html_()
+    assert len(outputs[3]) == 3
+    assert outputs[4].shape == (4, 2)
 
 
 def test_the_notebook_holds_no_output():

@@ -2,7 +2,8 @@
 
 The field in the room, with rigid, pressure-release or locally reacting walls, is a sum over its eigenfunctions along
 two axes; along the third each term is a wave between two walls in closed form, which decays exponentially with the
-distance from the source. So the sum converges exponentially, to rounding, away from the source:
+distance from the source. So the sum converges exponentially, to rounding, away from the source (in a rectangle of two
+dimensions, the source a line across it, along one axis and along the other):
 
     p(x) = sum_t  psi_t(x) psi_t(x_s) g_t(z, z_s),        gamma_t = sqrt(kappa_t^2 - k^2)
     g_t  = exp(-gamma |z - z_s|) (1 + R exp(-2 gamma z_<)) (1 + R exp(-2 gamma (l - z_>))) / N
@@ -79,20 +80,22 @@ def require_affordable(source: Source, sensing: Sensing, microphones: int) -> No
 def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: float = EXACT) -> np.ndarray:
     """Return the pressures of a point source of unit strength, 1 / (4 pi d) at a small distance d : (M, N), 1/m.
 
-    `source` (3,), `positions` (N, 3), metres; `wavenumbers` (M,) rad/m, with an imaginary part below zero unless the
-    walls absorb; `nepers`: by how much the omitted terms have decayed. InputError for a microphone at the source.
+    `source` (3,), `positions` (N, 3), metres, or (2,) and (N, 2) in a rectangle, where p has no unit; `wavenumbers`
+    (M,) rad/m, with an imaginary part below zero unless the walls absorb; `nepers`: by how much the omitted terms have
+    decayed. InputError for a microphone at the source.
     """
     positions, source = np.asarray(positions, float), np.asarray(source, float)
+    D = len(source)
     k = np.asarray(wavenumbers, complex)
     apart = np.abs(positions - source)
     axes = apart.argmax(axis=1)  # the closed form is used along the axis of the greatest distance from the source
     sides = positions[np.arange(len(positions)), axes] < source[axes]
     p = np.empty((len(k), len(positions)), complex)
-    for axis, side in itertools.product(range(3), (False, True)):
+    for axis, side in itertools.product(range(D), (False, True)):
         group = np.flatnonzero((axes == axis) & (sides == side))
         if len(group) == 0:
             continue
-        order = [(axis + 1) % 3, (axis + 2) % 3, axis]
+        order = [(axis + 1 + i) % D for i in range(D)]
         lengths = np.array(room.size)[order]
         reach = nepers / max(float(apart[group, axis].min()), 1e-9)
         terms = eigenfunction_numbers(lengths, reach, float(np.abs(k).max()), int(group[apart[group, axis].argmin()]))
@@ -103,16 +106,16 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
     return p
 
 
-def eigenfunction_numbers(lengths, reach: float, k: float, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the numbers (T,) of the eigenfunctions along the two axes whose gamma is below `reach`, 1/m."""
+def eigenfunction_numbers(lengths, reach: float, k: float, n: int) -> tuple[np.ndarray, ...]:
+    """Return the numbers (T,) of the eigenfunctions along all axes but the last whose gamma is below `reach`, 1/m."""
     highest = math.hypot(reach, k)
-    counts = highest * lengths[:2] / np.pi
+    counts = highest * lengths[:-1] / np.pi
     if np.prod(counts + 1) > MAX_TERMS:
         problem = f"source.position is too close to microphone {n} for a sum over modes"
         raise InputError(problem, "move it further away", key="source.position")
-    first, second = np.meshgrid(*(np.arange(math.ceil(count) + 1) for count in counts), indexing="ij")
-    kept = (first / counts[0]) ** 2 + (second / counts[1]) ** 2 <= 1
-    return first[kept], second[kept]
+    numbers = np.meshgrid(*(np.arange(math.ceil(count) + 1) for count in counts), indexing="ij")
+    kept = sum((along / count) ** 2 for along, count in zip(numbers, counts, strict=True)) <= 1
+    return tuple(along[kept] for along in numbers)
 
 
 def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndarray:
@@ -124,9 +127,9 @@ def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndar
         squares = squares + kappa[:, numbers] ** 2
         shapes = shapes * (psi[..., :-1] * psi[..., -1:])[:, numbers]
     gamma = np.sqrt(squares - k[:, None] ** 2 + 0j)[..., None]
-    heights, level = np.unique(positions[:, 2], return_inverse=True)  # few in a lattice
-    ends = (heights, source[2:]) if heights[0] < source[2] else (source[2:], heights)
-    g = _between(room, lengths[2], k[:, None, None], gamma, *ends)
+    heights, level = np.unique(positions[:, -1], return_inverse=True)  # few in a lattice
+    ends = (heights, source[-1:]) if heights[0] < source[-1] else (source[-1:], heights)
+    g = _between(room, lengths[-1], k[:, None, None], gamma, *ends)
     return np.sum(shapes * g[..., level], axis=1)
 
 

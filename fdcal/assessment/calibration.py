@@ -15,6 +15,8 @@ import numpy as np
 from ..cost.channel_correction import ChannelCorrection
 from ..model.gauge import align, in_frame, position_errors
 from ..model.measurement import Measurement
+from ..model.problem import Problem
+from ..model.settings import SolverSettings
 from ..model.texts import length_text
 from ..model.validation import InputError, frozen_array
 
@@ -210,6 +212,16 @@ class Channels:
         return ChannelCorrection(gains, 10 ** (self.noise_db / 10))
 
 
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a result is computed from: the solver run again with it takes the same steps."""
+
+    measurement: Measurement
+    problem: Problem
+    settings: SolverSettings
+    seed: int
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """Positions of the microphones of an array, and whether to trust them.
@@ -260,6 +272,8 @@ class Calibration:
         Gain and noise of every channel, and what is wrong with it; of all solvers but "room".
     sound_speed_sigma : float or None
         One sigma of a sound speed that was estimated with the positions, m/s.
+    run : Run or None
+        What `show` plays, of a result of `fdcal.calibrate`; no file holds it.
 
     Examples
     --------
@@ -295,6 +309,7 @@ class Calibration:
     sound_speed_sigma: float | None = None
     rms_error: float | None = None
     cost_db: float | None = None
+    run: Run | None = None
 
     # Methods that modules above this one carry out; `fdcal.METHODS` binds them.
     save: ClassVar[Callable[..., None]]
@@ -305,6 +320,7 @@ class Calibration:
     to_pyfar: ClassVar[Callable[..., Any]]
     to_dataframe: ClassVar[Callable[..., Any]]
     plot: ClassVar[Callable[..., Any]]
+    show: ClassVar[Callable[..., Any]]
 
     def __post_init__(self):
         _freeze(self, "positions", "frequencies", "errors", "uncertainty", "covariance")

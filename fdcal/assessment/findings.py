@@ -128,6 +128,17 @@ class Judged:
         return high & (behind * self.noise_fraction > UNEVEN_FRACTION)
 
     @property
+    def shift(self) -> float:
+        """How far another model of the field, sound from all sides alike, moves the positions, metres."""
+        return root_mean_square(np.linalg.norm(self.estimate.spread.shift, axis=1)[self.healthy])
+
+    @property
+    def noisiest(self) -> int:
+        """The microphone that is sought, of a healthy channel, that leaves most of its pressures unexplained."""
+        sought = self.healthy & ~np.isin(np.arange(len(self.healthy)), self.estimate.problem.known)
+        return int(np.argmax(np.where(sought, self.estimate.channels.noise, 0.0)))
+
+    @property
     def wrong_given(self) -> list[FaultyChannel]:
         """The given positions that the pressures contradict, one by one."""
         known = self.estimate.problem.known
@@ -168,6 +179,8 @@ UNEVEN_FRACTION = 1e-4  # of the power
 # microphones predict each other to -27 to -32 dB. Simulated living rooms leave 1e-5 to 1e-3.
 ROOM_RESIDUAL = 1e-3
 UNEXPLAINED = 1e-4  # of the power of a measurement without noise
+RIGHT = 5e-3  # metres, an error that no use of an array minds
+ROOM_FRACTION = 2e-4  # of the power: below, a healthy channel may leave several times what the others leave
 RIVAL_DISTANCE = 1e-3  # metres within which two optima are one, or three sigmas where these are more
 RIVAL_COST = 8.0  # nats within which another optimum counts: its evidence is good to a few nats
 
@@ -264,10 +277,8 @@ def _speed_words(seen: Judged) -> str:
 
 
 def _loose_scale(seen: Judged, limit: float) -> bool:
-    """Whether nothing but the wavelengths gives the size, which those in a plane of space hardly do."""
-    problem = seen.estimate.problem
-    hardly = seen.scale_sigma > limit or problem.array_dimension < problem.dimension
-    return not len(problem.known) and seen.scale is None and hardly
+    open_size = seen.scale_sigma > limit or seen.estimate.given.carry_scale  # that of a plane array in space always is
+    return not len(seen.estimate.problem.known) and seen.scale is None and open_size
 
 
 def _uncertain(seen: Judged) -> float:
@@ -307,7 +318,17 @@ def enumerated(names: Sequence[str]) -> str:
 
 def _uncertain_given(seen: Judged, limit: float) -> bool:
     """Whether an error of a given position would go unseen."""
-    return bool(len(seen.estimate.problem.known)) and seen.loosest >= max(limit, 2 * _uncertain(seen))
+    return bool(len(seen.estimate.problem.known)) and seen.loosest >= max(limit, 3 * _uncertain(seen))
+
+
+def _other_minimum(seen: Judged, limit: float) -> bool:
+    """Whether a microphone leaves more than its share of a noise that hides what rooms leave: it may stand elsewhere.
+
+    Of M frequencies the noise of a channel is known to about one over the root of M.
+    """
+    rows = len(seen.estimate.field.power)
+    found = float(seen.estimate.channels.noise[seen.noisiest])
+    return seen.noise_fraction > ROOM_FRACTION and found > max(limit, 1 + 9 / np.sqrt(rows))
 
 
 def _beyond_given_noise(seen: Judged, limit: float) -> bool:
@@ -351,18 +372,28 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"{100 * seen.noise_fraction:.1g} % of the power is left unexplained, though the"
                          f" measurement is said to be free of noise: {CAUSES}",
             "", UNEXPLAINED, "share left unexplained of a measurement said to be free of noise"),
+    Finding("model_mismatch", lambda seen, limit: seen.shift > max(limit * seen.sigma, RIGHT),
+            lambda seen: "the sound does not come from all sides: what is assumed of its directions moves the positions"
+                         f" by {length_text(seen.shift, 2)}",
+            "record another take, with the source elsewhere, and calibrate all takes together",
+            1.4, "root mean square move to the minimum of a field alike from all sides, over one sigma, and 5 mm"),
     Finding("sound_speed", _impossible_speed, _speed_words,
             "", 0.05, "relative difference of the sound speed implied: 5 % are 30 K in air"),
     Finding("scale_undetermined", _loose_scale,
             lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
             "name known microphones, or give one <distance> with <estimate_sound_speed>",
-            0.06, "one sigma of the least certain stretching of a blind array, relative; any in a plane of space"),
+            0.1, "one sigma of the least certain stretching of a blind array, relative"),
     Finding("ambiguous", lambda seen, _: seen.rival() > 0,
             lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
             "use more modes (<modes>), or known microphones that lie less on one line"),
     Finding("ambiguous", lambda seen, _: seen.starts_disagree() > 0,
             lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
             "use more modes (<modes>), or more known microphones"),
+    Finding("ambiguous", _other_minimum,
+            lambda seen: f"microphone {seen.names[seen.noisiest]} may stand elsewhere: its position leaves"
+                         f" {seen.estimate.channels.noise[seen.noisiest]:.2g} times the noise of the others",
+            "use more modes (<modes>), or known microphones",
+            2.3, "noise of a channel over that of the median one"),
     Finding("ambiguous", lambda seen, limit: _uncertain(seen) > limit * seen.radius,
             lambda seen: f"the positions are uncertain by {100 * _uncertain(seen):.2g} cm",
             "use more modes (<modes>), more known microphones, or less noise",
@@ -371,7 +402,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: "nothing would show an error of a given position: the pressures and the other given positions"
                          f" place that microphone only to {1e3 * seen.loosest:.2g} mm",
             "use more modes (<modes>), or give more positions",
-            0.025, "metres, one sigma of the loosest given microphone, or two sigmas of the array"),
+            0.04, "metres, one sigma of the loosest given microphone, or three sigmas of the array"),
     Finding("good", lambda seen, _: True, _good),
 )
 # fmt: on

@@ -130,7 +130,7 @@ RENAMED = {
     "leave_one_out_db": "left_out_db", "microphones_db": "left_out_microphones_db",
     "frequencies_db": "left_out_frequencies_db",
 }  # fmt: skip
-PARTS = {"evidence", "room", "channels"}
+PARTS = {"evidence", "room", "channels", "run"}
 RESULT = {f.name: RENAMED.get(f.name, f.name) for f in fields(Calibration) if f.name not in PARTS}
 EVIDENCE = {f.name: RENAMED.get(f.name, f.name) for f in fields(Evidence)}
 CHANNELS = {name: f"channel_{name}" for name in CHANNEL_NUMBERS}

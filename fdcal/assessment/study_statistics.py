@@ -2,7 +2,8 @@
 
 found     the error is below 5 mm, or three times the Cramer-Rao bound where that is larger
 trusted   the verdict is good
-wrong     trusted, and the error is above 5 mm and three times what was claimed
+wrong     trusted, and the error is above 5 mm and three times what was claimed, or that of one microphone above 10 mm
+          and five times
 good      trusted, and not wrong
 doubted   found, though not trusted
 lost      neither found nor trusted
@@ -11,15 +12,39 @@ lost      neither found nor trusted
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..model.gauge import align
+from ..model.measurement import Measurement
 from ..model.validation import InputError
+from .calibration import Calibration
 
 if TYPE_CHECKING:
     import pandas
+
+LEVELS = (0.5, 0.8, 0.95, 0.99)  # probabilities of the ellipses that are counted
+BINS = 20  # of the rank histogram
+# What a row says of the error bars, and the type of each column; null without true positions or covariance
+SCORES = {
+    "judged": "int64",  # microphones that are sought, healthy and not named
+    "inside": "string",  # JSON, how many of them are inside their ellipse of each of LEVELS
+    "ranks": "string",  # JSON, how many of their coordinates are in each of the BINS of the rank histogram
+    "error_m2": "float64",  # mean of their squared errors
+    "claimed_m2": "float64",  # mean of their claimed variances
+    "worst_sigmas": "float64",  # of those more than FAR off, the largest error over sigma; 0 without any
+    "sound": "int64",  # channels without a fault
+    "accused": "int64",  # of these, named as faulty
+    "faults": "int64",  # channels with a fault
+    "named": "int64",  # of these, named
+    "right_given": "int64",  # given positions that are right, to the tape's error
+    "wrongly_doubted": "int64",  # of these, named
+    "wrong_given": "int64",  # given positions that are wrong
+    "doubted_given": "int64",  # of these, named
+}
+FAR, FAR_SIGMAS = 0.01, 5.0  # metres and sigmas: a microphone further off than both makes "good" wrong
 
 LEAST, FACTOR = 0.005, 3.0  # metres; times the bound, or times one sigma
 COLUMNS = ("rms_error_m", "max_error_m", "claimed_sigma_m", "bound_m")
@@ -34,7 +59,10 @@ def judged(rows: pandas.DataFrame) -> pandas.DataFrame:
     rows["found"] = (error < np.maximum(LEAST, FACTOR * bound)).to_numpy()
     rows["trusted"] = (rows["verdict"] == "good").to_numpy()
     claimed = rows["claimed_sigma_m"].fillna(np.inf)
-    rows["wrong"] = (rows["trusted"] & (error > np.maximum(LEAST, FACTOR * claimed))).to_numpy()
+    far = error > np.maximum(LEAST, FACTOR * claimed)
+    if "worst_sigmas" in rows:  # not of rows of an older fdcal
+        far |= rows["worst_sigmas"].astype(float).fillna(0.0) > FAR_SIGMAS
+    rows["wrong"] = (rows["trusted"] & far).to_numpy()
     rows["good"], rows["doubted"] = rows["trusted"] & ~rows["wrong"], ~rows["trusted"] & rows["found"]
     rows["lost"] = ~rows["trusted"] & ~rows["found"]
     return rows
@@ -76,3 +104,72 @@ def share_grid(rows: pandas.DataFrame, axes: dict[str, list], names: tuple[str, 
 def quantiles(rows: pandas.DataFrame, axes: dict[str, list], name: str, column: str, q=(0.1, 0.5, 0.9)) -> np.ndarray:
     """Return quantiles of a column at every value of an axis : (V, Q) float64, NaN without rows."""
     return np.array([rows_of(rows, {name: value})[column].dropna().quantile(list(q)) for value in axes[name]])
+
+
+def scored(
+    found: Calibration,
+    measurement: Measurement,
+    given: Sequence[int],
+    faulty: frozenset[str],
+    misplaced: frozenset[str],
+) -> dict[str, Any]:
+    """Return the columns SCORES of a calibration of known truth.
+
+    `given`: microphones whose positions the solver got; `faulty`, `misplaced`: names of the channels with a fault, and
+    of the microphones whose given position is wrong.
+    """
+    from scipy.special import chdtri, ndtr
+
+    truth, C = measurement.positions, found.covariance
+    if truth is None or C is None:
+        return {}
+    names, x = np.array(found.names), found.positions
+    faults = () if found.channels is None else found.channels.faults
+    own = {names[n] for n in given}
+    doubted = {fault.name for fault in faults if fault.kind in ("misplaced", "exchanged")} & own
+    accused = {fault.name for fault in faults} - doubted
+    healthy = ~np.isin(names, list(faulty))
+    judged = healthy & ~np.isin(names, list(accused)) & ~np.isin(np.arange(len(names)), np.asarray(given, int))
+    if found.aligned:  # the covariance is that of the array as it was found
+        truth = align(truth, x, np.flatnonzero(healthy))
+    e, C = (x - truth)[judged], C[judged]
+    usable = np.linalg.det(C) > 0
+    e, C = e[usable], C[usable]
+    variance = np.diagonal(C, axis1=1, axis2=2)
+    distance = np.einsum("na,nab,nb->n", e, np.linalg.inv(C), e)
+    limits = chdtri(e.shape[1], 1 - np.array(LEVELS))
+    ranks = np.histogram(ndtr(-e / np.sqrt(variance)), BINS, (0, 1))[0]
+    length, sigma = np.linalg.norm(e, axis=1), np.sqrt(variance.sum(axis=1))
+    sound, right = set(names[healthy]), own - misplaced
+    return {
+        "judged": len(e),
+        "inside": json.dumps([int(np.sum(distance <= limit)) for limit in limits]),
+        "ranks": json.dumps(ranks.tolist()),
+        "error_m2": float(np.mean(length**2)) if len(e) else None,
+        "claimed_m2": float(np.mean(sigma**2)) if len(e) else None,
+        "worst_sigmas": float(np.max((length / sigma)[length > FAR], initial=0.0)),
+        "sound": len(sound),
+        "accused": len(accused & sound),
+        "faults": len(faulty),
+        "named": len(accused & faulty),
+        "right_given": len(right),
+        "wrongly_doubted": len(doubted & right),
+        "wrong_given": len(misplaced),
+        "doubted_given": len(doubted & misplaced),
+    }
+
+
+def clustered(counts: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a fraction and its standard error from draws (G,) of `sizes` things, of which `counts` (G, K) are so.
+
+    The draws are independent, the microphones of one are not: sum_g (c_g - p n_g)^2 is the variance of the sum.
+    """
+    total, G = sizes.sum(), len(sizes)
+    share = counts.sum(axis=0) / max(total, 1)
+    left = counts - share * sizes[:, None]
+    return share, np.sqrt((left**2).sum(axis=0) * G / max(G - 1, 1)) / max(total, 1)
+
+
+def json_columns(rows: pandas.DataFrame, name: str) -> np.ndarray:
+    """Return a column of JSON lists of equal length : (R, K) float64."""
+    return np.array([json.loads(text) for text in rows[name]], float)

@@ -1,12 +1,16 @@
 """The uncertainty of each position, from what a solver reports of its minimum (`PositionSpread`).
 
-    P      inverse of the Gauss-Newton matrix of cost and priors: the covariance of a field that is as assumed
-    v_g    influence of mode g on the positions; J = sum over the modes, or over groups of neighbours, of v_g v_g^T
+    P            inverse of the Gauss-Newton matrix of cost and priors: the covariance of a field that is as assumed
+    dispersion   r, of the data over P, which blocks of frequencies and takes show by their disagreement
+    C            P (1 + r) / 2 + d d^T,   d the Newton step that is left
 
-A room's standing waves are not diffuse, and the modes then disagree more than P says: the sandwich estimate (Huber
-1967, White 1982) is several times larger. The errors of neighbouring modes are correlated, because they share what the
-prior does not know of the room, so that J is also computed from groups of neighbours, as Newey and West (1987) do with
-neighbours in time; the larger of the two counts. P is enlarged, microphone by microphone, to the size of J.
+P supposes the noise found, the field's directions found, and the priors of gains, given positions and sound speed. Few
+waves make a room less random than that, and r measures it; it is known from about ten blocks alone, and what the model
+says, 1, counts as much as these. Nothing else is added, so that sigma depends on the end alone and falls with the noise
+that the data show.
+
+One sigma of a position is the root of the trace of C: the root mean square distance from its true place. That of a
+coordinate is the root of an element of its diagonal.
 
 All of this belongs to the minimum. How far the optima of several restarts lie apart belongs to the search:
 
@@ -23,13 +27,9 @@ from ..solvers.estimate import Estimate, scale_sigma
 
 
 def covariance_of(estimate: Estimate) -> np.ndarray:
-    """Return the covariance of each position (N, D, D), metres^2, with the step left and the field's assumptions."""
-    blocks, spread = curvature_of(estimate), estimate.spread
-    N, D = blocks.shape[:2]
-    influences = np.max([np.sum(v.reshape(-1, N, D) ** 2, axis=(0, 2)) for v in spread.influences], axis=0)
-    size = np.trace(blocks, axis1=1, axis2=2)
-    enlarged = np.maximum(1.0, influences / np.maximum(size, np.finfo(float).tiny))[:, None, None] * blocks
-    return enlarged + sum(move[:, :, None] * move[:, None, :] for move in (spread.step, spread.shift))
+    """Return the covariance of each position (N, D, D), metres^2, with the step that is left."""
+    step = estimate.spread.step
+    return estimate.spread.widening * curvature_of(estimate) + step[:, :, None] * step[:, None, :]
 
 
 def curvature_of(estimate: Estimate) -> np.ndarray:
@@ -40,8 +40,8 @@ def curvature_of(estimate: Estimate) -> np.ndarray:
 
 def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
     """Return one sigma of the least certain stretching or shearing of the array as a whole, relative."""
-    covariances = [estimate.spread.newton, *(v.T @ v for v in estimate.spread.influences)]
-    return scale_sigma(estimate.positions, covariances, healthy)
+    covariance = estimate.spread.widening * estimate.spread.newton
+    return scale_sigma(estimate.positions, covariance, healthy)
 
 
 def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:

@@ -12,7 +12,9 @@ from ..model.texts import parse_modes
 from ..session.calibration_run import problem_of, states_of
 from ..session.comparison import timed_states
 from ..session.history import recorded
+from ..session.lesson import load_lesson
 from ..session.sources import CalibrationInput, with_settings
+from .lesson_page import lesson_html
 from .options import scene_of
 from .plotting import counted_microphones
 
@@ -63,6 +65,12 @@ SHOWS = (
         "Gains differ by 1 dB and 5 degrees, one channel is inverted and one is dead: the solver finds both.",
     ),
 )  # fmt: skip
+# What the index says of each lesson that it holds.
+LESSONS = {
+    "1_many_minima": "Why one frequency is not enough: a question, an answer, and a microphone to drag.",
+    "2_joint_minimum": "Add frequencies one after the other, and one minimum is left.",
+    "3_too_many_too_soon": "Sixteen microphones from a random start: take steps of descent, and joint steps, yourself.",
+}
 RACE, RACERS = "tiny", ("descent", "joint")
 RACE_TITLE = "A race: descent beside joint"
 RACE_TEXT = (
@@ -75,16 +83,27 @@ Progress = Callable[..., None]
 
 def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
     """Yield name and text of each file, the index last; `progress` gets the fraction done and a note."""
-    entries, count = [], len(SHOWS) + 1
-    for i, show in enumerate(SHOWS):
+    entries, count = [], len(LESSONS) + len(SHOWS) + 1
+    files = [f"lesson-{number}.html" for number, _ in enumerate(LESSONS, 1)]
+    for i, (name, text) in enumerate(LESSONS.items()):
+        progress(i / count, name)
+        lesson = load_lesson(name)
+        page, picture = lesson_html(lesson, files[i + 1] if i + 1 < len(files) else "")
+        figures = f"lesson, {len(lesson.steps)} steps, {len(page) / 1e6:.2f} MB"
+        entries.append(Entry(files[i], f"Lesson {lesson.title}", text, figures, picture))
+        yield files[i], page
+    for i, show in enumerate(SHOWS, len(LESSONS)):
         progress(i / count, show.scene)
         text, entry = _run(show)
         entries.append(entry)
         yield f"{show.name}.html", text
-    progress(len(SHOWS) / count, "race")
+    progress(1 - 1 / count, "race")
     for name, text in _race(entries):
         yield name, text
-    yield "index.html", index_html(TITLE, INTRODUCTION, entries, f"{OPENING.name}.html#{OPENING.address}&opening=on")
+    yield (
+        "index.html",
+        index_html(TITLE, INTRODUCTION, entries, f"{OPENING.name}.html#{OPENING.address}&opening=on&embed=on"),
+    )
     progress(1.0, "written")
 
 
@@ -92,7 +111,7 @@ def _run(show: Show) -> tuple[str, Entry]:
     inputs = with_settings(scene_of(show.scene), show.solver, None, None)
     states, problem = recorded(states_of(inputs)), problem_of(inputs)
     sought = counted_microphones(inputs, states[-1])
-    text = _replay(inputs, states, show.title, show.microphone, sought)
+    text = replay_of(inputs, states, show.title, show.microphone, sought, opens_at=show.address)
     chosen = dict(part.split("=") for part in show.address.split("&")).get("modes")
     modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
     picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes)
@@ -100,11 +119,14 @@ def _run(show: Show) -> tuple[str, Entry]:
     return text, Entry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)
 
 
-def _replay(inputs: CalibrationInput, states: Sequence, title: str, microphone: int, sought, seconds=None) -> str:
+def replay_of(
+    inputs: CalibrationInput, states: Sequence, title: str, microphone: int, sought, seconds=None, opens_at: str = ""
+) -> str:
+    """Return the page of a run."""
     problem = problem_of(inputs)
     return replay_html(
         inputs.scene, inputs.measurement, states, title, reference_cost_of(problem), sought, problem=problem,
-        microphone=microphone, seconds=seconds, max_bytes=MAX_BYTES,
+        microphone=microphone, seconds=seconds, max_bytes=MAX_BYTES, opens_at=opens_at,
     )  # fmt: skip
 
 
@@ -117,7 +139,7 @@ def _race(entries: list[Entry]) -> Iterator[tuple[str, str]]:
     microphone = int(problem.free[0])
     for name, (states, seconds) in runs.items():
         files.append(f"race-{name}.html")
-        yield files[-1], _replay(inputs, states, name, microphone, problem.free, seconds)
+        yield files[-1], replay_of(inputs, states, name, microphone, problem.free, seconds)
         pictures.append(picture_of(inputs.measurement, problem, states[-1], microphone, None))
         figures.append(f"{name}: {_errors(inputs, states[-1], problem.free)}, {seconds[-1]:.2g} s")
     yield "race.html", race_html(RACE_TITLE, files, tuple(runs), [np.asarray(seconds) for _, seconds in runs.values()])

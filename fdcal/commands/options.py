@@ -114,7 +114,13 @@ def progress_bar(title: str) -> Iterator[Progress]:
 
 def output_option(what: str, required: bool = True):
     """Return the option -o of a command that writes `what`."""
-    return click.option("-o", "--output", required=required, metavar=what, help="File to write.")
+    return click.option(
+        "-o",
+        "--output",
+        required=required,
+        metavar=what,
+        help="Folder to write." if what == "FOLDER" else "File to write.",
+    )
 
 
 force_option = click.option("--force", is_flag=True, help="Overwrite an existing output file.")

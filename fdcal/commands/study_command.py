@@ -21,7 +21,8 @@ MAX_WORKERS = 1024
 @click.option("--report", metavar="FOLDER", help="Draw the results of a study.")
 @click.option("--axes", metavar="Y,X", help="Of the map of a report.  [default: the first two]")
 @click.option("--at", multiple=True, metavar="KEY=VALUE", help="Value of another axis in a report; may be repeated.")
-def study(file, output, workers, scheduler, resume, dry_run, report, axes, at):
+@click.option("--page", metavar="FILE.md", help="With --report: whether the error bars hold, as a page.")
+def study(file, output, workers, scheduler, resume, dry_run, report, axes, at, page):
     """Run many calibrations over the axes of a file.
 
     They run on Dask; --report draws what they found. Results are written as they come; an interrupted study goes on
@@ -29,7 +30,8 @@ def study(file, output, workers, scheduler, resume, dry_run, report, axes, at):
     """
     if report is not None:
         _require(file is None and output is None, "study", "--report takes no study file and no -o", "leave them out")
-        return _report(report, axes, at)
+        return _report(report, axes, at) if page is None else _page(report, page)
+    _require(page is None, "page", "--page belongs to --report", "give --report FOLDER")
     _require(file is not None, "study", "no study is named", "give STUDY.toml, or --report FOLDER")
     _require(not at and axes is None, "at", "--axes and --at belong to --report", "leave them out")
     _require(
@@ -75,6 +77,17 @@ def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:
     _require(all(sign for _, sign, _ in pairs), "at", "--at must be KEY=VALUE", "write it so")
     head, rows = read_results(Path(folder))
     print(write_report(folder, head, rows, names, {key: value for key, _, value in pairs}))
+    return 0
+
+
+def _page(folder: str, page: str) -> int:
+    _require(page.endswith(".md"), "page", f"{page} is no page", "give FILE.md")
+    from ..graphics.calibration_report import write_page
+    from ..session.study.results import read_results
+
+    head, rows = read_results(Path(folder))
+    write_page(Path(page), head, rows, f"studies/{Path(page).stem.removeprefix('study-')}.toml")
+    print(page)
     return 0
 
 

@@ -1,9 +1,10 @@
-"""A calibration for a notebook: a figure of positions and error ellipses, and HTML with verdict, figure and table."""
+"""A calibration for a notebook: a figure with error ellipses, HTML with verdict, figure and table, and its replay."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +12,14 @@ import numpy as np
 
 from ..assessment.calibration import Calibration
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
+from ..cost.reference_cost import reference_cost_of
+from ..model.given_positions import with_search_domain
 from ..model.validation import InputError
 from .landscape import figure_bytes
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
 from .overlays import enlargement
 from .primitives import fractions
+from .replay import replay_html
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,3 +144,58 @@ def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]], omitted: int
 def png_uri(figure: Figure) -> str:
     """Return a figure as the address of a picture that the page itself holds."""
     return f"data:image/png;base64,{base64.b64encode(figure_bytes(figure, 'png')).decode()}"
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A page that a notebook shows inline.
+
+    Attributes
+    ----------
+    html : str
+        The page, which loads nothing: written to a file it opens in any browser.
+    """
+
+    html: str
+
+    def _repr_html_(self) -> str:
+        style = "width: 100%; height: 640px; border: 1px solid #8884; border-radius: 8px"
+        return f'<iframe srcdoc="{escape(self.html)}" sandbox="allow-scripts" style="{style}" title="Replay"></iframe>'
+
+
+def show_calibration(self: Calibration) -> Replay:
+    """Return the run as a page that plays inline in a notebook, as `fdcal replay` writes it to a file.
+
+    The solver takes its steps again. In the page a microphone can be dragged, and the solvers' steps can be taken.
+
+    Returns
+    -------
+    Replay
+        What a notebook shows as the last value of a cell; its `html` is the page.
+
+    Raises
+    ------
+    InputError
+        The result was read from a file, which holds no measurement.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> page = fdcal.calibrate(fdcal.load("tiny"), modes=12, solver="joint").show()
+    >>> page.html[:15]
+    '<!DOCTYPE html>'
+    """
+    from .. import solvers  # which a picture does without
+
+    if self.run is None:
+        remedy = "show what fdcal.calibrate returns, or write a page with the command fdcal replay"
+        raise InputError("this result was read from a file, which holds no measurement", remedy, key="run")
+    run = self.run
+    states = list(solvers.run(run.problem, run.settings, run.seed))
+    measurement = with_search_domain(run.measurement, states[-1].positions)
+    sought = self.counted([n for n, name in enumerate(self.names) if name in (self.known or ())])
+    problem = replace(run.problem, search=measurement.search)
+    if not len(problem.known):
+        measurement = replace(measurement, known=(), known_positions=None)
+    title = f"{len(self.positions)} microphones, solver {self.solver}: {self.verdict}"
+    return Replay(replay_html(None, measurement, states, title, reference_cost_of(problem), sought, problem=problem))

@@ -82,9 +82,9 @@ def draw_marks(panel: Any, minima: Minima, truth, estimate) -> None:
     """Draw the marks of the page on one map, each with a white halo."""
     from matplotlib import patheffects
 
-    amber, red = fractions(LOWEST), fractions(ESTIMATE)
-    marks = [("true", truth, "o", "black", 15, 2.0), ("other minimum", minima.others, "D", amber, 5, 1.5)]
-    marks += [("lowest cost", minima.lowest, "D", amber, 11, 2.0), ("estimate", estimate, "x", red, 11, 2.5)]
+    orange, red = fractions(LOWEST), fractions(ESTIMATE)
+    marks = [("true", truth, "o", "black", 15, 2.0), ("other minimum", minima.others, "D", orange, 5, 1.5)]
+    marks += [("lowest cost", minima.lowest, "D", orange, 11, 2.0), ("estimate", estimate, "x", red, 11, 2.5)]
     for name, places, shape, colour, size, width in marks:
         if places is None or not len(places):
             continue

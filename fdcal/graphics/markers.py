@@ -1,7 +1,7 @@
 """The marks of a picture: their colours, the order in which they cover each other, and their shapes.
 
 True microphones are black circles, estimates red crosses, known microphones blue squares, the lowest cost of the map an
-amber diamond, faulty channels violet circles with a bar. The shapes differ first; the colours differ for colour-blind
+orange diamond, faulty channels violet circles with a bar. The shapes differ first; the colours differ for colour-blind
 eyes, too. A white halo around each keeps it legible on the map and on any background.
 
 Marks are flat and have a size in the room, not on the screen: lengths are metres, colours RGB from 0 to 255.
@@ -18,8 +18,8 @@ from . import glyphs
 from .primitives import Colour, Floor, Lines, Mesh, Theme
 
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
-LOWEST = (255, 176, 0)
-TRAIL, ELLIPSE, FAULTY = (240, 130, 200), (255, 110, 60), (120, 40, 170)
+LOWEST = (255, 132, 0)
+TRAIL, ELLIPSE, FAULTY = (240, 130, 200), (255, 110, 60), (128, 0, 255)
 CUT = (0, 95, 95)
 HALO_WIDTH = 0.34  # of a mark of microphones, in radii of a marker, on both sides together
 

@@ -144,7 +144,7 @@ MAX_COSTS = 400  # states whose cost is computed, evenly spaced
 BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
 POSITION_LEVELS = 2**28  # of a coordinate, of the largest distance from the middle of the array
 PAGE = Path(__file__).with_name("replay_page")
-SCRIPTS = ("unpack.js", "eq7.js", "joint.js", "view.js", "map.js", "play.js", "address.js", "start.js")
+SCRIPTS = ("unpack.js", "eq7.js", "joint.js", "view.js", "map.js", "play.js", "lesson.js", "address.js", "start.js")
 
 
 def replay_html(
@@ -159,12 +159,16 @@ def replay_html(
     microphone: int | None = None,
     seconds=None,
     max_bytes: int = MAX_BYTES,
+    lesson: dict | None = None,
+    opens_at: str = "",
 ) -> str:
     """Return the HTML of a run of any solver.
 
     Beyond `max_bytes` fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown, without
     `problem` no map. `sought`: numbers of the microphones whose errors count; `microphone`: whose map is shown first,
-    otherwise the one that the step moved; `seconds` (T,), processor time from the start to each state, s.
+    otherwise the one that the step moved; `seconds` (T,), processor time from the start to each state, s; `lesson`: its
+    steps, each with parts that show a range of the states (`fdcal.commands.lesson_page`); `opens_at`: what it shows
+    where nothing stands after # in its address, as it would stand there.
     """
     measurement, problem = _with_domain(measurement, problem, states[-1].positions)
     maps = None if problem is None else map_data(problem)
@@ -176,12 +180,25 @@ def replay_html(
     channels = {} if maps is None else channel_arrays(states)
     room = max_bytes - BASE_BYTES - NAME_BYTES * measurement.count - sum(a.nbytes for a in arrays.values()) * 4 / 3
     kept = _kept_states(len(states), room, measurement.positions is not None, states[0].positions.shape, bool(channels))
-    shown = [states[i] for i in kept]
-    changing, table = _state_data(measurement, shown, reference_cost, sought)
+    shown, parts = (
+        [states[i] for i in kept],
+        [part for step in (lesson or {"steps": []})["steps"] for part in step["parts"]],
+    )
+    for part in parts:
+        part["range"] = np.searchsorted(kept, part["range"]).tolist()
+    ends = [end for part in parts for end in part["range"]]
+    changing, table = _state_data(measurement, shown, reference_cost, sought, ends)
     arrays = arrays | table | {name: values[kept] for name, values in channels.items()}
     if seconds is not None:
         arrays["seconds"] = np.asarray(seconds, "<f8")[kept]
-    data |= changing | {"title": title, "taken": len(states), "microphone": microphone, "packed": packed(arrays)}
+    data |= changing | {
+        "title": title,
+        "taken": len(states),
+        "microphone": microphone,
+        "lesson": lesson,
+        "opens_at": opens_at,
+    }
+    data["packed"] = packed(arrays)
     return _page(title, json.dumps(data, separators=(",", ":"), allow_nan=False))
 
 
@@ -287,7 +304,7 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
 
 
 def _state_data(
-    measurement: Measurement, states: Sequence, reference_cost, sought
+    measurement: Measurement, states: Sequence, reference_cost, sought, ends: Sequence[int] = ()
 ) -> tuple[dict, dict[str, np.ndarray]]:
     """What changes from state to state: where and in what unit the positions are, and the arrays."""
     positions, truth = np.array([state.positions for state in states], float), measurement.positions
@@ -300,16 +317,17 @@ def _state_data(
     arrays = {name: np.array([getattr(state, name) for state in states], "<i4") for name in STATE_NUMBERS}
     arrays["positions"] = np.rint((positions - origin) / unit).astype("<i4")
     if reference_cost is not None:
-        arrays["cost"] = _costs(states, reference_cost)
+        arrays["cost"] = _costs(states, reference_cost, ends)
     if truth is not None:
         errors = np.linalg.norm(positions - truth, axis=2)[:, counted]
         arrays |= {"truth": truth - origin, "mean": errors.mean(axis=1), "largest": errors.max(axis=1)}
     return {"count": len(states), "origin": origin.tolist(), "unit": unit}, arrays
 
 
-def _costs(states: Sequence, reference_cost: ReferenceCost) -> np.ndarray:
-    """Cost of each state, dB; of a long run that of MAX_COSTS states, and straight lines between them."""
-    computed = np.unique(np.linspace(0, len(states) - 1, min(len(states), MAX_COSTS)).round().astype(int))
+def _costs(states: Sequence, reference_cost: ReferenceCost, ends: Sequence[int]) -> np.ndarray:
+    """Cost of each state, dB; of a long run that of MAX_COSTS states and `ends`, and straight lines between them."""
+    spaced = np.linspace(0, len(states) - 1, min(len(states), MAX_COSTS)).round()
+    computed = np.union1d(spaced, ends).astype(int)
     costs = np.array([reference_cost.of(states[i]) for i in computed])
     finite = np.isfinite(costs)
     return np.interp(np.arange(len(states)), computed[finite], costs[finite]) if finite.any() else np.zeros(len(states))

@@ -234,7 +234,7 @@ def calibrate(
     inputs = with_settings(inputs, solver, modes, seed, **others)
     pair = known_distance(distance)
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=pair, time_limit=time_limit)
-    return solve(inputs, progress)
+    return solve(inputs, progress, keep=True)
 
 
 def microphone_names(key: str, values: Any) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import solvers
 from ..assessment.assess import ARGUMENTS, Assessment, assess
-from ..assessment.calibration import Calibration
+from ..assessment.calibration import Calibration, Run
 from ..assessment.findings import MIN_MODES, modes_below_limit
 from ..cost.reference_cost import reference_cost_of
 from ..model.channels import check_channels, microphone_index
@@ -155,11 +155,13 @@ def solve(
     progress: Progress | None = None,
     wording: Mapping[str, str] = ARGUMENTS,
     clock: Callable[[], float] = time.process_time,
+    keep: bool = False,
 ) -> Calibration:
     """Run the solver to its end and assess the positions, with one thread of BLAS; parameters as of the others here.
 
-    `clock`: seconds by which the solver's time is limited. An interrupt of the solver ends it, as `inputs.time_limit`
-    does: the best positions so far are assessed, with the verdict "not_converged".
+    `keep`: whether the result can be shown. `clock`: seconds by which the solver's time is limited. An interrupt of the
+    solver ends it, as `inputs.time_limit` does: the best positions so far are assessed, with the verdict
+    "not_converged".
     """
     settings = inputs.settings
     free = inputs.estimate_sound_speed and inputs.distance is None and settings.sound_speed_sigma is None
@@ -213,6 +215,7 @@ def solve(
         evidence=found.evidence,
         room=found.room,
         channels=found.channels,
+        run=Run(measurement, problem, inputs.settings, inputs.seed) if keep else None,
     ).compared_with(measurement, inputs.given)
 
 

@@ -17,13 +17,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import parse_qsl
 
+from .. import solvers
 from ..model.arrays import positions_of
 from ..model.declared import build
+from ..model.problem import Problem
 from ..model.reading import parse_toml, read_bytes
 from ..model.scene import Scene
 from ..model.scene_file import load_scene
+from ..model.settings import SolverSettings
 from ..model.texts import parse_modes
 from ..model.validation import InputError, StorageError, require_choice, shown
+from ..solvers.interface import RunState
 from .request import edited
 
 UNITS = ("step", "sweep", "stage")
@@ -224,6 +228,33 @@ def run_target(run: str) -> tuple[str, int]:
     """Return what a checked `run` asks for: ("end", 0), or "step", "sweep" or "stage" and how many."""
     match = RUN.fullmatch(run)
     return (match[2], int(match[1])) if match else ("end", 0)
+
+
+def states_of_lesson(lesson: Lesson, problem: Problem, settings: SolverSettings, seed: int) -> list[list[RunState]]:
+    """Return what the page shows of a lesson in one scene: for each step before and after its answer, the states.
+
+    The first is that at which the part begins, the others are those of its run. A step that asks nothing has one part.
+    """
+    solver = solvers.load(settings.name)
+    state = begun = solver.init(problem, solvers.with_mode_count(problem, settings), seed)
+    shown = []
+    for setting in (
+        one for step in lesson.steps for one in ((step.page, step.then) if step.question else (step.page,))
+    ):
+        state = begun if setting.begins or setting.reset else state
+        if setting.modes is not None or setting.automatic is not None:
+            modes = range(state.first, state.last + 1)
+            if setting.modes is not None:
+                modes = parse_modes(setting.modes, len(problem.frequencies))
+            automatic = state.automatic if setting.automatic is None else setting.automatic
+            state = solver.use_modes(problem, state, modes[0], modes[-1], automatic)
+        run = [state]
+        what, count = run_target(setting.run or "0 steps")
+        while not state.finished and (what == "end" or getattr(state, what) < getattr(run[0], what) + count):
+            state = solver.step(problem, state)
+            run.append(state)
+        shown.append(run)
+    return shown
 
 
 @dataclass(frozen=True)

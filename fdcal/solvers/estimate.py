@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -49,15 +49,20 @@ class PositionSpread:
     """What the covariance of the positions is made of. Nothing here depends on the way that led to the optimum."""
 
     newton: Reals  # (N D, N D) float64, metres^2, inverse of the Gauss-Newton matrix of cost and priors
-    # (G, N D) float64 each, metres, of single modes and of groups of neighbouring modes: moves of the positions by the
-    # gradient of each
-    influences: tuple[np.ndarray, ...]
+    # covariance that blocks of frequencies and takes show by their disagreement over that of `newton`, pooled over the
+    # microphones; 1 on average where the model of the field holds
+    dispersion: float
     # step, sigma: (N, D) float64, metres, Newton step that is left, and one sigma of each coordinate
     step: np.ndarray
     sigma: np.ndarray
     # (N, D) float64, metres, Newton step from here to the minimum of the likelihood of an isotropic random field: how
-    # far what is assumed of the field moves the positions
+    # far the positions depend on what is assumed of the field. It is no part of the covariance
     shift: Reals
+
+    @property
+    def widening(self) -> float:
+        """Factor on the covariance of the model: what the data show, shrunk halfway to what the model says, 1."""
+        return (1 + self.dispersion) / 2
 
 
 @dataclass(frozen=True)
@@ -157,15 +162,15 @@ class RoomEstimate:
     images: tuple[RoomSymmetry, ...]  # symmetries of the room, the identity first
 
 
-def scale_sigma(positions: np.ndarray, covariances: Sequence[Reals], healthy: np.ndarray) -> float:
+def scale_sigma(positions: np.ndarray, covariance: Reals, healthy: np.ndarray) -> float:
     """Return one sigma of the least certain stretching or shearing of an array as a whole, relative.
 
-    positions : (N, D) float64, metres; covariances : (N D, N D) float64, metres^2, of which the one that makes it
-    largest counts; healthy : (N,) bool, the microphones that count, since that of a dead channel may stand anywhere.
-    Of the maps x -> x + B x, B symmetric, that fit a move of the microphones best.
+    positions : (N, D) float64, metres; covariance : (N D, N D) float64, metres^2; healthy : (N,) bool, the microphones
+    that count, since that of a dead channel may stand anywhere. Of the maps x -> x + B x, B symmetric, that fit a move
+    of the microphones best.
     """
     D, index = positions.shape[1], np.flatnonzero(np.repeat(healthy, positions.shape[1]))
     x = positions[healthy] - positions[healthy].mean(axis=0)
     fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(len(x))]))[:D], np.eye(D))  # (D D, N D)
     fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
-    return float(np.sqrt(max(np.linalg.eigvalsh(fit @ P[np.ix_(index, index)] @ fit.T)[-1] for P in covariances)))
+    return float(np.sqrt(np.linalg.eigvalsh(fit @ covariance[np.ix_(index, index)] @ fit.T)[-1]))

@@ -10,10 +10,12 @@ from html import escape
 import numpy as np
 import viser
 
+from ..graphics.camera import VIEWS
 from ..model.arrays import positions_of
 from ..model.scene_file import MeasuredScene, load_scene, scene_names
 from ..model.texts import length_text, modes_text
 from ..model.validation import InputError, StorageError, require_choice
+from ..session.history import SessionView
 from ..session.request import OpenRequest
 from .gui.html import error_message, state_word
 from .gui.overlay import whole
@@ -23,6 +25,7 @@ from .tabs.lessons import LessonPage, LessonsTab
 THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
 DOT = 8.5  # pixels, radius of a single microphone; of several it falls with the square root of their number
+CURVE_POINTS, CURVE_HEIGHT = 120, 20  # at most, of the curve along a run, and in its own units
 PLAY, PAUSE = "&#9654;", "&#10074;&#10074;"
 
 
@@ -34,6 +37,18 @@ def drawing(points: np.ndarray) -> str:
     places = MARGIN + span * (points - low + offset) / extent
     dots = "".join(f"<circle cx='{x:.1f}' cy='{THUMB - y:.1f}' r='{radius:.2f}'/>" for x, y in places)
     return f"<svg viewBox='0 0 {THUMB} {THUMB}' aria-hidden='true'>{dots}</svg>"
+
+
+def run_curve(view: SessionView) -> str:
+    """Return the path of the cost along the states of a run as SVG, from 0 to 100; "" before there are two costs."""
+    at = np.unique(np.linspace(0, view.count - 1, min(view.count, CURVE_POINTS)).round().astype(int))
+    cost = np.array([view.costs.of(view.history[i]) for i in at.tolist()])
+    known = np.isfinite(cost)
+    if known.sum() < 2:
+        return ""
+    x, cost = 100 * at[known] / (view.count - 1), cost[known]
+    y = 1 + (CURVE_HEIGHT - 2) * (cost.max() - cost) / max(float(np.ptp(cost)), 1e-9)
+    return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
 
 
 @lru_cache(maxsize=64)
@@ -59,9 +74,13 @@ class Explore:
 
     def __init__(self, page: LessonPage, lessons: LessonsTab):
         self._page, self._lessons, overlay = page, lessons, page.panels.overlay
+        self._names = scene_names()  # the bar is written with every turn of the main loop
         overlay.on("scene", self._open)
+        overlay.on("look", self._look)
         commands = {
             "play": lambda viewer, _: self._play(viewer),
+            "onestep": lambda viewer, _: viewer.tabs.run_bar.press("Step"),
+            "state": lambda viewer, value: viewer.binding.session.seek(whole(value, 0, viewer.view.count - 1)),
             "sweep": lambda viewer, _: viewer.tabs.sweep.toggle(),
             "lecture": lambda viewer, _: viewer.tabs.view.lecture_mode(False),
             "microphone": lambda viewer, value: viewer.tabs.map.pick(
@@ -85,9 +104,15 @@ class Explore:
 
     def _open(self, client: viser.ClientHandle, name: str) -> None:
         """Open a scene that comes with fdcal; a lesson ends."""
-        require_choice("scene", name, scene_names())
+        require_choice("scene", name, self._names)
         self._lessons.leave()
         self._page.open(OpenRequest(load_scene(name), fewer_modes=True))
+
+    def _look(self, client: viser.ClientHandle, view: str) -> None:
+        """Place the camera of the browser that asks."""
+        require_choice("view", view, VIEWS)
+        if self._page.viewer is not None:
+            self._page.viewer.tabs.look(client, view)
 
     @staticmethod
     def _play(viewer: Viewer) -> None:
@@ -113,19 +138,28 @@ class Explore:
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
         binding, state = viewer.binding, viewer.view.state
         running = viewer.view.running
-        modes = binding.choices.modes or tuple(range(state.first, state.last + 1))
+        drawn = viewer.snapshot.drawn  # of the modes that the solver uses a map may be able to show some alone
+        modes = binding.choices.modes or (drawn and drawn.request.modes) or tuple(range(state.first, state.last + 1))
         label = f"{PAUSE} Pause" if running else f"{PLAY} Play again" if state.finished else f"{PLAY} Play"
         sweeps = viewer.tabs.sweep.playing
         row = binding.row.capitalize()
+        shown = title or viewer.run.scene.title
         end = "<button data-do='lecture'>End lecture mode</button>" if binding.choices.lecture else ""
+        count, done = viewer.view.count, state.finished and not running
         return (
-            f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'>{self._drawn(viewer)}"
-            f"<span><b>{escape(title or viewer.run.scene.title)}</b>"
+            f"<div class='run'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none' aria-hidden='true'>"
+            f"<path d='{run_curve(viewer.view)}'/></svg>"
+            f"<input type='range' data-do='state' aria-label='State of the run' min='0' max='{max(count - 1, 1)}'"
+            f" value='{viewer.view.index}'{'' if count > 1 else ' disabled'}></div>"
+            "<button class='view' data-do='look=top'>Top</button><button class='view' data-do='look=close'>3-D</button>"
+            f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'"
+            f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(shown)}</b>"
             f"<small>{escape(waiting) or self._status(viewer)}</small></span></button>"
             f"<button class='first' data-do='play'>{label}</button>"
+            f"<button data-do='onestep'{' disabled' if done else ''}>Step</button>"
             f"<label>{row}s <input type='range' data-do='modes' min='1' max='{binding.modes}' value='{modes[-1]}'>"
             f"<output>{escape(modes_text(modes))}</output></label>"
-            f"<button data-do='sweep' aria-label='Add {binding.row}s one by one'>{PAUSE if sweeps else PLAY}</button>"
+            f"<button data-do='sweep' title='Add {binding.row}s one by one'>{'Stop' if sweeps else 'Add up'}</button>"
             f"<label>Microphone <input type='range' data-do='microphone' min='0' max='{binding.measurement.count - 1}'"
             f" value='{viewer.snapshot.microphone}'><output>{viewer.snapshot.microphone}</output></label>"
             f"<button data-local='sheet:lessons'>Lessons</button>{end}"
@@ -134,7 +168,7 @@ class Explore:
 
     def _drawn(self, viewer: Viewer) -> str:
         name = viewer.run.scene.name
-        if name in scene_names():
+        if name in self._names:
             return thumbnail(name)[1]
         return drawing(np.asarray(viewer.view.history[0].positions)[:, :2])
 
@@ -152,6 +186,6 @@ class Explore:
         scenes = "".join(
             f"<button data-do='scene={escape(name)}' aria-pressed='{str(name == shown).lower()}'>"
             f"{thumbnail(name)[1]}<span>{escape(thumbnail(name)[0])}</span></button>"
-            for name in scene_names()
+            for name in self._names
         )
         return f"<div class='scenes'>{scenes}</div><div class='lessons'>{self._lessons.list_html()}</div>"

@@ -92,6 +92,16 @@ def _place_camera(view: str) -> Callable:
     return lambda page, client: page.nodes.cameras.request(client, view)
 
 
+def _look(view: str) -> Callable:
+    """Place the camera, and let the map rise or lie down."""
+
+    def do(page, client) -> None:
+        if page.viewer is not None:
+            page.viewer.tabs.look(client, view)
+
+    return do
+
+
 KEYS = (
     Key("R", "Run or pause", _with_tabs(lambda tabs: tabs.run_bar.toggle())),
     Key("N", "One step", _press("Step")),
@@ -111,9 +121,9 @@ KEYS = (
     Key("Y", "Trails", _with_tabs(_toggle_trails)),
     Key("K", "Dark or light page", _with_tabs(_toggle_dark)),
     Key("H", "Lecture mode: large type, panels folded away", _with_tabs(_toggle_lecture)),
-    Key("1", "Plan view", _place_camera("top")),
+    Key("1", "Plan view", _look("top")),
     Key("2", "Whole room", _place_camera("3d")),
-    Key("3", "Close view of the array", _place_camera("close")),
+    Key("3", "3-D view of the array", _look("close")),
     Key("J", "Next step of the lesson", lambda page, client: page.lessons.go(NEXT)),
     Key("J", "Previous step of the lesson", lambda page, client: page.lessons.go(BACK), "shift"),
 )

@@ -227,7 +227,7 @@ class Tabs:
         place: Callable[[viser.ClientHandle, str], None],
         export: Callable[[viser.ClientHandle, str], None],
     ):
-        self.binding = binding
+        self.binding, self._place = binding, place
         with folders.run_bar():
             self.run_bar = RunBar(binding, lambda: self.solver.restart())
             self.solver = SolverTab(binding)
@@ -240,7 +240,7 @@ class Tabs:
             self.spectrum = SpectrumPanel(binding)
             self.cut = CutPanel(binding)
         with folders.tab("View"):
-            self.view = ViewTab(binding, place)
+            self.view = ViewTab(binding, self.look)
             self.export = ExportTab(binding, export)
         with folders.tab("Curves"):
             self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought)
@@ -253,6 +253,12 @@ class Tabs:
 
     def __iter__(self) -> Iterator[Tab]:
         return (tab for tab in vars(self).values() if isinstance(tab, Tab))
+
+    def look(self, client: viser.ClientHandle, view: str) -> None:
+        """Place the camera of one browser; a flat map rises to be seen from the side, and lies down again."""
+        if view in ("close", "top"):
+            (self.map.rise if view == "close" else self.map.lie)()
+        self._place(client, view)
 
     def refresh(self) -> None:
         """Let everything follow the values of the controls, after a program has set them."""

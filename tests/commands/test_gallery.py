@@ -1,5 +1,6 @@
 """`fdcal gallery`: a folder of pages that a browser opens from the disk, written completely or not at all."""
 
+import math
 import os
 import re
 from dataclasses import replace
@@ -16,12 +17,14 @@ from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.model.storage import folder_in_progress
 from fdcal.model.texts import parse_modes
 from fdcal.model.validation import InputError, StorageError
+from fdcal.session.lesson import load_lesson
 
 PAGES = {
     "index.html", "array1.html", "array2.html", "fig1.html", "ball3d.html", "faults.html", "race.html",
-    "race-descent.html", "race-joint.html",
+    "race-descent.html", "race-joint.html", "lesson-1.html",
 }  # fmt: skip
 
+LESSON = "3_too_many_too_soon"
 
 FAULTY = """
 [faults]
@@ -47,6 +50,7 @@ def site(tmp_path_factory):
     faulty.write_text((scene_folder() / "tiny.toml").read_text(encoding="utf-8") + FAULTY, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as left:
         patch.setattr(gallery_pages, "SHOWS", tuple(small(show, faulty) for show in gallery_pages.SHOWS))
+        patch.setattr(gallery_pages, "LESSONS", {LESSON: gallery_pages.LESSONS[LESSON]})
         main(["gallery", "-o", str(folder)])
     assert not left.value.code
     return folder
@@ -62,7 +66,7 @@ def test_what_a_show_names_is_in_its_scene(show):
 
 def test_the_site_is_complete_small_and_needs_no_network(site):
     assert {path.name for path in site.iterdir()} == PAGES
-    assert sum(path.stat().st_size for path in site.iterdir()) < 10e6
+    assert max(path.stat().st_size for path in site.iterdir()) < 2e6
     for path in site.iterdir():
         text = path.read_text(encoding="utf-8")
         assert not re.search(r"https?:|fetch\(|XMLHttpRequest|import\(|url\(", text), path.name
@@ -89,7 +93,7 @@ def test_every_page_opens_from_the_disk(site, browser):
     page.on("console", lambda message: faults.append(message.text))
     page.goto((site / "index.html").as_uri())
     links = [link.get_attribute("href") for link in page.get_by_role("link").all()]
-    assert len(links) == 6 and page.get_by_role("img").count() == 7
+    assert len(links) == 7 and links[0] == "lesson-1.html" and page.get_by_role("img").count() == 8
     for number, link in enumerate(links):
         page.get_by_role("link").nth(number).click()
         page.wait_for_url(f"**/{link}")
@@ -99,6 +103,46 @@ def test_every_page_opens_from_the_disk(site, browser):
         page.go_back()
     page.context.close()
     assert not faults
+
+
+def test_a_lesson_asks_shows_its_runs_and_is_resumed(site, browser):
+    """The numbers are those of its text, which `test_lesson_claims` compares with the solver."""
+    faults, lesson = [], load_lesson(LESSON)
+    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.goto((site / "fig1.html").as_uri())  # as its entry in the index shows it, also without an address
+    wait_for(page, "window.replay?.map?.n == 9 && replay.map.indices.length == 1")
+    page.goto((site / "lesson-1.html").as_uri())
+    page.get_by_text(lesson.steps[0].question).wait_for()
+    assert "mean 224 mm" in page.locator("#errors").inner_text()
+    page.get_by_role("button", name=lesson.steps[0].choices[0]).click()
+    page.get_by_text("Not quite.").wait_for()
+    page.keyboard.press("End")
+    page.get_by_text("step 91, sweep 7; modes 1 to 20").wait_for()
+    assert "mean 190 mm" in page.locator("#errors").inner_text()
+    page.get_by_role("button", name="Next step").click()
+    page.get_by_text("step 0, sweep 0; modes 1 to 20").wait_for()
+    wait_for(page, "replay.map?.minima.count > 1")
+    lowest = page.evaluate("replay.map.minima.lowest[0]")
+    truth = load("tiny").positions
+    assert truth is not None
+    assert math.dist(lowest, truth[8]) == pytest.approx(0.44, abs=0.01), "44 cm, as the step says"
+    page.get_by_role("button", name=lesson.steps[1].choices[1]).click()
+    page.get_by_text("Right.").wait_for()
+    wait_for(page, "replay.map?.indices.length == 3 && replay.map.minima.count == 1")
+    wait_for(page, "location.hash.startsWith('#lesson=2,2&')")
+    page.reload()
+    page.get_by_text("Right.").wait_for()
+    page.get_by_role("button", name="Again").click()
+    page.get_by_role("button", name=lesson.steps[1].choices[0]).wait_for()
+    page.context.close()
+    assert not faults
+
+
+def test_the_lessons_of_the_gallery_keep_their_scene():
+    for lesson in map(load_lesson, gallery_pages.LESSONS):
+        settings = [setting for step in lesson.steps for setting in (step.page, step.then)]
+        assert [setting.begins for setting in settings] == [True] + [False] * (len(settings) - 1)
 
 
 def test_the_race_leads_both_replays_by_one_clock(site, browser):

@@ -1,6 +1,7 @@
 """A map on the floor and its colour bar: what was given is where it should be.
 
-Colours that colour-blind eyes tell apart: distances in CIELAB after the simulation of Vienot, Brettel and Mollon.
+Colours that colour-blind eyes tell apart: distances in CIELAB after the simulations of Vienot, Brettel and Mollon, and
+of Machado, Oliveira and Fernandes.
 """
 
 import itertools
@@ -116,12 +117,23 @@ EYES = {
     "no middle ones": np.array([[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]]),
 }
 APART = 15  # in CIELAB; two is just seen side by side
+# Likewise: Machado, Oliveira and Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009), 1291, no cones of one kind.
+EYES_OF_MACHADO = {
+    "deuteranope": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.01182, 0.04294, 0.968881]]
+    ),
+    "protanope": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+}
+MARKS_APART = 20  # of the marks from each other and from the ends of the map, on which they lie
 
 
 def lab(colours, eye):
     """CIELAB (D65) of sRGB colours (P, 3), 0 to 255, as an eye sees them."""
     rgb = np.asarray(colours, float).reshape(-1, 3) / 255
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ EYES[eye].T
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    linear = np.clip(linear @ {**EYES, **EYES_OF_MACHADO}[eye].T, 0, 1)
     to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
     xyz = np.clip(linear, 0, 1) @ to_xyz.T / to_xyz.sum(axis=1)
     f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
@@ -154,6 +166,16 @@ def test_colours_of_one_picture_are_distinguishable(palette, eye):
     places = dict(zip(palette, lab(list(palette.values()), eye), strict=True))
     for one, other in itertools.combinations(palette, 2):
         assert np.linalg.norm(places[one] - places[other]) > APART, (one, other)
+
+
+@pytest.mark.parametrize("eye", ["all cones", *EYES_OF_MACHADO])
+def test_marks_stay_apart_from_each_other_and_from_the_map(eye):
+    ends = 255 * matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0])[:, :3]
+    seen = {**MARKS, "faulty": markers.FAULTY, "cut": markers.CUT, "low": ends[0], "high": ends[1]}
+    del seen["halo"]
+    places = dict(zip(seen, lab(list(seen.values()), eye), strict=True))
+    for one, other in itertools.combinations(seen, 2):
+        assert np.linalg.norm(places[one] - places[other]) > MARKS_APART, (one, other)
 
 
 def test_the_simulation_is_what_it_should_be():

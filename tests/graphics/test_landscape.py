@@ -14,7 +14,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
 from fdcal.graphics.heatmap import colour_limits, cost_floor, field_floor, normalise, relief_grid, shaded, to_rgb
 from fdcal.graphics.landscape import draw_landscape, landscape_panels
-from fdcal.graphics.markers import drape
+from fdcal.graphics.markers import LOWEST, drape
 from fdcal.graphics.panels import CAPTION, CELL, GAP, Marks, mosaic
 from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT, ColourBar
 from fdcal.model.scene_file import load_scene
@@ -154,7 +154,7 @@ def test_each_map_stands_in_its_place_with_its_marks():
         rim = [
             at(tile, lowest[0] + reach * dx, lowest[1] + reach * dy) for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))
         ]
-        assert min(np.abs(pixel - (255, 176, 0)).max() for pixel in rim) < 60, "the amber diamond"
+        assert min(np.abs(pixel - LOWEST).max() for pixel in rim) < 60, "the orange diamond"
 
 
 def test_one_scale_for_all_or_each_its_own():

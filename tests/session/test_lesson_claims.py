@@ -8,7 +8,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.maps import cost_maps, map_minima, map_positions, minima_of, refined
 from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.gauge import position_errors
-from fdcal.session.lesson import load_lesson
+from fdcal.session.lesson import load_lesson, states_of_lesson
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +88,8 @@ def box():
     measurement, descent = cached_measurement(scene), solvers.load("descent")
     problem = measurement.problem(scene.solver.weights)
     begun = descent.init(problem, scene.solver, seed)
-    at_once = to_the_end(descent, problem, descent.use_modes(problem, begun, 1, 20, False))[-1]
-    return scene, measurement, problem, descent, begun, at_once, to_the_end(descent, problem, begun)
+    _, at_once, _, _, _, staged = states_of_lesson(load_lesson("3_too_many_too_soon"), problem, scene.solver, seed)
+    return scene, measurement, problem, descent, begun, at_once[-1], staged
 
 
 def to_the_end(solver, problem, state):

@@ -6,6 +6,8 @@ import pytest
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.uncertainty import confidence_factor, ellipse_axes
+from fdcal.graphics.camera import camera_for, project
+from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene
 from fdcal.session.blas_threads import one_blas_thread
 from fdcal.session.calibration_run import assess_state
@@ -70,6 +72,11 @@ def test_a_wrong_sign_carries_its_microphone_away_and_spoils_the_others(swapped)
     spoilt = swapped[0]
     scene, seed = load_lesson(CHANNEL).start(0)
     assert scene.faults.inverted == (11,) and scene.solver.name == "descent"
+    picture = compose(scene, spoilt.measurement, spoilt.positions)
+    for size in ((1280, 720), (618, 720), (390, 844)):
+        camera = camera_for(picture, size, load_lesson(CHANNEL).steps[0].then.view)
+        at = project(camera, size, np.column_stack([spoilt.positions, np.zeros(len(spoilt.positions))]))
+        assert (at > 0).all() and (at < size).all(), "the wrong estimate is in the picture"
     healthy = np.setdiff1d(spoilt.free, 11)
     unspoilt = End(edited(load_scene("tiny"), {"solver.name": "descent"}), seed)
     assert spoilt.errors[11] > 100 > spoilt.errors[healthy].mean() > 1.5 * unspoilt.errors[healthy].mean()

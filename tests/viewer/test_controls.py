@@ -2,14 +2,16 @@
 
 import contextlib
 import dataclasses
+from types import SimpleNamespace
 
 import pytest
 from doubles import INVALID_VALUES, State, set_by_client, view_of
 
 from fdcal.graphics.picture import static_picture
 from fdcal.model.validation import InputError
+from fdcal.viewer.background.cost_map import CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.gui.binding import Binding, Tick
-from fdcal.viewer.gui.choices import NOTHING
+from fdcal.viewer.gui.choices import FLOOR, NOTHING, RELIEF, kind_of
 from fdcal.viewer.tabs import map
 
 
@@ -30,6 +32,18 @@ def test_controls_without_effect_are_hidden(controls):
     session.view = dataclasses.replace(session.view, state=dataclasses.replace(session.view.state, finished=True))
     panel.view.show(Tick(session.view, picture=picture))
     assert not panel.view.ellipses_text.visible
+
+
+def test_the_view_from_the_side_raises_a_flat_map_and_that_from_above_lays_it_down(controls):
+    panel, _ = controls
+    seen = []
+    for view, chosen in (("close", None), ("top", None), ("top", RELIEF), ("close", NOTHING), ("3d", FLOOR)):
+        if chosen is not None:
+            panel.map.show_as(chosen)
+        panel.look(None, view)
+        seen.append(kind_of(panel.binding.choices))
+        assert panel.map.kind.value == seen[-1]
+    assert seen == [RELIEF, FLOOR, RELIEF, NOTHING, FLOOR], "what a user chooses stays"
 
 
 def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, work):
@@ -145,3 +159,14 @@ def test_a_run_that_is_watched_begins_slowly_and_speeds_up_unless_a_speed_is_cho
     panel.run_bar.show(Tick(session.view, 31.0))
     panel.run_bar.apply_rate()
     assert session.commands[-1] == ("pace", 5), "the next run begins slowly again"
+
+
+def test_a_map_of_fewer_modes_than_the_solver_uses_says_so(work):
+    state = State(work.measurement.positions, last=6)
+    modes, offset = next(
+        (modes, offset) for offset in range(8) if len(modes := map_modes(work, state, None, offset)) < state.last
+    )
+    drawn = SimpleNamespace(request=CostMapRequest(0, 0, modes, offset, False, MapStyle(), False, state, None))
+    assert f"{len(modes)} of the 6 modes that the solver uses" in map.orders_text(work, drawn)
+    drawn.request = dataclasses.replace(drawn.request, modes=(1, 2), custom_modes=True)
+    assert "that the solver uses" not in map.orders_text(work, drawn)

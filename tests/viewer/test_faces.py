@@ -40,6 +40,10 @@ LOWEST_CONTRAST = """() => {
     return lowest;
 }"""
 
+SIZES = """() => [...document.querySelectorAll("#root *, #fdcal *, #fdcal-labels *")].filter(node =>
+    node.checkVisibility({visibilityProperty: true}) && !node.closest("[data-region=words], .mantine-Notification-root")
+    && [...node.childNodes].some(n => n.nodeType == 3 && n.data.trim())).map(node => getComputedStyle(node).fontSize)"""
+
 
 @pytest.fixture(scope="module")
 def page(browser, kernels):
@@ -56,6 +60,7 @@ def widths(page):
 
 
 def readable(page):
+    assert set(page.evaluate(SIZES)) <= {"12px", "14px", "18px"}, "and the words on the canvas: four in all"
     for scheme in ("dark", "light"):
         page.emulate_media(color_scheme=scheme)
         page.locator(f"html[data-mantine-color-scheme={scheme}]").wait_for()
@@ -70,9 +75,19 @@ def test_explore_opens_and_everything_in_it_works(page):
     page.wait_for_function("location.hash.includes('modes=1&')")
     page.locator("[data-do=microphone]").press("End")
     page.wait_for_function("location.hash.includes('microphone=15&')")
+    press(page, "3-D")
+    page.wait_for_function("location.hash.includes('map=relief') && location.hash.includes('view=')")
+    press(page, "Top")
+    page.wait_for_function("!/relief|view=/.test(location.hash)")
     page.locator("[data-do=play]").click()
     page.locator("[data-do=play]", has_text="Play again").wait_for()
     page.get_by_text(re.compile("Converged, .* off on average")).wait_for()
+    assert len(page.locator(".run path").get_attribute("d")) > 20, "the cost along the run"
+    assert page.locator("[data-do=onestep]").is_disabled()
+    page.locator("[data-do=state]").press("Home")
+    page.get_by_text(re.compile("Paused, .* off on average")).wait_for()
+    page.locator("[data-do=onestep]").click()
+    page.locator("[data-do=state][max='1']").wait_for()
     page.get_by_role("button", name="Choose a scene").click()
     page.locator("[data-do='scene=lshape']").click()
     page.get_by_role("button", name="Choose a scene").get_by_text("L-shaped").wait_for()

@@ -193,7 +193,7 @@ class Landscapes {
   // A step of descent has a centre, weights of the microphones (N) and orders of its own (`shift`).
   map(index, n, positions, state, {centre, weights, shift = 0} = {}) {
     const {N, kind} = this, L = this.maps.orders[index] + shift, [kr, ki] = this.arrays.wavenumbers.slice(2 * index, 2 * index + 2);
-    const K = functionsOf(kind, L), {p, scale} = this.pressures(index, state);
+    const K = functionsOf(kind, L), {p, scale} = this.pressures(index, state), power = lengthOf(p) ** 2;
     weights?.forEach((weight, i) => { p[2 * i] *= weight; p[2 * i + 1] *= weight; scale[i] *= weight; });
     centre ??= [0, 1, 2].map(axis => {
       let sum = 0;
@@ -211,7 +211,7 @@ class Landscapes {
     for (let i = 0; i < cost.length; i++) {
       cost[i] = fit.r0 + ((p[2 * n] - re[i]) ** 2 + (p[2 * n + 1] - im[i]) ** 2) / (1 + Math.max(h[i], 0));
     }
-    return {cost, power: lengthOf(p) ** 2};
+    return {cost, power};
   }
   interpolate(values, [cx, cy]) {
     const [nx, ny] = this.shape, X = this.table(cx, 0), Y = this.table(cy, 1);

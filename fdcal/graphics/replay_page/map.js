@@ -1,6 +1,7 @@
 // The map on the floor: the cost of moving one microphone at the state that is shown, from the modes that are chosen.
-const MINIMUM = "#ffb000";
+const MINIMUM = "#ff8400";
 const free = [...Array(N).keys()].filter(n => !known.has(n));
+let objective = false, marked = true;  // whether the map is of what descent minimises; whether its minima are marked
 let map = null, wanted = null, working = false, modeMaps = {key: "", found: new Map()};
 
 const oneMoves = moved.some(n => n >= 0);  // whether a step of this solver moves one microphone
@@ -19,7 +20,7 @@ function requestMap() {
   if (!maps || !$("map").checked) return;
   const n = subject(), indices = modeIndices();
   const moved = own ? own.places.map((p, i) => i == n ? "" : p).join() : "";  // where the viewer has moved the others
-  wanted = {t: at, n, indices, moved, key: [at, n, indices[0], indices.length, moved].join()};
+  wanted = {t: at, n, indices, moved, objective, key: [at, n, indices[0], indices.length, moved, objective].join()};
   if (n >= 0 && indices.length && !working) { working = true; work(); } else if (!indices.length) map = null;
 }
 
@@ -29,11 +30,12 @@ async function work() {
   while (wanted.indices.length && map?.key != wanted.key) {
     const job = wanted, begun = performance.now(), positions = [];
     for (let n = 0; n < N; n++) positions.push(...(n == job.n ? recorded : placeOf)(job.t, n));  // its own place is on the map
-    const lattice = job.indices.length <= maps.few && !playing ? fineLandscapes : landscapes, key = [job.t, job.n, lattice.step, job.moved].join();
+    const lattice = job.indices.length <= maps.few && !playing ? fineLandscapes : landscapes, terms = job.objective ? descentTerms(job.n, Array.from({length: N}, (_, n) => positions.slice(3 * n, 3 * n + 3)), maps.modes[job.indices.at(-1)]) : {};
+    const key = [job.t, job.n, lattice.step, job.moved, JSON.stringify([terms.centre, terms.shift])].join();
     if (modeMaps.key != key) modeMaps = {key, found: new Map()};
     let paused = begun, found = modeMaps.found, dropped = false;
     for (const index of job.indices) {
-      if (!found.has(index)) found.set(index, lattice.map(index, job.n, positions, job.t));
+      if (!found.has(index)) found.set(index, lattice.map(index, job.n, positions, job.t, terms));
       if (performance.now() - paused < 14) continue;
       await new Promise(resolve => setTimeout(resolve));
       paused = performance.now();
@@ -72,7 +74,37 @@ function finished(job, found, lattice) {
   return {...job, lattice, cost, image, minima, clipped, low: 10 * Math.log10(floor), high: 10 * Math.log10(high)};
 }
 
+// Depth of the map below the floor at a place, metres: of a plane scene the view 3-D shows a relief.
+const RELIEF = 0.22;  // of the longer edge of the map
+const reliefShown = () => D == 2 && !flat && mapShown();
+function depth([x, y]) {
+  if (!reliefShown()) return 0;
+  const value = 10 ** (level(map, [x, y]) / 10), share = 10 * Math.log10(Math.max(value, 10 ** (map.low / 10))) - map.high;
+  return RELIEF * Math.max(...landscapes.edge) * share / Math.max(map.high - map.low, 1e-9);
+}
+function reliefMap(pen, project) {
+  const {cost, lattice} = map, [nx, ny] = lattice.shape, every = Math.ceil(Math.max(nx, ny) / 96);
+  const axes = [nx, ny].map(count => Array.from({length: Math.floor((count - 1) / every) + 1}, (_, i) => i * every));
+  const tall = RELIEF * Math.max(...landscapes.edge), range = map.high - map.low || 1, share = at => Math.min(Math.max((10 * Math.log10(Math.max(cost[at], 1e-30)) - map.low) / range, 0), 1);
+  const points = axes[1].map(j => axes[0].map(i => {
+    const s = share(j * nx + i);
+    return {s, p: project([lattice.places[0][i], lattice.places[1][j], z0 - tall * (1 - s)])};
+  }));
+  const [columns, rows] = axes.map(axis => [...axis.keys()].slice(0, -1)), back = (list, forward) => forward ? list : [...list].reverse();
+  // from the back to the front: up the screen is away from the viewer
+  for (const j of back(rows, Math.cos(eye.azimuth) < 0)) for (const i of back(columns, Math.sin(eye.azimuth) < 0)) {
+    const corners = [points[j][i], points[j][i + 1], points[j + 1][i + 1], points[j + 1][i]], mean = corners.reduce((sum, c) => sum + c.s, 0) / 4;
+    const light = 1 + 1.6 * (corners[0].s + corners[3].s - corners[1].s - corners[2].s), shade = Math.min(Math.max(light, 0.72), 1.18);
+    const colour = 3 * Math.round(255 * mean);
+    pen.fillStyle = pen.strokeStyle = `rgb(${[0, 1, 2].map(c => Math.min(Math.round(shade * maps.colours[colour + c]), 255)).join()})`;
+    pen.beginPath();
+    corners.forEach(({p}, c) => c ? pen.lineTo(...p) : pen.moveTo(...p));
+    pen.closePath(); pen.lineWidth = 0.6; pen.fill(); pen.stroke();
+  }
+}
+
 function floorMap(pen, project) {
+  if (reliefShown()) { reliefMap(pen, project); return; }
   const [x, y] = landscapes.corner, [wide, deep] = landscapes.edge, dpr = window.devicePixelRatio || 1;
   const [p, right, up] = [[x, y + deep, z0], [x + wide, y + deep, z0], [x, y, z0]].map(project);
   pen.save();
@@ -84,7 +116,7 @@ function floorMap(pen, project) {
 
 function drawMinima(pen, project, r) {
   for (const [places, reach, wide] of [[map.minima.others, 1.1, 1.6], [map.minima.lowest, 2, 2.4]]) for (const [x, y] of places) {
-    const [u, v] = project([x, y, z0]), size = reach * r;
+    const [u, v] = project([x, y, z0 + depth([x, y])]), size = reach * r;
     const corners = [[u + size, v], [u, v + size], [u - size, v], [u, v - size]];
     withHalo((c, width) => stroke(pen, corners, c, width, true), MINIMUM, wide, 2.2);
   }
@@ -94,11 +126,11 @@ const rangeText = indices => indices.length > 1 ? `${data.row}s ${maps.modes[ind
 
 // Caption and colour bar, in decibels relative to the power of the pressures of these modes.
 function colourBar(pen, w) {
-  const left = 14, top = 26, wide = Math.min(300, w - 134), ink = css("--ink"), [low, high] = [map.low, map.high];
-  const minima = map.minima.count == 1 ? "1 minimum" : `${map.minima.count} minima`, layer = D == 3 ? ` at z = ${placeOf(map.t, map.n)[2].toFixed(2)} m` : "";
+  const left = 14 + captionWidth(), top = 26, wide = Math.min(300, w - left - 120), ink = css("--ink"), [low, high] = [map.low, map.high];
+  const minima = !marked ? "" : map.minima.count == 1 ? ", 1 minimum" : `, ${map.minima.count} minima`, layer = D == 3 ? ` at z = ${placeOf(map.t, map.n)[2].toFixed(2)} m` : "";
   pen.fillStyle = css("--back"); pen.fillRect(0, 0, w, STRIP - 4);
   pen.fillStyle = ink; pen.font = "600 13px system-ui, sans-serif"; pen.textAlign = "left";
-  pen.fillText(`Cost of microphone ${data.names[map.n]}${layer}: ${rangeText(map.indices)}, ${minima}`, left, 16, w - 20);
+  pen.fillText(`Cost of microphone ${data.names[map.n]}${layer}: ${rangeText(map.indices)}${minima}`, left, 16, w - 20);
   for (let i = 0; i < wide; i++) {
     const colour = 3 * Math.round(255 * i / (wide - 1));
     pen.fillStyle = `rgb(${maps.colours.slice(colour, colour + 3).join()})`; pen.fillRect(left + i, top, 1.5, 9);

@@ -28,7 +28,7 @@ function grabbed(e) {
 }
 function dragTo(n, e) {
   takeOver();
-  const [x, y] = inside(placeAt(e, own.places[n][2]));
+  const [x, y] = inside(placeAt(e, own.places[n][2] + depth(own.places[n])));
   Object.assign(own, {words: "", path: null, waiting: -1});
   rolling = null; selected = n; own.places[n] = [x, y, own.places[n][2]];
   if (map?.n == n && map.key == wanted.key) { own.path = downhill(map, [x, y]); own.words = `${level(map, [x, y]).toFixed(1)} dB`; }
@@ -111,16 +111,21 @@ function level({cost, lattice}, place) {
   return 10 * Math.log10((1 - v) * ((1 - u) * cost[at] + u * cost[at + 1]) + v * ((1 - u) * cost[at + nx] + u * cost[at + nx + 1]));
 }
 
-// One step of descent: the point of the search lattice where the cost of microphone n is lowest, with the modes `low` to
-// `high` and the others at `places` (N, 3), metres.
-function descentStep(n, places, low, high) {
+// What a step of descent on microphone n minimises beside the sum of its modes, of which `high` is the last: the centre
+// of the expansion, weights and order, with the others at `places` (N, 3), metres.
+function descentTerms(n, places, high) {
   const {order_offset, ample_modes, known_weight} = maps.descent, lattice = descentLattice;
   const shift = (high >= ample_modes ? order_offset : 0) - maps.order_offset, mean = [0, 1, 2].map(axis => places.reduce((sum, p) => sum + p[axis], 0) / N);
   const centre = mean.map((v, axis) => axis == 2 ? v : lattice.places[axis][Math.min(Math.max(Math.round((v - lattice.places[axis][0]) / lattice.step), 0), lattice.shape[axis] - 1)]);
-  const weights = [...Array(N).keys()].map(i => known.has(i) && i != n ? Math.sqrt(known_weight) : 1), total = new Float64Array(lattice.shape[0] * lattice.shape[1]);
+  const weights = [...Array(N).keys()].map(i => known.has(i) && i != n ? Math.sqrt(known_weight) : 1);
+  return {centre, weights, shift};
+}
+// One step: the point of the search lattice where that cost is lowest.
+function descentStep(n, places, low, high) {
+  const lattice = descentLattice, terms = descentTerms(n, places, high), total = new Float64Array(lattice.shape[0] * lattice.shape[1]);
   maps.modes.forEach((mode, index) => {
     if (mode < low || mode > high) return;
-    lattice.map(index, n, places.flat(), at, {centre, weights, shift}).cost.forEach((v, i) => { total[i] += v; });
+    lattice.map(index, n, places.flat(), at, terms).cost.forEach((v, i) => { total[i] += v; });
   });
   const best = total.reduce((b, v, i) => v < total[b] ? i : b, 0), nx = lattice.shape[0];
   return [lattice.places[0][best % nx], lattice.places[1][Math.floor(best / nx)], places[n][2]];
@@ -191,9 +196,9 @@ for (const touch of ["pointerdown", "keydown", "wheel"]) addEventListener(touch,
 function drawPlay(pen, project, r) {
   if (!own) return;
   const n = selected, z = own.places[n]?.[2] ?? z0;
-  if (own.path) withHalo((c, width) => stroke(pen, own.path.map(([x, y]) => project([x, y, z])), c, width), RED, 1.6, 2.4);
+  if (own.path) withHalo((c, width) => stroke(pen, own.path.map(([x, y]) => project([x, y, z + depth([x, y])])), c, width), RED, 1.6, 2.4);
   if (!own.words || n < 0) return;
-  const [u, v] = project(own.places[n]);
+  const [u, v] = project([...own.places[n].slice(0, 2), z + depth(own.places[n])]);
   pen.font = "700 20px system-ui, sans-serif"; pen.textAlign = "center"; pen.lineWidth = 5;
   pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
   pen.strokeText(own.words, u, v - 2.2 * r - 8); pen.fillText(own.words, u, v - 2.2 * r - 8);

@@ -4,18 +4,20 @@ if (data.row == "row") $("costbox").firstElementChild.textContent = "Cost (Eq. 7
 if (data.reference != "true") $("errorbox").firstElementChild.firstChild.data = "Deviation from nominal (mm): ";
 $("costbox").hidden = !cost;
 $("errorbox").hidden = !mean;
-$("time").max = T - 1;
+$("caption").hidden = !lesson;
+document.documentElement.classList.toggle("lesson", Boolean(lesson));
 for (const rate of [2, 5, 10, 20, 50, 100]) $("speed").add(new Option(`${rate} states/s`, rate, rate == 20, rate == 20));
 $("legend").innerHTML = [[data.reference, "<circle cx='9' cy='9' r='5.5' fill='none' stroke='#fff' stroke-width='5'/><circle cx='9' cy='9' r='5.5' fill='none' stroke='#000' stroke-width='2'/>"],
   ["estimate", "<path d='M4 4L14 14M14 4L4 14' stroke='#fff' stroke-width='5.5'/><path d='M4 4L14 14M14 4L4 14' stroke='#d61828' stroke-width='2.6'/>"],
   ["known", "<rect x='3' y='3' width='12' height='12' fill='#fff'/><rect x='5' y='5' width='8' height='8' fill='#1f78c8'/>"],
-  ...(maps ? [["minimum of the map (large: lowest)", "<path d='M9 2L16 9L9 16L2 9Z' fill='none' stroke='#fff' stroke-width='4.5'/><path d='M9 2L16 9L9 16L2 9Z' fill='none' stroke='#ffb000' stroke-width='2.2'/>"]] : [])]
+  ...(maps ? [["minimum of the map (large: lowest)", "<path d='M9 2L16 9L9 16L2 9Z' fill='none' stroke='#fff' stroke-width='4.5'/><path d='M9 2L16 9L9 16L2 9Z' fill='none' stroke='#ff8400' stroke-width='2.2'/>"]] : [])]
   .map(([name, mark]) => `<span class="key"><svg width="18" height="18">${mark}</svg> ${name}</span>`).join("") +
   (T < data.taken ? `<span class="key dim">showing ${T} of ${data.taken} states</span>` : "");
 $("play").onclick = () => play(!playing);
 $("time").oninput = e => { playing = false; go(Number(e.target.value)); };
 $("top").onclick = () => look(true);
 $("turn").onclick = () => look(false);
+$("reset").onclick = () => look(flat);
 $("trails").onchange = show;
 $("descend").onclick = () => takeSteps(1);
 $("sweepall").onclick = () => takeSteps(free.length);
@@ -26,7 +28,7 @@ $("theme").onclick = () => { themed = true; theme(document.documentElement.datas
 document.addEventListener("keydown", e => {
   if (e.ctrlKey || e.altKey || e.metaKey || e.target.tagName == "SELECT") return;
   const ranged = e.target.type == "range", keys = {" ": () => play(!playing), t: () => look(true), "3": () => look(false),
-    Home: () => go(0), End: () => go(T - 1), ArrowLeft: () => go(at - 1), ArrowRight: () => go(at + 1)};
+    Home: () => go(range[0]), End: () => go(range[1]), ArrowLeft: () => go(at - 1), ArrowRight: () => go(at + 1)};
   if (e.key == " " && (e.target.tagName == "BUTTON" || e.target.type == "checkbox") || ranged && /^(Arrow|Home|End)/.test(e.key) || !keys[e.key]) return;
   e.preventDefault(); if (e.key != " ") playing = false; keys[e.key]();
 });

@@ -11,6 +11,7 @@ const RED = "#d61828", BLUE = "#1f78c8", ORANGE = "#e08a1e", TRAIL = "#8c5ab4";
 const STRIP = maps ? 56 : 0, TURNED = 35 * Math.PI / 180;  // above the scene, for the scale; angles of the view 3-D
 let at = 0, playing = false, selected = data.microphone ?? -1, drawnAt = null, flat = true;
 let chosen = null;  // modes of the map, [first, last], or null for those of the solver
+let range = [0, T - 1];  // the states of the run that is shown; a lesson has several
 const [x0, y0, x1, y1] = data.focus, [z0, z1] = data.heights;
 const eye = {azimuth: 0, elevation: Math.PI / 2, zoom: 1, x: 0, y: 0};
 const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -34,6 +35,8 @@ function fit(canvas) {
   return [pen, w, h];
 }
 
+const captionWidth = () => data.lesson && innerWidth > 760 ? $("caption").offsetWidth + 10 : 0;  // pixels that it takes of the scene
+
 // Orthographic projection: rotated about z by the azimuth, then tilted by the elevation; from the top x is right and y
 // is up. The search domain fills the canvas except for the margins of the scale and the rulers.
 function projector(w, h) {
@@ -42,10 +45,10 @@ function projector(w, h) {
   const corners = [x0, x1].flatMap(x => [y0, y1].flatMap(y => [z0, z1].map(z => turn([x, y, z]))));
   const ends = [0, 1].map(i => [Math.min(...corners.map(c => c[i])), Math.max(...corners.map(c => c[i]))]);
   const [u, v] = ends.map(([low, high]) => (low + high) / 2), [wide, tall] = ends.map(([low, high]) => high - low);
-  const scale = eye.zoom * Math.min((w - 90) / wide, (h - 64 - STRIP) / tall);
+  const inset = captionWidth(), scale = eye.zoom * Math.min((w - inset - 90) / wide, (h - 64 - STRIP) / tall);
   const project = p => {
     const [a, b] = turn(p);
-    return [w / 2 + 14 + scale * (a - u + eye.x), (h + STRIP) / 2 - 8 - scale * (b - v + eye.y)];
+    return [(w + inset) / 2 + 14 + scale * (a - u + eye.x), (h + STRIP) / 2 - 8 - scale * (b - v + eye.y)];
   };
   return [project, scale];
 }
@@ -118,32 +121,34 @@ function room(pen, project) {
 }
 
 function scene() {
+  $("reset").hidden = eye.zoom == 1 && !eye.x && !eye.y && (flat || eye.azimuth == TURNED && eye.elevation == TURNED);
   const [pen, w, h] = fit($("view")), [project, scale] = projector(w, h);
   const r = Math.max(4, Math.min(11, scale * 0.0125 * Math.max(x1 - x0, y1 - y0)));
   pen.font = "12px system-ui, sans-serif"; pen.lineJoin = "round"; pen.lineCap = "round";
   if (mapShown()) floorMap(pen, project);
   room(pen, project);
-  const now = [...Array(N).keys()].map(n => project(placeOf(at, n)));
+  // in a relief the microphone of the map and its true position are on its surface
+  const on = ([x, y, z], n) => project([x, y, z + (n == subject() ? depth([x, y]) : 0)]), now = [...Array(N).keys()].map(n => on(placeOf(at, n), n));
   const held = new Map(data.known.map((n, i) => [n, project(givenOf(i))]));
   const covered = n => held.has(n) && Math.hypot(now[n][0] - held.get(n)[0], now[n][1] - held.get(n)[1]) <= r;  // by its square
   if ($("trails").checked) for (let n = 0; n < N; n++) {
     if (known.has(n)) continue;
     const path = [];
-    for (let t = Math.max(0, at - 200); t <= at; t++) path.push(project(recorded(t, n)));
+    for (let t = Math.max(range[0], at - 200); t <= at; t++) path.push(project(recorded(t, n)));
     stroke(pen, path, TRAIL, 1.4);
   }
   if (truth) for (let n = 0; n < N; n++) {
-    const p = project(truthOf(n));
+    const p = on(truthOf(n), n);
     if (!covered(n)) withHalo((c, width) => stroke(pen, [p, now[n]], c, width), "#000", 1.3, 1.6);
     ring(pen, p, r, "#000", Math.max(1.6, r * 0.28));
   }
   for (const p of held.values()) square(pen, p, r * 0.8);
   for (let n = 0; n < N; n++) if (!covered(n)) cross(pen, now[n], r * 0.75, RED, Math.max(1.8, r * 0.34));
-  if (mapShown()) drawMinima(pen, project, r);
+  if (mapShown() && marked) drawMinima(pen, project, r);
   const n = subject();
   if (n >= 0) {
     if (D == 3 && !flat) stroke(pen, [now[n], project([...placeOf(at, n).slice(0, 2), z0])], RED, 1.6);  // down to the map
-    if (truth) ring(pen, project(truthOf(n)), 1.9 * r, "#000", Math.max(2, r * 0.4));
+    if (truth) ring(pen, on(truthOf(n), n), 1.9 * r, "#000", Math.max(2, r * 0.4));
     if (covered(n)) square(pen, held.get(n), 1.3 * r); else cross(pen, now[n], 1.45 * r, RED, Math.max(2.4, r * 0.5));
     pen.font = "600 13px system-ui, sans-serif";
     pen.lineWidth = 4; pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
@@ -161,27 +166,29 @@ function curve(id, series, log) {
   const [pen, w, h] = fit($(id)), left = 52, right = 8, top = 6, bottom = 20, ink = css("--ink"), faint = css("--faint");
   const usable = v => Number.isFinite(v) && (!log || v > 0);
   let low = Infinity, high = -Infinity;
-  for (const [values] of series) for (const v of values) if (usable(v)) { low = Math.min(low, v); high = Math.max(high, v); }
+  const [begin, finish] = range;
+  for (const [values] of series) for (const v of values.slice(begin, finish + 1)) if (usable(v)) { low = Math.min(low, v); high = Math.max(high, v); }
   if (!(low <= high)) { low = log ? 0.1 : 0; high = 1; }
   const lift = log ? Math.log10 : v => v;
   let a = lift(low), b = lift(high);
   if (b - a < 1e-9) { a -= 0.5; b += 0.5; }
-  const end = Math.max(step[T - 1], step[0] + 1), X = s => left + (w - left - right) * (s - step[0]) / (end - step[0]);
+  const end = Math.max(step[finish], step[begin] + 1), X = s => left + (w - left - right) * (s - step[begin]) / (end - step[begin]);
   const Y = v => h - bottom - (h - top - bottom) * (lift(Math.max(v, log ? 1e-300 : -1e300)) - a) / (b - a);
   pen.font = "11px system-ui, sans-serif"; pen.textAlign = "right"; pen.fillStyle = ink;
   for (const v of log ? decades(low, high) : ticks(a, b, 3)[0]) {
     stroke(pen, [[left, Y(v)], [w - right, Y(v)]], faint, 1);
     pen.fillText(Number(v.toPrecision(4)).toString(), left - 5, Y(v) + 4);
   }
-  const [stops, places] = ticks(step[0], end, 4);
+  const [stops, places] = ticks(step[begin], end, 4);
   pen.textAlign = "center";
   for (const s of stops) pen.fillText(s.toFixed(places), Math.min(X(s), w - 14), h - 6);
   pen.setLineDash([4, 4]);
-  for (let t = 1; t < T; t++) if (last[t] > last[t - 1]) stroke(pen, [[X(step[t]), top], [X(step[t]), h - bottom]], "#8a8f98", 1);
+  const added = Array.from({length: finish - begin}, (_, i) => begin + 1 + i).filter(t => last[t] > last[t - 1]);
+  for (const t of added.length > 30 ? [] : added) stroke(pen, [[X(step[t]), top], [X(step[t]), h - bottom]], "#8a8f98", 1);
   pen.setLineDash([]);
   for (const [values, colour, width] of series) {
     let line = [];  // a logarithm has no place for 0: the line ends there
-    for (let t = 0; t <= T; t++) if (t < T && usable(values[t])) line.push([X(step[t]), Y(values[t])]); else { stroke(pen, line, colour, width); line = []; }
+    for (let t = begin; t <= finish + 1; t++) if (t <= finish && usable(values[t])) line.push([X(step[t]), Y(values[t])]); else { stroke(pen, line, colour, width); line = []; }
   }
   stroke(pen, [[X(step[at]), top], [X(step[at]), h - bottom]], ink, 1.5);
   for (const [values, colour] of series) if (usable(values[at])) {
@@ -223,23 +230,23 @@ function show() {
   requestMap(); scene(); showTexts(); showModes(); showPlay(); writeAddress();
   if (mean) span = curve("error", [[largest, ORANGE, 1.3], [mean, RED, 2]].map(([values, ...style]) => [values.map(v => v < 1e-9 ? 0 : 1e3 * v), ...style]), true);
   if (cost) span = curve("costs", [[cost, BLUE, 2]], false);
-  $("time").value = at;
+  Object.assign($("time"), {min: range[0], max: range[1], value: at});
   $("play").textContent = playing ? "Pause" : "Play";
 }
-function go(t) { giveBack(); at = Math.min(Math.max(t, 0), T - 1); show(); }
+function go(t) { giveBack(); at = Math.min(Math.max(t, range[0]), range[1]); show(); }
 
 let due = 0, before = 0;
 function tick(time) {
   if (!playing) return;
   due += (time - before) / 1e3 * Number($("speed").value); before = time;
-  if (due >= 1) { at = Math.min(at + Math.floor(due), T - 1); due %= 1; if (at == T - 1) playing = false; show(); }
+  if (due >= 1) { at = Math.min(at + Math.floor(due), range[1]); due %= 1; if (at == range[1]) playing = false; show(); }
   requestAnimationFrame(tick);
 }
 function play(on) {
   playing = on;
   giveBack();
   $("note").textContent = "";
-  if (on) { if (at == T - 1) at = 0; due = 0; before = performance.now(); requestAnimationFrame(tick); }
+  if (on) { if (at == range[1]) at = range[0]; due = 0; before = performance.now(); requestAnimationFrame(tick); }
   show();
 }
 function look(top, azimuth = TURNED, elevation = TURNED) {
@@ -300,6 +307,6 @@ function pick(e) {
 }
 for (const id of ["error", "costs"]) $(id).addEventListener("click", e => {
   const box = $(id).getBoundingClientRect(), share = (e.clientX - box.left - span[0]) / (span[1] - span[0]);
-  const wanted = step[0] + share * (step[T - 1] - step[0]);
-  playing = false; go(step.reduce((b, s, t) => Math.abs(s - wanted) < Math.abs(step[b] - wanted) ? t : b, 0));
+  const [begin, end] = range;
+  playing = false; go(nearestState(step, step[begin] + share * (step[end] - step[begin])));
 });

@@ -1,11 +1,11 @@
-"""A study as a TOML file: a scene, axes of values, draws. And which code computes its rows."""
+"""A study as a TOML file: draws of a scene over axes of values, or of a list of settings. And the code of its rows."""
 
 import hashlib
 import json
 import math
 import subprocess
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -17,6 +17,7 @@ from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_table
 from ...model.validation import InputError, shown
 from ..scene_edits import SceneParameters
+from .setting import Setting
 
 PACKAGE = Path(__file__).parents[2]
 PARTS = ("acoustics", "assessment", "cost", "model", "session", "solvers")  # what a row depends on
@@ -68,6 +69,7 @@ def _git(folder: Path, *words: str) -> str | None:
 MAX_TASKS = 100_000_000
 PARAMETERS = tuple(field.name for field in fields(SceneParameters) if field.name != "seed")
 SCENE = "scene"  # the axis whose values are names or paths of scenes
+SETTING = "setting"  # the axis of a study of settings: their names
 OWN = ("point", "draw", "seed")  # columns of the table that no axis may be called like
 
 
@@ -83,21 +85,27 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Study:
-    """Calibrations over the product of some axes."""
+    """Calibrations over the product of some axes, or over some settings."""
 
     title: str
     draws: Count  # calibrations at every point, each with a seed of its own
-    axes: dict  # at most a few thousand points
+    axes: dict = field(default_factory=dict)  # at most a few thousand points; of settings their names
     scene: str = ""  # name or path of a scene's file; left out where the axis "scene" names several
     seed: Seed = 0  # of the first draw
     fixed: dict | None = None
     drawn: Drawn = Drawn()
     time_limit: Seconds = 60.0  # processor time of one calibration
+    settings: tuple[Setting, ...] = ()  # of arrays and rooms that are drawn, in place of a scene and axes
 
-    OPTIONAL = ("title", "scene", "seed", "fixed", "drawn", "time_limit")
+    OPTIONAL = ("title", "axes", "scene", "seed", "fixed", "drawn", "time_limit", "settings")
 
     def __post_init__(self):
         check(self)
+        if self.settings:
+            self._check_settings()
+            return
+        if not self.axes:
+            raise InputError("axes is missing", "write [axes], or [[settings]]", key="axes")
         for key, values in self.axes.items():
             if not isinstance(values, list) or not values:
                 remedy = f'write it as "{shown(key)}" = [...]'
@@ -116,9 +124,29 @@ class Study:
         if self.count > MAX_TASKS:
             raise InputError(f"the study has {self.count:.3g} calibrations", f"use at most {MAX_TASKS:.0e}", key="axes")
 
+    def _check_settings(self) -> None:
+        names = [setting.name for setting in self.settings]
+        if self.scene or self.fixed or self.axes.keys() - {SETTING}:
+            problem = "a study of settings has no scene, no axes and nothing fixed"
+            raise InputError(problem, "write what is fixed into each of [[settings]]", key="settings")
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                raise InputError(f'two settings have the name "{shown(name)}"', "rename one", key="settings")
+        object.__setattr__(self, "axes", {SETTING: names})
+        if self.count > MAX_TASKS:
+            raise InputError(
+                f"the study has {self.count:.3g} calibrations", f"use at most {MAX_TASKS:.0e}", key="draws"
+            )
+
+    def setting(self, name: str) -> Setting:
+        """Return the setting of a name."""
+        return next(one for one in self.settings if one.name == name)
+
     @property
     def scenes(self) -> list[str]:
-        """Names or paths of all its scenes."""
+        """Names or paths of all its scenes; none of a study of settings."""
+        if self.settings:
+            return []
         return self.axes.get(SCENE, [self.scene])
 
     @property
@@ -156,7 +184,7 @@ def load_study(path: str | Path) -> Study:
         table = parse_toml(read_bytes(path, what="study"), path)
         study = build(Study, {"title": path.stem, **table}, whole="study")
         study = _with_scenes_beside(study, path.parent)
-        for number in {0, study.points - 1}:
+        for number in () if study.settings else {0, study.points - 1}:
             scene_at(study, study.point(number), study.seed)
     except InputError as error:
         raise error.within(path) from error
@@ -188,6 +216,8 @@ def _with_scenes_beside(study: Study, folder: Path) -> Study:
         path = folder / str(scene)
         return str(path.resolve()) if path.suffix == ".toml" and path.is_file() else scene
 
+    if study.settings:
+        return study
     if study.scene:
         return replace(study, scene=beside(study.scene))
     return replace(study, axes={**study.axes, SCENE: [beside(scene) for scene in study.axes[SCENE]]})

@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from ...assessment.study_statistics import SCORES
 from ...model.extras import needs
 from ...model.storage import write_atomically
 from ...model.validation import InputError, StorageError, shown
@@ -41,6 +42,7 @@ COLUMNS = {  # those of every row, beside the axes; missing values are null
     "microphones": "int64",
     "modes_used": "int64",
     "seconds": "float64",
+    **SCORES,
 }
 
 

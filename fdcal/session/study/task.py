@@ -11,14 +11,17 @@ import numpy as np
 from ...acoustics.measure import cached_recordings, measured, sound_field
 from ...acoustics.spectrum import ModalPressures
 from ...assessment.bound import Prior, diffuse_information, position_bound
+from ...assessment.study_statistics import scored
 from ...model.arrays import positions_of
 from ...model.geometry import random_source
 from ...model.scene import Scene
+from ...model.settings import SolverSettings
 from ...model.storage import cache_key
 from ...model.validation import InputError
 from ..calibration_run import solve
 from ..sources import CalibrationInput
-from .definition import Study, code_version, scene_at
+from .definition import SETTING, Study, code_version, scene_at
+from .setting import draw
 
 KEPT_FIELDS = 6  # sound fields that a process keeps: a few megabytes
 _fields: dict[str, tuple[ModalPressures, ...]] = {}
@@ -32,24 +35,42 @@ def run_task(study: Study, number: int) -> dict[str, Any]:
     row |= {key: value if isinstance(value, (int, float, str)) else json.dumps(value) for key, value in point.items()}
     began = time.process_time()
     try:
-        scene = _with_source(study, scene_at(study, point, seed), seed)
-        measurement = measured(scene, _sound_fields(scene))
+        inputs, snr, faulty, misplaced = _posed(study, point, seed)
         simulated = time.process_time()
-        inputs = CalibrationInput(scene.name, scene, measurement, scene.solver, seed, time_limit=study.time_limit)
         found = solve(inputs)
     except InputError as error:
         return row | {"verdict": "refused", "reason": str(error), "seconds": time.process_time() - began}
-    counted, uncertainty = found.counted(inputs.given), found.uncertainty
+    measurement, counted, uncertainty = inputs.measurement, found.counted(inputs.given), found.uncertainty
     return row | {
         "verdict": found.verdict,
         "rms_error_m": found.rms_error,
         "max_error_m": found.max_error,
         "claimed_sigma_m": None if uncertainty is None else float(np.sqrt(np.mean(uncertainty[counted] ** 2))),
-        "bound_m": _bound(inputs, len(found.frequencies)),
+        "bound_m": _bound(inputs, snr),
+        **scored(found, measurement, inputs.given, faulty, misplaced),
         "microphones": measurement.count,
         "modes_used": len(found.frequencies),
         "seconds": time.process_time() - simulated,
     }
+
+
+NOBODY = frozenset[str]()
+
+
+def _posed(
+    study: Study, point: dict[str, Any], seed: int
+) -> tuple[CalibrationInput, float, frozenset[str], frozenset[str]]:
+    """Return what is calibrated, its signal-to-noise ratio, dB, and which channels and given positions are faulty."""
+    if study.settings:
+        setting = study.setting(point[SETTING])
+        drawn = draw(setting, seed)
+        solver = SolverSettings(modes=len(drawn.measurement.frequencies), known="all" if setting.known else "none")
+        inputs = CalibrationInput(setting.name, None, drawn.measurement, solver, seed, time_limit=study.time_limit)
+        return inputs, setting.snr_db, drawn.faulty, drawn.misplaced
+    scene = _with_source(study, scene_at(study, point, seed), seed)
+    measurement = measured(scene, _sound_fields(scene))
+    inputs = CalibrationInput(scene.name, scene, measurement, scene.solver, seed, time_limit=study.time_limit)
+    return inputs, scene.measurement.snr_db, frozenset(map(str, (*scene.faults.inverted, *scene.faults.dead))), NOBODY
 
 
 def _sound_fields(scene: Scene) -> tuple[ModalPressures, ...]:
@@ -100,13 +121,11 @@ def _allowed(scene: Scene) -> bool:
     return True
 
 
-def _bound(inputs: CalibrationInput, modes: int) -> float | None:
+def _bound(inputs: CalibrationInput, snr: float) -> float | None:
     """Return the Cramer-Rao bound, rms, metres, in a diffuse field, after the best alignment; None without noise."""
-    assert inputs.scene is not None
-    measurement, snr = inputs.measurement, inputs.scene.measurement.snr_db
     if not np.isfinite(snr):
         return None
-    noise = 10 ** (-snr / 10)
-    k = np.real(measurement.wavenumbers[:modes])
+    measurement, noise = inputs.measurement, 10 ** (-snr / 10)
+    k = np.real(measurement.wavenumbers[: inputs.settings.modes])
     information = diffuse_information(measurement.positions, k, noise / (1 + noise), measurement.dimension)
     return position_bound(information, Prior(np.array(inputs.given, int))).rms

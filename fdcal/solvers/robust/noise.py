@@ -359,7 +359,7 @@ def with_conditional(problem: Problem, state: State) -> State:
         covariance = objectives.quadratic(
             objectives.unknowns_of(chosen), objectives.objective_of(problem, chosen, used)
         ).covariance
-        sigma = scale_sigma(state.positions, [covariance], healthy(state.model))
+        sigma = scale_sigma(state.positions, covariance, healthy(state.model))
     except np.linalg.LinAlgError:
         return without
     limit = MAX_STRETCH if len(problem.known) else MAX_BLIND_STRETCH

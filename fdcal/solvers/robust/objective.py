@@ -188,6 +188,26 @@ class Objective:
             cost, source = cost + of_arrivals.cost, of_arrivals.source
         return Evaluation(cost, gradient, matrix, terms, source)
 
+    def likelihood(self, unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
+        """Return gradient (F,) and Gauss-Newton matrix (F, F) of the likelihood alone by all unknowns."""
+        free = replace(self, arrivals=None, priors=self.priors.without_given())
+        return _with_speed(unknowns, free.evaluate(unknowns).terms)
+
+    def of_rows(self, rows: Integers) -> Objective:
+        """Return the objective of some rows of the pressures, without arrivals."""
+        field, assumed = self.field, self.field.conditional
+        if assumed is not None and len(assumed.reference) > 1:
+            assumed = replace(assumed, reference=assumed.reference[rows])
+        field = replace(
+            field,
+            wavenumbers=field.wavenumbers[rows],
+            power=field.power[rows],
+            noise=field.noise[rows],
+            directions=None if field.directions is None else field.directions[rows],
+            conditional=assumed,
+        )
+        return replace(self, pressures=self.pressures[rows], field=field, arrivals=None)
+
     def beside(self, source: Source | None) -> Objective:
         """Return the same objective for unknowns beside those whose arrivals have this source."""
         if self.arrivals is None or source is None:

@@ -1,12 +1,21 @@
 """What the likelihood solver has found, as `fdcal.solvers.estimate.Estimate`.
 
-    H      Gauss-Newton matrix of cost and priors over everything that is free
-    g_m    gradient of mode m; -g_m H^-1 is the influence of that mode on the unknowns
+    H      Gauss-Newton matrix of cost and priors over everything that is free;  P = H^-1, the covariance by the model
+    g_b    gradient of a block of neighbouring frequencies of a take, or of the arrivals of a take, less their mean;
+           H_b its part of H
 
 H takes the field as `WEAKER_FIELD` times as powerful, which weakens the prior of an isotropic field: what becomes
 uncertain rests on that prior and not on the wave equation. A conditional likelihood needs none. Without given
 positions the covariance is that of the array without its rigid motions; in the frame of the least gauge, of the array
 moved into it.
+
+A room is not the random field of the model, and its blocks disagree by more, or less, than H says. The sandwich of
+their gradients measures it (Huber 1967, White 1980), with the leverage of each block corrected as by leaving it out
+(MacKinnon and White 1985):
+
+    J = sum_b H^-1 g_b g_b^T (H - H_b)^-1,    dispersion = tr J / tr P
+
+over the coordinates of the microphones whose channels are sound. Where the model holds, J is P on average.
 
 Given positions and pressures agree if the array without given positions is hardly likelier:
 
@@ -14,9 +23,11 @@ Given positions and pressures agree if the array without given positions is hard
 
 Under the model 2 S has a chi-square distribution with one degree of freedom for each coordinate given beyond those that
 place the array as a whole. A given position that is wrong, a wrong sound speed and an array that was not found all make
-S large.
+S large. So does a field that is not as random as its model: where the covariance that is claimed is e times that of the
+likelihood, S = a + b of prior a and rest b is (a + b)^2 / (a + e b) instead, as a quadratic of one coordinate has it.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +37,7 @@ from ...cost.likelihood import Terms
 from ...model.gauge import GaugeFrame, rigid_motions
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
-from ...model.types import Reals
+from ...model.types import Bools, Reals
 from ..estimate import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, PositionSpread, TriedOptimum
 from . import given, noise
 from .objective import (
@@ -56,8 +67,9 @@ from .state import (
     State,
 )
 
-NEIGHBOURS, MIN_GROUPS = 8, 6  # modes in a group, whose gradients are not independent; fewest groups
-LEARNED = 1 / 3  # one sigma over that step: with 1 measured and simulated rooms have errors of 0.3 to 0.6 of the claim
+# blocks of rows: neighbours are not independent, and with 20 blocks J comes out a tenth lower; fewest that count
+BLOCKS, MIN_BLOCKS = 10, 4
+LEVERAGE = 0.95  # part of H_b that is taken off H, so that what one block alone determines stays finite
 FIELD_ROUNDS = 3  # of learning the field at given positions: a faulty channel is found in the second
 
 
@@ -77,6 +89,9 @@ def result(problem: Problem, state: State) -> Estimate:
     each = np.zeros((N, 4))
     each[:, : here.gains * here.channels.shape[1]] = sigma[:-1].reshape(N, -1)[:, D:]
     stated = state.settings.sound_speed_sigma or 0.0
+    spread = _spread(problem, state, objective, evaluated, likely)
+    claimed = float(np.trace(likely.covariance)) * spread.widening
+    excess = max(1.0, claimed / max(float(np.trace(quadratic(here, objective, evaluated).covariance)), 1e-300))
     return Estimate(
         problem=problem,
         modes=state.modes,
@@ -91,8 +106,8 @@ def result(problem: Problem, state: State) -> Estimate:
             model.channel_noise,
         ),
         field=FieldEstimate(model.share, model.power[state.modes], undeflated, weakened.terms),
-        spread=_spread(problem, state, objective, evaluated, likely),
-        given=_given(problem, state, objective, here, evaluated.terms, weakened.terms),
+        spread=spread,
+        given=_given(problem, state, objective, here, evaluated.terms, weakened.terms, excess),
         log_speed=model.log_speed,
         log_speed_sigma=float(sigma[-1]) if len(problem.known) else stated,
         tried=_tried(problem, state),
@@ -153,66 +168,93 @@ def _weakened(objective: Objective, here: Unknowns, evaluated: Evaluation) -> Ev
 def _spread(
     problem: Problem, state: State, objective: Objective, evaluated: Evaluation, likely: Quadratic
 ) -> PositionSpread:
-    """The covariance and the influences in the gauge of the problem."""
-    here, free, index = likely.unknowns, likely.free, likely.coordinates
-    slopes = np.asarray(evaluated.terms.slopes).reshape(len(objective.pressures), -1)
-    slopes = np.column_stack([slopes, slopes @ here.by_speed()])[:, free]
-    timed = _arrival_slopes(here, objective)[:, free]
-    gauge = _gauge(problem, state.positions)
+    """The covariance by the model, in the gauge of the problem, and how far the blocks of the data disagree with it."""
+    here, gauge = likely.unknowns, _gauge(problem, state.positions)
     newton = gauge @ likely.covariance @ gauge.T
+    counted = np.repeat(noise.healthy(state.model), state.positions.shape[1])
+    dispersion = _dispersion(problem, state, objective, likely, gauge, counted)
     if not len(problem.known):  # sound speed and size of a blind array are one
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
-    influences: list[Reals] = []
-    by_take = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")  # neighbours are of one take
-    for parts in (slopes, _grouped(slopes[by_take])):
-        parts = np.concatenate([parts, timed])
-        moves = np.zeros((len(parts), newton.shape[0]))
-        moves[:, index] = -(_about_zero(parts) @ likely.inverse)[:, : len(index)]
-        influences.append(moves @ gauge.T)
     own = quadratic(here, objective, evaluated)
     shift = gauge @ _shift(problem, state, here, objective).ravel()
-    return PositionSpread(newton, tuple(influences), own.step, own.sigma, shift.reshape(own.step.shape))
-
-
-def _arrival_slopes(here: Unknowns, objective: Objective) -> np.ndarray:
-    """Gradient (T, N P + 1) of the arrivals of each take by all unknowns."""
-    if objective.arrivals is None:
-        return np.zeros((0, here.vector.size))
-    terms = objective.arrivals.terms(here.positions, here.log_speed, True, here.delays)
-    slopes = np.zeros((len(terms.gradient), here.vector.size))
-    slopes[:, arrival_index(here)] = terms.gradient
-    return slopes
+    return PositionSpread(newton, dispersion, own.step, own.sigma, shift.reshape(own.step.shape))
 
 
 def _shift(problem: Problem, state: State, here: Unknowns, objective: Objective) -> np.ndarray:
     """How far the minimum of an isotropic random field is (N, D); none where that is what the state assumes.
 
-    The Newton step to it; LEARNED of it where the directions were learned, which takes off most of what an isotropic
-    field gets wrong. The near-field kernel explains what such a field cannot: there is nothing to learn from their
-    difference.
+    The near-field kernel explains what such a field cannot: there is nothing to learn from their difference, and little
+    where the directions were learned, which takes off most of what an isotropic field gets wrong.
     """
     model, kernel = state.model, noise.isotropic_kernel(problem, state)
-    if model.kernel == "near" or (model.kernel == kernel and not model.conditional):
+    if not model.conditional:
         return np.zeros(state.positions.shape)
     isotropic = replace(state, model=replace(model, kernel=kernel, directions=None, conditional=""))
     other = replace(objective_of(problem, isotropic, used_modes(problem, state)), priors=objective.priors)
     try:
-        step = quadratic(here, other).step
+        return quadratic(here, other).step
     except np.linalg.LinAlgError:
         return np.zeros(state.positions.shape)
-    return (1.0 if model.conditional else LEARNED) * step
 
 
-def _grouped(slopes: Reals) -> np.ndarray:
-    """Sums of the gradients (M, F) of neighbouring modes."""
-    count = max(1, len(slopes) // max(1, min(NEIGHBOURS, len(slopes) // MIN_GROUPS)))
-    return np.array([part.sum(axis=0) for part in np.array_split(slopes, count)])
+def _dispersion(
+    problem: Problem, state: State, objective: Objective, likely: Quadratic, gauge: Reals, counted: Bools
+) -> float:
+    """tr J / tr P of the module over the coordinates `counted` (N D,) bool; 1 where there are too few blocks."""
+    here, index = likely.unknowns, np.ix_(likely.free, likely.free)
+    order = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")
+    blocks = np.array_split(order, min(BLOCKS, len(order) // 2))
+    if len(blocks) < MIN_BLOCKS:
+        return 1.0
+    gradients, matrices = list[Reals](), list[Reals]()
+    for rows in blocks:
+        part = objective.of_rows(rows)
+        gradients.append(part.likelihood(here)[0][likely.free])
+        matrices.append(_weakened_matrix(part, here)[index])
+    for gradient, matrix in _of_arrivals(here, objective):
+        gradients.append(gradient[likely.free])
+        matrices.append(matrix[index])
+    try:
+        gauged = np.zeros((gauge.shape[0], len(likely.free)))
+        gauged[:, : len(likely.coordinates)] = gauge[:, likely.coordinates]
+        return sandwich(likely.inverse, np.array(gradients), np.array(matrices), gauged, counted)
+    except np.linalg.LinAlgError:
+        return 1.0
 
 
-def _about_zero(slopes: Reals) -> np.ndarray:
-    """Gradients about their mean, which is zero at the minimum; it takes a share 1 / G off their squares."""
-    return (slopes - slopes.mean(axis=0)) * np.sqrt(len(slopes) / max(len(slopes) - 1, 1))
+def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals, counted: Bools) -> float:
+    """Return tr J / tr P of the module over some functions of the unknowns.
+
+    P : (F, F); gradients, matrices : (B, F) and (B, F, F), g_b and H_b of the blocks; outputs : (K, F), linear
+    functions, of which those `counted` (K,) bool are traced.
+    """
+    H, centred = np.linalg.inv(P), gradients - gradients.mean(axis=0)
+    others = np.asarray(H - LEVERAGE * matrices)
+    left_out = np.asarray(np.linalg.solve(others, np.asarray(centred[..., None])))[..., 0]
+    outputs = outputs[counted]
+    found = np.sum((centred @ P @ outputs.T) * (left_out @ outputs.T))
+    model = np.sum((outputs @ P) * outputs)
+    return float(found / model) if model > 0 else 1.0
+
+
+def _weakened_matrix(objective: Objective, here: Unknowns) -> np.ndarray:
+    """The Gauss-Newton matrix of the likelihood by all unknowns, as `_weakened` has it."""
+    field = objective.field
+    if field.conditional is None:
+        objective = replace(objective, field=replace(field, power=WEAKER_FIELD * field.power))
+    return objective.likelihood(here)[1]
+
+
+def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Gradient and Gauss-Newton matrix of the arrivals of each take by all unknowns."""
+    if objective.arrivals is None:
+        return
+    terms, index = objective.arrivals.terms(here.positions, here.log_speed, True, here.delays), arrival_index(here)
+    for gradient, slopes in zip(terms.gradient, terms.slopes, strict=True):
+        whole, matrix = np.zeros(here.vector.size), np.zeros((here.vector.size,) * 2)
+        whole[index], matrix[np.ix_(index, index)] = gradient, slopes.T @ slopes
+        yield whole, matrix
 
 
 def _gauge(problem: Problem, positions: Reals) -> np.ndarray:
@@ -251,7 +293,13 @@ def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
 
 
 def _given(
-    problem: Problem, state: State, objective: Objective, here: Unknowns, at_objective: Terms, weakened: Terms
+    problem: Problem,
+    state: State,
+    objective: Objective,
+    here: Unknowns,
+    at_objective: Terms,
+    weakened: Terms,
+    excess: float,
 ) -> GivenEstimate:
     sigma = objective.priors.known_sigma or given.EXACT_SIGMA
     every = replace(objective.priors, known=problem.known, places=problem.known_positions, known_sigma=sigma)
@@ -259,7 +307,7 @@ def _given(
     def probability(kept: np.ndarray) -> float:
         priors = replace(every, known=problem.known[kept], places=problem.known_positions[kept])
         constrained = replace(objective, priors=priors)
-        return _agreement(constrained, here, at_objective)
+        return _agreement(constrained, here, at_objective, excess)
 
     stated = state.settings.known_sigma
     expected = GIVEN_SIGMA if stated is None else stated
@@ -278,17 +326,25 @@ CLEAR = 0.05  # probability of the linear estimate above which no array is sough
 MARGIN = 1.5  # factor on that estimate
 
 
-def _agreement(constrained: Objective, here: Unknowns, at_objective: Terms) -> float:
-    """Probability of the disagreement; the array without given positions is sought only where it could be low."""
+def _agreement(constrained: Objective, here: Unknowns, at_objective: Terms, excess: float) -> float:
+    """Probability of the disagreement; the array without given positions is sought only where it could be low.
+
+    `excess` : variance that is claimed over that of the likelihood, of which S is made of two parts, prior and rest.
+    """
     D = here.positions.shape[1]
     freedom = len(constrained.priors.known) * D - D * (D + 1) // 2
+
+    def chance(prior: float, rest: float, margin: float = 1.0) -> float:
+        S = margin * (prior + rest) ** 2 / max(prior + excess * rest, 1e-300)
+        return float(chdtrc(freedom, 2 * S))
+
     alone = replace(constrained, priors=constrained.priors.without_given())
     falls = (quadratic(here, one, one.with_priors(here, at_objective)).fall for one in (alone, constrained))
-    disagreement = constrained.priors.of_known(here.positions)[0] + max(0.0, next(falls) - next(falls))
-    if chdtrc(freedom, 2 * MARGIN * disagreement) > CLEAR:
-        return float(chdtrc(freedom, 2 * disagreement))
+    prior, rest = constrained.priors.of_known(here.positions)[0], max(0.0, next(falls) - next(falls))
+    if chance(prior, rest, MARGIN) > CLEAR:
+        return chance(prior, rest)
     there, _ = descend(here, constrained, FREE_STEPS)
     prior, linear = constrained.priors.of_known(there.positions)[0], quadratic(there, alone).fall
-    if chdtrc(freedom, 2 * (prior + MARGIN * linear)) > CLEAR:
-        return float(chdtrc(freedom, 2 * (prior + linear)))
-    return float(chdtrc(freedom, 2 * (prior + descend(there, alone, FREE_STEPS)[1])))
+    if chance(prior, linear, MARGIN) > CLEAR:
+        return chance(prior, linear)
+    return chance(prior, descend(there, alone, FREE_STEPS)[1])

@@ -37,10 +37,12 @@ def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
     low, high = int(orders.min()), int(orders.max())
     text = f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {drawn.request.order_offset}"
     last, word = drawn.request.state.last, row_word(run.measurement)
-    used = of_take(run, tuple(range(1, last + 1)), drawn.request.take)
+    used = of_take(run, tuple(range(drawn.request.state.first, last + 1)), drawn.request.take)
     if drawn.request.custom_modes or drawn.request.modes[-1] == used[-1]:
         return text
-    return f"{text}; higher {word}s, up to {last}, have too many functions for {run.measurement.count} microphones"
+    count, microphones = len(drawn.request.modes), run.measurement.count
+    higher = f"the higher ones have too many functions for {microphones} microphones"
+    return f"{text}; {count} of the {len(used)} {word}s that the solver uses: {higher}"
 
 
 def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -> str:
@@ -129,7 +131,7 @@ class SliceControls:
                 self._shown, self.position.value = (plate.axis, place), place
 
 
-SAME_AS_SOLVER, CUSTOM = "Same as solver", "Custom"
+SAME_AS_SOLVER, CUSTOM = "Of the solver", "Custom"
 LINEAR, LOG = "Linear", "Logarithmic"
 EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
 QUANTITIES: tuple[str, ...] = (EQ7, OBJECTIVE)
@@ -242,7 +244,7 @@ class MapTab(Tab):
             ),
             lambda value: binding.choose_style(relief_height=value / 100),
         )  # fmt: skip
-        self.slice = SliceControls(binding)
+        self.slice, self._risen = SliceControls(binding), ""  # and the kind of map that `rise` has chosen
 
     def _add_scale(self) -> None:
         gui, on, style = self._binding.gui, self._binding.on, self._binding.choices.style
@@ -327,6 +329,18 @@ class MapTab(Tab):
         self._binding.choose_style(**style_of(kind, self._binding.measurement))
         self.refresh()
         self.kind.value = kind
+
+    def rise(self) -> None:
+        """Show what stands in space in place of a flat map: the isosurfaces, or the relief of an array in a plane."""
+        if self.kind.value == FLOOR:
+            self._risen = VOLUME if VOLUME in self.kinds else RELIEF
+            self.show_as(self._risen)
+
+    def lie(self) -> None:
+        """Show the flat map again after `rise`, unless another kind was chosen since."""
+        if self.kind.value == self._risen:
+            self.show_as(FLOOR)
+        self._risen = ""
 
     def scale_as(self, scale: str) -> None:
         """Use the scale LOG or LINEAR."""

@@ -13,11 +13,15 @@ import numpy as np
 import pytest
 
 import fdcal
-from fdcal.assessment.study_statistics import judged, selected, share_grid
+from fdcal.acoustics.box_field import point_source_pressures
+from fdcal.assessment.study_statistics import clustered, judged, selected, share_grid
+from fdcal.graphics.calibration_report import write_page
 from fdcal.graphics.study_report import write_report
+from fdcal.model.room import Room
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.study import cluster, task
 from fdcal.session.study import results as table_of_study
+from fdcal.session.study import setting as setting_of_study
 from fdcal.session.study.cluster import connected, run_study
 from fdcal.session.study.definition import CodeVersion, Study, code_version, load_study, scene_at, source_hash
 from fdcal.session.study.results import PARTS, Results, read_results
@@ -404,3 +408,132 @@ def test_a_value_of_an_axis_of_whole_and_other_numbers_is_found():
     axes = {"snr_db": [10, 20.5], "known": ["all", "none"], "walls": [True, False]}
     for at, count in (({"snr_db": "10"}, 2), ({"snr_db": "20.5"}, 1), ({"known": "all", "walls": "True"}, 2)):
         assert len(selected(rows, axes, at)) == count
+
+
+SETTINGS = """
+draws = 2
+seed = 5
+[[settings]]
+name = "flat"
+array = "disc"
+microphones = 12
+radius = 0.4
+room = [4.0, 3.0]
+modes = 16
+snr_db = 40.0
+inverted = 1
+known_error = 0.002
+[[settings]]
+name = "living room"
+array = "ball"
+microphones = 12
+radius = 0.25
+room = [5.0, 4.0, 2.6]
+modes = 20
+takes = 2
+known = 5
+misplaced = 0.2
+absorption = [[60, 0.1], [500, 0.3]]
+cardioid = true
+gain_db = 1.0
+phase_deg = 5.0
+sound_speed_error = 0.01
+"""
+
+
+@pytest.fixture
+def settings(tmp_path):
+    path = tmp_path / "settings.toml"
+    path.write_text(SETTINGS)
+    return load_study(path)
+
+
+def test_settings_are_the_points_of_a_study(settings):
+    assert (settings.points, settings.count) == (2, 4)
+    assert [settings.point(n) for n in (0, 1)] == [{"setting": "flat"}, {"setting": "living room"}]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("[4.0, 3.0]", "[4.0, 3.0, 2.0]"), "three lengths"),
+        (('"living room"', '"flat"'), "two settings have the name"),
+        (("draws = 2", 'draws = 2\nscene = "tiny"'), "no scene"),
+        (("inverted = 1", "inverted = 12"), "too few microphones"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(tmp_path, change, words):
+    path = tmp_path / "wrong.toml"
+    path.write_text(SETTINGS.replace(*change))
+    with pytest.raises(InputError, match=words.replace("three", "3|three")):
+        load_study(path)
+
+
+def test_a_draw_has_the_noise_the_faults_and_the_errors_of_its_setting(settings):
+    for setting in settings.settings:
+        drawn = setting_of_study.draw(setting, 5)
+        again = setting_of_study.draw(setting, 5).measurement
+        one = drawn.measurement
+        np.testing.assert_array_equal(one.pressures, again.pressures)
+        assert not np.allclose(one.positions, setting_of_study.draw(setting, 6).measurement.positions)
+        assert one.count == setting.microphones and len(one.frequencies) == setting.modes * setting.takes
+        assert one.sound_speed == pytest.approx((1 + setting.sound_speed_error) * setting_of_study.SOUND_SPEED)
+        off = np.linalg.norm(one.known_positions - one.positions[one.known], axis=1)
+        wrong = [str(n) in drawn.misplaced for n in one.known]
+        assert len(drawn.faulty) == setting.inverted and sum(wrong) == bool(setting.misplaced)
+        np.testing.assert_allclose(off[wrong], setting.misplaced)
+        assert np.all(off[np.logical_not(wrong)] <= 5 * setting.known_error)
+
+
+@pytest.mark.parametrize("D", [2, 3])
+def test_the_field_of_a_rectangle_solves_helmholtz_equation_and_is_rigid_at_the_walls(D):
+    room, source, h = Room(size=(4.0, 3.0, 2.5)[:D]), np.array([3.4, 2.6, 2.0])[:D], 1e-3
+    k, at = np.array([2.0 - 0.01j, 7.3 - 0.01j]), np.array([1.3, 1.1, 0.9])[:D]
+    points = np.concatenate([[at], *([at + h * e, at - h * e] for e in np.eye(D))])
+    p = point_source_pressures(room, source, points, k)
+    laplacian = (p[:, 1:].sum(axis=1) - 2 * D * p[:, 0]) / h**2
+    np.testing.assert_allclose(laplacian, -(k**2) * p[:, 0], rtol=2e-4)
+    wall = np.array([[0.0, *at[1:]], [h, *at[1:]], [2 * h, *at[1:]]])
+    q = point_source_pressures(room, source, wall, k)
+    assert np.all(np.abs(-3 * q[:, 0] + 4 * q[:, 1] - q[:, 2]) / (2 * h) < 1e-4 * np.abs(k * q[:, 0]))
+
+
+def test_a_row_counts_what_its_ellipses_hold_and_who_is_accused(settings):
+    row = run_task(settings, 0)
+    inside, ranks = json.loads(row["inside"]), json.loads(row["ranks"])
+    assert inside == sorted(inside) and inside[-1] <= row["judged"] <= 12 - 4 - 1
+    assert sum(ranks) == 2 * row["judged"] and row["sound"] == 11 and row["right_given"] == 4
+    assert row["error_m2"] == pytest.approx(row["rms_error_m"] ** 2, rel=1e-6) or row["accused"]
+    assert row["faults"] == 1 and row["named"] <= 1
+
+
+def test_the_standard_error_of_a_fraction_takes_the_draws_for_clusters():
+    """Draws whose microphones err together: the fraction scatters as so many draws, not as so many microphones."""
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(300):
+        sizes = rng.integers(5, 30, 40).astype(float)
+        counts = np.where(rng.random(40) < 0.8, sizes, 0.0)
+        found.append([float(one[0]) for one in clustered(counts[:, None], sizes)])
+    share, error = np.transpose(found)
+    assert np.mean(share) == pytest.approx(0.8, abs=0.02)
+    assert np.mean(error) == pytest.approx(np.std(share), rel=0.15)
+    assert np.std(share) > 3 * np.sqrt(0.8 * 0.2 / 700)
+
+
+def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
+    results = Results(tmp_path / "out", settings, False)
+    rows = [run_task(settings, number) for number in range(2)]
+    good = rows[0] | {"verdict": "good", "worst_sigmas": 7.0, "task": 2, "draw": 1, "seed": 6}
+    results.append([*rows, good])
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "pictures").mkdir()
+    page = tmp_path / "docs" / "study-settings.md"
+    write_page(page, *read_results(tmp_path / "out"), "settings.toml")
+    text = page.read_text()
+    assert "3 draws, 1 to 2 of each setting, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
+    assert "Good and wrong: 1 of 3 draws" in text and "- flat, seed 6" in text and "7.0 sigma off" in text
+    assert code_version().source in text and (tmp_path / "pictures" / "study-settings.png").stat().st_size > 5000
+    assert len(page.with_suffix(".csv").read_text().splitlines()) == 4
+    inside, n = json.loads(rows[0]["inside"])[2], rows[0]["judged"]
+    assert f"| {100 * inside / n:.1f} ± " in text

@@ -1,0 +1,47 @@
+"""Replays that pages of the documentation show: made with it, since each is computed in a second or two.
+
+The measurement of Fig. 1 comes with fdcal; that of the tutorial is simulated in less than a second.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import fdcal
+from fdcal.commands.gallery_pages import OPENING, replay_of
+from fdcal.commands.lesson_page import lesson_html
+from fdcal.model.measurement_file import load_measurement
+from fdcal.model.scene_file import load_scene
+from fdcal.session.calibration_run import states_of
+from fdcal.session.history import recorded
+from fdcal.session.lesson import load_lesson
+from fdcal.session.sources import CalibrationInput
+from fdcal.viewer.opening import MEASUREMENT
+
+
+def fig1() -> str:
+    """The paper's Fig. 1, as in the gallery."""
+    scene = load_scene(OPENING.scene)
+    inputs = CalibrationInput(scene.name, scene, load_measurement(MEASUREMENT), scene.solver, scene.seed)
+    states = recorded(states_of(inputs))
+    return replay_of(inputs, states, OPENING.title, OPENING.microphone, inputs.measurement.problem().free)
+
+
+def lesson() -> str:
+    """Lesson 1."""
+    return lesson_html(load_lesson("1_many_minima"), measurement=load_measurement(MEASUREMENT))[0]
+
+
+def plate() -> str:
+    """The result of the tutorial "Your first recording"."""
+    return fdcal.calibrate(fdcal.load("tiny")).show().html
+
+
+REPLAYS = {"fig1": fig1, "lesson-1": lesson, "plate": plate}
+
+
+def write(folder: Path) -> None:
+    """Write all of them to a folder."""
+    folder.mkdir(exist_ok=True)
+    for name, page in REPLAYS.items():
+        (folder / f"{name}.html").write_text(page(), encoding="utf-8")

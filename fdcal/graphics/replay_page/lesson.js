@@ -1,0 +1,44 @@
+// A lesson: the text, question and reveal of each step beside the scene, and what its parts set of the page. A part leaves
+// out what the parts before it have set; `range`: the states that it shows, which play if there are several.
+const lesson = data.lesson, SECONDS = 6;  // of a run that plays
+let stepAt = 0, answer = -1;  // of the lesson, from 0; the answer chosen, -1 before one is
+
+function enterStep(number, choice = -1) {
+  const {steps} = lesson, parts = steps.slice(0, number).flatMap(one => one.parts).concat(steps[number].parts.slice(0, choice < 0 ? 1 : 2));
+  const set = Object.assign({}, ...parts), own = parts.at(-1), count = own.range[1] - own.range[0];
+  stepAt = number; answer = choice;
+  giveBack();
+  [at, range] = [own.range[0], own.range];
+  selected = set.microphone ?? -1; chosen = set.modes ?? null; objective = set.objective ?? false; marked = set.minima ?? true;
+  $("map").checked = set.map ?? true; $("trails").checked = set.trails ?? false;
+  caption();
+  if ("view" in own || choice < 0) look((set.view ?? "top") == "top");
+  $("speed").value = [...$("speed").options].map(option => option.value).find(rate => rate >= count / SECONDS) ?? 100;
+  play(count > 0);
+}
+function caption() {
+  const step = lesson.steps[stepAt], last = stepAt == lesson.steps.length - 1, box = document.createElement("div");
+  const add = (tag, text, kind = "") => { const one = document.createElement(tag); one.textContent = text; one.className = kind; box.append(one); return one; };
+  const button = (parent, text, act, kind) => { const one = document.createElement("button"); one.textContent = text; one.className = kind ?? ""; one.onclick = act; parent.append(one); };
+  add("div", `Step ${stepAt + 1} of ${lesson.steps.length}`, "dim");
+  if (answer < 0) for (const text of step.text) add("p", text);
+  if (step.question) add("b", step.question);
+  if (step.question && answer < 0) {
+    const choices = add("div", "", "choices");
+    step.choices.forEach((text, i) => button(choices, text, () => enterStep(stepAt, i)));
+  } else if (step.question) {
+    step.choices.forEach((text, i) => { if (i == answer || i == step.answer) add("div", `${i == step.answer ? "✓" : "✗"} ${text}`); });
+    add("b", answer == step.answer ? "Right." : "Not quite.");
+    for (const text of step.reveal) add("p", text);
+    add("p", `Try it: drag a microphone and let it go${descentLattice && free.length > 1 ? ", or take steps of descent, of one microphone, and joint steps, of all" : ""}.`, "dim");
+  }
+  const moves = add("div", "", "moves");
+  if (stepAt) button(moves, "Back", () => enterStep(stepAt - 1));
+  if (answer >= 0 || !step.question) {
+    if (!last) button(moves, "Next step", () => enterStep(stepAt + 1), "first");
+    else if (lesson.following) button(moves, "Next lesson", () => { location.href = lesson.following; }, "first");
+  } else if (!last) button(moves, "Skip", () => enterStep(stepAt + 1));
+  if (answer >= 0) button(moves, "Again", () => enterStep(stepAt));
+  $("caption").replaceChildren(box);
+  $("caption").scrollTop = 0;
+}

@@ -1,0 +1,188 @@
+"""One setting of a study that draws its arrays and rooms: what a draw of it measures.
+
+A draw has a room of lengths that differ by up to 10 % from those of the setting, an array that is drawn, turned and
+placed in it, a source at a random place for each take, noise, gains, and errors of the given positions. The field is
+the closed form of `fdcal.acoustics.box_field`, which shares no function with the solvers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
+
+import numpy as np
+
+from ...acoustics.box_field import point_source_pressures
+from ...acoustics.dictionary import array_f_max
+from ...model.declared import Count, Hertz, Metres, check, within
+from ...model.geometry import ball, circle, encloses, random_source
+from ...model.measurement import Measurement
+from ...model.problem import mode_power
+from ...model.room import Room
+from ...model.settings import DEAD_FRACTION
+from ...model.validation import InputError
+from ..scene_edits import spread_out
+
+CLEARANCE_M = 0.7  # least distance of a source from every microphone
+FROM_WALL_M = 0.3  # least distance of a microphone from every wall
+ROOM_SPREAD = 0.1  # by which the lengths of a room differ at most, relative
+BELOW_LIMIT = 0.9  # highest frequency over what the array can interpolate (Eq. 9)
+GRADIENT_M = 0.02  # between the two monopoles of a cardioid source
+SOUND_SPEED = 343.0  # m/s
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all draws of a setting have in common."""
+
+    name: str
+    array: Literal["disc", "circle", "ball", "sphere", "plane"]
+    microphones: Count
+    radius: Metres
+    room: tuple[Metres, ...]  # lengths, two or three, metres
+    modes: Count  # frequencies of a take, evenly spaced, a little displaced at random
+    low: Hertz = 40.0
+    high: Hertz = 300.0  # or 0.9 times what the array can interpolate (Eq. 9), if that is lower
+    snr_db: Annotated[float, within(0, 120, "dB")] = 40.0
+    noise: Literal["reported", "auto"] = "auto"  # whether the solver is given the power of the noise
+    takes: Count = 1  # places of the source
+    known: Annotated[int, within(0)] = 4  # microphones whose positions are given; 0: blind
+    known_error: Annotated[float, within(0, 1, "m")] = 0.0  # standard deviation of each given coordinate
+    misplaced: Annotated[float, within(0, 10, "m")] = 0.0  # by which one given position is wrong
+    gain_db: Annotated[float, within(0, 40, "dB")] = 0.0  # standard deviation of the channels' gains
+    phase_deg: Annotated[float, within(0, 180, "degrees")] = 0.0  # likewise of their phases
+    inverted: Annotated[int, within(0)] = 0  # channels of inverted polarity
+    dead: Annotated[int, within(0)] = 0  # channels without signal
+    # pairs of a frequency, Hz, and the fraction of the energy that the walls absorb there at normal incidence; rigid
+    # walls without any, in a recording that is weighted as one of four seconds is
+    absorption: tuple[tuple[float, float], ...] = ()
+    cardioid: bool = False  # whether the source is a cardioid that faces a random direction
+    sound_speed_error: Annotated[float, within(-0.1, 0.1)] = 0.0  # of the sound speed that the solver is given
+
+    OPTIONAL = tuple(
+        "low high snr_db noise takes known known_error misplaced gain_db phase_deg inverted dead absorption cardioid"
+        " sound_speed_error".split()
+    )
+
+    def __post_init__(self):
+        check(self, f"settings.{self.name}.")
+        flat = self.array in ("disc", "circle")
+        if len(self.room) != (2 if flat else 3):
+            remedy = f"give {'two' if flat else 'three'} lengths for an array of the form {self.array}"
+            raise InputError(f"the room of setting {self.name} has {len(self.room)} lengths", remedy, key="room")
+        if max(self.known, self.inverted + self.dead) >= self.microphones or (self.misplaced and not self.known):
+            problem = f"setting {self.name} has too few microphones for what is given or faulty"
+            raise InputError(problem, "use more microphones", key="microphones")
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One draw: what the solver gets, and what is wrong with it."""
+
+    measurement: Measurement
+    faulty: frozenset[str]  # names of the channels that are inverted or dead
+    misplaced: frozenset[str]  # names of the microphones whose given position is wrong
+
+
+def draw(setting: Setting, seed: int) -> Drawn:
+    """Return the draw of a seed. Raises InputError where the room has no place for array and source."""
+    rng = np.random.default_rng([seed, 11])
+    size = np.array(setting.room) * rng.uniform(1 - ROOM_SPREAD, 1 + ROOM_SPREAD, len(setting.room))
+    placed = _array(setting, size, rng)
+    x = placed[:, :2] if setting.array == "plane" else placed
+    N, D = x.shape
+    frequencies = _frequencies(setting, x, len(size), rng)
+    decay = 0.0 if setting.absorption else 3.0  # 1/s
+    k = (2 * np.pi * frequencies - 1j * decay) / SOUND_SPEED
+    known = np.array(spread_out(x, setting.known), np.int64)
+    given = x[known] + setting.known_error * rng.normal(size=(len(known), D))
+    wrong = frozenset[str]()
+    if setting.misplaced:
+        i, away = int(rng.integers(len(known))), rng.normal(size=D)
+        given[i] += setting.misplaced * away / np.linalg.norm(away)
+        wrong = frozenset({str(known[i])})
+    sick = rng.permutation(np.setdiff1d(np.arange(N), known))[: setting.inverted + setting.dead]
+    gains = 10 ** (setting.gain_db / 20 * rng.normal(size=N)) * np.exp(
+        1j * np.radians(setting.phase_deg * rng.normal(size=N))
+    )
+    gains[sick[: setting.inverted]] *= -1
+    dead = sick[setting.inverted :]
+    noise, factor = 10 ** (-setting.snr_db / 10), 1 + setting.sound_speed_error
+    takes = list[Measurement]()
+    for _ in range(setting.takes):
+        clean = _field(setting, size, placed, frequencies, k, rng)
+        clean /= np.sqrt(mode_power(clean))[:, None]
+        parts = rng.normal(scale=np.sqrt(0.5), size=(2, *clean.shape))
+        pressures = clean * gains
+        pressures[:, dead] *= np.sqrt(DEAD_FRACTION)
+        takes.append(
+            Measurement(
+                frequencies=frequencies,
+                pressures=pressures + np.sqrt(noise) * (parts[0] + 1j * parts[1]),
+                sound_speed=factor * SOUND_SPEED,
+                dimension=len(size),
+                array_dimension=D,
+                wavenumbers=k / factor,
+                noise_power=np.full(len(frequencies), noise) if setting.noise == "reported" else None,
+                positions=x,
+                known=known,
+                known_positions=given,
+            )
+        )
+    measurement = takes[0] if len(takes) == 1 else Measurement.from_takes(takes)
+    return Drawn(measurement, frozenset(map(str, sick.tolist())), wrong)
+
+
+def _array(setting: Setting, size: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return the microphones in the room : (N, 2 or 3) float64, metres."""
+    N, R = setting.microphones, setting.radius
+    if setting.array == "circle":
+        x = circle(N, R)
+    elif setting.array in ("disc", "plane"):
+        angle, reach = 2 * np.pi * rng.random(N), R * np.sqrt(rng.random(N))
+        x = np.column_stack([reach * np.cos(angle), reach * np.sin(angle)])
+        x = x if setting.array == "disc" else np.column_stack([x, np.zeros(N)])
+    else:
+        x = ball(N, R, rng)
+        x = x if setting.array == "ball" else R * x / np.linalg.norm(x, axis=1, keepdims=True)
+    if setting.array != "plane":
+        Q, upper = np.linalg.qr(rng.normal(size=(len(size),) * 2))
+        x = x @ (Q * np.sign(np.diag(upper))).T
+    low, high = FROM_WALL_M - x.min(axis=0), size - FROM_WALL_M - x.max(axis=0)
+    if np.any(low > high):
+        raise InputError(f"the array of setting {setting.name} does not fit into its room", "use a larger one")
+    return x + rng.uniform(low, high)
+
+
+def _frequencies(setting: Setting, x: np.ndarray, dimension: int, rng: np.random.Generator) -> np.ndarray:
+    high = min(setting.high, BELOW_LIMIT * array_f_max(x, SOUND_SPEED, dimension))
+    even = np.linspace(setting.low, high, setting.modes + 1)
+    return even[:-1] + (even[1] - even[0]) * rng.uniform(0.2, 0.8, setting.modes)
+
+
+def _field(setting: Setting, size, places, frequencies, k, rng: np.random.Generator) -> np.ndarray:
+    """Return the pressures of a source at a random place : (M, N) complex128, any unit."""
+    source = random_source(size, places, CLEARANCE_M, rng, lambda at: not encloses(places[:, :2], at[:2]))
+    if source is None:
+        problem = f"no place of the room of setting {setting.name} is {CLEARANCE_M:g} m from the array"
+        raise InputError(problem, "use a larger one", key="room")
+    p = _monopole(setting, size, source, places, frequencies, k)
+    if setting.cardioid:  # two monopoles, the one behind delayed and inverted: k d (1 + cos angle) for small k d
+        facing = rng.normal(size=len(size))
+        behind = np.clip(source - GRADIENT_M * facing / np.linalg.norm(facing), 0.02, size - 0.02)
+        late = np.exp(-1j * k * np.linalg.norm(behind - source))[:, None]
+        p = p - late * _monopole(setting, size, behind, places, frequencies, k)
+    return p
+
+
+def _monopole(setting: Setting, size, source, places, frequencies, k) -> np.ndarray:
+    room = Room(size=tuple(size.tolist()))
+    if not setting.absorption:
+        return point_source_pressures(room, source, places, k)
+    at, absorbed = np.array(setting.absorption).T
+    r = np.sqrt(1 - np.interp(np.log(frequencies), np.log(at), absorbed))
+    rows = list[np.ndarray]()
+    for one, admittance in zip(k, (1 - r) / (1 + r), strict=True):
+        absorbing = replace(room, walls="absorbing", admittance=float(admittance))
+        rows.append(point_source_pressures(absorbing, source, places, one[None])[0])
+    return np.array(rows)
