@@ -58,12 +58,11 @@ def reader_of(path: str | Path) -> Format | None:
 
 def sound_files(path: str | Path) -> list[Path]:
     """Return the sound files in a folder that is itself no recording, numbers in their names by value."""
-    from .sound import FORMATS
-
     path = Path(path)
     if not path.is_dir() or reader_of(path) is not None:
         return []
-    found = [one for one in path.iterdir() if one.suffix.lower() in FORMATS[0].suffixes and one.is_file()]
+    sound = next(one.suffixes for one in all_formats() if ".wav" in one.suffixes)
+    found = [one for one in path.iterdir() if one.suffix.lower() in sound and one.is_file()]
     return sorted(found, key=lambda one: [int(part) if part.isdigit() else part for part in NUMBERS.split(one.name)])
 
 
