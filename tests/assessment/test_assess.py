@@ -137,8 +137,9 @@ def with_newton(e: Estimate, factor: float) -> Estimate:
 
 
 def with_shift(e: Estimate, metres: float) -> Estimate:
-    """One whose positions another model of the field would move."""
-    return replace(e, spread=replace(e.spread, shift=np.full_like(e.spread.shift, metres)))
+    """One that another model of the field would stretch, and move as a whole, which does not count."""
+    x = e.positions - e.positions.mean(axis=0)
+    return replace(e, spread=replace(e.spread, shift=metres * x + 1.0))
 
 
 def with_loose_given(e: Estimate) -> Estimate:
