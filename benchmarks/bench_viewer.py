@@ -22,6 +22,7 @@ from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer.scene3d import cameras
 
+from .empty_page import SLIDER
 from .pages import WAIT, Served, ServedEmpty, chromium, open_page, slider, wait_for_node
 from .report import Figure
 from .watched import DRAG
@@ -56,12 +57,36 @@ look();
 """
 
 
+# When messages of the server have come, before viser reads them, and when a key was pressed last, ms.
+ARRIVED = """
+window.arrived = [];
+window.pressed = 0;
+addEventListener("keydown", () => { pressed = performance.now(); }, true);
+window.Worker = class extends Worker {
+    constructor(...options) {
+        super(...options);
+        this.addEventListener("message", ({data}) => {
+            for (const {type, name} of data?.messages ?? []) arrived.push({type, name, at: performance.now()});
+        });
+    }
+};
+"""
+MODES_TO_MAP = """async count => {
+    const input = document.querySelector("[data-do=modes]"), start = performance.now();
+    arrived.length = 0;
+    input.value = count;
+    input.dispatchEvent(new Event("input", {bubbles: true}));
+    while (!arrived.some(one => one.name == "/floor")) await new Promise(resolve => setTimeout(resolve, 2));
+    return arrived.find(one => one.name == "/floor").at - start;
+}"""
+
+
 def run() -> list[Figure]:
     figures = [Figure("load of the machine, mean of the last minute, before", os.getloadavg()[0], "")]
     with chromium() as browser:
         figures += [] if os.environ.get("FDCAL_WARM_ONLY") else [*_opening(browser, cold=True), *_cold(browser)]
         figures += _opening(browser)
-        first = _first_picture(browser)
+        first = [*_first_picture(browser), *_round_trips(browser)]
         with Served(SCENE, {"name": "descent"}, watched=True) as served:
             page = open_page(browser, served.url)
             frames = _while_it_runs(page)
@@ -114,6 +139,43 @@ def _opening(browser, cold: bool = False) -> list[Figure]:
             f"the opening, {caches}: navigation to its first map", 1e-3 * seen["map"], "s", "below 1", seen["map"] < 1e3
         ),
         Figure("the same until viser has drawn the relief", 1e-3 * seen["relief"], "s"),
+    ]
+
+
+def _round_trips(browser) -> list[Figure]:
+    """From a slider in the browser to the message with its effect: the modes of a map in Explore while the solver
+    rests, and a slider of an empty page of viser whose value comes back as a text."""
+    with ServedEmpty() as served:
+        page = browser.new_page()
+        page.add_init_script(ARRIVED)
+        page.goto(served.url)
+        wait_for_node(page, "/microphones/true")
+        handle, echoed = slider(page, SLIDER), []
+        handle.focus()
+        for _ in range(MOVES):
+            page.wait_for_timeout(1e3 * REST)
+            page.evaluate("arrived.length = 0")
+            handle.press("ArrowRight")
+            page.wait_for_function("() => arrived.some(one => one.type == 'GuiUpdateMessage')")
+            echoed.append(page.evaluate("arrived.find(one => one.type == 'GuiUpdateMessage').at - pressed"))
+        page.close()
+    with Served(SCENE, {}) as served:
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.set_default_timeout(WAIT)
+        page.add_init_script(ARRIVED)
+        page.goto(served.url)
+        wait_for_node(page, "/floor")
+        page.locator("[data-do=modes]").wait_for()
+        mapped = []
+        for count in range(10, 10 + MOVES):
+            page.wait_for_timeout(3e3)  # until the fine map of the modes before has come
+            mapped.append(page.evaluate(MODES_TO_MAP, count))
+        page.close()
+    own, whole = statistics.median(echoed), statistics.median(mapped)
+    title = f'"Modes" of Explore to the map in the browser, solver at rest, median of {MOVES}'
+    return [
+        Figure(title, whole, "ms", "below 60", whole < 60),
+        Figure("of this viser's own round trip, a slider to a text", own, "ms"),
     ]
 
 

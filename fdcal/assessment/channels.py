@@ -147,10 +147,11 @@ def _misplaced(estimate: Estimate, covariance) -> dict[int, FaultyChannel]:
     """Return the given positions that the pressures contradict, and exchanges."""
     problem, faulty, x = estimate.problem, {}, shown_positions(estimate)
     sigma, found = np.sqrt(np.trace(covariance, axis1=1, axis2=2)), estimate.given.contradicted
+    usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # where all are inaccurate none of them is wrong
     for i, (n, given) in enumerate(zip(problem.known.tolist(), problem.known_positions, strict=True)):
         away = float(np.linalg.norm(x[n] - given))
         if x is estimate.positions or found is None:
-            right = away < max(MISPLACED_SIGMAS * sigma[n], MIN_MISPLACED)
+            right = away < max(MISPLACED_SIGMAS * np.hypot(sigma[n], usual), MIN_MISPLACED)
         else:
             right = not found.wrong[i]
         if right:

@@ -24,7 +24,7 @@ import numpy as np
 
 from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..acoustics.dictionary import array_f_max
-from ..model.gauge import align
+from ..model.gauge import align, rigid_motions
 from ..model.problem import Problem
 from ..model.texts import length_text
 from ..solvers.estimate import Estimate, RoomEstimate, TriedOptimum
@@ -129,8 +129,13 @@ class Judged:
 
     @property
     def shift(self) -> float:
-        """How far another model of the field, sound from all sides alike, moves the positions, metres."""
-        return root_mean_square(np.linalg.norm(self.estimate.spread.shift, axis=1)[self.healthy])
+        """How far another model of the field, sound from all sides alike, deforms the array, metres.
+
+        A move as a whole, where given positions hold it but loosely, says nothing of the field.
+        """
+        moved, D = self.estimate.spread.shift[self.healthy].ravel(), self.covariance.shape[1]
+        Q = np.linalg.qr(rigid_motions(self.estimate.positions[self.healthy]))[0]
+        return root_mean_square(moved - Q @ (Q.T @ moved)) * float(np.sqrt(D))
 
     @property
     def noisiest(self) -> int:

@@ -222,6 +222,8 @@ def simulate(scene: str, output: str, force: bool):
     help="Of processor time, after which the best positions so far are written; Ctrl-C does the same."
     "  [default: 45, more for large arrays]",
 )
+@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; of recordings.")
+@click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane; of recordings.")
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @click.option(
     "--positions", metavar="FILE.xml|csv", help="Positions to compare with instead: Acoular's XML, or name,x,y[,z]."
@@ -232,23 +234,28 @@ def simulate(scene: str, output: str, force: bool):
 @opt.radius_option
 @opt.force_option
 def calibrate(
-    sources, solver, gain_sigma, modes, seed, exclude, estimate_sound_speed, distance, room, time_limit, check,
-    positions, output, files, split, number, search, radius, force, **settings,
+    sources, solver, gain_sigma, modes, seed, exclude, estimate_sound_speed, distance, room, time_limit,
+    temperature, array_dimension, check, positions, output, files, split, number, search, radius, force, **settings,
 ):  # fmt: skip
     """Find the microphones and assess the result.
 
     Several files are takes: recordings, or measurements, of the same channels with the source at other places; files
-    of one channel each are the channels of one take.
+    of one channel each are the channels of one take. Of recordings, --known takes names of channels or a table
+    (.csv) with name,x,y[,z], too.
 
-    The exit code is 4 if the result cannot be trusted, and 5 if --check finds channels exchanged or a list that does
-    not fit.
+    The exit code is 5 if --check finds channels exchanged or a list that does not fit, else 4 if the result cannot be
+    trusted.
     """
     path = opt.output_path(output, ".json", force, *sources) if output else None
     from ..session.calibration_run import solve
     from ..session.sources import with_settings
     from . import report
 
-    inputs = opt.input_of(sources, search, radius, exclude, positions, files=files, split=split, source=number)
+    recorded = {"files": files, "split": split, "source": number, "temperature": temperature}
+    recorded["array_dimension"] = array_dimension
+    if settings["known"] not in (None, *opt.KNOWN):
+        recorded["known"] = opt.known_of_recordings(sources, settings.pop("known"))
+    inputs = opt.input_of(sources, search, radius, exclude, positions, **recorded)
     solver = types.room_solver(room, solver)
     settings |= dict(zip(("gain_sigma_db", "phase_sigma_deg"), gain_sigma or (), strict=False))
     inputs = with_settings(inputs, solver, modes, seed, room=room, **settings)
@@ -267,9 +274,9 @@ def calibrate(
         print("list    add --check to see which channels are swapped, and how far each microphone is from its place")
     if compared is not None:
         print(report.comparison_text(inputs, result, compared))
-    if result.verdict != "good":
-        return 4
-    return 0 if compared is None or compared.agrees else 5
+    if compared is not None and not compared.agrees:
+        return 5
+    return 0 if result.verdict == "good" else 4
 
 
 @commands.command()

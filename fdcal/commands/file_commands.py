@@ -1,7 +1,7 @@
 """Commands for files of other programs: `import` and `export`."""
 
 import typing
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import click
 
@@ -21,7 +21,7 @@ def _import_options(command):
         command = click.option(
             f"--{field.name.replace('_', '-')}",
             type=RecordingKind(choices) if field.name == "kind" else click.Choice(choices) if choices else kind,
-            default=str(field.default) if choices else field.default,
+            default=str(field.default) if choices and field.default is not None else field.default,
             show_default=field.default is not None,
             metavar=field.metadata["metavar"],
             help=field.metadata["help"],
@@ -35,10 +35,10 @@ def _import_options(command):
 @files_options
 @_import_options
 @force_option
-def import_(sources, output, files, number, dimension, force, **options):
+def import_(sources, output, files, number, dimension, array_dimension, force, **options):
     """Turn recordings or impulse responses into a measurement.
 
-    INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file;
+    INPUT is a WAV or FLAC file, a SOFA file, a folder of them or of MeshRIR, an HDF5 file of Acoular, or an .npz file;
     or, with --array, the .mat file of a measured room: an impulse response with directions of arrival.
 
     Several files are takes, of the same channels with the source at other places; files of one channel each are the
@@ -51,6 +51,7 @@ def import_(sources, output, files, number, dimension, force, **options):
     from ..recordings.importer import import_recording
 
     asked = ImportOptions(source=number, files=files or "auto", dimension=int(dimension), **options)
+    asked = replace(asked, array_dimension=int(array_dimension) if array_dimension else None)
     measurement, report = import_recording(sources, asked)
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
     print(import_summary(measurement, report, OPTIONS))

@@ -65,8 +65,8 @@ SOLVER_OPTIONS = {
 
 # How the command line calls the arguments that an error's remedy mentions (`InputError.worded`).
 NAMED_ALIKE = (
-    "check dimension channels takes estimate_sound_speed exclude force frame frequencies host kind known "
-    "known_sigma leave_out microphone modes most original plane port positions reference reference_microphone "
+    "array_dimension check dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
+    "channels known_sigma leave_out microphone modes most original plane port positions reference reference_microphone "
     "resume room seed solver sound_speed source split step subset table temperature window workers "
 )
 OPTIONS = {
@@ -154,9 +154,12 @@ search_option = click.option(
 radius_option = click.option("--radius", type=float, metavar="R", help="Radius R of the order rule ceil(k R), metres.")
 
 
+KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is given
+
+
 def solver_options(command):
     """Add an option for each of SOLVER_OPTIONS; a field of `SolverSettings` that is declared there needs no more."""
-    known = types.KnownChoice(["all", "minimal", "none"])
+    known = types.KnownChoice(KNOWN)
     special = {"known": (known, None), "noise": (types.noise_level, "DB|auto|reported")}
     units = {"m": (types.length, "LENGTH"), "": (types.percentage, "PERCENT")}
     for key, declared in reversed(SOLVER_OPTIONS.items()):
@@ -166,6 +169,15 @@ def solver_options(command):
         shape, metavar = special.get(key, numeric)
         command = click.option(option_name(key), key, type=shape, metavar=metavar, help=declared["help"])(command)
     return command
+
+
+def known_of_recordings(sources: Sequence[str], known: str) -> str:
+    """Return names or a table of known microphones; click.BadParameter where `sources` are not all recordings."""
+    from ..session.sources import is_recording
+
+    if not all(map(is_recording, sources)):
+        types.KnownChoice(KNOWN).refuse(known, click.Option(["--known"]), None)
+    return known
 
 
 def scene_of(text: str) -> CalibrationInput:

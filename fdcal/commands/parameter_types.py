@@ -195,13 +195,17 @@ class RoomOrScene(click.ParamType):
 
 
 class KnownChoice(click.Choice):
-    """Which known microphones to use; names or a file are for the import, which an error says."""
+    """Which known microphones to use; names or a file are for recordings, which an error says."""
 
     def convert(self, value, param, ctx):
-        if value not in self.choices:
-            where = "known positions are given at the import: fdcal import INPUT -o FILE.npz --known FILE.csv"
-            self.fail(f"{value!r} is not one of {', '.join(map(repr, self.choices))}; {where}", param, ctx)
-        return value
+        if value not in self.choices and (ctx is None or ctx.info_name != "calibrate"):
+            self.refuse(value, param, ctx)
+        return value  # of calibrate names, corners or a table, too, which `refuse` refuses but for recordings
+
+    def refuse(self, value, param, ctx):
+        """Raise the error of a value that is for recordings alone."""
+        where = "known positions are given at the import: fdcal import INPUT -o FILE.npz --known FILE.csv"
+        self.fail(f"{value!r} is not one of {', '.join(map(repr, self.choices))}; {where}", param, ctx)
 
 
 def search_domain(

@@ -119,7 +119,7 @@ def require_plane_field(problem: Problem) -> None:
     """Raise InputError for a field of three dimensions, of which there is no lattice dictionary."""
     if problem.dimension != 2:
         fault = "landscapes of this command need a two-dimensional field, and this one has dimension = 3"
-        raise InputError(fault, 'use solver.name = "joint", and `fdcal view` for its maps', key="dimension", value=3)
+        raise InputError(fault, "see its maps on the page: fdcal view", key="dimension", value=3)
 
 
 class FieldExpansion:

@@ -22,8 +22,13 @@ FEW_MODES = 8  # on the lattice of a solver, the valleys of a sum of fewer modes
 
 
 def on_scale(cost: Reals) -> np.ndarray:
-    """Return where on the scale of a map its costs lie: 0 at the lower end to 1; float64 of the same shape."""
+    """Return where on the scale of a map its costs lie: 0 at the lower end to 1; float64 of the same shape.
+
+    What is no finite number counts as the highest of the others, so that it neither spoils the scale nor is a minimum.
+    """
     cost = np.asarray(cost, float)
+    finite = np.isfinite(cost)
+    cost = np.where(finite, cost, cost[finite].max(initial=-np.inf) if finite.any() else 0.0)
     low, high = float(cost.min()), float(cost.max())
     if low == high:
         return np.zeros(cost.shape)

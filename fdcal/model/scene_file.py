@@ -1,5 +1,6 @@
 """Scenes as TOML files: those that come with fdcal, and anyone's own; simulated, or a measurement with a title."""
 
+import difflib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -177,5 +178,8 @@ def _file_of(path: Path) -> Path:
     if path.suffix.lower() in OTHER_FILES:
         return path  # there is none: reading it says so
     if path.name not in scene_names() or path.name != str(path):
-        raise InputError(f'scene "{shown(str(path))}" is unknown', f"use {available}", key="scene", value=path)
+        near = [name for name in scene_names() if name.startswith(str(path))]
+        near = near or difflib.get_close_matches(str(path)[:60], scene_names(), 1)
+        meant = f"did you mean {near[0]}? use {available}" if near else f"use {available}"
+        raise InputError(f'scene "{shown(str(path))}" is unknown', meant, key="scene", value=path)
     return scene_folder() / f"{path.name}.toml"

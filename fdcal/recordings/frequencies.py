@@ -211,7 +211,7 @@ def _coherent_radius(recording: Recording, dimension: int, speed: float) -> floa
 def coordinate_count(recording: Recording, options: ImportOptions, known_positions: np.ndarray | None) -> int:
     """Return the number of coordinates of a microphone."""
     positions = known_positions if recording.positions is None else recording.positions
-    return options.dimension if positions is None else positions.shape[1]
+    return (options.array_dimension or options.dimension) if positions is None else positions.shape[1]
 
 
 def frequency_band(

@@ -66,6 +66,8 @@ class ImportOptions:
         Length of the takes into which a stationary recording is cut, s.
     dimension : int
         2 or 3, of the sound field.
+    array_dimension : int or None
+        2 or 3, coordinates of a microphone; 2 unless given where all heights in the file or the table agree.
     plane, subset, leave_out, known : str or None
         See `fdcal.recordings.channels`.
     seed : int
@@ -91,12 +93,15 @@ class ImportOptions:
     temperature: float | None = _option(None, "Of the air, degrees Celsius; gives the sound speed.", "C")
     sound_speed: float | None = _option(None, "Instead of a temperature.", "M/S")
     dimension: int = _option(3, "Of the sound field.", choices=("2", "3"))
+    array_dimension: int | None = _option(
+        None, "Of the microphones: 2 in a plane.  [default: 2 where the given heights agree]", choices=("2", "3")
+    )
     plane: str | None = _option(None, "Use the microphones in a plane only, by the positions in the file.", "z=Z")
     subset: str | None = _option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")
     seed: int = _option(0, "Random seed of --subset.", "S")
     leave_out: str | None = _option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
     known: str | None = _option(
-        None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|corners|FILE.csv"
+        None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|corners|none|FILE.csv"
     )
     reference: str | None = _option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")
     reference_microphone: str | None = _option(None, "Take cross-spectra against this channel.", "NAME")
@@ -108,6 +113,7 @@ class ImportOptions:
 
     def __post_init__(self):
         object.__setattr__(self, "kind", OLD_KINDS.get(self.kind, self.kind))
+        object.__setattr__(self, "known", None if self.known == "none" else self.known)
 
 
 def refused_option(options: ImportOptions, key: str, problem: str, remedy: str = "") -> InputError:
@@ -132,6 +138,9 @@ def check_options(options: ImportOptions) -> None:
             raise refused_option(options, "split", problem, "leave out <split>, or record each take on its own")
     if options.dimension not in (2, 3):
         raise InputError(f"dimension = {options.dimension} is unknown", "use one of 2, 3", key="dimension")
+    if options.array_dimension not in (None, *range(2, options.dimension + 1)):
+        problem = f"array_dimension = {options.array_dimension} is not possible in a field of {options.dimension}"
+        raise refused_option(options, "array_dimension", problem, "use 2")
     if options.most is not None and not 1 <= options.most <= limits.max_count:
         raise refused_option(options, "most", f"most = {options.most} is out of range", f"use 1 to {limits.max_count}")
     if celsius is not None and speed is not None:

@@ -33,6 +33,7 @@ class ImportReport:
     speed_from: str  # where it is from, in words
     highest_frequency: float | None  # that the array can interpolate, Hz
     highest_frequency_from: str  # which radius it follows from, in words
+    height: float | None = None  # of all given positions, metres, where the array is sought in this plane
     # one each of several takes, the first of which the other fields describe; none of a single take
     takes: tuple[ImportReport, ...] = ()
     skipped: tuple[str, ...] = ()  # parts of a recording in which no sound rises above the noise
@@ -60,6 +61,10 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         f"sound speed  {report.speed:.1f} m/s {report.speed_from}",
         f"known        {len(measurement.known)} of {measurement.count} microphones",
     ]
+    height = report.takes[0].height if report.takes else report.height
+    if height is not None:
+        space = word_arguments("<array_dimension> 3", wording)
+        lines += [f"array        in the plane z = {height:g} m, the height of all given positions; in space: {space}"]
     if measurement.arrivals is not None and measurement.arrival_sigma is not None:
         found, sigma = np.isfinite(measurement.arrivals), np.median(measurement.arrival_sigma)
         scatter = f"{1e3 * measurement.sound_speed * sigma:.1f} mm"

@@ -51,6 +51,7 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
     """Return the takes in files or folders, all of the same channels, not yet split."""
     if not paths:
         raise InputError("no file is given", "give one or several", key="source")
+    paths = [one for path in paths for one in formats.sound_files(path) or [path]]
     twice = {str(path) for path in paths if sum(Path(path).resolve() == Path(one).resolve() for one in paths) > 1}
     if twice:
         raise InputError(f"{sorted(twice)[0]} is given twice", "give each file once", key="source")
@@ -148,6 +149,7 @@ def _measurement_of_take(
     known, known_positions = np.zeros(0, int), None
     if options.known is not None:
         known, known_positions = select.known_microphones(recording, options.known)
+    recording, known_positions, height = _in_plane(recording, options, known_positions)
     speed, speed_from = sound_speed_of(recording.sound_speed, options)
     found = highest_frequency(recording, options, known_positions, speed)
     band = frequency_band(recording, options, found, speed)
@@ -164,7 +166,8 @@ def _measurement_of_take(
             whole = IMPORT_LIMITS.low, ARRIVAL_BAND * recording.sample_rate
             responses, _ = deconvolve(taken, formats.read(options.reference), whole)
         measurement = with_arrivals(measurement, responses)
-    return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, found.limit, found.words)
+    limit = found.limit, found.words
+    return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, *limit, height)
 
 
 def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[list[Recording], dict[str, str]]:
@@ -204,6 +207,27 @@ def _flattened(recording: Recording, options: ImportOptions) -> Recording:
         problem = "dimension = 2 needs microphones of one height"
         raise refused_option(options, "dimension", problem, "choose them with <plane> z=HEIGHT")
     return replace(recording, positions=positions[:, :2])
+
+
+def _in_plane(
+    recording: Recording, options: ImportOptions, known_positions: np.ndarray | None
+) -> tuple[Recording, np.ndarray | None, float | None]:
+    """Return the recording and the known positions without heights that all agree, and this height, metres."""
+    positions = known_positions if recording.positions is None else recording.positions
+    wanted = options.array_dimension
+    if positions is None or (positions.shape[1] == 2 and wanted != 3):
+        return recording, known_positions, None
+    if positions.shape[1] == 2:
+        raise refused_option(options, "array_dimension", "array_dimension = 3 needs heights", "give z, or leave it out")
+    heights = np.concatenate([one[:, 2:] for one in (recording.positions, known_positions) if one is not None])
+    if wanted == 3 or (wanted is None and np.ptp(heights) > select.PLANE_TOLERANCE):
+        return recording, known_positions, None
+    if np.ptp(heights) > select.PLANE_TOLERANCE:
+        problem = f"array_dimension = 2 needs microphones of one height, and theirs differ by {np.ptp(heights):.3g} m"
+        raise refused_option(options, "array_dimension", problem, "choose them with <plane> z=HEIGHT")
+    if recording.positions is not None:
+        recording = replace(recording, positions=recording.positions[:, :2])
+    return recording, None if known_positions is None else known_positions[:, :2], float(heights.mean())
 
 
 def _classified(

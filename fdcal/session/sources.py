@@ -161,7 +161,7 @@ def is_recording(text: str) -> bool:
     path = Path(text)
     if path.suffix.lower() == ".npz":
         return "recordings" in keys_of(path)
-    return formats.reader_of(path) is not None
+    return formats.reader_of(path) is not None or bool(formats.sound_files(path))
 
 
 def _without(measurement: Measurement, excluded: tuple[str, ...]) -> Measurement:

@@ -71,6 +71,11 @@ class RunState:
         return self.positions
 
     @property
+    def restart(self) -> int:
+        """Number of the start that the run has come from last, from 0; it changes where the run begins anew."""
+        return 0
+
+    @property
     def order_offset(self) -> int:
         """The number added to ceil(kR) in the order rule of the paper; 0 if the solver expands no field."""
         return 0

@@ -74,6 +74,7 @@ class Explore:
 
     def __init__(self, page: LessonPage, lessons: LessonsTab):
         self._page, self._lessons, overlay = page, lessons, page.panels.overlay
+        self._names = scene_names()  # the bar is written with every turn of the main loop
         overlay.on("scene", self._open)
         overlay.on("look", self._look)
         commands = {
@@ -103,7 +104,7 @@ class Explore:
 
     def _open(self, client: viser.ClientHandle, name: str) -> None:
         """Open a scene that comes with fdcal; a lesson ends."""
-        require_choice("scene", name, scene_names())
+        require_choice("scene", name, self._names)
         self._lessons.leave()
         self._page.open(OpenRequest(load_scene(name), fewer_modes=True))
 
@@ -137,10 +138,12 @@ class Explore:
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
         binding, state = viewer.binding, viewer.view.state
         running = viewer.view.running
-        modes = binding.choices.modes or tuple(range(state.first, state.last + 1))
+        drawn = viewer.snapshot.drawn  # of the modes that the solver uses a map may be able to show some alone
+        modes = binding.choices.modes or (drawn and drawn.request.modes) or tuple(range(state.first, state.last + 1))
         label = f"{PAUSE} Pause" if running else f"{PLAY} Play again" if state.finished else f"{PLAY} Play"
         sweeps = viewer.tabs.sweep.playing
         row = binding.row.capitalize()
+        shown = title or viewer.run.scene.title
         end = "<button data-do='lecture'>End lecture mode</button>" if binding.choices.lecture else ""
         count, done = viewer.view.count, state.finished and not running
         return (
@@ -149,14 +152,14 @@ class Explore:
             f"<input type='range' data-do='state' aria-label='State of the run' min='0' max='{max(count - 1, 1)}'"
             f" value='{viewer.view.index}'{'' if count > 1 else ' disabled'}></div>"
             "<button class='view' data-do='look=top'>Top</button><button class='view' data-do='look=close'>3-D</button>"
-            f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'>{self._drawn(viewer)}"
-            f"<span><b>{escape(title or viewer.run.scene.title)}</b>"
+            f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'"
+            f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(shown)}</b>"
             f"<small>{escape(waiting) or self._status(viewer)}</small></span></button>"
             f"<button class='first' data-do='play'>{label}</button>"
             f"<button data-do='onestep'{' disabled' if done else ''}>Step</button>"
             f"<label>{row}s <input type='range' data-do='modes' min='1' max='{binding.modes}' value='{modes[-1]}'>"
             f"<output>{escape(modes_text(modes))}</output></label>"
-            f"<button data-do='sweep' aria-label='Add {binding.row}s one by one'>{PAUSE if sweeps else PLAY}</button>"
+            f"<button data-do='sweep' title='Add {binding.row}s one by one'>{'Stop' if sweeps else 'Add up'}</button>"
             f"<label>Microphone <input type='range' data-do='microphone' min='0' max='{binding.measurement.count - 1}'"
             f" value='{viewer.snapshot.microphone}'><output>{viewer.snapshot.microphone}</output></label>"
             f"<button data-local='sheet:lessons'>Lessons</button>{end}"
@@ -165,7 +168,7 @@ class Explore:
 
     def _drawn(self, viewer: Viewer) -> str:
         name = viewer.run.scene.name
-        if name in scene_names():
+        if name in self._names:
             return thumbnail(name)[1]
         return drawing(np.asarray(viewer.view.history[0].positions)[:, :2])
 
@@ -183,6 +186,6 @@ class Explore:
         scenes = "".join(
             f"<button data-do='scene={escape(name)}' aria-pressed='{str(name == shown).lower()}'>"
             f"{thumbnail(name)[1]}<span>{escape(thumbnail(name)[0])}</span></button>"
-            for name in scene_names()
+            for name in self._names
         )
         return f"<div class='scenes'>{scenes}</div><div class='lessons'>{self._lessons.list_html()}</div>"

@@ -6,8 +6,6 @@ opened, the status bar says why in one line. Otherwise its controls replace the 
 (`panels.SessionFolders`). Browsers stay connected, and the chosen tabs stay chosen.
 """
 
-from __future__ import annotations
-
 import collections
 import logging
 import time

@@ -184,7 +184,8 @@ def test_python_is_told_what_to_load():
 
 def test_what_belongs_to_the_import_is_said(error):
     assert "fdcal import INPUT -o FILE.npz --known FILE.csv" in error("calibrate", "tiny", "--known", "known.csv")
-    assert "it is an option of fdcal import" in error("calibrate", "tiny", "--temperature", "21")
+    assert "tiny holds no recordings; leave out --temperature" in error("calibrate", "tiny", "--temperature", "21")
+    assert "it is an option of fdcal import" in error("calibrate", "tiny", "--window", "none")
     assert "it is an option of" not in error("calibrate", "tiny", "--magic", "21")
 
 

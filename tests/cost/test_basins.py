@@ -8,6 +8,7 @@ from scipy import ndimage
 
 from fdcal.cost.basins import OUTSIDE, basins_of, local_minima, merged_basins, prominent_minima
 from fdcal.cost.maps import minima_of
+from fdcal.cost.scale import on_scale
 from fdcal.model.settings import Search
 
 STEP = 0.01
@@ -204,3 +205,13 @@ def test_basins_in_space_do_not_depend_on_the_order_of_the_axes():
     basins, turned = basins_of(cost), basins_of(np.ascontiguousarray(cost.transpose(2, 0, 1)))
     assert len(basins.minima) > 1
     assert np.mean(basins.labels.transpose(2, 0, 1) == turned.labels) > 0.995
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_no_number_neither_spoils_the_scale_nor_is_a_minimum(bad):
+    cost = 10.0 ** -np.random.default_rng(2).uniform(0, 3, (7, 9))
+    cost[2, 3] = cost.max()
+    spoilt = cost.copy()
+    spoilt[2, 3] = bad
+    np.testing.assert_array_equal(on_scale(spoilt), on_scale(cost))
+    assert on_scale(np.full((2, 2), bad)).tolist() == [[0, 0], [0, 0]]

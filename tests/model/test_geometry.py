@@ -309,7 +309,7 @@ def test_the_figure_of_the_paper_refuses_a_field_in_space_and_its_solver_a_plane
     else:
         state = load("descent").init(problem, settings, 0)
         assert load("descent").step(problem, state).positions.shape == measurement.positions.shape
-    with pytest.raises(InputError, match=r'two-dimensional field.*solver\.name = "joint"'):
+    with pytest.raises(InputError, match=r"two-dimensional field.*on the page: fdcal view"):
         landscape_panels(problem, measurement.positions, 5, [1, 2], 2)
     assert usable_modes(problem, 2) == len(measurement.frequencies)
 

@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -542,3 +543,67 @@ def test_of_many_frequencies_those_of_the_lowest_snr_are_named(tmp_path):
     snr = np.mean(np.abs(measurement.pressures) ** 2, axis=1) / measurement.noise_power - 1
     worst = measurement.frequencies[np.argmin(snr)]
     assert f"at {worst:.1f} Hz" in line and len(text.splitlines()) < 12
+
+
+@pytest.fixture
+def channels(tmp_path):
+    """A folder with a file for each of twelve channels, and a table of four of them with heights that agree."""
+    folder, samples = tmp_path / "hall", noisy(responses(12), 60.0)
+    folder.mkdir()
+    for n, row in enumerate(samples, 1):
+        soundfile.write(folder / f"mic_{n}.wav", row / np.abs(samples).max(), FS, subtype="FLOAT")
+    (folder / "notes.txt").write_text("on a table")
+    lines = [f"mic_{n + 1},{x},{y},1.2" for n, (x, y, _) in enumerate(places(12)[:4].tolist())]
+    (tmp_path / "known.csv").write_text("\n".join(["name,x,y,z", *lines]))
+    return folder, str(tmp_path / "known.csv")
+
+
+def test_a_folder_of_files_of_one_channel_is_one_take_in_natural_order(channels):
+    folder, known = channels
+    measurement, report = import_recording(folder, ImportOptions(known=known))
+    assert measurement.names == tuple(f"mic_{n}" for n in range(1, 13)) and measurement.take_count == 1
+    assert measurement.array_dimension == 2 and measurement.known_positions.shape == (4, 2)
+    assert "in the plane z = 1.2 m, the height of all given positions" in import_summary(measurement, report)
+    assert import_recording(folder, ImportOptions(known=known, array_dimension=3))[0].array_dimension == 3
+    blind = import_recording(folder, ImportOptions(known="none", array_dimension=2))[0]
+    assert blind.array_dimension == 2 and not len(blind.known)
+
+
+def test_heights_that_differ_are_no_plane(channels, tmp_path):
+    folder, known = channels
+    text = Path(known).read_text()
+    Path(known).write_text(text[:-3] + "1.3")
+    assert import_recording(folder, ImportOptions(known=known))[0].array_dimension == 3
+    with pytest.raises(InputError, match=r"array_dimension = 2 needs microphones of one height.*differ by 0\.1 m"):
+        import_recording(folder, ImportOptions(known=known, array_dimension=2))
+
+
+def test_calibrate_imports_with_a_temperature_and_a_table(channels, monkeypatch):
+    folder, known = channels
+    seen = []
+    monkeypatch.setattr(
+        "fdcal.session.calibration_run.solve", lambda inputs, *_: seen.append(inputs.measurement) or 1 / 0
+    )
+    exit_code("calibrate", folder, "--temperature", 30, "--known", known)
+    assert seen[0].sound_speed == pytest.approx(349.0, abs=0.2) and list(seen[0].known) == [0, 1, 2, 3]
+
+
+def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch, capsys):
+    from fdcal.commands import report
+
+    class Compared:
+        agrees = False
+
+    monkeypatch.setattr("fdcal.session.calibration_run.solve", lambda *_: SimpleNamespace(verdict="not_converged"))
+    monkeypatch.setattr(report, "comparison", lambda *_: Compared)
+    for name in ("summary", "comparison_text"):
+        monkeypatch.setattr(report, name, lambda *_: "")
+    assert exit_code("calibrate", "tiny", "--check") == 5
+    Compared.agrees = True
+    assert exit_code("calibrate", "tiny", "--check") == 4
+
+
+@pytest.mark.parametrize(("name", "meant"), [("array1", "array1_circle"), ("lshpae", "lshape")])
+def test_a_scene_that_may_be_meant_is_suggested(name, meant, capsys):
+    for command in (["calibrate", name], ["simulate", name, "-o", "x.npz"]):
+        assert exit_code(*command) == 2 and f"did you mean {meant}?" in capsys.readouterr().err

@@ -303,3 +303,15 @@ def test_the_rumble_of_a_building_is_not_taken_for_a_response_that_wraps_round(t
         with pytest.raises(InputError, match="wraps round"):
             require_quiet_end(recording_of("a", "impulse", FS, wrapped), band)
     assert any(rises), "the level of so few Hz varies by more than 10 dB"
+
+
+def test_a_noise_floor_far_below_the_sound_may_rise():
+    """By 10 dB, 110 dB below the peak; the same rise 60 dB higher is a response that wraps round."""
+    rng = np.random.default_rng(0)
+    t = np.arange(2 * FS) / FS
+    heard, noise = rng.standard_normal((2, 8, len(t)))
+    heard *= np.exp(-t / 0.05)
+    noise *= 10**-5.5 * np.where(t > 1.7, 10**0.5, 1.0)
+    require_quiet_end(recording_of("a", "impulse", FS, heard + noise), (20.0, 320.0))
+    with pytest.raises(InputError, match="wraps round"):
+        require_quiet_end(recording_of("a", "impulse", FS, heard + 1000 * noise), (20.0, 320.0))

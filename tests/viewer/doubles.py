@@ -36,6 +36,7 @@ class State:
     converged: bool = False
     seed: int = 0
     order_offset: int = 0
+    restart: int = 0
     channels: None = None
 
 

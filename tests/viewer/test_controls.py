@@ -2,12 +2,14 @@
 
 import contextlib
 import dataclasses
+from types import SimpleNamespace
 
 import pytest
 from doubles import INVALID_VALUES, State, set_by_client, view_of
 
 from fdcal.graphics.picture import static_picture
 from fdcal.model.validation import InputError
+from fdcal.viewer.background.cost_map import CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.choices import FLOOR, NOTHING, RELIEF, kind_of
 from fdcal.viewer.tabs import map
@@ -157,3 +159,14 @@ def test_a_run_that_is_watched_begins_slowly_and_speeds_up_unless_a_speed_is_cho
     panel.run_bar.show(Tick(session.view, 31.0))
     panel.run_bar.apply_rate()
     assert session.commands[-1] == ("pace", 5), "the next run begins slowly again"
+
+
+def test_a_map_of_fewer_modes_than_the_solver_uses_says_so(work):
+    state = State(work.measurement.positions, last=6)
+    modes, offset = next(
+        (modes, offset) for offset in range(8) if len(modes := map_modes(work, state, None, offset)) < state.last
+    )
+    drawn = SimpleNamespace(request=CostMapRequest(0, 0, modes, offset, False, MapStyle(), False, state, None))
+    assert f"{len(modes)} of the 6 modes that the solver uses" in map.orders_text(work, drawn)
+    drawn.request = dataclasses.replace(drawn.request, modes=(1, 2), custom_modes=True)
+    assert "that the solver uses" not in map.orders_text(work, drawn)

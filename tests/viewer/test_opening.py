@@ -61,7 +61,7 @@ def test_the_picture_in_the_page_is_the_first_of_the_film():
         solid = shipped[..., 3] > 0
         assert 0.4 < solid.mean() < 0.8, "the relief and its rulers alone"
         off = np.abs(shipped[..., :3] - drawn).max(axis=-1)[solid]
-        assert np.mean(off > 40) < 0.02 and off.mean() < 6, "what the computation is drawn as"
+        assert np.mean(off > 40) < 0.03 and off.mean() < 7, "what the computation is drawn as"
     assert app.STILL.stat().st_size < 62_000
 
 
@@ -130,8 +130,10 @@ def test_the_film_waits_for_a_browser_and_ends_with_its_button(server):
     plays.tick(words, 200.0)
     plays.tick(words, 200.0 + plays._projector.film.length)
     assert opening.FOUND in overlay._regions["words"].content and "Now you" in overlay._regions["words"].content
-    words.press("Now you")
+    overlay.receive(None, "stamp dismiss")  # by any key, or by its button
     plays.tick(words, 300.0)
+    words.show("trapped", "0 of 1 home", {"Continue": lambda: pytest.fail("Escape presses no button of these")})
+    overlay.receive(None, "stamp dismiss")
     assert not plays.playing and opening.FOUND not in overlay._regions["words"].content
     nodes.show(plays._projector.picture(plays._projector.film.at(0.0)))
     server.scene.reset()
@@ -155,8 +157,19 @@ def test_the_page_opens_with_the_film_and_shows_the_session_when_it_is_skipped(b
         page.evaluate("location.hash = 'face=expert'")
         paused = page.get_by_text("Paused", exact=True)
         assert not paused.count() or not paused.first.is_visible()
-        page.get_by_role("button", name="Skip").press("Enter")  # a notice of the browser may lie above it
+        page.keyboard.press("Escape")
         paused.first.wait_for()
         page.wait_for_function(f"() => ({SHOWN})() == '' && ({RELIEF})()")
+        angle = "window.__viserMutable.cameraControl.polarAngle"
+        page.evaluate("location.hash = 'face=explore'")
+        page.get_by_role("button", name="3-D", exact=True).wait_for()
+        page.mouse.move(30, 200)
+        page.mouse.down()
+        page.mouse.move(30, -1200, steps=4)
+        page.mouse.up()
+        page.wait_for_function(f"{angle} > 1.4")
+        assert page.evaluate(angle) < np.pi / 2, "above the floor"
+        page.get_by_role("button", name="3-D", exact=True).click()
+        page.wait_for_function(f"{angle} < 1")
         page.close()
     assert "Traceback" not in capsys.readouterr().err

@@ -21,7 +21,7 @@ from fdcal.viewer.gui.plots import Plot
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import spectrum as spectrum_plot
 from fdcal.viewer.tabs.comparison import remark_on_start, table
-from fdcal.viewer.tabs.curves import CurvesTab
+from fdcal.viewer.tabs.curves import NO_RESTART, CurvesTab
 from fdcal.viewer.tabs.microphones import ErrorByDistance
 
 
@@ -57,13 +57,31 @@ def test_stages_are_marked_and_the_cost_is_that_of_the_reference_cost(server, me
     np.testing.assert_allclose(curves.cost.data[1], [-1, -3])
     assert "dB" in curves.cost.title and "Eq. 7" in curves.cost.title
     curves.show(Tick(view_of(states, costs=costs), 1.0))
-    x, cost, marks, stage = curves.cost.data
+    x, cost, _, marks, stage = curves.cost.data
     assert cost[np.unique(x, return_index=True)[1]].tolist() == [-1, -3, -6, -9], "straight where one was left out"
     costs.compute(states[2])
     curves.show(Tick(view_of(states, costs=costs), 2.0))
     assert -4.0 in curves.cost.data[1], "computed when the solver rested"
     assert x[marks < 1.0].tolist() == [2.0], "the one stage that began"
     assert stage[x < 2].tolist() == [1, 1] and stage[x > 2].tolist() == [2]
+
+
+def test_restarts_are_marked_apart_from_stages_and_named_once_there_is_one(server, measurement):
+    curves, shift = CurvesTab(server.gui, measurement, np.arange(10)), np.full((10, 2), 0.01)
+    states = [
+        State(measurement.positions + shift, i, i, stage=stage, last=6, restart=restart)
+        for i, (stage, restart) in enumerate([(0, 0), (1, 0), (2, 1), (2, 1), (3, 2)])
+    ]
+    costs = costs_of(states, np.full(5, -20.0))
+    curves.show(Tick(view_of(states[:2], costs=costs), 0.0))
+    assert NO_RESTART in curves.remark.content
+    curves.show(Tick(view_of(states, costs=costs), 1.0))
+    assert NO_RESTART not in curves.remark.content
+    for plot in (curves.error, curves.cost):
+        x, *_, restarts, marks, _ = plot.data
+        assert x[restarts < 1].tolist() == [2.0, 4.0] and x[marks < 1].tolist() == [1.0]
+        assert restarts.min() < marks.min(), "longer than the tick of a stage"
+        assert "restart" in [one["label"] for one in plot.handle.series]
 
 
 def test_errors_are_those_of_the_microphones_that_count(server, measurement):
@@ -81,7 +99,7 @@ def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(server, measure
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     states = [State(measurement.positions, i, i, stage=i, last=6) for i in range(count)]
     curves.show(Tick(view_of(states, costs=costs_of(states, np.full(count, -20.0))), 0.0))
-    x, _, marks, stage = curves.cost.data
+    x, _, _, marks, stage = curves.cost.data
     seen = marks < 1
     assert x[seen].tolist() == list(range(1, count)) and set(marks[seen]) == {0.92}, "a tick at the top for each"
     assert stage.max() == count and curves.cost.handle.scales["stage"]["range"] == (0.0, 1.0)

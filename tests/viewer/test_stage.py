@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fdcal.graphics.camera import Camera, project
+from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.overlays import with_cut
 from fdcal.graphics.picture import compose, static_picture, with_estimate
 from fdcal.graphics.primitives import DARK, LECTURE_DARK, LECTURE_LIGHT, LIGHT, Label, contrast, halo_of
@@ -260,3 +261,21 @@ def test_each_view_of_the_array_fills_the_window(server, name, size, view):
     free = min(size[0], 0.55 * size[1] if size[1] > size[0] else size[1])
     assert np.ptp(pixels, axis=0).max() > 0.6 * free
     assert (pixels > 0).all() and (pixels < size).all()
+
+
+def test_a_view_from_the_side_makes_room_for_a_relief_that_comes_later(server, scene, measurement):
+    placed = placing(server, scene, measurement)
+    camera = SimpleNamespace(image_width=900, image_height=700)
+    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+    floor = cost_floor(np.random.default_rng(1).uniform(1, 2, (20, 20)), scene.search, relief=True, relief_height=0.6)
+    for view, follows in (("top", False), ("close", True)):
+        placed.picture = compose(scene, measurement)
+        placed.place(client, view)
+        before = camera.position
+        placed.picture = compose(scene, measurement, floor=floor)
+        placed.follow(client)
+        assert (camera.position != before) == follows
+        camera.position = after = tuple(1.5 * x for x in camera.position)  # the user's
+        placed.picture = compose(scene, measurement)
+        placed.follow(client)
+        assert camera.position == after

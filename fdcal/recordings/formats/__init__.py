@@ -2,6 +2,7 @@
 
 import importlib
 import pkgutil
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -14,6 +15,7 @@ from ...model.reading import require_regular
 from ...model.validation import InputError, StorageError
 from ..recording import Recording
 
+NUMBERS = re.compile(r"([0-9]+)")  # in the name of a file
 MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this: a header that announces more is damaged
 
 
@@ -52,6 +54,16 @@ def reader_of(path: str | Path) -> Format | None:
         if (one.read and path.suffix.lower() in one.suffixes and not path.is_dir()) or one.recognises(path):
             return one
     return None
+
+
+def sound_files(path: str | Path) -> list[Path]:
+    """Return the sound files in a folder that is itself no recording, numbers in their names by value."""
+    path = Path(path)
+    if not path.is_dir() or reader_of(path) is not None:
+        return []
+    sound = next(one.suffixes for one in all_formats() if ".wav" in one.suffixes)
+    found = [one for one in path.iterdir() if one.suffix.lower() in sound and one.is_file()]
+    return sorted(found, key=lambda one: [int(part) if part.isdigit() else part for part in NUMBERS.split(one.name)])
 
 
 def read(path: str | Path, source: int | None = None) -> Recording:

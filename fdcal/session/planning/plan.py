@@ -259,7 +259,8 @@ def _snr_line(plan: Plan, advice: AccuracyAdvice) -> str:
             return f"{wanted} is within reach at {plan.request.snr_db:g} dB, and noise is not what limits the error"
         given = plan.request.known_sigma > 0 and len(plan.request.known) > 0
         remedy = "measure the given positions better" if given else "add microphones or frequencies"
-        return f"no signal-to-noise ratio reaches {wanted}: {remedy}"
+        expected = f"errors are taken as {advice.margin:.2g} times the least"
+        return f"no signal-to-noise ratio reaches {wanted} ({expected}): {remedy}"
     if advice.recording_factor <= 1:
         return f"{wanted} needs {advice.snr_db:.0f} dB, which {plan.request.snr_db:g} dB exceeds"
     longer = f"{advice.recording_factor:.2g} times as long a recording in the same noise"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,11 +14,13 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from ...assessment.study_statistics import SCORES
 from ...model.extras import needs
 from ...model.storage import write_atomically
-from ...model.validation import InputError, StorageError
+from ...model.validation import InputError, StorageError, shown
 from .definition import Study, code_version, version_text
 
 if TYPE_CHECKING:
     import pandas
+
+log = logging.getLogger(__name__)
 
 HEAD = "study.json"  # what study this folder is of
 ROWS = "rows"  # folder of the table, which `pandas.read_parquet` reads as a whole
@@ -88,8 +91,12 @@ class Results:
         from pyarrow import parquet
 
         found: set[int] = set()
-        for path in self.folder.glob(PARTS):
-            found.update(parquet.read_table(path, columns=["task"])["task"].to_pylist())
+        for path in sorted(self.folder.glob(PARTS)):
+            try:
+                found.update(parquet.read_table(path)["task"].to_pylist())
+            except (OSError, ValueError, KeyError):  # as after a crash of the machine
+                log.warning("%s is damaged: it is set aside, and its tasks are done again", path)
+                path.replace(path.with_suffix(".damaged"))
         return found
 
     @contextmanager
@@ -140,7 +147,14 @@ def read_results(folder: str | Path) -> tuple[dict, pandas.DataFrame]:
     if not (folder / HEAD).exists() or not parts:
         remedy = "run `fdcal study STUDY.toml -o FOLDER` first"
         raise InputError(f"{folder} holds no results of a study", remedy, key="report", value=str(folder))
-    rows = pandas.concat([pandas.read_parquet(path) for path in parts], ignore_index=True)
+    read = []
+    for path in parts:
+        try:
+            read.append(pandas.read_parquet(path))
+        except (OSError, ValueError, KeyError) as error:
+            remedy = "run the study again with <resume>, which does its tasks again"
+            raise InputError(f"{path} is damaged ({shown(str(error), 80)})", remedy, key="report") from error
+    rows = pandas.concat(read, ignore_index=True)
     return _head(folder / HEAD), rows.drop_duplicates("task").sort_values("task", ignore_index=True)
 
 

@@ -169,6 +169,11 @@ class State(RunState):
     optima: tuple[LocalOptimum, ...]  # of the restarts so far
 
     @property
+    def restart(self) -> int:
+        """Number of the start that the run has come from last."""
+        return self.progress.restart
+
+    @property
     def best_positions(self) -> np.ndarray:
         """The best positions (N, D) so far, metres: those of the likeliest optimum while another restart runs."""
         reached = [one for one in self.optima if np.isfinite(one.score)]

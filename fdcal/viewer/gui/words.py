@@ -18,22 +18,31 @@ class CanvasWords:
     """Owns the region of the words."""
 
     def __init__(self, overlay: Overlay):
-        self._overlay, self._buttons = overlay, NO_BUTTONS
+        self._overlay, self._buttons, self._alone = overlay, NO_BUTTONS, False
         overlay.on("words", lambda client, label: self.press(label))
+        overlay.on("dismiss", lambda client, value: self.dismiss())
 
     def press(self, label: str) -> None:
         """Do what a button does; nothing for a button that has been removed."""
         self._buttons.get(label, lambda: None)()
 
+    def dismiss(self) -> None:
+        """Press the first button of words that stand alone, and take others away."""
+        if self._alone:
+            self.press(next(iter(self._buttons), ""))
+        else:
+            self.show("")
+
     def show(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS, alone: bool = False) -> None:
         """Show words, a smaller line below them, and buttons; nothing for "".
 
-        `alone`: whether all else than the scene is hidden.
+        `alone`: whether all else than the scene is hidden; any key then presses the first button, and not Escape alone.
         """
-        self._buttons = buttons
+        self._buttons, self._alone = buttons, alone
         text = f"<div>{escape(words)}</div>" if words else ""
         text += f"<p>{escape(detail)}</p>" if detail else ""
         labels = [escape(label, quote=True) for label in buttons]
         kind = 'class="first"' if detail else ""  # without a line that asks for it, a button is no invitation
+        kind += " data-any" if alone else ""
         text += "".join(f'<button {kind} data-do="words={label}">{label}</button>' for label in labels)
         self._overlay.show("words", (ALONE if alone else "") + text)

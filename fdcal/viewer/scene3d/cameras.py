@@ -45,6 +45,7 @@ class Placement:
     size: tuple[int, int] | None = None  # (width, height) of the canvas at that time, pixels, or None
     room: Room = Room()  # that was left at that time
     margins: tuple[int, int, int, int] | None = None  # in place of it, pixels
+    relief: float = 0.0  # height of the map, metres, that a view from the side has to hold
     camera: Camera | None = None  # that was commanded, or None
     positions: tuple[tuple[float, float, float], ...] = ()  # the last ones of the camera, metres
 
@@ -109,7 +110,7 @@ CAPTION, LECTURE_CAPTION = 350, 470  # pixels, of the width of a caption
 WIDE = 900  # pixels, of a canvas that has a caption at its right
 # Of a canvas with so many pixels and so much wider than high, whose legend stands beside the map; as in page.js.
 BROAD, BROAD_RATIO = 1000, 1.4
-BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 154, 290, 44), (400, 216, 200, 56)
+BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 172, 290, 44), (400, 216, 200, 56)
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
 PHONE_PANEL = 0.45  # of the height of its canvas, which a panel or a caption covers
 PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top there
@@ -181,7 +182,7 @@ class Cameras:
         """
         with self._guarded(client):
             if isinstance(view, Camera):
-                self._command(client, view, Placement("", canvas(client.camera), self.room, self.margins, view))
+                self._command(client, view, Placement("", canvas(client.camera), self.room, self.margins, 0.0, view))
             else:
                 self._place(client, view)
 
@@ -205,7 +206,16 @@ class Cameras:
         before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
         before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
         positions = (*before, wanted.position)[-KEPT_POSITIONS:]
-        self._command(client, wanted, Placement(view, size, room, self.margins, wanted, positions))
+        self._command(client, wanted, Placement(view, size, room, self.margins, self._relief(view), wanted, positions))
+
+    def _relief(self, view: str) -> float:
+        """Return the height of the map in a view from the side, to the centimetre; it comes later than the view."""
+        floor = None if self.picture is None else self.picture.floor
+        return (
+            0.0
+            if view in ("top", "") or floor is None or floor.heights is None
+            else round(float(floor.heights.max()), 2)
+        )
 
     def _command(self, client: viser.ClientHandle, wanted: Camera, placement: Placement) -> None:
         self._placements[client.client_id] = placement
@@ -240,7 +250,8 @@ class Cameras:
         if placement.camera is None:
             self._place(client, placement.view)
             return
-        fits = (canvas(camera), self.room, self.margins) == (placement.size, placement.room, placement.margins)
+        now = canvas(camera), self.room, self.margins, self._relief(placement.view)
+        fits = now == (placement.size, placement.room, placement.margins, placement.relief)
         if fits and is_at(camera, placement.camera):
             self._at_rest.add(client.client_id)
         elif any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):

@@ -10,12 +10,14 @@
 //   connection  viser tries to reconnect every second; Chromium delays each attempt by up to 5 s after some have failed,
 //               so that every attempt is ended by the next one. Here the page waits until the server answers, and reloads.
 //   still       the first picture of the film, in the page's HTML, until the browser has drawn the scene itself
-//   keys        arrows on a slider move the slider alone, not the camera
+//   keys        arrows on a slider move the slider alone, not the camera; any key skips the film, Escape closes words
+//   camera      a drag does not turn it below the floor
 (() => {
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
 const MAX_COMMAND = 190;  // characters
-const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000, STILL_DELAY = 200;  // ms
+const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000, STILL_DELAY = 200;
+const LEVEL = 1.54;  // rad from the zenith, just above the floor  // ms
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
 let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
 let lastRetry = -RETRY, count = 0;
@@ -254,6 +256,21 @@ function cover(canvas) {
   place();
 }
 
+overlay.insertAdjacentHTML("beforeend", '<div id="fdcal-slow">No graphics card in use: this browser draws slowly. '
+  + '<button aria-label="Hide this line">&#10005;</button></div>');
+overlay.querySelector("#fdcal-slow button").addEventListener("click", event => event.target.parentNode.remove());
+
+const MODIFIERS = ["Shift", "Control", "Alt", "AltGraph", "Meta", "Tab"];
+document.addEventListener("keydown", event => {
+  const words = overlay.querySelector("[data-region=words]"), pressed = event.target.closest?.("button, input, textarea");
+  const any = words.querySelector("[data-any]");
+  if (event.key == "Escape") delete root.dataset.sheet;
+  else if (!any || pressed || event.ctrlKey || event.altKey || event.metaKey || MODIFIERS.includes(event.key)) return;
+  if (!words.innerText) return;
+  send("dismiss");
+  event.stopPropagation();
+}, true);
+
 // --- address
 
 // After a gesture the camera is the user's, until the server places it.
@@ -261,6 +278,8 @@ function follow(message) {
   const now = performance.now(), [before, here] = [camera?.position ?? [], message.position];
   if (now - touched < SETTLED && now - placed > SETTLED && here.some((x, i) => Math.abs(x - before[i]) > 1e-4)) moved = true;
   camera = message;
+  const controls = window.__viserMutable?.cameraControl;  // upright, it stays above the floor
+  if (controls) controls.maxPolarAngle = message.up_direction[2] > 0.99 ? LEVEL : Math.PI;
   write();
 }
 

@@ -1,8 +1,8 @@
-"""The tab Curves: error of the positions sought and cost against sweeps, with a tick where a stage began.
+"""The tab Curves: error of the positions sought and cost against sweeps, with a tick where a stage or a restart began.
 
-The marks of the stages have a scale of their own, from 0 at the bottom to 1 at the top. They are short ticks at the
-top, alike for any number of stages, which hide neither the curves nor the axis. The number of the stage is in the
-legend.
+The marks have a scale of their own, from 0 at the bottom to 1 at the top. They are short ticks at the top, alike for
+any number of stages, which hide neither the curves nor the axis, and longer ones where the solver began anew from other
+positions. The number of the stage is in the legend, and restarts where there are any.
 """
 
 from typing import Any
@@ -14,19 +14,21 @@ from viser import uplot
 from ...graphics.units import cost_title
 from ...model.measurement import Measurement
 from ..gui.binding import Tab, Tick
-from ..gui.plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
+from ..gui.plots import BLUE, GREY, ORANGE, PURPLE, RED, Plot, decades_of
 
 MAX_POINTS = 600  # of a plot, which is sent whole each time
 INTERVAL = 0.25  # s between two updates
 ZERO = 1e-9  # mm, drawn for no error, below the axis: logarithms have no zero
-TICK, HIDDEN = 0.92, 2.0  # lower end of a stage's tick, and a height above the plot
+TICK, LONG_TICK, HIDDEN = 0.92, 0.8, 2.0  # lower end of a stage's tick and of a restart's; a height above the plot
 SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4))}
 # The lines of the stages have no value in the legend, and the number of a stage has no point in the plot.
 REMARK = (
-    "<style>.u-legend .fdcal-lines, .u-cursor-pt.fdcal-lines, .u-cursor-pt.fdcal-stage {display: none}</style>"
-    "<div style='padding: 0 0.75em; font-size: var(--note); opacity: 0.75'>Grey ticks at the top: a new stage (mode,"
-    " objective or start changed). Hover to read values.</div>"
+    "<style>.u-legend .fdcal-lines, .u-legend .fdcal-restart .u-value,"
+    " .u-cursor-pt:is(.fdcal-lines, .fdcal-stage, .fdcal-restart) {display: none}</style>"
+    "<div style='padding: 0 0.75em; font-size: var(--note); opacity: 0.75'>Grey ticks at the top: a new stage (mode or"
+    " objective changed). Hover to read values.</div>"
 )
+NO_RESTART = "<style>.u-legend .fdcal-restart {display: none}</style>"
 
 
 class CurvesTab(Tab):
@@ -39,7 +41,7 @@ class CurvesTab(Tab):
         self._measurement, self._free = measurement, max(measurement.count - len(measurement.known), 1)
         self._sought, self._costs = sought, -1  # microphones whose errors count; how many costs were computed
         self._states: list[Any] = []  # whose numbers are in _rows
-        self._rows: list[tuple] = []  # sweeps, mean error, largest error, last mode in use, stage
+        self._rows: list[tuple] = []  # sweeps, mean error, largest error, last mode in use, stage, restart
         self._updated, self._decades = -1e9, range(0)  # when, and of the errors of this run, which only grow
         self.error: Plot | None = None
         if measurement.positions is not None:
@@ -48,7 +50,7 @@ class CurvesTab(Tab):
             title = f"{'Deviation from nominal' if measurement.nominal else 'Position error'} (mm{aligned})"
             self.error = Plot(gui, title, series, "sweeps", SCALES, whole=True)
         self.cost = Plot(gui, cost_title(measurement), _series(("cost", BLUE, 2.0)), "sweeps", SCALES, whole=True)
-        gui.add_html(REMARK)
+        self.remark = gui.add_html(REMARK + NO_RESTART)
 
     def show(self, tick: Tick) -> None:
         """Bring the plots up to date, not more often than every INTERVAL."""
@@ -63,20 +65,22 @@ class CurvesTab(Tab):
         if not self._update_rows(view.history) and view.costs.count == self._costs:
             return
         self._updated, self._costs = now, view.costs.count
-        x, mean, largest, last, stage = np.array(self._rows, float).T
+        x, mean, largest, last, stage, restart = np.array(self._rows, float).T
         drawn = np.unique(np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int))
-        begins = np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1
+        anew = np.flatnonzero(np.diff(restart)) + 1
+        begins = np.setdiff1d(np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1, anew)
+        self.remark.content = REMARK if len(anew) else REMARK + NO_RESTART
         if self.error is not None:
             drawn_errors = np.concatenate([mean, largest])
             decades = decades_of(drawn_errors[drawn_errors > ZERO] if largest.max() > ZERO else np.array([0.1, 1.0]))
             ends = [*self._decades, *decades]  # a drag that ends the better part of a run leaves the axis as it is
             self._decades = range(min(ends), max(ends) + 1)
-            self.error.show(_with_stages(x, (mean, largest), drawn, begins, stage), self._decades)
+            self.error.show(_with_stages(x, (mean, largest), drawn, begins, anew, stage), self._decades)
         cost = np.array([view.costs.of(state) for state in self._states])
         known = np.flatnonzero(np.isfinite(cost))
         if len(known):  # between the costs that are known the curve is straight
             cost = np.interp(np.arange(len(cost)), known, cost[known])
-            self.cost.show(_with_stages(x, (cost,), drawn, begins, stage))
+            self.cost.show(_with_stages(x, (cost,), drawn, begins, anew, stage))
 
     def _update_rows(self, history) -> bool:
         """Compute the rows of new states; return whether anything is new."""
@@ -101,6 +105,7 @@ class CurvesTab(Tab):
             _drawable(1e3 * errors.max(), ZERO),
             state.last,
             state.stage,
+            state.restart,
         )
 
 
@@ -109,20 +114,23 @@ def _drawable(value, minimum: float) -> float:
     return min(max(minimum, float(value)), 1e12)
 
 
-def _with_stages(x, curves, drawn, begins, stage) -> tuple[np.ndarray, ...]:
-    """Return the columns of a plot: the curves at the `drawn` points, a tick at each of `begins`, and the number of
-    the stage, from 1."""
-    at = np.concatenate([drawn, np.repeat(begins, 3)])
+def _with_stages(x, curves, drawn, begins, anew, stage) -> tuple[np.ndarray, ...]:
+    """Return the columns of a plot: the curves at the `drawn` points, a long tick at each restart `anew`, a tick at
+    each of `begins`, and the number of the stage, from 1."""
+    at = np.concatenate([drawn, np.repeat(anew, 3), np.repeat(begins, 3)])
     order = np.argsort(x[at], kind="stable")
-    lines = np.concatenate([np.full(len(drawn), HIDDEN), np.tile([HIDDEN, TICK, HIDDEN], len(begins))])
-    return (x[at][order], *(curve[at][order] for curve in curves), lines[order], stage[at][order] + 1)
+    restarts, lines = np.full((2, len(at)), HIDDEN)
+    restarts[len(drawn) + 1 : len(drawn) + 3 * len(anew) : 3] = LONG_TICK
+    lines[len(drawn) + 3 * len(anew) + 1 :: 3] = TICK
+    return (x[at][order], *(one[at][order] for one in curves), restarts[order], lines[order], stage[at][order] + 1)
 
 
 def _series(*curves: tuple[str, str, float]) -> tuple[uplot.Series, ...]:
-    """Return the series of a plot: sweeps, the curves (label, colour, width), lines and numbers of the stages."""
+    """Return the series of a plot: sweeps, the curves (label, colour, width), restarts, lines and numbers of stages."""
     drawn = [uplot.Series(label=name, stroke=colour, width=width) for name, colour, width in curves]
-    hidden: dict[str, Any] = {"points": {"show": False}, "stroke": GREY}
-    css = {name: {"class": f"fdcal-{name}"} for name in ("lines", "stage")}
-    lines = uplot.Series(label="", scale="stage", width=2, **css["lines"], **hidden)
-    number = uplot.Series(label="stage", scale="number", width=0, **css["stage"], **hidden)
-    return (uplot.Series(label="sweeps"), *drawn, lines, number)
+    points: Any = {"show": False}
+    css: dict[str, dict[str, Any]] = {name: {"class": f"fdcal-{name}"} for name in ("restart", "lines", "stage")}
+    anew = uplot.Series(label="restart", scale="stage", width=2.5, **css["restart"], stroke=PURPLE, points=points)
+    lines = uplot.Series(label="", scale="stage", width=2, **css["lines"], stroke=GREY, points=points)
+    number = uplot.Series(label="stage", scale="number", width=0, **css["stage"], stroke=GREY, points=points)
+    return (uplot.Series(label="sweeps"), *drawn, anew, lines, number)

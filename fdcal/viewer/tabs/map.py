@@ -37,10 +37,12 @@ def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
     low, high = int(orders.min()), int(orders.max())
     text = f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {drawn.request.order_offset}"
     last, word = drawn.request.state.last, row_word(run.measurement)
-    used = of_take(run, tuple(range(1, last + 1)), drawn.request.take)
+    used = of_take(run, tuple(range(drawn.request.state.first, last + 1)), drawn.request.take)
     if drawn.request.custom_modes or drawn.request.modes[-1] == used[-1]:
         return text
-    return f"{text}; higher {word}s, up to {last}, have too many functions for {run.measurement.count} microphones"
+    count, microphones = len(drawn.request.modes), run.measurement.count
+    higher = f"the higher ones have too many functions for {microphones} microphones"
+    return f"{text}; {count} of the {len(used)} {word}s that the solver uses: {higher}"
 
 
 def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -> str:
@@ -129,7 +131,7 @@ class SliceControls:
                 self._shown, self.position.value = (plate.axis, place), place
 
 
-SAME_AS_SOLVER, CUSTOM = "Same as solver", "Custom"
+SAME_AS_SOLVER, CUSTOM = "Of the solver", "Custom"
 LINEAR, LOG = "Linear", "Logarithmic"
 EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
 QUANTITIES: tuple[str, ...] = (EQ7, OBJECTIVE)

@@ -131,7 +131,7 @@ class SweepTab(Tab):
     def _add_controls(self) -> None:
         gui, on, modes, row = self._binding.gui, self._binding.on, self._binding.modes, self._binding.row
         self.play = on(
-            gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint=f"Add one {row} after the other to the map"),
+            gui.add_button("Play", icon=viser.Icon.PLUS, hint=f"Add one {row} after the other to the map"),
             lambda _: self.toggle(),
         )
         self.summed = on(
@@ -273,7 +273,7 @@ class SweepTab(Tab):
         summed = self._summed_now(sequence)
         label = "Pause" if self.playing else "Play"
         if self.play.label != label:
-            self.play.label, self.play.icon = label, viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLAYER_PLAY
+            self.play.label, self.play.icon = label, viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLUS
         binding.send(self.summed, self._shown_now(sequence) or len(sequence))
         self.text.content = self._caption()
         self._plot.settle()

@@ -156,6 +156,19 @@ def test_the_table_goes_on_where_it_was_left(file, tmp_path):
     assert list(study.tasks(again.done()))[:3] == [1, 2, 4]
 
 
+def test_a_damaged_part_of_the_table_is_named_and_its_tasks_are_done_again(file, tmp_path, caplog):
+    study, folder = load_study(file), tmp_path / "out"
+    results = Results(folder, study, False)
+    for number in (0, 3):
+        results.append([{"task": number, "verdict": "good"}])
+    damaged = sorted(folder.glob(PARTS))[0]
+    damaged.write_bytes(damaged.read_bytes()[:-50])
+    with pytest.raises(InputError, match=rf"{damaged.name} is damaged.*resume, which does its tasks again"):
+        read_results(folder)
+    assert Results(folder, study, True).done() == {3} and damaged.name in caplog.text
+    assert list(read_results(folder)[1]["task"]) == [3]
+
+
 def test_a_folder_of_another_study_and_one_that_is_not_empty(file, tmp_path):
     study, folder = load_study(file), tmp_path / "out"
     Results(folder, study, False)
