@@ -214,12 +214,13 @@ class Channels:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a result is computed from: the solver run again with it takes the same steps."""
+    """What a result is computed from: the solver run again with it takes the same steps, up to `step`."""
 
     measurement: Measurement
     problem: Problem
     settings: SolverSettings
     seed: int
+    step: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -86,7 +86,11 @@ def _page(folder: str, page: str) -> int:
     from ..session.study.results import read_results
 
     head, rows = read_results(Path(folder))
-    write_page(Path(page), head, rows, f"studies/{Path(page).stem.removeprefix('study-')}.toml")
+    stem = Path(page).stem
+    name = stem.removeprefix("study-")
+    study = f"studies/{name}.toml"
+    commands = f"fdcal study {study} -o {name}\nfdcal study --report {name} --page docs/explanation/{stem}.md"
+    write_page(Path(page), head, rows, study, commands)
     print(page)
     return 0
 

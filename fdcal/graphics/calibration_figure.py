@@ -6,6 +6,7 @@ import base64
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -191,7 +192,8 @@ def show_calibration(self: Calibration) -> Replay:
         remedy = "show what fdcal.calibrate returns, or write a page with the command fdcal replay"
         raise InputError("this result was read from a file, which holds no measurement", remedy, key="run")
     run = self.run
-    states = list(solvers.run(run.problem, run.settings, run.seed))
+    steps = solvers.run(run.problem, run.settings, run.seed)
+    states = list(takewhile(lambda state: state.step <= run.step, steps))  # a run that was stopped had no more
     measurement = with_search_domain(run.measurement, states[-1].positions)
     sought = self.counted([n for n, name in enumerate(self.names) if name in (self.known or ())])
     problem = replace(run.problem, search=measurement.search)

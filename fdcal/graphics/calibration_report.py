@@ -39,8 +39,7 @@ planned; seeds {first} to {last}. {code}
 This page is written by
 
 ```sh
-fdcal study {name} -o calibration
-fdcal study --report calibration --page docs/explanation/{stem}.md
+{commands}
 ```
 
 from the rows in [{stem}.csv]({stem}.csv).
@@ -77,14 +76,15 @@ named.
 """
 
 
-def calibration_page(head: dict, rows: Any, name: str, stem: str) -> str:
-    """Return the page; `rows` as of `read_results`, `name`: of the study's file, `stem`: of the page's."""
+def calibration_page(head: dict, rows: Any, name: str, stem: str, commands: str) -> str:
+    """Return the page of a study's file `name`; `rows` as of `read_results`, `stem`: of the page's file name."""
     rows, key = _scored(rows), next(iter(head["axes"]))
     names = [value for value in head["axes"][key] if np.any(rows[key] == value)]
     counts = rows.groupby(key).size()
     text = HEAD.format(
         title=head["title"],
         name=name,
+        commands=commands,
         stem=stem,
         settings=len(names),
         count=len(rows),
@@ -181,13 +181,13 @@ def _stepped(values: np.ndarray) -> np.ndarray:
     return np.append(values, values[-1])
 
 
-def write_page(page: Path, head: dict, rows: Any, name: str) -> None:
+def write_page(page: Path, head: dict, rows: Any, name: str, commands: str) -> None:
     """Write the page, its rows as CSV beside it, and its figure into the folder `pictures` beside that of the page."""
     pictures = page.resolve().parent.parent / "pictures"
     if not pictures.is_dir():
         problem = f"{page} has no folder pictures beside its own"
         raise InputError(problem, "give a page in a folder of the documentation", key="page", value=str(page))
-    text, key = calibration_page(head, rows, name, page.stem), next(iter(head["axes"]))
+    text, key = calibration_page(head, rows, name, page.stem, commands), next(iter(head["axes"]))
     picture = figure_bytes(draw_ranks(head, rows), "png")
     table = rows[[key, *KEPT]].sort_values(["draw", key]).to_csv(index=False, float_format="%.4g")
     write_atomically(page, lambda file: file.write_text(text, encoding="utf-8"), True)

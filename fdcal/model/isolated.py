@@ -35,7 +35,7 @@ def call(
     paths = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
     try:
         child = subprocess.run(
-            [sys.executable, "-m", __name__],
+            [sys.executable, "-P", "-m", __name__],  # -P: no module is taken from the working directory
             input=pickle.dumps((processor_seconds, memory)) + pickle.dumps((function, arguments)),
             capture_output=True,
             timeout=seconds,

@@ -64,6 +64,7 @@ def correction_of(result: Calibration, recording: Recording) -> Correction:
         )
     N = recording.count
     source, gain, delay, corner = np.arange(N), np.ones(N, complex), np.zeros(N), np.zeros(N)
+    exchanged = set[tuple[int, int]]()
     for n, value in zip(rows, channels.correction.gains, strict=True):
         if n is not None:
             gain[n] = value
@@ -78,6 +79,9 @@ def correction_of(result: Calibration, recording: Recording) -> Correction:
         elif fault.kind == "dead":
             gain[n] = 1.0
         elif fault.kind == "exchanged" and partner is not None:
+            exchanged.add((n, partner))
+    for n, partner in exchanged:
+        if (partner, n) in exchanged:  # else no channel is left for the partner
             source[n] = partner
     dead = tuple(fault.name for fault in channels.faults if fault.kind == "dead")
     unknown = tuple(name for name in recording.names if name not in result.names)

@@ -67,7 +67,7 @@ class ImportOptions:
     dimension : int
         2 or 3, of the sound field.
     array_dimension : int or None
-        2 or 3, coordinates of a microphone; 2 unless given where all heights in the file or the table agree.
+        2 or 3, coordinates of a microphone; 2 unless given where the heights of all microphones are known and agree.
     plane, subset, leave_out, known : str or None
         See `fdcal.recordings.channels`.
     seed : int
@@ -94,7 +94,9 @@ class ImportOptions:
     sound_speed: float | None = _option(None, "Instead of a temperature.", "M/S")
     dimension: int = _option(3, "Of the sound field.", choices=("2", "3"))
     array_dimension: int | None = _option(
-        None, "Of the microphones: 2 in a plane.  [default: 2 where the given heights agree]", choices=("2", "3")
+        None,
+        "Of the microphones: 2 in a plane.  [default: 2 where all heights are given and agree]",
+        choices=("2", "3"),
     )
     plane: str | None = _option(None, "Use the microphones in a plane only, by the positions in the file.", "z=Z")
     subset: str | None = _option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")

@@ -65,6 +65,12 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
     if height is not None:
         space = word_arguments("<array_dimension> 3", wording)
         lines += [f"array        in the plane z = {height:g} m, the height of all given positions; in space: {space}"]
+    given = measurement.known_positions
+    if height is None and given is not None and len(given) and given.shape[1] == 3 and not np.ptp(given[:, 2]):
+        plane = word_arguments("<array_dimension> 2", wording)
+        lines += [
+            f"array        in space; if all microphones stand at z = {given[0, 2]:g} m as the known ones: {plane}"
+        ]
     if measurement.arrivals is not None and measurement.arrival_sigma is not None:
         found, sigma = np.isfinite(measurement.arrivals), np.median(measurement.arrival_sigma)
         scatter = f"{1e3 * measurement.sound_speed * sigma:.1f} mm"

@@ -219,8 +219,12 @@ def _in_plane(
         return recording, known_positions, None
     if positions.shape[1] == 2:
         raise refused_option(options, "array_dimension", "array_dimension = 3 needs heights", "give z, or leave it out")
-    heights = np.concatenate([one[:, 2:] for one in (recording.positions, known_positions) if one is not None])
-    if wanted == 3 or (wanted is None and np.ptp(heights) > select.PLANE_TOLERANCE):
+    given = [one for one in (recording.positions, known_positions) if one is not None]
+    if wanted == 3 or any(one.shape[1] == 2 for one in given):
+        return recording, known_positions, None
+    heights = np.concatenate([one[:, 2:] for one in given])
+    some = wanted is None and max(map(len, given)) < recording.count  # of a few microphones the others' are not known
+    if some or (wanted is None and np.ptp(heights) > select.PLANE_TOLERANCE):
         return recording, known_positions, None
     if np.ptp(heights) > select.PLANE_TOLERANCE:
         problem = f"array_dimension = 2 needs microphones of one height, and theirs differ by {np.ptp(heights):.3g} m"

@@ -215,7 +215,7 @@ def solve(
         evidence=found.evidence,
         room=found.room,
         channels=found.channels,
-        run=Run(measurement, problem, inputs.settings, inputs.seed) if keep else None,
+        run=Run(measurement, problem, inputs.settings, inputs.seed, int(state.step)) if keep else None,
     ).compared_with(measurement, inputs.given)
 
 

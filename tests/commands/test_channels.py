@@ -51,7 +51,7 @@ def test_the_gains_become_a_table(spoiled, refused):
     done("export", "result.json", "-o", "positions.csv", "--force", folder=folder)
     assert "gain_db" not in (folder / "positions.csv").read_text()
     path = folder / "result.json"
-    assert ".csv" in refused("export", path, "--table", "gains", "-o", "gains.xml")
+    assert ".csv" in refused("export", path, "--table", "gains", "-o", "gains.json")
     assert "--frame" in refused("export", path, "--table", "gains", "--frame", "axes", "-o", "gains.csv")
 
 

@@ -112,6 +112,13 @@ def test_a_channel_that_the_calibration_does_not_know_stays_as_it_is(sound, resu
     assert error_db(found[5], recorded(sound)[5]) < -60
 
 
+def test_an_exchange_that_is_not_mutual_moves_no_channel(sound, result):
+    recording = recording_of("sound", None, RATE, sound, names=NAMES)
+    faults = (ChannelFault("M0", "exchanged", partner="M1"), ChannelFault("M1", "exchanged", partner="M2"))
+    chain = dataclasses.replace(result, channels=dataclasses.replace(result.channels, faults=faults))
+    assert corrections.correction_of(chain, recording).source.tolist() == list(range(N))
+
+
 def test_other_channels_and_results_without_gains_are_refused(sound, result, calibrated, tmp_path):
     recording = recording_of("sound", None, RATE, sound, names=tuple("abcdef"))
     with pytest.raises(fdcal.InputError) as refused:

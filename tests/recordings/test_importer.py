@@ -349,7 +349,8 @@ def test_the_uncertainty_of_few_microphones_in_a_room_is_not_too_small(name, sol
     inputs = replace(inputs, settings=replace(inputs.settings, name=solver))
     result = solve(inputs)
     error = np.sqrt(np.mean(np.sum((result.positions - places()) ** 2, axis=1)))
-    assert error < 1.8 * np.sqrt(np.mean(np.square(result.uncertainty)))
+    # one draw of each: how the claim holds over many is in docs/explanation/study-calibration.md
+    assert error < 2.5 * np.sqrt(np.mean(np.square(result.uncertainty)))
 
 
 def test_a_recording_is_calibrated_without_an_import(folder, tmp_path, monkeypatch, capsys):
@@ -562,9 +563,11 @@ def test_a_folder_of_files_of_one_channel_is_one_take_in_natural_order(channels)
     folder, known = channels
     measurement, report = import_recording(folder, ImportOptions(known=known))
     assert measurement.names == tuple(f"mic_{n}" for n in range(1, 13)) and measurement.take_count == 1
+    assert measurement.array_dimension == 3, "the heights of the others are not known"
+    assert "in space; if all microphones stand at z = 1.2 m" in import_summary(measurement, report)
+    measurement, report = import_recording(folder, ImportOptions(known=known, array_dimension=2))
     assert measurement.array_dimension == 2 and measurement.known_positions.shape == (4, 2)
     assert "in the plane z = 1.2 m, the height of all given positions" in import_summary(measurement, report)
-    assert import_recording(folder, ImportOptions(known=known, array_dimension=3))[0].array_dimension == 3
     blind = import_recording(folder, ImportOptions(known="none", array_dimension=2))[0]
     assert blind.array_dimension == 2 and not len(blind.known)
 

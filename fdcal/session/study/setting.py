@@ -7,6 +7,7 @@ the closed form of `fdcal.acoustics.box_field`, which shares no function with th
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -70,7 +71,12 @@ class Setting:
         if len(self.room) != (2 if flat else 3):
             remedy = f"give {'two' if flat else 'three'} lengths for an array of the form {self.array}"
             raise InputError(f"the room of setting {self.name} has {len(self.room)} lengths", remedy, key="room")
-        if max(self.known, self.inverted + self.dead) >= self.microphones or (self.misplaced and not self.known):
+        band = self.low >= self.high
+        falling = any(a[0] >= b[0] for a, b in itertools.pairwise(self.absorption))
+        if band or falling or not all(0 < a < 1 for _, a in self.absorption):
+            problem = f"setting {self.name} needs low below high, and absorption from 0 to 1 at rising frequencies"
+            raise InputError(problem, key="low" if band else "absorption")
+        if self.known + self.inverted + self.dead > self.microphones or (self.misplaced and not self.known):
             problem = f"setting {self.name} has too few microphones for what is given or faulty"
             raise InputError(problem, "use more microphones", key="microphones")
 

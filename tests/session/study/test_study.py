@@ -529,7 +529,7 @@ def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
     (tmp_path / "docs").mkdir()
     (tmp_path / "pictures").mkdir()
     page = tmp_path / "docs" / "study-settings.md"
-    write_page(page, *read_results(tmp_path / "out"), "settings.toml")
+    write_page(page, *read_results(tmp_path / "out"), "settings.toml", "fdcal study settings.toml")
     text = page.read_text()
     assert "3 draws, 1 to 2 of each setting, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
     assert "Good and wrong: 1 of 3 draws" in text and "- flat, seed 6" in text and "7.0 sigma off" in text
