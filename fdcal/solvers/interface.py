@@ -72,7 +72,7 @@ class RunState:
 
     @property
     def restart(self) -> int:
-        """Number of the start that the run has come from last, from 0; it changes where the run begins anew."""
+        """Number of the start that the run has come from last, from 0; it changes where the run starts again."""
         return 0
 
     @property

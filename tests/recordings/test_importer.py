@@ -336,8 +336,15 @@ def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, 
     assert (folder / name).read_bytes() == before
 
 
-@pytest.mark.parametrize("solver", ["joint", "robust"])
-@pytest.mark.parametrize("name", ["noise", "sweep"])
+# The sandwich of ten blocks is known to a factor of about two: here it claims half of the error, 9 for 18 and 21 for 41 mm.
+NARROW = pytest.mark.xfail(reason="the claim of one draw is too narrow: 1.9 and 2.0 times", strict=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "solver"),
+    [("noise", "joint"), pytest.param("noise", "robust", marks=NARROW),
+     pytest.param("sweep", "joint", marks=NARROW), ("sweep", "robust")],
+)  # fmt: skip
 def test_the_uncertainty_of_few_microphones_in_a_room_is_not_too_small(name, solver, folder, tmp_path):
     """Both doubt the field or the known positions here: a false alarm, not a wrong claim."""
     recorded_samples = stationary_source(20, 30)[0] if name == "noise" else swept(5, 30)[0]
@@ -349,8 +356,7 @@ def test_the_uncertainty_of_few_microphones_in_a_room_is_not_too_small(name, sol
     inputs = replace(inputs, settings=replace(inputs.settings, name=solver))
     result = solve(inputs)
     error = np.sqrt(np.mean(np.sum((result.positions - places()) ** 2, axis=1)))
-    # one draw of each: how the claim holds over many is in docs/explanation/study-calibration.md
-    assert error < 2.5 * np.sqrt(np.mean(np.square(result.uncertainty)))
+    assert error < 1.8 * np.sqrt(np.mean(np.square(result.uncertainty)))
 
 
 def test_a_recording_is_calibrated_without_an_import(folder, tmp_path, monkeypatch, capsys):

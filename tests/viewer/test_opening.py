@@ -125,7 +125,7 @@ def test_the_film_waits_for_a_browser_and_ends_with_its_button(server):
     assert shown() == half, "a second browser joins it"
     nodes.cameras._at_rest.clear()
     plays.tick(words, 199.0)
-    assert "One frequency" in shown(), "it begins anew for a browser that is alone"
+    assert "One frequency" in shown(), "it starts again for a browser that is alone"
     nodes.cameras._at_rest.add(3)
     plays.tick(words, 200.0)
     plays.tick(words, 200.0 + plays._projector.film.length)

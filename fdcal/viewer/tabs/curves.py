@@ -1,7 +1,7 @@
 """The tab Curves: error of the positions sought and cost against sweeps, with a tick where a stage or a restart began.
 
 The marks have a scale of their own, from 0 at the bottom to 1 at the top. They are short ticks at the top, alike for
-any number of stages, which hide neither the curves nor the axis, and longer ones where the solver began anew from other
+any number of stages, which hide neither the curves nor the axis, and longer ones where the solver started again from other
 positions. The number of the stage is in the legend, and restarts where there are any.
 """
 
@@ -67,20 +67,20 @@ class CurvesTab(Tab):
         self._updated, self._costs = now, view.costs.count
         x, mean, largest, last, stage, restart = np.array(self._rows, float).T
         drawn = np.unique(np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int))
-        anew = np.flatnonzero(np.diff(restart)) + 1
-        begins = np.setdiff1d(np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1, anew)
-        self.remark.content = REMARK if len(anew) else REMARK + NO_RESTART
+        restarted = np.flatnonzero(np.diff(restart)) + 1
+        begins = np.setdiff1d(np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1, restarted)
+        self.remark.content = REMARK if len(restarted) else REMARK + NO_RESTART
         if self.error is not None:
             drawn_errors = np.concatenate([mean, largest])
             decades = decades_of(drawn_errors[drawn_errors > ZERO] if largest.max() > ZERO else np.array([0.1, 1.0]))
             ends = [*self._decades, *decades]  # a drag that ends the better part of a run leaves the axis as it is
             self._decades = range(min(ends), max(ends) + 1)
-            self.error.show(_with_stages(x, (mean, largest), drawn, begins, anew, stage), self._decades)
+            self.error.show(_with_stages(x, (mean, largest), drawn, begins, restarted, stage), self._decades)
         cost = np.array([view.costs.of(state) for state in self._states])
         known = np.flatnonzero(np.isfinite(cost))
         if len(known):  # between the costs that are known the curve is straight
             cost = np.interp(np.arange(len(cost)), known, cost[known])
-            self.cost.show(_with_stages(x, (cost,), drawn, begins, anew, stage))
+            self.cost.show(_with_stages(x, (cost,), drawn, begins, restarted, stage))
 
     def _update_rows(self, history) -> bool:
         """Compute the rows of new states; return whether anything is new."""
@@ -114,14 +114,14 @@ def _drawable(value, minimum: float) -> float:
     return min(max(minimum, float(value)), 1e12)
 
 
-def _with_stages(x, curves, drawn, begins, anew, stage) -> tuple[np.ndarray, ...]:
-    """Return the columns of a plot: the curves at the `drawn` points, a long tick at each restart `anew`, a tick at
+def _with_stages(x, curves, drawn, begins, restarted, stage) -> tuple[np.ndarray, ...]:
+    """Return the columns of a plot: the curves at the `drawn` points, a long tick at each restart `restarted`, a tick at
     each of `begins`, and the number of the stage, from 1."""
-    at = np.concatenate([drawn, np.repeat(anew, 3), np.repeat(begins, 3)])
+    at = np.concatenate([drawn, np.repeat(restarted, 3), np.repeat(begins, 3)])
     order = np.argsort(x[at], kind="stable")
     restarts, lines = np.full((2, len(at)), HIDDEN)
-    restarts[len(drawn) + 1 : len(drawn) + 3 * len(anew) : 3] = LONG_TICK
-    lines[len(drawn) + 3 * len(anew) + 1 :: 3] = TICK
+    restarts[len(drawn) + 1 : len(drawn) + 3 * len(restarted) : 3] = LONG_TICK
+    lines[len(drawn) + 3 * len(restarted) + 1 :: 3] = TICK
     return (x[at][order], *(one[at][order] for one in curves), restarts[order], lines[order], stage[at][order] + 1)
 
 
@@ -130,7 +130,7 @@ def _series(*curves: tuple[str, str, float]) -> tuple[uplot.Series, ...]:
     drawn = [uplot.Series(label=name, stroke=colour, width=width) for name, colour, width in curves]
     points: Any = {"show": False}
     css: dict[str, dict[str, Any]] = {name: {"class": f"fdcal-{name}"} for name in ("restart", "lines", "stage")}
-    anew = uplot.Series(label="restart", scale="stage", width=2.5, **css["restart"], stroke=PURPLE, points=points)
+    restarted = uplot.Series(label="restart", scale="stage", width=2.5, **css["restart"], stroke=PURPLE, points=points)
     lines = uplot.Series(label="", scale="stage", width=2, **css["lines"], stroke=GREY, points=points)
     number = uplot.Series(label="stage", scale="number", width=0, **css["stage"], stroke=GREY, points=points)
-    return (uplot.Series(label="sweeps"), *drawn, anew, lines, number)
+    return (uplot.Series(label="sweeps"), *drawn, restarted, lines, number)
