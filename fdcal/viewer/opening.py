@@ -180,7 +180,7 @@ def still(projector: Projector, dark: bool) -> np.ndarray:
 class Opening:
     """Plays the film in the scene; called by the main loop.
 
-    All browsers see the same moment of it. It begins with the first of them, and once more when a browser comes to it that
+    All browsers see the same moment of it. It begins with the first of them, and again when a browser comes to it that
     nobody else watches, as one that is loaded again; whoever touches anything ends it, for all and for good.
 
     `dark`: whether the page is; `request`: for the session that follows; `playing`: whether the film holds the scene,

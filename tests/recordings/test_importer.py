@@ -336,7 +336,7 @@ def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, 
     assert (folder / name).read_bytes() == before
 
 
-# The sandwich of ten blocks is known to a factor of about two: here it claims half of the error, 9 for 18 and 21 for 41 mm.
+# A sandwich of ten blocks is known to a factor of two: here half of the error is claimed, 9 of 18 and 21 of 41 mm.
 NARROW = pytest.mark.xfail(reason="the claim of one draw is too narrow: 1.9 and 2.0 times", strict=True)
 
 

@@ -1,8 +1,8 @@
 """The tab Curves: error of the positions sought and cost against sweeps, with a tick where a stage or a restart began.
 
 The marks have a scale of their own, from 0 at the bottom to 1 at the top. They are short ticks at the top, alike for
-any number of stages, which hide neither the curves nor the axis, and longer ones where the solver started again from other
-positions. The number of the stage is in the legend, and restarts where there are any.
+any number of stages, which hide neither the curves nor the axis, and longer ones where the solver started again
+from other positions. The number of the stage is in the legend, and restarts where there are any.
 """
 
 from typing import Any
@@ -115,7 +115,7 @@ def _drawable(value, minimum: float) -> float:
 
 
 def _with_stages(x, curves, drawn, begins, restarted, stage) -> tuple[np.ndarray, ...]:
-    """Return the columns of a plot: the curves at the `drawn` points, a long tick at each restart `restarted`, a tick at
+    """Return the columns of a plot: the curves at the `drawn` points, a long tick at each of `restarted`, a tick at
     each of `begins`, and the number of the stage, from 1."""
     at = np.concatenate([drawn, np.repeat(restarted, 3), np.repeat(begins, 3)])
     order = np.argsort(x[at], kind="stable")
