@@ -151,7 +151,10 @@ def on_screen(page, scene, points):
 def hover(page, pixel):
     """Bring the pointer over a microphone; the page shows that it has noticed by another pointer."""
     over = "[...document.querySelectorAll('canvas')].some(e => e.style.cursor == 'pointer')"
+    fixed = pixel
+    where = pixel if callable(pixel) else lambda: fixed  # a function where the camera may still be on its way
     for _ in range(int(WAIT)):
+        pixel = where()
         page.mouse.move(pixel[0] + 40, pixel[1] + 40)  # a pointer that has not moved is not looked at again
         page.mouse.move(*pixel, steps=4)
         for _ in range(10):
