@@ -8,6 +8,7 @@ the closed form of `fdcal.acoustics.box_field`, which shares no function with th
 from __future__ import annotations
 
 import itertools
+import zlib
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -91,8 +92,11 @@ class Drawn:
 
 
 def draw(setting: Setting, seed: int) -> Drawn:
-    """Return the draw of a seed. Raises InputError where the room has no place for array and source."""
-    rng = np.random.default_rng([seed, 11])
+    """Return the draw of a seed. Raises InputError where the room has no place for array and source.
+
+    The name of the setting counts as well, so that the draws of two settings are independent where their seeds are not.
+    """
+    rng = np.random.default_rng([seed, 11, zlib.crc32(setting.name.encode())])
     size = np.array(setting.room) * rng.uniform(1 - ROOM_SPREAD, 1 + ROOM_SPREAD, len(setting.room))
     placed = _array(setting, size, rng)
     x = placed[:, :2] if setting.array == "plane" else placed
