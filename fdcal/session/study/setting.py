@@ -60,10 +60,13 @@ class Setting:
     absorption: tuple[tuple[float, float], ...] = ()
     cardioid: bool = False  # whether the source is a cardioid that faces a random direction
     sound_speed_error: Annotated[float, within(-0.1, 0.1)] = 0.0  # of the sound speed that the solver is given
+    # one sigma of given coordinates and of the sound speed as stated to the solver; left out: nothing is stated
+    known_sigma: Annotated[float, within(0, 1, "m")] | None = None
+    sound_speed_sigma: Annotated[float, within(1e-6, 0.1)] | None = None
 
     OPTIONAL = tuple(
         "low high snr_db noise takes known known_error misplaced gain_db phase_deg inverted dead absorption cardioid"
-        " sound_speed_error".split()
+        " sound_speed_error known_sigma sound_speed_sigma".split()
     )
 
     def __post_init__(self):

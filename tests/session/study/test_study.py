@@ -438,6 +438,7 @@ cardioid = true
 gain_db = 1.0
 phase_deg = 5.0
 sound_speed_error = 0.01
+sound_speed_sigma = 0.02
 """
 
 
@@ -451,6 +452,8 @@ def settings(tmp_path):
 def test_settings_are_the_points_of_a_study(settings):
     assert (settings.points, settings.count) == (2, 4)
     assert [settings.point(n) for n in (0, 1)] == [{"setting": "flat"}, {"setting": "living room"}]
+    stated = [task._posed(settings, settings.point(n), 5)[0].settings for n in (0, 1)]
+    assert [one.sound_speed_sigma for one in stated] == [None, 0.02], "as stated to the solver"
 
 
 @pytest.mark.parametrize(
