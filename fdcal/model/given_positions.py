@@ -133,5 +133,6 @@ def with_search_domain(measurement: Measurement, positions: Any, blind: bool = F
     """
     if measurement.search is not None:
         return measurement
-    moved = blind and measurement.positions is not None
-    return replace(measurement, search=search_round(align(positions, measurement.positions) if moved else positions))
+    if blind and measurement.positions is not None:
+        positions = align(positions, measurement.positions)
+    return replace(measurement, search=search_round(positions))

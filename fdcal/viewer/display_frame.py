@@ -29,8 +29,9 @@ class DisplayFrame:
 
     def __init__(self, run: PreparedRun):
         self._measurement = measurement = run.measurement  # a known room determines the frame of the estimate
-        self._moves = measurement.blind and measurement.positions is not None and not run.solver.TRAITS.needs_room
-        self.by: slice | np.ndarray = slice(None)
+        moves = measurement.blind and not run.solver.TRAITS.needs_room
+        self._anchor = measurement.positions if moves else None
+        self.by = np.arange(measurement.count)
         self._last: tuple[Any, ...] = None, None, None  # a state, by what it was moved, and the state moved
 
     def move_by(self, microphones: np.ndarray) -> None:
@@ -40,15 +41,16 @@ class DisplayFrame:
 
     def positions(self, positions: Any) -> Reals:
         """Return positions as the page draws them."""
-        return align(positions, self._measurement.positions, self.by) if self._moves else np.asarray(positions, float)
+        x = np.asarray(positions, float)
+        return x if self._anchor is None else align(x, self._anchor, self.by)
 
     def truth(self, positions: Any) -> Reals | None:
         """Return the true positions beside the `positions` that the page draws; None where they are unknown."""
-        return self._measurement.positions if self._moves else self._measurement.aligned_truth(positions)
+        return self._measurement.aligned_truth(positions) if self._anchor is None else self._anchor
 
     def state(self, state: RunState) -> RunState:
         """Return a state with its positions as the page draws them; the same one for the same as last time."""
-        if not self._moves:
+        if self._anchor is None:
             return state
         before, by, moved = self._last
         if before is not state or by is not self.by:
@@ -62,7 +64,7 @@ class DisplayFrame:
 
     def axes(self, positions: Any, axes: Reals) -> Reals:
         """Return half axes (N, D, D) of ellipses around positions, in rows, as the page draws them."""
-        return axes @ self._motion(positions)[0] if self._moves else axes
+        return axes if self._anchor is None else axes @ self._motion(positions, self._anchor)[0]
 
     def placed(self, positions: Any, microphone: int, place: Any) -> np.ndarray:
         """Return where a session has to place a microphone so that the page draws it at a place, its last state known.
@@ -71,13 +73,13 @@ class DisplayFrame:
         little with each microphone, so that the place is found by repetition.
         """
         place = np.asarray(place, float)
-        if not self._moves:
+        if self._anchor is None:
             return place
         moved = np.array(positions, float)
         wanted = self.positions(moved)[microphone]
         wanted[: len(place)] = place
         for _ in range(ROUNDS):
-            turn, centre, target = self._motion(moved)
+            turn, centre, target = self._motion(moved, self._anchor)
             back = (wanted - target) @ turn.T + centre
             change = float(np.abs(back - moved[microphone]).max())
             moved[microphone] = back
@@ -85,5 +87,5 @@ class DisplayFrame:
                 break
         return moved[microphone]
 
-    def _motion(self, positions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return rigid_motion(np.asarray(positions)[self.by], np.asarray(self._measurement.positions)[self.by])
+    def _motion(self, positions: Any, anchor: Reals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return rigid_motion(np.asarray(positions)[self.by], anchor[self.by])
