@@ -340,8 +340,8 @@ def _other_minimum(seen: Judged, limit: float) -> bool:
 def _other_minimum_words(seen: Judged) -> str:
     n = seen.noisiest
     assert n is not None
-    noise = seen.estimate.channels.noise[n]
-    return f"microphone {seen.names[n]} may stand elsewhere: its position leaves {noise:.2g} times the noise of the others"
+    noise = f"{seen.estimate.channels.noise[n]:.2g} times the noise of the others"
+    return f"microphone {seen.names[n]} may stand elsewhere: its position leaves {noise}"
 
 
 def _beyond_given_noise(seen: Judged, limit: float) -> bool:
