@@ -51,6 +51,8 @@ def figures_of(name: str, snr: int) -> dict[str, Figure]:
         "true": Figure(f"{words}: at the true positions", _mean_db([r.overall for r in truths]), "dB"),
         "inside": Figure(f"{words}: field inside against the room's own", _mean_db(inside), "dB"),
         "position": Figure(f"{words}: RMS position error", 1e3 * pooled([o.rms for o in outcomes]), "mm"),
+        "median": Figure(f"{words}: of the median draw", 1e3 * float(np.median([o.rms for o in outcomes])), "mm"),
+        "lost": Figure(f"{words}: draws more than 0.1 m off", sum(o.rms > 0.1 for o in outcomes), f"of {len(drawn)}"),
     }
 
 

@@ -79,11 +79,13 @@ MEASURED = "laboratory, measured, impulses, 7 in 0.05 m"
 NAMES = (*(family.name for family in FAMILIES), MEASURED)
 
 
-def cases(draws: int = 1) -> Iterator[Case]:
-    """Yield every case: so many draws of each family, then the measured array."""
+def cases(draws: int = 1, only: str = "") -> Iterator[Case]:
+    """Yield the cases whose name holds a text: so many draws of each family, then the measured array."""
     for family in FAMILIES:
-        yield from map(family.draw, range(draws))
-    yield measured_array()
+        if only in family.name:
+            yield from map(family.draw, range(draws))
+    if only in MEASURED:
+        yield measured_array()
 
 
 @functools.cache
