@@ -9,6 +9,7 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.scene import Scene
+from ..model.types import Reals
 from . import glyphs
 from .heatmap import relief_sides
 from .markers import (
@@ -179,17 +180,17 @@ def with_estimate(
     positions,
     microphone: int | None = None,
     floor: Floor | None = None,
-    by: np.ndarray | slice = slice(None),
+    truth: Reals | None = None,
 ) -> Picture:
     """Return the picture with the estimated positions and the selected microphone.
 
     A known microphone that is assumed to be elsewhere, by a solver that takes given positions as measurements or since
     the user has moved it, has a cross there, too. The true positions of an array without known microphones are moved as
-    a whole to the estimate, for its gauge is free.
+    a whole to the estimate, for its gauge is free, unless `truth` (N, D), metres, says where they are drawn.
 
-    `microphone`: the selected one; `by`: the microphones that determine how a blind array is moved.
+    `microphone`: the selected one.
     """
-    truth = measurement.aligned_truth(positions, by)
+    truth = measurement.aligned_truth(positions) if truth is None else truth
     radius, known = picture.marker_radius, measurement.known
     crossed = _seen_elsewhere(measurement.known_positions, known, np.asarray(positions, float), radius)
     lined = crossed if truth is None else crossed | _seen_elsewhere(truth[known], known, np.asarray(positions), radius)

@@ -269,8 +269,8 @@ def with_estimated_domain(
 ) -> Measurement:
     """Return a measurement with a search domain: its own, or one round an estimate of the positions.
 
-    The solver of the run estimates the positions, so that they are in its axes; solver robust does so for one that
-    needs a search domain. A known room is the domain itself.
+    The solver of the run estimates the positions, so that they are in its axes, or, of a blind array, in those of the
+    true positions; solver robust does so for one that needs a search domain. A known room is the domain itself.
     """
     if measurement.search is not None:
         return measurement
@@ -287,4 +287,5 @@ def with_estimated_domain(
             state = last_state(inputs, progress, problem, time.process_time)[0]
     except InputError:
         return measurement
-    return with_search_domain(measurement, state.best_positions)
+    blind = measurement.blind or settings.known == "none"
+    return with_search_domain(measurement, state.best_positions, blind)

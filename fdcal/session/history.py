@@ -134,4 +134,5 @@ class SessionView:
     @property
     def cost(self) -> float:
         """Cost of the state by the reference cost, dB; in a run or a drag perhaps that of a state just before."""
-        return self.costs.of(self.state) if self.costs.knows(self.state) else self.costs.newest
+        state = self.history[self.index]
+        return self.costs.of(state) if self.costs.knows(state) else self.costs.newest

@@ -107,7 +107,7 @@ class Drop:
             if binding.choices.follow or binding.choices.microphone != microphone:
                 self._select(microphone)
         at = tuple(float(x) for x in place)
-        here = binding.session.view.state.positions[microphone] if held is None else held.place
+        here = binding.positions[microphone] if held is None else held.place
         at += tuple(float(x) for x in here[len(at) :])  # the height, where the pointer gives none
         self._drag = Drag(microphone, at, gesture, released)
         binding.choose()
@@ -178,7 +178,7 @@ class Drop:
         """
         if self._placed is None:
             self._placed = view, now
-            self._binding.session.place(drag.microphone, end)
+            self._binding.place(drag.microphone, end)
             return True
         before, since = self._placed
         if self._drag is drag and (view is not before or now - since > PATIENCE):
@@ -211,7 +211,7 @@ class Drop:
         _, cost, search, basins = self._cost
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
         decibels = request.order_offset is not None
-        truth = run.measurement.aligned_truth(request.state.positions)
+        truth = self._binding.frame.truth(request.state.positions)
         if truth is None or run.measurement.nominal:
             return Fall(path, decibels)
         place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])

@@ -38,6 +38,7 @@ from .background.cost_map import CostMap, CostMapRequest, MapStyle, map_modes
 from .background.cost_maps import CostMapWorker
 from .background.prepare import PreparedRun
 from .background.verdict import PositionUncertainty, VerdictWorker, uncertainty_of
+from .display_frame import DisplayFrame
 from .drop import Drop, Dropped
 from .gui.binding import Binding, Tick
 from .gui.choices import Choices
@@ -55,12 +56,12 @@ TRAIL_STATES = 200  # states over which a trail extends
 class SessionPicture:
     """Draws the states of a session.
 
-    `places` (N, D) float64, metres, where the microphones were drawn last.
+    `frame`: in which the states are drawn; `places` (N, D) float64, metres, where the microphones were drawn last.
     """
 
-    def __init__(self, run: PreparedRun):
-        self._run = run
-        start = np.asarray(run.session.view.history[0].positions)
+    def __init__(self, run: PreparedRun, frame: DisplayFrame):
+        self._run, self._frame = run, frame
+        start = frame.positions(run.session.view.history[0].positions)
         self._measurement = with_display_domain(run.measurement, start)
         self.places = start
         self._static: dict[tuple, Picture] = {}  # by whether the page is dark, and for a projector, and by the take
@@ -79,7 +80,7 @@ class SessionPicture:
         planned: PlannedArray | None = None,
         dropped: Dropped | None = None,
     ) -> Picture:
-        """Return the picture of the state that is shown.
+        """Return the picture of a state, as `frame` has moved it.
 
         `microphone`: whose map is shown, counted from 0; `floor`: the map, or None; `uncertainty`: PositionUncertainty
         of the state, or None; `runs`: of a comparison, whose estimates are marked; `volume`: the cost in space, or
@@ -90,21 +91,22 @@ class SessionPicture:
             return self._drawn_plan(choices, planned)
         self.places = positions = view.state.positions if dropped is None else dropped.among(view.state.positions)
         static = self._static_picture(choices, floor)
-        by = slice(None) if uncertainty is None else self._sought(uncertainty)
-        picture = with_floor(with_estimate(static, self._measurement, positions, microphone, floor, by), floor)
+        drawn = with_estimate(static, self._measurement, positions, microphone, floor, self._frame.truth(positions))
+        picture = with_floor(drawn, floor)
         picture = with_volume(picture, volume)
         if dropped is not None and dropped.microphone == microphone:
             picture = with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
-            picture = with_trails(picture, np.array([state.positions for state in past]), floor)
+            picture = with_trails(picture, np.array([self._frame.positions(state.positions) for state in past]), floor)
         if choices.ellipses and uncertainty is not None:
             picture = self._with_ellipses(picture, positions, uncertainty, floor, choices.ellipse_scale)
         if uncertainty is not None and uncertainty.channels is not None:
             picture = with_faulty_channels(picture, positions, self._faulty(uncertainty), floor)
         if choices.cut is not None:
             picture = with_cut(picture, choices.cut, floor)
-        return with_comparison(picture, {run.name: run.positions for run in runs}, self._run.problem.free, floor)
+        marks = {run.name: self._frame.positions(run.positions) for run in runs}
+        return with_comparison(picture, marks, self._run.problem.free, floor)
 
     def _drawn_plan(self, choices: Choices, planned: PlannedArray | None) -> Picture:
         """Return the picture of the planned array; `planned` may be of places a moment ago, or None."""
@@ -216,9 +218,10 @@ class Viewer:
 
     def _build(self, server: viser.ViserServer, words: CanvasWords | None) -> None:
         run, binding, folders, nodes = self.run, self.binding, self._folders, self.nodes
-        self._picture = SessionPicture(run)
-        picture = self._picture.draw(run.session.view, binding.choices, self._selected, self._first_floor)
-        self.snapshot = ViewSnapshot(run, picture, run.session.view, binding.choices, self._selected, None)
+        self._picture = SessionPicture(run, binding.frame)
+        view = binding.frame.view(run.session.view)
+        picture = self._picture.draw(view, binding.choices, self._selected, self._first_floor)
+        self.snapshot = ViewSnapshot(run, picture, view, binding.choices, self._selected, None)
         self.tabs = Tabs(folders, binding, nodes.cameras.request, self.export)
         self.maps, self._verdict = CostMapWorker(run, binding.threads), VerdictWorker(run, binding.threads)
         self.exports = Exports(binding.threads)
@@ -280,20 +283,25 @@ class Viewer:
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date at the time `now`, s."""
-        view, choices, tabs = self._view_at(now), self.binding.choices, self.tabs
+        newest, choices, tabs, frame = self._view_at(now), self.binding.choices, self.tabs, self.binding.frame
+        found = self._verdict.of(newest.state, newest.running, now)
+        sought = self._verdict.sought(newest, found)
+        frame.move_by(sought)
+        view = frame.view(newest)
         if view.state is not self._state:
             self._revision, self._state = self._revision + 1, view.state
         drawn, reason = self._select_map(view, choices, now)
-        found = self._verdict.of(view.state, view.running, now)
         if found is not self._assessed[0]:
-            self._assessed = found, uncertainty_of(found)
+            uncertainty = uncertainty_of(found)
+            if uncertainty is not None:
+                uncertainty = replace(uncertainty, axes=frame.axes(newest.state.positions, uncertainty.axes))
+            self._assessed = found, uncertainty
         tick = Tick(
             view, now, self._revision, self._selected, drawn, reason, fault=self._fault,
             note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._assessed[1],
-            assessing=self._verdict.pending(view),
-            runs=tabs.comparison.worker.update(now), sought=self._verdict.sought(view, found),
+            assessing=self._verdict.pending(newest), runs=tabs.comparison.worker.update(now), sought=sought,
         )  # fmt: skip
-        self._draw(tick, choices, self.drop.tick(view, drawn, now))
+        self._draw(tick, choices, self.drop.tick(newest, drawn, now))
         tick = replace(tick, picture=self.picture)
         tabs.show(tick)
 

@@ -190,7 +190,8 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
 def _with_domain(opening: OpenRequest, source: Measurement, progress: PreparationProgress) -> Measurement:
     """Return the measurement with a search domain round the last state, or round an estimate made for it."""
     if opening.states:
-        return with_search_domain(source, opening.states[-1].positions)
+        blind = as_given(opening.scene, source).blind
+        return with_search_domain(source, opening.states[-1].positions, blind)
     progress.task = "Estimating the positions, for a search domain"
     found = with_estimated_domain(source, opening.scene.solver, opening.seed, progress)
     progress(1.0)

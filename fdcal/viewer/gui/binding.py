@@ -15,6 +15,7 @@ import viser
 
 from ...graphics.primitives import Picture
 from ...graphics.units import row_word
+from ...model.types import Reals
 from ...session.calibration_run import Assessment
 from ...session.history import SessionView
 from ...session.request import OpenRequest
@@ -23,6 +24,7 @@ from ..background.cost_map import CostMap
 from ..background.prepare import PreparedRun
 from ..background.threads import Threads
 from ..background.verdict import PositionUncertainty
+from ..display_frame import DisplayFrame
 from .choices import Choices, initial_choices
 
 Control = TypeVar("Control")
@@ -68,7 +70,7 @@ class Binding:
     as soon as that is ready; `before`: Choices of the session that was shown before, or None; `wake`: function that
     makes the main loop update the page at once; `call`: runs a function on viser's event loop. `row`: what the page
     calls a row of the measurement: "mode", or "row" where there are several takes; `sent`: the values that `send` has
-    sent last, by the identity of the control.
+    sent last, by the identity of the control; `frame`: in which the page draws.
     """
 
     def __init__(
@@ -83,7 +85,7 @@ class Binding:
     ):
         self.gui, self.run, self.session, self.measurement = gui, run, run.session, run.measurement
         self.modes, self.weights, self.open, self.call = modes, run.scene.solver.weights, open_other, call
-        self.row = row_word(run.measurement)
+        self.row, self.frame = row_word(run.measurement), DisplayFrame(run)
         self.choices, self._wake = initial_choices(run, modes, before), wake
         self.threads = Threads(wake)
         self.sent: dict[int, object] = {}
@@ -121,11 +123,17 @@ class Binding:
         self.choices = replace(self.choices, **changes)
         self._wake()
 
-    def place(self, microphone: int, place, gesture: int) -> None:
-        """Move a microphone to a place, (2,), metres: its estimate, or where the plan has it while that is shown."""
+    @property
+    def positions(self) -> Reals:
+        """The positions of the newest state as the page draws them : (N, D) float64, metres."""
+        return self.frame.positions(self.session.view.state.positions)
+
+    def place(self, microphone: int, place, gesture: int | None = None) -> None:
+        """Move a microphone to a place on the page, (2,) or (3,), metres: its estimate, or that of the plan shown."""
         if self.choices.plan.shown:
             self.choose(plan=self.choices.plan.with_moved(microphone, place))
         else:
+            place = self.frame.placed(self.session.view.state.positions, microphone, place)
             self.session.place(microphone, place, gesture)
 
     def choose_style(self, **changes) -> None:

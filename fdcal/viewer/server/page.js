@@ -127,22 +127,24 @@ function show(uuid, content) {
   morph(region, made.content);
 }
 
-// Change only what differs: a slider that is dragged and a button that is pressed stay what they are.
+// Change only what differs: a slider that is dragged and a button that is pressed stay what they are. Elements with an
+// id or a command keep it, also where something appears or goes before them.
+const keyOf = node => node.id || node.dataset?.do || "";
 function morph(old, wanted) {
-  const before = [...old.childNodes], after = [...wanted.childNodes];
-  after.forEach((node, i) => {
-    const one = before[i];
-    if (!one) old.append(node);
-    else if (one.nodeType != node.nodeType || one.nodeName != node.nodeName || one.id != node.id) one.replaceWith(node);
-    else if (node.nodeType != Node.ELEMENT_NODE) { if (one.data != node.data) one.data = node.data; }
-    else {
-      for (const {name} of [...one.attributes]) if (!node.hasAttribute(name) && name != "open") one.removeAttribute(name);
-      for (const {name, value} of node.attributes) if (one.getAttribute(name) != value) one.setAttribute(name, value);
-      if (one.matches("input") && !one.matches(":active") && !waiting.has(one.dataset.do)) one.value = node.getAttribute("value");
-      morph(one, node);
-    }
-  });
-  before.slice(after.length).forEach(node => node.remove());
+  const rest = [...old.childNodes];
+  for (const node of [...wanted.childNodes]) {
+    const key = keyOf(node), at = key && rest.findIndex(other => keyOf(other) == key);
+    if (at > 0) rest.splice(0, at).forEach(other => other.remove());
+    const one = rest[0];
+    if (!one || keyOf(one) != key || one.nodeName != node.nodeName) { old.insertBefore(node, one ?? null); continue; }
+    rest.shift();
+    if (node.nodeType != Node.ELEMENT_NODE) { if (one.data != node.data) one.data = node.data; continue; }
+    for (const {name} of [...one.attributes]) if (!node.hasAttribute(name) && name != "open") one.removeAttribute(name);
+    for (const {name, value} of node.attributes) if (one.getAttribute(name) != value) one.setAttribute(name, value);
+    if (one.matches("input") && !one.matches(":active") && !waiting.has(one.dataset.do)) one.value = node.getAttribute("value");
+    morph(one, node);
+  }
+  rest.forEach(other => other.remove());
 }
 
 // --- labels

@@ -186,7 +186,7 @@ class CutPanel(Tab):
             raise ValueError("a cut needs a search domain")  # `place` has checked that there is one
         low = np.array(search.origin[:2])
         high = low + search.step * (np.array(search.shape[:2]) - 1)
-        here = np.clip(np.asarray(binding.session.view.state.positions)[self._microphone, :2], low, high)
+        here = np.clip(binding.positions[self._microphone, :2], low, high)
         along = np.array({ALONG_X: (1.0, 0.0), ALONG_Y: (0.0, 1.0)}.get(label, (1.0, 0.0)))
         if label == TO_LOWEST and self._lowest is not None and np.linalg.norm(self._lowest - here) > search.step / 10:
             along = self._lowest - here

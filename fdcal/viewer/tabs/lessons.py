@@ -78,7 +78,7 @@ class Caption:
         steps = _button("back", BACK) if self.number else ""
         steps += _button("restore", RESTORE) + (_button("next", NEXT) if self.number < last and not following else "")
         steps += _button("end", "End lesson")
-        return f"{''.join(parts)}{complaint(self.error)}<div class='steps'>{following}{steps}</div>"
+        return f"{''.join(parts)}{complaint(self.error)}<div class='steps' id='fdcal-steps'>{following}{steps}</div>"
 
 
 def _answered(step: Step, choice: int) -> list[str]:

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import version as fdcal_version
 
 import numpy as np
@@ -438,6 +438,7 @@ cardioid = true
 gain_db = 1.0
 phase_deg = 5.0
 sound_speed_error = 0.01
+sound_speed_sigma = 0.02
 """
 
 
@@ -451,6 +452,8 @@ def settings(tmp_path):
 def test_settings_are_the_points_of_a_study(settings):
     assert (settings.points, settings.count) == (2, 4)
     assert [settings.point(n) for n in (0, 1)] == [{"setting": "flat"}, {"setting": "living room"}]
+    stated = [task._posed(settings, settings.point(n), 5)[0].settings for n in (0, 1)]
+    assert [one.sound_speed_sigma for one in stated] == [None, 0.02], "as stated to the solver"
 
 
 @pytest.mark.parametrize(
@@ -476,6 +479,8 @@ def test_a_draw_has_the_noise_the_faults_and_the_errors_of_its_setting(settings)
         one = drawn.measurement
         np.testing.assert_array_equal(one.pressures, again.pressures)
         assert not np.allclose(one.positions, setting_of_study.draw(setting, 6).measurement.positions)
+        other = setting_of_study.draw(replace(setting, name="other"), 5).measurement
+        assert not np.allclose(one.positions, other.positions), "settings are independent"
         assert one.count == setting.microphones and len(one.frequencies) == setting.modes * setting.takes
         assert one.sound_speed == pytest.approx((1 + setting.sound_speed_error) * setting_of_study.SOUND_SPEED)
         off = np.linalg.norm(one.known_positions - one.positions[one.known], axis=1)
