@@ -26,7 +26,7 @@ WAV_BYTES = 4e9  # that a WAV file can hold
 BLOCK = 0.1  # s of sound in a block
 PATIENCE = 5.0  # s without a block, after which a sound card counts as disconnected
 FLOOR = 1e-6  # relative to full scale: levels are shown as no lower
-REPLAY = "or replay a recording in its place: <replay> FILE"
+REPLAY = "or replay a recording: <replay>"
 
 Block = tuple[np.ndarray, bool]  # samples (N, t), and whether samples were lost before them
 
@@ -43,7 +43,7 @@ class SoundStream:
     live: bool = True  # whether the sound goes on while nobody reads it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Moment:
     """A take while it is recorded."""
 
@@ -53,7 +53,7 @@ class Moment:
     health: ChannelHealth  # by all samples so far
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Take:
     """A take that was recorded."""
 

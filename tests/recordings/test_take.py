@@ -165,4 +165,4 @@ def test_a_missing_library_and_a_missing_portaudio_say_how_to_go_on(monkeypatch)
     monkeypatch.setattr(extras.importlib, "import_module", no_portaudio)
     with pytest.raises(InputError, match=r"PortAudio library not found.*libportaudio2.*replay a recording"):
         take.sound_card()
-    assert "--replay FILE" in missing.value.worded({"replay": "--replay"})
+    assert missing.value.worded({"replay": "--replay FILE"}).endswith("or replay a recording: --replay FILE")
