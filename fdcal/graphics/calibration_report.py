@@ -143,8 +143,8 @@ def _verdict_line(name: str, part: Any, draws: int) -> str:
     accused, sound = (part[[a, b]].to_numpy(float).sum() for a, b in (ACCUSED, SOUND))
     named, faults = (part[[a, b]].to_numpy(float).sum() for a, b in (NAMED, FAULTS))
     return (
-        f"| {name} | {draws} | {draws - len(part)} | {right.sum()} | {(right & part['trusted']).sum()} | {part['trusted'].sum()} |"
-        f" {part['wrong'].sum()} | {accused:.0f} of {sound:.0f} |"
+        f"| {name} | {draws} | {draws - len(part)} | {right.sum()} | {(right & part['trusted']).sum()} |"
+        f" {part['trusted'].sum()} | {part['wrong'].sum()} | {accused:.0f} of {sound:.0f} |"
         f" {f'{named:.0f} of {faults:.0f}' if faults else ''} |\n"
     )
 

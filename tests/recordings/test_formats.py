@@ -6,7 +6,6 @@ Writers and readers on the other side are soundfile, sofar, h5py, NumPy, the csv
 import csv
 import json
 import os
-import re
 import signal
 import warnings
 import xml.dom.minidom
