@@ -138,10 +138,10 @@ class Judged:
         return root_mean_square(moved - Q @ (Q.T @ moved)) * float(np.sqrt(D))
 
     @property
-    def noisiest(self) -> int:
+    def noisiest(self) -> int | None:
         """The microphone that is sought, of a healthy channel, that leaves most of its pressures unexplained."""
-        sought = self.healthy & ~np.isin(np.arange(len(self.healthy)), self.estimate.problem.known)
-        return int(np.argmax(np.where(sought, self.estimate.channels.noise, 0.0)))
+        sought = np.setdiff1d(np.flatnonzero(self.healthy), self.estimate.problem.known)
+        return int(sought[np.argmax(self.estimate.channels.noise[sought])]) if len(sought) else None
 
     @property
     def wrong_given(self) -> list[FaultyChannel]:
@@ -331,9 +331,17 @@ def _other_minimum(seen: Judged, limit: float) -> bool:
 
     Of M frequencies the noise of a channel is known to about one over the root of M.
     """
-    rows = len(seen.estimate.field.power)
-    found = float(seen.estimate.channels.noise[seen.noisiest])
+    if seen.noisiest is None:
+        return False
+    rows, found = len(seen.estimate.field.power), float(seen.estimate.channels.noise[seen.noisiest])
     return seen.noise_fraction > ROOM_FRACTION and found > max(limit, 1 + 9 / np.sqrt(rows))
+
+
+def _other_minimum_words(seen: Judged) -> str:
+    n = seen.noisiest
+    assert n is not None
+    noise = f"{seen.estimate.channels.noise[n]:.2g} times the noise of the others"
+    return f"microphone {seen.names[n]} may stand elsewhere: its position leaves {noise}"
 
 
 def _beyond_given_noise(seen: Judged, limit: float) -> bool:
@@ -395,8 +403,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
             "use more modes (<modes>), or more known microphones"),
     Finding("ambiguous", _other_minimum,
-            lambda seen: f"microphone {seen.names[seen.noisiest]} may stand elsewhere: its position leaves"
-                         f" {seen.estimate.channels.noise[seen.noisiest]:.2g} times the noise of the others",
+            _other_minimum_words,
             "use more modes (<modes>), or known microphones",
             2.3, "noise of a channel over that of the median one"),
     Finding("ambiguous", lambda seen, limit: _uncertain(seen) > limit * seen.radius,

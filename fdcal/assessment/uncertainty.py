@@ -1,13 +1,14 @@
 """The uncertainty of each position, from what a solver reports of its minimum (`PositionSpread`).
 
-    P            inverse of the Gauss-Newton matrix of cost and priors: the covariance of a field that is as assumed
-    dispersion   r, of the data over P, which blocks of frequencies and takes show by their disagreement
-    C            P (1 + r) / 2 + d d^T,   d the Newton step that is left
+    P   inverse of the Gauss-Newton matrix of cost and priors: the covariance of a field that is as assumed
+    Q   P H P, H the part of the data in that matrix: of P, what is the error of the data
+    r   dispersion, of the data over Q, which blocks of frequencies and takes show by their disagreement
+    C   P + max(0, 3 (r - 1) / 4) Q + d d^T,   d the Newton step that is left
 
 P supposes the noise found, the field's directions found, and the priors of gains, given positions and sound speed. Few
-waves make a room less random than that, and r measures it; it is known from about ten blocks alone, and what the model
-says, 1, counts as much as these. Nothing else is added, so that sigma depends on the end alone and falls with the noise
-that the data show.
+waves make a room less random than that, and r measures it; it is known from about ten blocks alone, so that three
+quarters of the excess count, and no r narrows what the model claims. What the priors state is not widened. Nothing else
+is added, so that sigma depends on the end alone and falls with the noise that the data show.
 
 One sigma of a position is the root of the trace of C: the root mean square distance from its true place. That of a
 coordinate is the root of an element of its diagonal.
@@ -29,19 +30,23 @@ from ..solvers.estimate import Estimate, scale_sigma
 def covariance_of(estimate: Estimate) -> np.ndarray:
     """Return the covariance of each position (N, D, D), metres^2, with the step that is left."""
     step = estimate.spread.step
-    return estimate.spread.widening * curvature_of(estimate) + step[:, :, None] * step[:, None, :]
+    return _blocks(estimate, estimate.spread.covariance) + step[:, :, None] * step[:, None, :]
 
 
 def curvature_of(estimate: Estimate) -> np.ndarray:
     """Return the covariance of each position where the modes agree as the model says : (N, D, D) float64, metres^2."""
+    return _blocks(estimate, estimate.spread.newton)
+
+
+def _blocks(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
+    """The blocks (N, D, D) of the positions in a covariance (N D, N D)."""
     N, D = estimate.positions.shape
-    return np.einsum("nanb->nab", estimate.spread.newton.reshape(N, D, N, D))
+    return np.einsum("nanb->nab", covariance.reshape(N, D, N, D))
 
 
 def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
     """Return one sigma of the least certain stretching or shearing of the array as a whole, relative."""
-    covariance = estimate.spread.widening * estimate.spread.newton
-    return scale_sigma(estimate.positions, covariance, healthy)
+    return scale_sigma(estimate.positions, estimate.spread.covariance, healthy)
 
 
 def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:

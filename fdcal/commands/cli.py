@@ -2,8 +2,9 @@
 
 Exit codes: 0 done, 1 out of memory or a fault of fdcal itself, 2 bad input, 3 a file that cannot be read or written,
 4 calibrated but the verdict is not "good" (everything is written all the same, with the verdict), 5 the list that
-`--check` compares with does not fit or is in another order, 130 interrupted. An error is one line on standard error;
-`--debug` shows the traceback as well. Libraries that take long to load are imported by the command that needs them.
+`--check` compares with does not fit or is in another order, 130 interrupted; of `doctor` 4 stands for any other fault.
+An error is one line on standard error; `--debug` shows the traceback as well. Libraries that take long to load are
+imported by the command that needs them.
 """
 
 import contextlib
@@ -19,7 +20,7 @@ import click
 from ..model.extras import missing_library
 from ..model.validation import InputError
 from ..session.blas_threads import one_blas_thread_for_command
-from . import file_commands, plan_command, plot_commands, study_command
+from . import file_commands, plan_command, plot_commands, record_command, study_command
 from . import options as opt
 from . import parameter_types as types
 
@@ -321,6 +322,6 @@ def _simulate() -> None:
         fdtd.simulate(Room(size=(0.4, height), walls="rigid", cell=0.04), source, np.array([[0.3, 0.3]]))
 
 
-PARTS = (file_commands, plan_command, plot_commands, study_command)
+PARTS = (file_commands, record_command, plan_command, plot_commands, study_command)
 for command in (command for part in PARTS for command in part.COMMANDS):
     commands.add_command(command)

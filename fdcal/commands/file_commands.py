@@ -1,4 +1,4 @@
-"""Commands for files of other programs: `import` and `export`."""
+"""Commands for files of other programs: `import`, `export`, `correct` and `doctor`."""
 
 import typing
 from dataclasses import fields, replace
@@ -7,7 +7,7 @@ import click
 
 from ..model.validation import InputError
 from ..recordings.import_options import ImportOptions
-from .options import OPTIONS, files_options, force_option, output_option, output_path
+from .options import OPTIONS, files_options, force_option, output_option, output_path, progress_bar
 from .parameter_types import RecordingKind
 
 
@@ -123,4 +123,44 @@ def correct(recording, result, output, force):
     print(path)
 
 
-COMMANDS = (import_, export, correct)
+@click.command()
+@click.argument("sources", nargs=-1, required=True, metavar="FILE...")
+@click.option("--positions", metavar="FILE.xml|csv", help="List to compare with: Acoular's XML, or name,x,y[,z].")
+@files_options
+@click.option("--kind", type=RecordingKind(("auto", "impulse", "stationary")), help="As of `fdcal import`.")
+@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; of recordings.")
+@output_option("FILE.html", required=False)
+@force_option
+def doctor(sources, positions, files, split, number, kind, temperature, output, force):
+    """Tell whether a recording, or a published data set, is what it says.
+
+    FILE is what `fdcal calibrate` takes. Each finding is one line: channels that are silent, clipped, copies or
+    different; responses that wrap round; clocks that differ; whether there is one sound field, and a measured one;
+    whether the list fits. -o writes them with a picture each.
+
+    The exit code is 5 if the list does not fit, else 4 if anything else is at fault.
+    """
+    path = output_path(output, ".html", force, *sources, positions) if output else None
+    from ..session.doctor import examine
+    from ..session.sources import is_recording
+
+    given = {"files": files, "split": split, "source": number, "kind": kind, "temperature": temperature}
+    given = {key: value for key, value in given.items() if value is not None}
+    other = next((one for one in sources if not is_recording(one)), None)
+    if given and other is not None:
+        key = next(iter(given))
+        raise InputError(f"{other} holds no recordings", f"leave out <{key}>", key=key, value=given[key])
+    with progress_bar("examining") as progress:
+        findings = list(examine(sources, positions, ImportOptions(**given), progress))
+    if path is not None:
+        from ..graphics.doctor_page import doctor_page
+        from ..model.storage import write_atomically
+
+        page = doctor_page(f"{sources[0]}{f' and {len(sources) - 1} more' if len(sources) > 1 else ''}", findings)
+        write_atomically(path, lambda file: file.write_text(page, encoding="utf-8"), force)
+    print("\n".join(one.line for one in findings))
+    at_fault = {one.question for one in findings if one.state == "fault"}
+    return 5 if "list" in at_fault else 4 if at_fault else 0
+
+
+COMMANDS = (import_, export, correct, doctor)

@@ -65,9 +65,9 @@ SOLVER_OPTIONS = {
 
 # How the command line calls the arguments that an error's remedy mentions (`InputError.worded`).
 NAMED_ALIKE = (
-    "array_dimension check dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
+    "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
     "channels known_sigma leave_out microphone modes most original plane port positions reference reference_microphone "
-    "resume room seed solver sound_speed source split step subset table temperature window workers "
+    "rate replay resume room seconds seed solver sound_speed source split step subset table temperature window workers "
 )
 OPTIONS = {
     "array": "--array FILE.csv",

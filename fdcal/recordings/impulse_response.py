@@ -116,6 +116,10 @@ def _complete_pressures(recording: Recording, band: tuple[float, float], sound_s
     return Pressures(f, wavenumber_continuous(f, 0.0, sound_speed), pressures, None, how, spacing)
 
 
+class WrapsRound(InputError):
+    """An impulse response whose beginning stands at its end."""
+
+
 def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
     """Check that the sound does not rise again before the end, as a response does that wraps round.
 
@@ -137,7 +141,7 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
         rise = f"{10 * np.log10(end / max(lowest, 1e-300)):.0f} dB before the end of {recording.duration:.3g} s"
         problem = f"{recording.path}: the sound has decayed and rises again by {rise}: the response wraps round, as"
         problem += " after a circular deconvolution, or another sound begins"
-        raise InputError(problem, "move that part to the beginning (numpy.roll), or cut it off", key="kind")
+        raise WrapsRound(problem, "move that part to the beginning (numpy.roll), or cut it off", key="kind")
 
 
 def mean_power(recording: Recording, band: tuple[float, float], s: float, step: float) -> tuple[np.ndarray, np.ndarray]:

@@ -48,8 +48,11 @@ class FieldEstimate:
 class PositionSpread:
     """What the covariance of the positions is made of. Nothing here depends on the way that led to the optimum."""
 
-    newton: Reals  # (N D, N D) float64, metres^2, inverse of the Gauss-Newton matrix of cost and priors
-    # covariance that blocks of frequencies and takes show by their disagreement over that of `newton`, pooled over the
+    # newton, data: (N D, N D) float64, metres^2, inverse of the Gauss-Newton matrix of cost and priors, and the part of
+    # it that is the error of the data, not of what the priors state
+    newton: Reals
+    data: Reals
+    # covariance that blocks of frequencies and takes show by their disagreement over that of `data`, pooled over the
     # microphones; 1 on average where the model of the field holds
     dispersion: float
     # step, sigma: (N, D) float64, metres, Newton step that is left, and one sigma of each coordinate
@@ -60,9 +63,15 @@ class PositionSpread:
     shift: Reals
 
     @property
-    def widening(self) -> float:
-        """Factor on the covariance of the model: what the data show, shrunk halfway to what the model says, 1."""
-        return (1 + self.dispersion) / 2
+    def covariance(self) -> Reals:
+        """Covariance of the positions (N D, N D), metres^2, where the error of the data is what they show."""
+        return self.newton + EXCESS * max(0.0, self.dispersion - 1) * self.data
+
+
+# part of a dispersion over 1 that counts: its estimate from ten blocks scatters by a factor of two. In 384 draws of 24
+# settings the logarithmic score is best from 0.67 to 0.8, where the mean squared error is 1.05 to 0.99 of the claim. A
+# dispersion below 1 does not count: claims fall below the errors where it does (1.24 times, and 1.0 times where not)
+EXCESS = 0.75
 
 
 @dataclass(frozen=True)

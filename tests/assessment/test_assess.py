@@ -324,6 +324,14 @@ def test_given_positions_that_are_wrong_leave_the_others_to_place_the_array(esti
     assert judged(replace(estimate, given=carried), names).agreement == 1.0
 
 
+def test_a_microphone_that_is_given_or_faulty_is_none_that_may_stand_elsewhere(estimate):
+    found = with_share(with_channel_noise(estimate, KNOWN[0], 5.0), 5e-4)
+    seen, others = judged(found, [""] * len(found.positions)), np.setdiff1d(np.arange(len(found.positions)), KNOWN)
+    assert seen.noisiest in others
+    assert replace(seen, faulty=tuple(FaultyChannel(n, "noisy", 9.0, "dB") for n in others)).noisiest is None
+    assert "may stand elsewhere" not in assess(found).message
+
+
 def test_given_positions_with_a_stated_sigma_may_contradict_the_pressures(solved):
     problem, state = solved
     errors = 0.003 * np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]])

@@ -336,15 +336,8 @@ def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, 
     assert (folder / name).read_bytes() == before
 
 
-# A sandwich of ten blocks is known to a factor of two: here half of the error is claimed, 9 of 18 and 21 of 41 mm.
-NARROW = pytest.mark.xfail(reason="the claim of one draw is too narrow: 1.9 and 2.0 times", strict=True)
-
-
-@pytest.mark.parametrize(
-    ("name", "solver"),
-    [("noise", "joint"), pytest.param("noise", "robust", marks=NARROW),
-     pytest.param("sweep", "joint", marks=NARROW), ("sweep", "robust")],
-)  # fmt: skip
+@pytest.mark.parametrize("solver", ["joint", "robust"])
+@pytest.mark.parametrize("name", ["noise", "sweep"])
 def test_the_uncertainty_of_few_microphones_in_a_room_is_not_too_small(name, solver, folder, tmp_path):
     """Both doubt the field or the known positions here: a false alarm, not a wrong claim."""
     recorded_samples = stationary_source(20, 30)[0] if name == "noise" else swept(5, 30)[0]

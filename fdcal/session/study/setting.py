@@ -8,6 +8,7 @@ the closed form of `fdcal.acoustics.box_field`, which shares no function with th
 from __future__ import annotations
 
 import itertools
+import zlib
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -59,10 +60,13 @@ class Setting:
     absorption: tuple[tuple[float, float], ...] = ()
     cardioid: bool = False  # whether the source is a cardioid that faces a random direction
     sound_speed_error: Annotated[float, within(-0.1, 0.1)] = 0.0  # of the sound speed that the solver is given
+    # one sigma of given coordinates and of the sound speed as stated to the solver; left out: nothing is stated
+    known_sigma: Annotated[float, within(0, 1, "m")] | None = None
+    sound_speed_sigma: Annotated[float, within(1e-6, 0.1)] | None = None
 
     OPTIONAL = tuple(
         "low high snr_db noise takes known known_error misplaced gain_db phase_deg inverted dead absorption cardioid"
-        " sound_speed_error".split()
+        " sound_speed_error known_sigma sound_speed_sigma".split()
     )
 
     def __post_init__(self):
@@ -91,8 +95,11 @@ class Drawn:
 
 
 def draw(setting: Setting, seed: int) -> Drawn:
-    """Return the draw of a seed. Raises InputError where the room has no place for array and source."""
-    rng = np.random.default_rng([seed, 11])
+    """Return the draw of a seed. Raises InputError where the room has no place for array and source.
+
+    The name of the setting counts as well, so that the draws of two settings are independent where their seeds are not.
+    """
+    rng = np.random.default_rng([seed, 11, zlib.crc32(setting.name.encode())])
     size = np.array(setting.room) * rng.uniform(1 - ROOM_SPREAD, 1 + ROOM_SPREAD, len(setting.room))
     placed = _array(setting, size, rng)
     x = placed[:, :2] if setting.array == "plane" else placed

@@ -64,7 +64,12 @@ def _posed(
     if study.settings:
         setting = study.setting(point[SETTING])
         drawn = draw(setting, seed)
-        solver = SolverSettings(modes=len(drawn.measurement.frequencies), known="all" if setting.known else "none")
+        solver = SolverSettings(
+            modes=len(drawn.measurement.frequencies),
+            known="all" if setting.known else "none",
+            known_sigma=setting.known_sigma,
+            sound_speed_sigma=setting.sound_speed_sigma,
+        )
         inputs = CalibrationInput(setting.name, None, drawn.measurement, solver, seed, time_limit=study.time_limit)
         return inputs, setting.snr_db, drawn.faulty, drawn.misplaced
     scene = _with_source(study, scene_at(study, point, seed), seed)

@@ -13,9 +13,10 @@ A room is not the random field of the model, and its blocks disagree by more, or
 their gradients measures it (Huber 1967, White 1980), with the leverage of each block corrected as by leaving it out
 (MacKinnon and White 1985):
 
-    J = sum_b H^-1 g_b g_b^T (H - H_b)^-1,    dispersion = tr J / tr P
+    J = sum_b H^-1 g_b g_b^T (H - H_b)^-1,    Q = P (sum_b H_b) P,    dispersion = tr J / tr Q
 
-over the coordinates of the microphones whose channels are sound. Where the model holds, J is P on average.
+over the coordinates of the microphones whose channels are sound. Where the model holds, J is Q on average: the part of
+P that is the error of the data. The rest is the error of what the priors state, which blocks cannot show.
 
 Given positions and pressures agree if the array without given positions is hardly likelier:
 
@@ -90,7 +91,7 @@ def result(problem: Problem, state: State) -> Estimate:
     each[:, : here.gains * here.channels.shape[1]] = sigma[:-1].reshape(N, -1)[:, D:]
     stated = state.settings.sound_speed_sigma or 0.0
     spread = _spread(problem, state, objective, evaluated, likely)
-    claimed = float(np.trace(likely.covariance)) * spread.widening
+    claimed = float(np.trace(spread.covariance))
     excess = max(1.0, claimed / max(float(np.trace(quadratic(here, objective, evaluated).covariance)), 1e-300))
     return Estimate(
         problem=problem,
@@ -172,13 +173,13 @@ def _spread(
     here, gauge = likely.unknowns, _gauge(problem, state.positions)
     newton = gauge @ likely.covariance @ gauge.T
     counted = np.repeat(noise.healthy(state.model), state.positions.shape[1])
-    dispersion = _dispersion(problem, state, objective, likely, gauge, counted)
+    data, dispersion = _of_data(problem, state, objective, likely, gauge, counted)
     if not len(problem.known):  # sound speed and size of a blind array are one
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
     own = quadratic(here, objective, evaluated)
     shift = gauge @ _shift(problem, state, here, objective).ravel()
-    return PositionSpread(newton, dispersion, own.step, own.sigma, shift.reshape(own.step.shape))
+    return PositionSpread(newton, data, dispersion, own.step, own.sigma, shift.reshape(own.step.shape))
 
 
 def _shift(problem: Problem, state: State, here: Unknowns, objective: Objective) -> np.ndarray:
@@ -198,15 +199,13 @@ def _shift(problem: Problem, state: State, here: Unknowns, objective: Objective)
         return np.zeros(state.positions.shape)
 
 
-def _dispersion(
+def _of_data(
     problem: Problem, state: State, objective: Objective, likely: Quadratic, gauge: Reals, counted: Bools
-) -> float:
-    """tr J / tr P of the module over the coordinates `counted` (N D,) bool; 1 where there are too few blocks."""
+) -> tuple[Reals, float]:
+    """Q of the module (N D, N D) and tr J / tr Q over the coordinates `counted` (N D,) bool; 1 of too few blocks."""
     here, index = likely.unknowns, np.ix_(likely.free, likely.free)
     order = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")
-    blocks = np.array_split(order, min(BLOCKS, len(order) // 2))
-    if len(blocks) < MIN_BLOCKS:
-        return 1.0
+    blocks = np.array_split(order, max(1, min(BLOCKS, len(order) // 2)))
     gradients, matrices = list[Reals](), list[Reals]()
     for rows in blocks:
         part = objective.of_rows(rows)
@@ -215,26 +214,29 @@ def _dispersion(
     for gradient, matrix in _of_arrivals(here, objective):
         gradients.append(gradient[likely.free])
         matrices.append(matrix[index])
+    outputs = np.zeros((gauge.shape[0], len(likely.free)))
+    outputs[:, : len(likely.coordinates)] = gauge[:, likely.coordinates]
+    across = outputs @ likely.inverse
+    data = across @ np.sum(matrices, axis=0) @ across.T
+    if len(blocks) < MIN_BLOCKS:
+        return data, 1.0
     try:
-        gauged = np.zeros((gauge.shape[0], len(likely.free)))
-        gauged[:, : len(likely.coordinates)] = gauge[:, likely.coordinates]
-        return sandwich(likely.inverse, np.array(gradients), np.array(matrices), gauged, counted)
+        return data, sandwich(likely.inverse, np.array(gradients), np.array(matrices), outputs[counted])
     except np.linalg.LinAlgError:
-        return 1.0
+        return data, 1.0
 
 
-def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals, counted: Bools) -> float:
-    """Return tr J / tr P of the module over some functions of the unknowns.
+def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals) -> float:
+    """Return tr J / tr Q of the module over some functions of the unknowns.
 
     P : (F, F); gradients, matrices : (B, F) and (B, F, F), g_b and H_b of the blocks; outputs : (K, F), linear
-    functions, of which those `counted` (K,) bool are traced.
+    functions of the unknowns.
     """
-    H, centred = np.linalg.inv(P), gradients - gradients.mean(axis=0)
+    H, centred, across = np.linalg.inv(P), gradients - gradients.mean(axis=0), outputs @ P
     others = np.asarray(H - LEVERAGE * matrices)
     left_out = np.asarray(np.linalg.solve(others, np.asarray(centred[..., None])))[..., 0]
-    outputs = outputs[counted]
-    found = np.sum((centred @ P @ outputs.T) * (left_out @ outputs.T))
-    model = np.sum((outputs @ P) * outputs)
+    found = np.sum((centred @ across.T) * (left_out @ outputs.T))
+    model = np.sum((across @ matrices.sum(axis=0)) * across)
     return float(found / model) if model > 0 else 1.0
 
 

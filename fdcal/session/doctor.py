@@ -1,0 +1,355 @@
+"""Whether a recording, or a published data set, is what it says: `examine` returns one finding for each question.
+
+samples      which channels are silent, clipped or copies
+wrapped      whether the beginning of impulse responses stands at their end
+synchronous  whether the channels share one clock (`fdcal.recordings.synchrony`)
+field        whether a sound field between the microphones predicts each of them, better than the mean of the others
+             does, which is a field of order 0
+measured     whether the low frequencies are those of a sound field, too, or only the arrival times fit, as in a
+             simulation by rays
+channels     which channels differ in polarity, gain, delay, bass or noise
+list         whether a list of positions fits the array found: order, size, single microphones
+
+Positions, gains and faults are those of `fdcal.session.calibration_run.solve`: nothing is inferred here in another way.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from ..assessment.calibration import Calibration, ChannelFault
+from ..assessment.field import leave_one_out_errors, summarise
+from ..assessment.position_check import PositionCheck, compare_positions
+from ..model.gauge import align
+from ..model.measurement import Measurement
+from ..model.problem import Problem
+from ..model.validation import InputError
+from ..recordings import importer
+from ..recordings.channels import inspect_channels
+from ..recordings.frequencies import NothingAboveNoise
+from ..recordings.import_options import IMPORT_LIMITS, ImportOptions
+from ..recordings.impulse_response import MAX_SAMPLES, WrapsRound
+from ..recordings.recording import Recording
+from ..recordings.reverberation import segment_levels
+from ..recordings.synchrony import channel_delays
+from ..solvers.robust.arrivals import arrivals_of
+from .calibration_run import solve
+from .sources import CalibrationInput, Progress, compared_with_file, is_recording, load_input, measurement_input
+
+State = Literal["fine", "differs", "fault", "unknown"]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve of a chart: points (x, y), joined by lines unless `marks`."""
+
+    label: str
+    x: np.ndarray
+    y: np.ndarray
+    marks: bool = False
+
+
+@dataclass(frozen=True)
+class Chart:
+    """What a finding rests on, to be drawn."""
+
+    x: str  # name and unit of the axis
+    y: str
+    curves: tuple[Curve, ...]
+    names: tuple[str, ...] = ()  # of the microphones, where x counts them
+    equal: bool = False  # whether both axes have the same scale, as a map has
+    limit: float | None = None  # of y, beyond which there is a finding
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The answer to one question."""
+
+    question: str  # of the head of the module
+    state: State
+    text: str
+    value: float | None = None
+    unit: str = ""
+    charts: tuple[Chart, ...] = ()
+
+    @property
+    def line(self) -> str:
+        """The finding in one line."""
+        return f"{self.question:<12} {self.state:<8} {self.text}"
+
+
+@dataclass(frozen=True)
+class DoctorRules:
+    """When a finding is a fault."""
+
+    lowest: float = 1 / 3  # fraction of the frequencies, the lowest, by which the field is judged
+    field_db: float = -8.0  # leave-one-out error above which there is no sound field between the microphones
+    low_frequency: float = 150.0  # Hz, below which any room has a sound field that few microphones sample
+    fewest: int = 6  # frequencies below it
+    low_db: float = -6.0  # leave-one-out error of these
+    arrivals: float = 3e-3  # metres, median misfit of arrival times that fit
+    # relative, and sigmas of it: a size that is off. Without a thermometer the sound speed is known to 2 %
+    scale: float = 0.03
+    scale_sigmas: float = 2.5
+    # metres, sigmas and medians of the errors: a microphone beyond all of them is in another place than listed
+    misplaced: float = 0.015
+    misplaced_sigmas: float = 5.0
+    misplaced_medians: float = 4.0
+
+
+RULES = DoctorRules()
+FEW_ROWS = 20
+
+
+def examine(
+    sources: str | Sequence[str],
+    positions: str | None = None,
+    options: ImportOptions | None = None,
+    progress: Progress | None = None,
+) -> Iterator[Finding]:
+    """Yield the findings about recordings, a measurement or a scene, each as soon as it is known.
+
+    `positions`: file of a list to compare with, else those that the recording, measurement or scene holds are.
+    """
+    texts = [sources] if isinstance(sources, str) else list(sources)
+    if all(map(is_recording, texts)):
+        wanted = replace(options or ImportOptions(), leave_out=(options and options.leave_out) or "bad")
+        takes = importer.read_takes(texts, wanted)
+        yield _samples(takes)
+        yield _clocks(takes, wanted)
+        decays = [_level(one) for one in takes if one.samples <= MAX_SAMPLES]
+        try:
+            measurement, report = importer.measurement_of_takes(takes, wanted)
+        except InputError as error:
+            wraps = isinstance(error, WrapsRound)
+            state: State = "fault" if wraps or isinstance(error, NothingAboveNoise) else "unknown"
+            yield Finding("wrapped" if wraps else "field", state, str(error), charts=tuple(decays[:1]))
+            return
+        stationary = (report.takes or (report,))[0].kind == "stationary"
+        if not stationary:
+            yield Finding("wrapped", "fine", "no sound rises again before the end", charts=tuple(decays[:1]))
+        inputs = measurement_input(measurement, texts[0])
+    else:
+        inputs, stationary = load_input(texts, progress), False
+    yield from _of_field(_blind(inputs, positions), stationary, progress)
+
+
+def _level(one: Recording) -> Chart:
+    """The level of a recording over time."""
+    level = segment_levels(one, (IMPORT_LIMITS.low, IMPORT_LIMITS.max_frequency * one.sample_rate))
+    times = (np.arange(len(level)) + 0.5) / len(level) * one.duration
+    decibels = 10 * np.log10(np.maximum(level, 1e-12 * level.max(initial=1e-300)))
+    return Chart("time (s)", "level (dB)", (Curve("mean of the channels", times, decibels),))
+
+
+def _blind(inputs: CalibrationInput, positions: str | None) -> CalibrationInput:
+    """Return inputs of which no position is known, with the list to compare with, if there is one."""
+    if positions is not None:
+        inputs = compared_with_file(inputs, positions)
+    measurement = replace(inputs.measurement, known=np.zeros(0, np.int64), known_positions=None)
+    return replace(measurement_input(measurement, inputs.name), remark=inputs.remark)
+
+
+def _samples(takes: Sequence[Recording]) -> Finding:
+    """Channels that cannot be used by their samples alone."""
+    names, faults, charts = takes[0].names, dict[str, str](), []
+    for one in takes:
+        health = inspect_channels(one)
+        faults |= {names[n]: health.fault(n, names) for n in health.bad}
+        number = np.arange(one.count, dtype=float)
+        with np.errstate(divide="ignore"):
+            curves = [Curve(what, number, 20 * np.log10(np.maximum(values, 1e-9 * health.peak.max(initial=1e-9))), True)
+                      for what, values in (("level (RMS)", health.level), ("peak", health.peak))]  # fmt: skip
+        charts.append(Chart("microphone", "dB of full scale", tuple(curves), names))
+    listed = "; ".join(f"{name}: {fault}" for name, fault in faults.items())
+    text = listed or f"none of {len(names)} channels is silent, clipped or a copy of another"
+    return Finding("samples", "fault" if faults else "fine", text, len(faults), "channels", tuple(charts[:1]))
+
+
+def _clocks(takes: Sequence[Recording], options: ImportOptions) -> Finding:
+    """Channels whose clock differs."""
+    faults, charts, largest = dict[str, str](), [], None
+    for one in takes:
+        impulse = one.kind == "impulse" or options.kind == "impulse" or one.modelled
+        found = None if impulse else channel_delays(one)
+        if found is None:
+            continue
+        faults |= found.faults(one.names)
+        if np.isfinite(found.delays[:, 1:]).any():
+            largest = max(largest or 0.0, 1e6 * float(np.nanmax(np.abs(found.delays))))
+            curves = [Curve(name, found.times, 1e6 * row) for name, row in zip(one.names, found.delays, strict=True)]
+            charts.append(Chart("time (s)", "delay against the others (µs)", tuple(curves)))
+    if faults:
+        text = "; ".join(f"{name}: {fault}" for name, fault in faults.items())
+        return Finding("synchronous", "fault", text, largest, "µs", tuple(charts[:1]))
+    if largest is None:
+        return Finding("synchronous", "unknown", "not seen in impulse responses, or in less than 8 s of sound")
+    text = f"delays of the channels change by {largest:.2g} µs at most"
+    return Finding("synchronous", "fine", text, largest, "µs", tuple(charts[:1]))
+
+
+def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | None) -> Iterator[Finding]:
+    """What the calibration says of field, channels and list."""
+    measurement = inputs.measurement
+    try:
+        result = solve(inputs, progress, keep=True)
+    except InputError as error:
+        rows = len(measurement.frequencies)
+        few = stationary and rows < FEW_ROWS  # of a stationary source those at which the channels are coherent
+        text = f"the channels are coherent at {rows} frequencies only" if few else str(error)
+        yield Finding("field", "fault" if few else "unknown", text)
+        return
+    check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
+    if check is not None and not (result.verdict == "good" and check.agrees):
+        result = _by_list(inputs, result, check, progress)
+    yield from _field(measurement, result)
+    yield _channels(result)
+    if check is not None:
+        yield _list(measurement, result, check)
+
+
+def _by_list(inputs: CalibrationInput, blind: Calibration, check: PositionCheck, progress: Progress | None):
+    """Return the calibration that begins at the list, where it explains the pressures better than the blind one."""
+    measurement, listed = inputs.measurement, np.asarray(inputs.measurement.positions)
+    every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # one at least must be sought
+    known = replace(measurement, known=every, known_positions=listed[every])
+    try:
+        settings = replace(inputs.settings, known="all")
+        given = solve(replace(inputs, measurement=known, settings=settings), progress, keep=True)
+    except InputError:
+        return blind
+    scores = [_errors(one)[0] for one in (given, blind)]
+    return given if scores[0] < scores[1] - 1.0 else blind
+
+
+def _errors(result: Calibration) -> tuple[float, float, np.ndarray, np.ndarray, np.ndarray]:
+    """Leave-one-out error by a sound field, and by the mean of the others, dB: of the lowest frequencies, and of each.
+
+    The last are the frequencies, Hz.
+    """
+    assert result.run is not None
+    problem, healthy = result.run.problem, np.zeros(len(result.names), bool)
+    healthy[result.healthy] = True
+    gains = np.ones(len(result.names)) if result.channels is None else result.channels.correction.gains
+    shown = problem.frequencies <= result.frequencies[-1]
+    modes = slice(0, int(np.sum(shown)))
+    corrected: Problem = replace(problem, pressures=problem.pressures / gains)
+    p = corrected.pressures[modes]
+    errors = leave_one_out_errors(corrected, result.positions, modes, healthy=healthy)
+    seen = p[:, healthy]
+    mean = (seen.sum(axis=1, keepdims=True) - seen) / max(seen.shape[1] - 1, 1)
+    constant = np.array(p)
+    constant[:, healthy] = seen - mean
+    by_field, by_mean = (summarise(p, one, healthy).modes for one in (errors, constant))
+    low = np.argsort(problem.frequencies[modes], kind="stable")[: max(RULES.fewest, int(RULES.lowest * len(p)))]
+    return _mean_db(by_field[low]), _mean_db(by_mean[low]), by_field, by_mean, problem.frequencies[modes]
+
+
+def _mean_db(levels: np.ndarray) -> float:
+    return float(10 * np.log10(np.mean(10 ** (levels / 10)))) if len(levels) else np.nan
+
+
+def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
+    """Whether there is a sound field, and whether it is a measured one."""
+    overall, mean_db, by_field, by_mean, f = _errors(result)
+    order = np.argsort(f, kind="stable")
+    curves = tuple(
+        Curve(what, f[order], values[order], True)
+        for what, values in (("predicted by the sound field", by_field), ("by the mean of the others", by_mean))
+    )
+    chart = Chart("frequency (Hz)", "leave-one-out error (dB)", curves, limit=RULES.field_db)
+    low = f <= RULES.low_frequency
+    low_db = _mean_db(by_field[low]) if np.sum(low) >= RULES.fewest else np.nan
+    one = overall < RULES.field_db
+    text = f"at the lowest third of the frequencies the others predict each microphone to {overall:.1f} dB by a sound"
+    text += f" field, to {mean_db:.1f} dB by their mean"
+    if not one:
+        text += ": no sound field, but several recordings, moving microphones, or no measurement"
+    field = Finding("field", "fine" if one else "fault", text, overall, "dB", (chart,))
+    problem = measurement.problem("unit", "none")
+    arrivals = arrivals_of(problem, None)
+    if arrivals is None:
+        return [field, Finding("measured", "unknown", "no direct sound by which to compare arrivals and field")]
+    scattered = arrivals.scatter(np.asarray(result.positions))
+    terms = replace(arrivals, sigma=scattered).terms(np.asarray(result.positions), derivatives=False)
+    misfit = np.where(arrivals.used, np.abs(terms.residual), np.nan)
+    median = float(np.nanmedian(misfit))
+    number = np.arange(measurement.count, dtype=float)
+    times = Chart("microphone", "misfit of arrivals (mm)",
+                  (Curve("median of the takes", number, 1e3 * np.nanmedian(misfit, axis=0), True),),
+                  tuple(measurement.names), limit=1e3 * RULES.arrivals)  # fmt: skip
+    if not np.isfinite(low_db):
+        text = f"arrivals fit to {1e3 * median:.1f} mm; no frequencies below {RULES.low_frequency:g} Hz to compare with"
+        return [field, Finding("measured", "unknown", text, 1e3 * median, "mm", (times,))]
+    text = f"arrivals fit to {1e3 * median:.1f} mm, below {RULES.low_frequency:g} Hz the field to {low_db:.1f} dB"
+    rays = median < RULES.arrivals and low_db > RULES.low_db
+    if rays:
+        text += ": a simulation by rays, which has no sound field at low frequencies"
+    return [field, Finding("measured", "fault" if rays else "fine", text, low_db, "dB", (times,))]
+
+
+MINOR = ("gain", "high_pass")  # what another kind of microphone has, and a calibration takes out
+OF_LIST = ("misplaced", "exchanged")  # of given positions
+
+
+def _channels(result: Calibration) -> Finding:
+    """Channels that differ, by the sound field."""
+    channels = result.channels
+    if channels is None:
+        return Finding("channels", "unknown", "nothing is known of gains")
+    faults: list[ChannelFault] = [one for one in channels.faults if one.kind not in OF_LIST]
+    number = np.arange(len(result.names), dtype=float)
+    charts = tuple(
+        Chart("microphone", what, (Curve(what, number, values, True),), tuple(result.names))
+        for what, values in (("gain (dB)", channels.gain_db), ("phase (degrees)", channels.phase_deg))
+    )
+    gain, phase = (float(np.std(values[result.healthy])) for values in (channels.gain_db, channels.phase_deg))
+    text = "; ".join(one.text for one in faults) or f"gains differ by {gain:.2g} dB and {phase:.2g} degrees"
+    state: State = "fine" if not faults else "differs" if all(one.kind in MINOR for one in faults) else "fault"
+    return Finding("channels", state, text, len(faults), "channels", charts)
+
+
+def _list(measurement: Measurement, result: Calibration, check: PositionCheck) -> Finding:
+    """Whether the list fits: its order, its size, and each microphone."""
+    listed, names = np.asarray(measurement.positions), measurement.names
+    if result.known:  # the calibration began at the list
+        check = compare_positions(result.positions, listed)
+    if not check.fits:
+        sure = result.verdict == "good"
+        text = "the list fits the array found in no order: it is of another array, or most positions are far off"
+        return Finding("list", "fault" if sure else "unknown", text if sure else f"{text}; {result.verdict_text}")
+    placed, own = listed[check.order] / check.scale, np.asarray(result.positions)
+    scale, errors = check.scale, np.zeros(len(own))
+    kept = np.ones(len(own), bool)
+    for _ in range(3):  # without those that are misplaced
+        moved = align(own, placed, kept)
+        errors = np.linalg.norm(moved - placed, axis=1)
+        kept = errors <= max(3 * float(np.median(errors)), 1e-3)
+    spread = [np.linalg.norm(x[kept] - x[kept].mean(axis=0)) for x in (placed, own)]
+    scale *= float(spread[0] / spread[1])
+    errors = np.linalg.norm(align(own * scale / check.scale, placed, kept) - placed, axis=1)
+    sigma = np.zeros(len(own)) if result.uncertainty is None else result.uncertainty
+    limit = np.maximum(RULES.misplaced, RULES.misplaced_sigmas * sigma)
+    limit = np.maximum(limit, RULES.misplaced_medians * float(np.median(errors)))
+    faults = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
+    faults += [f"channels {', '.join(names[n] for n in cycle)} stand in each other's places"
+               for cycle in check.permuted]  # fmt: skip
+    faults += [f"{names[n]} is {1e3 * errors[n]:.0f} mm from its place" for n in np.flatnonzero(errors > limit)]
+    radius = float(np.sqrt(np.mean(np.sum((own - own.mean(axis=0)) ** 2, axis=1))))
+    unsure = RULES.scale_sigmas * float(np.sqrt(np.mean(sigma[kept] ** 2))) / radius
+    if abs(scale - 1) > max(RULES.scale, unsure) and result.verdict != "scale_undetermined":
+        kelvin = 2 * 293 * (1 / scale - 1)
+        faults.append(f"the list is {100 * (scale - 1):+.1f} % too large, or the air is {kelvin:+.0f} K off what was"
+                      " assumed")  # fmt: skip
+    rms = 1e3 * float(np.sqrt(np.mean(errors[kept] ** 2)))
+    text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (scale - 1):+.1f} %"
+    there = align(own, listed[check.order], kept)
+    points = tuple(Curve(what, x[:, 0], x[:, 1], True) for what, x in (("list", listed), ("found", there)))
+    number = np.arange(len(own), dtype=float)
+    charts = (
+        Chart("x (m)", "y (m)", points, equal=True),
+        Chart("microphone", "distance (mm)", (Curve("distance", number, 1e3 * errors, True),), tuple(names)),
+    )
+    return Finding("list", "fault" if faults else "fine", text, rms, "mm", charts)
