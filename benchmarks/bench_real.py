@@ -76,6 +76,7 @@ class Found:
     rows: int = 0
     seconds: float = np.nan
     verdict: str = "refused"
+    positions: np.ndarray | None = None  # (N, D), metres, moved onto the truth where none are given
 
 
 def calibrated(case: Case) -> Found:
@@ -96,10 +97,12 @@ def calibrated(case: Case) -> Found:
             return Found()
         seconds = time.process_time() - start
     x, free = np.asarray(found.positions), slice(case.given, None)
-    errors = np.linalg.norm((x if case.given else align(x, case.truth)) - case.truth, axis=1)[free]
+    placed = x if case.given else align(x, case.truth)
+    errors = np.linalg.norm(placed - case.truth, axis=1)[free]
     sigma = np.full(len(errors), np.nan) if found.uncertainty is None else found.uncertainty[free]
     size = np.linalg.norm(x - x.mean(axis=0)) / np.linalg.norm(case.truth - case.truth.mean(axis=0))
-    return Found(_rms(errors), _rms(sigma), float(size), len(measurement.frequencies), seconds, str(found.verdict))
+    rows, verdict = len(measurement.frequencies), str(found.verdict)
+    return Found(_rms(errors), _rms(sigma), float(size), rows, seconds, verdict, placed)
 
 
 def _rms(values) -> float:
@@ -224,8 +227,26 @@ def run() -> Iterator[str]:
         if needed and not needed.is_dir():
             yield f"{family}: skipped, {needed} is absent; FDCAL_REAL_DATA names the folder of the measured arrays"
             continue
+        independent: list[np.ndarray] = []
         for name, cases in groupby(FAMILIES[family](), key=lambda case: case.name):
-            yield line(name, [calibrated(case) for case in cases])
+            found = [calibrated(case) for case in cases]
+            yield line(name, found)
+            if name.startswith("frl_array") and name.endswith(" 4 takes"):
+                independent += [one.positions for one in found if one.positions is not None]
+        if len(independent) > 1:
+            yield _agreement(np.array(independent))
+
+
+def _agreement(estimates: np.ndarray) -> str:
+    """How far estimates (E, N, 3), metres, from recordings of their own are from their mean, and that from the plan."""
+    truth, mean = np.loadtxt(NOMINAL, delimiter=",", skiprows=1)[:, 1:], estimates.mean(axis=0)
+    apart = [np.linalg.norm(align(one, mean) - mean, axis=1) for one in estimates]
+    spread = _rms(apart) * np.sqrt(len(estimates) / (len(estimates) - 1))
+    off, size = _rms(np.linalg.norm(align(mean, truth) - truth, axis=1)), np.sqrt(np.mean(np.sum(mean**2, axis=1)))
+    return (
+        f"frl_array: {len(estimates)} estimates of 4 takes each scatter by {1e3 * spread:.1f} mm; their mean is"
+        f" {1e3 * off:.1f} mm from the plan, of an array of {1e3 * size:.0f} mm"
+    )
 
 
 def line(name: str, found: list[Found]) -> str:

@@ -80,6 +80,10 @@ class Served:
         pages = Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]
         return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
+    def handles(self) -> int:
+        """Number of files that the server has open."""
+        return len(os.listdir(f"/proc/{self._process.pid}/fd"))
+
     def processor(self) -> float:
         """Processor time that the server has taken so far, s."""
         fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()

@@ -20,13 +20,13 @@ def places(count: int = 24, radius: float = 0.5, seed: int = 0) -> np.ndarray:
 
 
 @cache
-def responses(count: int = 24) -> np.ndarray:
+def responses(count: int = 24, source: tuple[float, ...] = SOURCE) -> np.ndarray:
     """Impulse responses at `places` (N, 2400), 0.6 s; the room falls by 60 dB in about 0.3 s."""
     import pyroomacoustics
 
     pyroomacoustics.constants.set("c", SPEED)
     room = pyroomacoustics.ShoeBox(ROOM, fs=FS, materials=pyroomacoustics.Material(0.45), max_order=22)
-    room.add_source(SOURCE)
+    room.add_source(source)
     room.add_microphone_array((places(count) + CENTRE).T)
     room.compute_rir()
     rows = [np.asarray(row[0], dtype=float) for row in room.rir]
@@ -41,10 +41,12 @@ def noisy(samples: np.ndarray, snr_db: float, seed: int = 1) -> np.ndarray:
     return samples + np.sqrt(power * 10 ** (-snr_db / 10)) * rng.standard_normal(samples.shape)
 
 
-def stationary_source(seconds: float, snr_db: float, count: int = 24, seed: int = 2) -> tuple[np.ndarray, np.ndarray]:
+def stationary_source(
+    seconds: float, snr_db: float, count: int = 24, seed: int = 2, source: tuple[float, ...] = SOURCE
+) -> tuple[np.ndarray, np.ndarray]:
     """Recordings (N, T) of a stationary source, and its unknown signal (T,), which is noise."""
     signal = np.random.default_rng(seed).standard_normal(int(seconds * FS) + 2400)
-    recorded = np.array([fftconvolve(signal, h, mode="valid") for h in responses(count)])
+    recorded = np.array([fftconvolve(signal, h, mode="valid") for h in responses(count, source)])
     return noisy(recorded, snr_db), signal[2399:]
 
 

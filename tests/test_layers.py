@@ -54,6 +54,7 @@ HOMES = {
     "tomllib": {"model"},
     "soundfile": {"recordings.formats"},
     "h5py": {"recordings.formats"},
+    "sounddevice": {"recordings.take"},
     "sofar": {"recordings.formats"},
 }
 MODULES = sorted(PACKAGE.rglob("*.py"))

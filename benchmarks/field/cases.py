@@ -1,10 +1,16 @@
 """From the description of a case to a measurement and the truth. Every draw is fixed by the seed."""
 
+import io
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
+
+from fdcal.model.measurement_file import save_measurement
+from fdcal.session.study.definition import Study, load_study
+from fdcal.session.study.setting import draw
 
 from .boxes import image_source_field, pyroomacoustics_field
 from .constants import SOUND_SPEED
@@ -40,6 +46,8 @@ class NoCaseError(RuntimeError):
 
 def build(spec: Spec, folder: Path) -> Case:
     """Return the case of `spec`; `folder` keeps the solutions of the finite-element rooms. Raises NoCaseError."""
+    if spec.setting:
+        return _of_setting(spec)
     rng = np.random.default_rng([77, spec.seed])
     array = geometry(spec.geometry, spec.count, spec.size, rng, spec.dimension)
     room = solved_room(spec.room, folder) if spec.room in SHAPES else None
@@ -74,6 +82,22 @@ def build(spec: Spec, folder: Path) -> Case:
     if takes is not None:
         table["takes"] = takes
     return Case(spec, table, truth, known, recording.named)
+
+
+@cache
+def calibration_study() -> Study:
+    """Return the study whose settings are families of cases as well."""
+    return load_study(Path(__file__).parents[2] / "studies" / "calibration.toml")
+
+
+def _of_setting(spec: Spec) -> Case:
+    """The draw of a setting, as `fdcal study` calibrates it."""
+    drawn, file = draw(calibration_study().setting(spec.setting), spec.seed), io.BytesIO()
+    measurement = drawn.measurement
+    save_measurement(measurement, file)
+    file.seek(0)
+    table = {key: value for key, value in np.load(file).items() if key != "positions"}
+    return Case(spec, table, measurement.positions, measurement.known, tuple(map(int, drawn.faulty | drawn.misplaced)))
 
 
 def frequency_limit(spec: Spec, array: np.ndarray) -> float:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .cases import calibration_study
 from .spec import Spec
 
 FAMILIES: dict[str, Callable[[int], list[Spec]]] = {}
@@ -493,4 +494,25 @@ def oneaway(n):
         s["modes"] = 30
         s["fault"] = [["delay", 2e-4], ["delay", 1e-3], ["gain_one", 6.0], ["delay", 5e-4], ["polarity", 0]][i % 5]
         out.append(s)
+    return out
+
+
+@family(30)
+def livingroom(n):
+    """16 and 32 microphones, absorption by frequency, cardioid source, 1 dB and 5 degrees, four positions by tape."""
+    settings = [one for one in calibration_study().settings if one.name.startswith("living room")]
+    out = []
+    for i in range(n):
+        one = settings[i % len(settings)]
+        out.append(
+            dict(
+                seed=526000 + i,
+                dimension=len(one.room),
+                setting=one.name,
+                count=one.microphones,
+                snr=one.snr_db,
+                known=one.known,
+                takes=one.takes,
+            )
+        )
     return out

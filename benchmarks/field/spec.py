@@ -32,6 +32,7 @@ class Spec:
     scatterer_offset : from the array's middle, as a part of its radius
     reflection : range of the walls' pressure reflection factors in three dimensions
     order : of the image sources
+    setting : name of a setting of `studies/calibration.toml` that draws the whole case, or ""
     """
 
     seed: int
@@ -59,6 +60,7 @@ class Spec:
     scatterer_offset: float = 0.0
     reflection: tuple[float, float] = (0.75, 0.95)
     order: int = 8
+    setting: str = ""
 
     @property
     def blind(self) -> bool:

@@ -20,7 +20,7 @@ import click
 from ..model.extras import missing_library
 from ..model.validation import InputError
 from ..session.blas_threads import one_blas_thread_for_command
-from . import file_commands, plan_command, plot_commands, study_command
+from . import file_commands, plan_command, plot_commands, record_command, study_command
 from . import options as opt
 from . import parameter_types as types
 
@@ -322,6 +322,6 @@ def _simulate() -> None:
         fdtd.simulate(Room(size=(0.4, height), walls="rigid", cell=0.04), source, np.array([[0.3, 0.3]]))
 
 
-PARTS = (file_commands, plan_command, plot_commands, study_command)
+PARTS = (file_commands, record_command, plan_command, plot_commands, study_command)
 for command in (command for part in PARTS for command in part.COMMANDS):
     commands.add_command(command)

@@ -70,30 +70,30 @@ An array is *right* where its error (root mean square) is below 5 mm, or three t
 field. *Good and wrong*: the verdict is `good`, and the error is above 5 mm and three claimed sigmas, or that of one
 microphone above 10 mm and five. *Accused*: sound channels that are named as faulty, and given positions that are
 right (to the error of the tape) and named as wrong. *Found*: channels with a fault, and wrong given positions, that are
-named.
+named. *Refused*: draws that are not calibrated, but for a reason that is said; they are neither right nor wrong.
 
-| setting | draws | right | right and good | good | good and wrong | accused | found |
-|---|---|---|---|---|---|---|---|
+| setting | draws | refused | right | right and good | good | good and wrong | accused | found |
+|---|---|---|---|---|---|---|---|---|
 """
 
 
 def calibration_page(head: dict, rows: Any, name: str, stem: str, commands: str) -> str:
     """Return the page of a study's file `name`; `rows` as of `read_results`, `stem`: of the page's file name."""
-    rows, key = _scored(rows), next(iter(head["axes"]))
-    names = [value for value in head["axes"][key] if np.any(rows[key] == value)]
-    counts = rows.groupby(key).size()
+    every, rows, key = rows, _scored(rows), next(iter(head["axes"]))
+    names = [value for value in head["axes"][key] if np.any(every[key] == value)]
+    counts = every.groupby(key).size()
     text = HEAD.format(
         title=head["title"],
         name=name,
         commands=commands,
         stem=stem,
         settings=len(names),
-        count=len(rows),
+        count=len(every),
         least=counts.min(),
         most=counts.max(),
         planned=head["count"],
-        first=rows["seed"].min(),
-        last=rows["seed"].max(),
+        first=every["seed"].min(),
+        last=every["seed"].max(),
         code=code_text(rows),
         levels=" | ".join(f"{100 * level:.0f} %" for level in LEVELS),
         rules="---|" * (len(LEVELS) - 1) + "---",
@@ -102,15 +102,23 @@ def calibration_page(head: dict, rows: Any, name: str, stem: str, commands: str)
     parts = [(value, rows[rows[key] == value]) for value in names]
     text += "".join(_bars_line(value, part) for value, part in (*parts, ("all", rows)))
     text += FIGURE.format(stem=stem, bins=BINS)
-    text += "".join(_verdict_line(value, part) for value, part in (*parts, ("all", rows)))
-    wrong = rows[rows["wrong"]]
-    text += f"\nGood and wrong: {len(wrong)} of {len(rows)} draws{':' if len(wrong) else '.'}\n"
+    planned = dict(counts) | {"all": len(every)}
+    text += "".join(_verdict_line(value, part, planned[value]) for value, part in (*parts, ("all", rows)))
+    refused, wrong = every.drop(rows.index), rows[rows["wrong"]]
+    text += _counted("Refused", len(refused), len(every))
+    for row in refused.to_dict("records"):
+        text += f"\n- {row[key]}, seed {row['seed']}: {row['reason']}"
+    text += "\n" * bool(len(refused)) + _counted("Good and wrong", len(wrong), len(every))
     for row in wrong.to_dict("records"):
         text += (
             f"\n- {row[key]}, seed {row['seed']}: error {1e3 * row['rms_error_m']:.2g} mm,"
             f" {1e3 * row['claimed_sigma_m']:.2g} mm claimed, the worst microphone {row['worst_sigmas']:.1f} sigma off"
         )
     return text.rstrip("\n") + "\n"
+
+
+def _counted(what: str, count: int, draws: int) -> str:
+    return f"\n{what}: {count} of {draws} draws{':' if count else '.'}\n"
 
 
 def _scored(rows: Any) -> Any:
@@ -132,13 +140,13 @@ def _bars_line(name: str, part: Any) -> str:
     return f"| {name} | {len(good)} | {sizes} | {ratio:.2f} | {cells} |\n"
 
 
-def _verdict_line(name: str, part: Any) -> str:
+def _verdict_line(name: str, part: Any, draws: int) -> str:
     right = part["found"]
     accused, sound = (part[[a, b]].to_numpy(float).sum() for a, b in (ACCUSED, SOUND))
     named, faults = (part[[a, b]].to_numpy(float).sum() for a, b in (NAMED, FAULTS))
     return (
-        f"| {name} | {len(part)} | {right.sum()} | {(right & part['trusted']).sum()} | {part['trusted'].sum()} |"
-        f" {part['wrong'].sum()} | {accused:.0f} of {sound:.0f} |"
+        f"| {name} | {draws} | {draws - len(part)} | {right.sum()} | {(right & part['trusted']).sum()} |"
+        f" {part['trusted'].sum()} | {part['wrong'].sum()} | {accused:.0f} of {sound:.0f} |"
         f" {f'{named:.0f} of {faults:.0f}' if faults else ''} |\n"
     )
 

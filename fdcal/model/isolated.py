@@ -20,6 +20,10 @@ class ProcessError(OSError):
     """A process ended, or was ended, without a result; the text is the reason, in one line."""
 
 
+class LimitError(ProcessError):
+    """It would have taken more time or memory than it may."""
+
+
 def call(
     function: Callable[..., Any],
     *arguments: Any,
@@ -42,25 +46,32 @@ def call(
             env={**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
         )
     except subprocess.TimeoutExpired:
-        raise ProcessError(f"it takes more than {seconds:g} s") from None
+        raise LimitError(f"it takes more than {seconds:g} s") from None
     except OSError as error:
         raise ProcessError(f"no process can be started: {error}") from error
     if child.returncode:
-        raise ProcessError(_reason(child, processor_seconds))
+        raise _error_of(child, processor_seconds, memory)
     result, error = pickle.loads(child.stdout)
     if error is not None:
         raise error
     return result
 
 
-def _reason(child: subprocess.CompletedProcess, processor_seconds: int | None) -> str:
-    """Return why the process ended: a signal, or the last line that it wrote."""
+def _error_of(child: subprocess.CompletedProcess, processor_seconds: int | None, memory: int | None) -> ProcessError:
+    """Return why the process ended: a limit, a signal, or the last line that it wrote."""
     if child.returncode == -signal.SIGXCPU:
-        return f"it takes more than {processor_seconds} s of processor time"
+        return LimitError(f"it takes more than {processor_seconds} s of processor time")
     if child.returncode < 0:
-        return f"the library that it needs crashed, {signal.Signals(-child.returncode).name}"
+        return ProcessError(f"the library that it needs crashed, {signal.Signals(-child.returncode).name}")
     lines = child.stderr.decode(errors="replace").strip().splitlines() or [f"exit status {child.returncode}"]
-    return shown(lines[-1], 200)
+    if memory is not None and "MemoryError" in lines[-1].split(":")[0]:
+        return LimitError(f"it takes more than {memory / 1e9:g} GB of memory")
+    return ProcessError(shown(lines[-1], 200))
+
+
+def _ran_out_of_memory(error: BaseException | None) -> bool:
+    """Whether an error, or what it was raised from, is that there is no memory."""
+    return error is not None and (isinstance(error, MemoryError) or _ran_out_of_memory(error.__cause__))
 
 
 def main() -> None:
@@ -80,6 +91,8 @@ def main() -> None:
     try:
         answer = function(*arguments), None
     except (InputError, OSError) as error:
+        if _ran_out_of_memory(error):
+            raise MemoryError from error
         answer = None, error
     with output:
         pickle.dump(answer, output, protocol=pickle.HIGHEST_PROTOCOL)

@@ -54,30 +54,48 @@ class ChannelHealth:
         return "clipped" if self.clipped[n] else f"a copy of {names[self.copy_of[n]]}"
 
 
+class ChannelWatch:
+    """The state of every channel of a recording that is read, or recorded, a block at a time."""
+
+    def __init__(self, count: int):
+        self._square, self._peak, self._longest = np.zeros(count), np.zeros(count), np.zeros(count, int)
+        self._samples = 0
+        self._edges = [(Extremes(), Extremes()) for _ in range(count)]  # greatest and least values
+        self._hashes = [hashlib.blake2b(digest_size=16) for _ in range(count)]
+
+    def add(self, block: np.ndarray) -> None:
+        """Add the next samples (N, t) of all channels."""
+        self._samples += block.shape[1]
+        self._square += np.sum(block**2, axis=1)
+        top = np.abs(block).max(axis=1)
+        for n, samples in enumerate(np.ascontiguousarray(block)):
+            self._hashes[n].update(samples)
+            greatest = top[n] > 0 and top[n] >= self._peak[n]
+            run = _longest_run(np.abs(samples) >= top[n]) if greatest else 0
+            self._longest[n] = run if top[n] > self._peak[n] else max(self._longest[n], run)
+            high, low = self._edges[n]
+            self._edges[n] = high + extremes_of(samples), low + extremes_of(-samples)
+        self._peak = np.maximum(self._peak, top)
+
+    def health(self, full_scale: float | None) -> ChannelHealth:
+        """Return the state by all samples so far; `full_scale`: greatest value that a sample can take."""
+        peak, level = self._peak, np.sqrt(self._square / max(self._samples, 1))
+        digests = [h.digest() for h in self._hashes]
+        first = {digest: n for n, digest in reversed(list(enumerate(digests)))}
+        silent = level <= CLIPPING.silent * level.max() if level.max() > 0 else np.ones(len(level), bool)
+        copies = np.array([first[digest] if first[digest] < n else -1 for n, digest in enumerate(digests)])
+        full = (peak >= CLIPPING.full_scale * full_scale) if full_scale else np.zeros(len(level), bool)
+        cut = np.array([_is_clipped(pair, full_scale) for pair in self._edges])
+        clipped = ((self._longest >= CLIPPING.run) | full & (self._longest >= CLIPPING.full_scale_run) | cut) & ~silent
+        return ChannelHealth(level, peak, silent, clipped, np.where(silent, -1, copies))
+
+
 def inspect_channels(recording: Recording) -> ChannelHealth:
     """Return the state of every channel, after one pass over all samples, a block at a time."""
-    count = recording.count
-    square, peak, longest = np.zeros(count), np.zeros(count), np.zeros(count, int)
-    edges = [(Extremes(), Extremes()) for _ in range(count)]  # greatest and least values
-    hashes = [hashlib.blake2b(digest_size=16) for _ in range(count)]
+    watch = ChannelWatch(recording.count)
     for block in time_blocks(recording):
-        square += np.sum(block**2, axis=1)
-        top = np.abs(block).max(axis=1)
-        for n in range(count):
-            hashes[n].update(block[n])
-            run = _longest_run(np.abs(block[n]) >= top[n]) if top[n] > 0 and top[n] >= peak[n] else 0
-            longest[n] = run if top[n] > peak[n] else max(longest[n], run)
-            edges[n] = edges[n][0] + extremes_of(block[n]), edges[n][1] + extremes_of(-block[n])
-        peak = np.maximum(peak, top)
-    level = np.sqrt(square / recording.samples)
-    digests = [h.digest() for h in hashes]
-    first = {digest: n for n, digest in reversed(list(enumerate(digests)))}
-    silent = level <= CLIPPING.silent * level.max() if level.max() > 0 else np.ones(count, bool)
-    copies = np.array([first[digest] if first[digest] < n else -1 for n, digest in enumerate(digests)])
-    full = (peak >= CLIPPING.full_scale * recording.full_scale) if recording.full_scale else np.zeros(count, bool)
-    cut = np.array([_is_clipped(pair, recording.full_scale) for pair in edges])
-    clipped = ((longest >= CLIPPING.run) | full & (longest >= CLIPPING.full_scale_run) | cut) & ~silent
-    return ChannelHealth(level, peak, silent, clipped, np.where(silent, -1, copies))
+        watch.add(block)
+    return watch.health(recording.full_scale)
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,7 @@ def write_corrected(path: str | Path, recording: Recording, correction: Correcti
         raise InputError(problem, f"use one of {', '.join(SUFFIXES)}", key="output", value=str(path))
 
     def write(temporary: Path) -> None:
-        with open_for_writing(temporary, recording) as file:
+        with open_for_writing(temporary, recording.sample_rate, recording.count) as file:
             for block in corrected_blocks(recording, correction):
                 file.write(block.T.astype(np.float32))
 

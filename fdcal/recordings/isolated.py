@@ -24,6 +24,9 @@ def call(path: str | Path, function: Callable[..., Any], *arguments: Any) -> Any
     """Return what a function returns in a process of its own; InputError, which names `path`, where that fails."""
     try:
         return process.call(function, *arguments, seconds=SECONDS, processor_seconds=PROCESSOR_SECONDS, memory=BYTES)
+    except process.LimitError as error:
+        remedy = "it is too large, or damaged: divide it into shorter files, or write it as .wav or .npz"
+        raise InputError(f"{path} cannot be read: {error}", remedy) from error
     except process.ProcessError as error:
         raise InputError(f"{path} cannot be read: {error}", "it is damaged: copy or write it again") from error
 

@@ -7,6 +7,7 @@ from any of them. `SolverRun` is what the solver thread does: it carries out com
 at a time; `Session` owns the thread.
 """
 
+import collections
 import contextlib
 import itertools
 import logging
@@ -181,6 +182,9 @@ class SolverRun:
         self._reached: Callable[[Any], bool] | None = None  # true once the state reached ends the run
         self._gesture: object = None  # the gesture that the last state came from, if the user placed a microphone
         self.pause_between_steps = 0.0
+        self.spent: collections.deque[float] = collections.deque(
+            [0.0], maxlen=3
+        )  # s of the processor, by the last steps
         history = History(self._states, count)
         self._costs.compute(self._states[index])
         self.view = SessionView(self._states[index], index, count, False, "", history, self._costs)
@@ -266,7 +270,8 @@ class SolverRun:
             return
         began = time.thread_time()
         state = bounded(self._problem, view.state, self._module.step(self._problem, view.state))
-        self._costs.compute_in_passing(state, time.thread_time() - began)
+        self.spent.append(time.thread_time() - began)
+        self._costs.compute_in_passing(state, self.spent[-1])
         if state.finished or self._reached is None or self._reached(state):
             self._reached = None
         states, lineage = self._up_to(view.index + 1)
@@ -371,6 +376,11 @@ class Session:
     def view(self) -> SessionView:
         """The newest published view; cheap, from any thread."""
         return self._run.view
+
+    @property
+    def step_time(self) -> float:
+        """Processor time of a step, s: the least of the last three, since one may have been compiled meanwhile."""
+        return min(self._run.spent.copy())
 
     def play(self) -> None:
         """Run until `pause` or until the solver has finished."""

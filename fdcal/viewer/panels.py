@@ -32,7 +32,7 @@ from .tabs.view import ViewTab
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
 RIGHT = ("Curves", "Scene", "View", "Help")  # without icons, which would take too much room
-LEFT = ("Map", "Mics", "Race", "Plan")  # those of a session are made by `Tabs`
+LEFT = ("Map", "Mics", "Race", "Plan", "Record")  # those of a session are made by `Tabs`
 
 
 class Panels:
@@ -96,6 +96,7 @@ class SessionFolders:
 
 DOUBLING_TIME = 1.2  # s in which a run that is watched becomes twice as fast
 MAX_DOUBLINGS = 12.0
+QUICK_STEP = 0.004  # s; a run whose steps take longer is slow enough to follow, and begins faster by as much
 STEPS = ("Step", "Sweep", "Stage", "Reset")
 
 
@@ -164,13 +165,14 @@ class RunBar:
 
     def _speed_up(self, tick: Tick) -> None:
         """Let a run whose speed nobody has chosen go on faster: a short one can be followed, a long one ends soon."""
+        slow = max(self._binding.session.step_time / QUICK_STEP, 1.0)
         if not tick.view.running or self._binding.choices.rate is not None or not self._watched:
             if self._since >= 0:
                 self.apply_rate()
             return
         if self._since < 0:
             self._since = tick.now
-        rate = self._rate * 2 ** min((tick.now - self._since) / DOUBLING_TIME, MAX_DOUBLINGS)
+        rate = slow * self._rate * 2 ** min((tick.now - self._since) / DOUBLING_TIME, MAX_DOUBLINGS)
         if rate > 1.2 * self._paced:
             self._pace(rate)
 

@@ -6,7 +6,6 @@ Writers and readers on the other side are soundfile, sofar, h5py, NumPy, the csv
 import csv
 import json
 import os
-import re
 import signal
 import warnings
 import xml.dom.minidom
@@ -266,22 +265,33 @@ def test_an_hdf5_file_of_another_structure_is_refused_in_one_line(change, words,
     assert "a.sofa" in said and words in said
 
 
+def too_large() -> None:
+    """A reader that says of any error that the file is damaged."""
+    try:
+        bytearray(10**12)
+    except MemoryError as error:
+        raise InputError("the file is damaged") from error
+
+
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (os.abort, "crashed, SIGABRT"),
-        (signal.pause, "it takes more than 1 s"),
-        (bytearray, "MemoryError"),
+        (os.abort, "crashed, SIGABRT; it is damaged"),
+        (signal.pause, "it takes more than 1 s; it is too large, or damaged"),
+        (bytearray, "it takes more than 4 GB of memory; it is too large, or damaged"),
+        (too_large, "it takes more than 4 GB of memory; it is too large, or damaged"),
         (int, "ValueError: invalid literal"),
     ],
 )
 def test_a_reader_that_crashes_hangs_or_takes_all_memory_ends_in_one_line(function, words, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.path.dirname(__file__), prepend=os.pathsep)
     if function is signal.pause:
         monkeypatch.setattr(isolated, "SECONDS", 1.0)
     arguments = {bytearray: (10**12,), int: ("x",)}.get(function, ())
-    with pytest.raises(InputError, match=re.escape(words)) as caught:
+    with pytest.raises(InputError) as caught:
         isolated.call("room.sofa", function, *arguments)
     assert str(caught.value).startswith("room.sofa") and "\n" not in str(caught.value)
+    assert words in str(caught.value)
 
 
 def test_a_long_recording_is_read_in_blocks_by_other_processes(tmp_path, monkeypatch):

@@ -43,6 +43,8 @@ class State:
 class Recorder:
     """A session that records its commands."""
 
+    step_time = 0.001
+
     def __init__(self, state):
         self.commands = []
         self.view, self.ways = view_of([state]), 0

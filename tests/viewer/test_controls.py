@@ -170,3 +170,18 @@ def test_a_map_of_fewer_modes_than_the_solver_uses_says_so(work):
     assert f"{len(modes)} of the 6 modes that the solver uses" in map.orders_text(work, drawn)
     drawn.request = dataclasses.replace(drawn.request, modes=(1, 2), custom_modes=True)
     assert "that the solver uses" not in map.orders_text(work, drawn)
+
+
+@pytest.mark.parametrize(("seconds", "first"), [(0.001, 5.0), (0.02, 25.0)])
+def test_a_run_is_followed_from_its_beginning_and_one_of_slow_steps_is_not_held_back(controls, seconds, first):
+    panel, session = controls
+    session.step_time = seconds
+    panel.run_bar.apply_rate()
+    paces = []
+    for now in (10.0, 11.2, 13.6):
+        panel.run_bar.show(Tick(dataclasses.replace(session.view, running=True), now))
+        paces.append([command[1] for command in session.commands if command[0] == "pace"][-1])
+    assert paces == pytest.approx([first, 2 * first, 8 * first])
+    panel.run_bar.limit_rate(7)
+    panel.run_bar.show(Tick(dataclasses.replace(session.view, running=True), 20.0))
+    assert session.commands[-1] == ("pace", 7), "a speed that somebody has chosen stays"

@@ -63,13 +63,13 @@ def _read_sound(path: Path, source: int | None = None) -> Recording:
 SUFFIXES = (".wav", ".w64", ".rf64", ".aiff", ".caf", ".au")  # of files that can hold 32-bit floats
 
 
-def open_for_writing(path: Path, like: Recording):
-    """Open a sound file of 32-bit floats, with the channels and the rate of a recording; a rate is a whole number."""
+def open_for_writing(path: Path, rate: float, channels: int, subtype: str = "FLOAT"):
+    """Open a sound file of 32-bit floats, or of another subtype of libsndfile; a rate is a whole number."""
     import soundfile
 
-    if like.sample_rate != round(like.sample_rate):
-        raise InputError(f"a sound file has no sampling rate of {like.sample_rate} Hz", "resample the recording")
-    return soundfile.SoundFile(_name(path), "w", round(like.sample_rate), like.count, "FLOAT")
+    if rate != round(rate):
+        raise InputError(f"a sound file has no sampling rate of {rate} Hz", "resample the recording")
+    return soundfile.SoundFile(_name(path), "w", round(rate), channels, subtype)
 
 
 def _require_whole(path: Path, log: str) -> None:

@@ -546,15 +546,18 @@ def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
     results = Results(tmp_path / "out", settings, False)
     rows = [run_task(settings, number) for number in range(2)]
     good = rows[0] | {"verdict": "good", "worst_sigmas": 7.0, "task": 2, "draw": 1, "seed": 6}
-    results.append([*rows, good])
+    few = {key: rows[0][key] for key in ("setting", "seed", "source", "version", "commit")}
+    results.append([*rows, good, few | {"task": 3, "draw": 1, "verdict": "refused", "reason": "no room for a source"}])
     (tmp_path / "docs").mkdir()
     (tmp_path / "pictures").mkdir()
     page = tmp_path / "docs" / "study-settings.md"
     write_page(page, *read_results(tmp_path / "out"), "settings.toml", "fdcal study settings.toml")
     text = page.read_text()
-    assert "3 draws, 1 to 2 of each setting, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
-    assert "Good and wrong: 1 of 3 draws" in text and "- flat, seed 6" in text and "7.0 sigma off" in text
+    assert "4 draws, 1 to 3 of each setting, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
+    assert "Good and wrong: 1 of 4 draws" in text and "- flat, seed 6" in text and "7.0 sigma off" in text
+    assert "Refused: 1 of 4 draws" in text and "- flat, seed 5: no room for a source" in text
+    assert "| flat | 3 | 1 |" in text and "| all | 4 | 1 |" in text
     assert code_version().source in text and (tmp_path / "pictures" / "study-settings.png").stat().st_size > 5000
-    assert len(page.with_suffix(".csv").read_text().splitlines()) == 4
+    assert len(page.with_suffix(".csv").read_text().splitlines()) == 5
     inside, n = json.loads(rows[0]["inside"])[2], rows[0]["judged"]
     assert f"| {100 * inside / n:.1f} ± " in text

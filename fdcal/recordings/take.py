@@ -1,0 +1,214 @@
+"""A take: sound of a sound card, or of a file in its place, written to a file while its channels are watched.
+
+Sound arrives in blocks, as `SoundStream` gives them. `record_take` writes them and asks after each whether to go on. A
+take that ends early, by its user or by a fault, keeps what was recorded as a valid file.
+"""
+
+import queue
+from collections.abc import Callable, Generator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from ..model.extras import needs
+from ..model.storage import write_atomically
+from ..model.validation import InputError, StorageError
+from . import formats
+from .channels import ChannelHealth, ChannelWatch
+from .formats.sound import open_for_writing
+from .recording import MIN_SAMPLES, read_samples, select_channels
+
+SUFFIXES = (".wav", ".w64")  # of files that a take is written to
+WAV_BYTES = 4e9  # that a WAV file can hold
+BLOCK = 0.1  # s of sound in a block
+PATIENCE = 5.0  # s without a block, after which a sound card counts as disconnected
+FLOOR = 1e-6  # relative to full scale: levels are shown as no lower
+REPLAY = "or replay a recording: <replay>"
+
+Block = tuple[np.ndarray, bool]  # samples (N, t), and whether samples were lost before them
+
+
+@dataclass(frozen=True)
+class SoundStream:
+    """Sound of N channels that arrives in blocks."""
+
+    name: str  # of the sound card or the file
+    sample_rate: float  # Hz
+    names: tuple[str, ...]  # (N,) of the channels
+    full_scale: float | None  # greatest value that a sample can take
+    blocks: Callable[[], Generator[Block, None, None]]  # opens the stream; closing the iterator closes it
+    live: bool = True  # whether the sound goes on while nobody reads it
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """A take while it is recorded."""
+
+    seconds: float  # recorded so far
+    samples: np.ndarray  # (N, t), the newest block
+    level_db: np.ndarray  # (N,) float64, root mean square of that block over full scale, decibels
+    health: ChannelHealth  # by all samples so far
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A take that was recorded."""
+
+    path: Path
+    seconds: float
+    sample_rate: float  # Hz
+    names: tuple[str, ...]  # (N,) of the channels
+    health: ChannelHealth
+    gaps: int = 0  # how often samples were lost, in all channels alike
+    stopped: bool = False  # whether its user ended it early
+    fault: str = ""  # that ended it early
+
+    @property
+    def text(self) -> str:
+        """What was recorded, in words."""
+        names, bad = self.names, self.health.bad
+        faults = "; ".join(f"channel {names[n]}: {self.health.fault(n, names)}" for n in bad)
+        parts = [
+            f"{self.path}: {self.seconds:.3g} s at {self.sample_rate:g} Hz, {len(names)} channels",
+            faults or "none of them is silent, clipped or a copy",
+        ]
+        if self.gaps:
+            parts.append(f"samples were lost {self.gaps} times, in all channels alike: close other programs")
+        if self.fault:
+            parts.append(f"it ended early: {self.fault}")
+        return "; ".join(parts) + ("; stopped early, and kept" if self.stopped else "")
+
+
+def sound_card(channels: int | None = None, rate: float | None = None, device: str | None = None) -> SoundStream:
+    """Return the stream of the first `channels` inputs of a sound card, all unless given.
+
+    `rate`: Hz, that of the card unless given; `device`: its name, a part of it, or its number.
+    """
+    sd = _sounddevice()
+    chosen = int(device) if device is not None and device.isdigit() else device
+    try:
+        card = sd.query_devices(chosen, "input")
+        count, fs = channels or int(card["max_input_channels"]), float(rate or card["default_samplerate"])
+        if count > card["max_input_channels"]:
+            problem = f'the sound card "{card["name"]}" has {card["max_input_channels"]} inputs, not {count}'
+            raise InputError(problem, "give fewer <channels>, or another <device>", key="channels", value=count)
+        sd.check_input_settings(device=chosen, channels=count, samplerate=fs, dtype="float32")
+    except (sd.PortAudioError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        what = "there is no sound card with inputs" if device is None else f'no sound card "{device}" can record this'
+        raise InputError(f"{what} ({error})", f"connect it, {REPLAY}", key="device", value=device) from error
+
+    def blocks() -> Generator[Block, None, None]:
+        arrived: queue.SimpleQueue[Block] = queue.SimpleQueue()
+
+        def receive(samples, _frames, _time, status) -> None:
+            arrived.put((samples.T.copy(), bool(status.input_overflow)))
+
+        size = round(BLOCK * fs)
+        try:
+            with sd.InputStream(
+                device=chosen, channels=count, samplerate=fs, dtype="float32", blocksize=size, latency="high",
+                callback=receive,
+            ):  # fmt: skip
+                while True:
+                    yield arrived.get(timeout=PATIENCE)
+        except queue.Empty:
+            raise StorageError(f'the sound card "{card["name"]}" delivers no sound any more') from None
+        except sd.PortAudioError as error:
+            raise StorageError(f'the sound card "{card["name"]}" fails: {error}') from error
+
+    return SoundStream(card["name"], fs, tuple(map(str, range(count))), 1.0, blocks)
+
+
+def _sounddevice() -> ModuleType:
+    """Return the library; InputError where it, or the PortAudio that it needs, is missing."""
+    try:
+        return needs("sounddevice", "record")
+    except InputError as error:
+        raise InputError(error.problem, f"{error.remedy}; {REPLAY}", key="device") from error
+    except OSError as error:  # its package for Linux brings no PortAudio
+        remedy = f"install it: apt-get install libportaudio2, {REPLAY}"
+        raise InputError(f"no sound card can be reached ({error})", remedy, key="device") from error
+
+
+def replayed(
+    path: str | Path, channels: int | None = None, wait: Callable[[float], object] = lambda seconds: None
+) -> SoundStream:
+    """Return a recording as a stream.
+
+    `channels`: how many of them, the first ones; `wait`: called before each block with its length, s.
+    """
+    recording = formats.read(path)
+    if channels is not None and channels > recording.count:
+        problem = f"{path} has {recording.count} channels, not {channels}"
+        raise InputError(problem, "give fewer <channels>", key="channels", value=channels)
+    recording = select_channels(recording, np.arange(channels or recording.count))
+
+    def blocks() -> Generator[Block, None, None]:
+        size = max(1, round(BLOCK * recording.sample_rate))
+        for start in range(0, recording.samples, size):
+            stop = min(start + size, recording.samples)
+            wait((stop - start) / recording.sample_rate)
+            yield read_samples(recording, start, stop), False
+
+    full_scale = recording.full_scale
+    return SoundStream(str(path), recording.sample_rate, recording.names, full_scale, blocks, live=False)
+
+
+def record_take(
+    stream: SoundStream,
+    path: str | Path,
+    seconds: float,
+    watch: Callable[[Moment], bool] = lambda moment: True,
+    force: bool = False,
+) -> Take:
+    """Record a take of at most so many seconds as a file of 24 bits, or of floats where the stream has no full scale.
+
+    `watch`: called after each block, returns whether to go on. What was recorded is kept, also where the stream fails.
+    """
+    path, most, count = Path(path), round(seconds * stream.sample_rate), len(stream.names)
+    width = 3 if stream.full_scale else 4
+    if path.suffix.lower() == ".wav" and most * count * width > WAV_BYTES:
+        problem = f"{count} channels of {seconds:g} s at {stream.sample_rate:g} Hz are more than a WAV file holds, 4 GB"
+        raise InputError(problem, f"write {path.stem}.w64, or record fewer <seconds>", key="seconds", value=seconds)
+    channels, done, gaps, stopped, fault = ChannelWatch(count), 0, 0, False, ""
+
+    def write(temporary: Path) -> None:
+        nonlocal done, gaps, stopped, fault
+        subtype = "PCM_24" if stream.full_scale else "FLOAT"
+        with (
+            open_for_writing(temporary, stream.sample_rate, count, subtype) as file,
+            closing(stream.blocks()) as blocks,
+        ):
+            try:
+                for samples, lost in blocks:
+                    block = np.asarray(samples[:, : most - done], float)
+                    file.write(block.T)
+                    channels.add(block)
+                    done, gaps = done + block.shape[1], gaps + lost
+                    stopped = not watch(_moment(stream, done, block, channels))
+                    if stopped or done >= most:
+                        break
+            except KeyboardInterrupt:
+                stopped = True
+            except (InputError, OSError, RuntimeError) as error:  # libsndfile raises the last where a disk is full
+                fault = str(error)
+        if done < MIN_SAMPLES:
+            why = fault or ("it was stopped before any sound came" if stopped else "the stream is empty")
+            raise InputError(f"nothing was recorded: {why}", key="output", value=str(path))
+
+    write_atomically(path, write, force)
+    return Take(
+        path, done / stream.sample_rate, stream.sample_rate, stream.names, channels.health(stream.full_scale), gaps,
+        stopped and done < most, fault,
+    )  # fmt: skip
+
+
+def _moment(stream: SoundStream, done: int, block: np.ndarray, channels: ChannelWatch) -> Moment:
+    level = np.sqrt(np.mean(block**2, axis=1)) / (stream.full_scale or 1.0)
+    level_db = 20 * np.log10(np.maximum(level, FLOOR))
+    return Moment(done / stream.sample_rate, block, level_db, channels.health(stream.full_scale))

@@ -1,0 +1,194 @@
+"""A recording day: takes one after the other, what they say together, and what is wrong with a take while it lasts.
+
+One inference serves all: the recordings are imported without their faulty channels, calibrated by solver robust, which
+names inverted and dead channels, and compared with a list of positions, which shows exchanged ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..assessment.calibration import placed_in_frame
+from ..assessment.position_check import PositionCheck, compare_positions
+from ..model.texts import length_text
+from ..model.validation import InputError
+from ..recordings.import_options import ImportOptions
+from ..recordings.importer import measurement_of_takes, read_takes
+from ..recordings.recording import Recording, recording_of
+from ..recordings.take import Moment, SoundStream
+from .calibration_run import solve
+from .sources import CalibrationInput, compared_with_file, measurement_input
+from .worker import LatestWorker
+
+if TYPE_CHECKING:
+    from ..assessment.calibration import Calibration
+
+EARLY = 15.0  # s of sound after which a take is checked while it goes on
+EARLY_SAMPLES = 60_000_000  # of all channels that are held for it, 240 MB
+NEXT = "move the loudspeaker to the other side of the array"
+# what a cable or a row of the list mends, rather than what a microphone is like
+MENDED = ("inverted", "dead", "noisy", "exchanged", "misplaced")
+
+
+@dataclass(frozen=True)
+class Day:
+    """What is given beside the sound."""
+
+    positions: str | None = None  # file of the list that the array is compared with
+    options: ImportOptions = field(default_factory=lambda: ImportOptions(leave_out="bad", files="takes"))
+    wording: Mapping[str, str] = field(default_factory=dict)  # how the arguments of a verdict's remedy are called
+
+
+@dataclass(frozen=True, eq=False)
+class TakesResult:
+    """What some takes say together."""
+
+    takes: int
+    inputs: CalibrationInput
+    result: Calibration
+    check: PositionCheck | None  # against the list; None without one
+
+    @property
+    def swapped(self) -> list[str]:
+        """Which channels stand in each other's places of the list, in words."""
+        names, check = self.result.names, self.check
+        if check is None or not check.fits:
+            return []
+        cycles = [", ".join(names[n] for n in cycle) for cycle in check.permuted]
+        pairs = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
+        return pairs + [f"channels {cycle} stand in each other's places" for cycle in cycles]
+
+    @property
+    def faults(self) -> list[str]:
+        """What is wrong with channels, in words."""
+        channels = self.result.channels
+        return [fault.text for fault in (channels.faults if channels else ())] + self.swapped
+
+    @property
+    def to_mend(self) -> bool:
+        """Whether a cable, a channel or a row of the list is to be corrected before the next take."""
+        channels = self.result.channels
+        return bool(self.swapped) or any(fault.kind in MENDED for fault in (channels.faults if channels else ()))
+
+    @property
+    def sigma(self) -> float:
+        """One sigma of a position: root mean square over the healthy microphones, metres; NaN without."""
+        if self.result.uncertainty is None:
+            return float("nan")
+        return float(np.sqrt(np.mean(self.result.uncertainty[self.result.healthy] ** 2)))
+
+    @property
+    def after_another(self) -> float:
+        """One sigma to be expected with one more take that says as much as each of these does on average, metres."""
+        return self.sigma * float(np.sqrt(self.takes / (self.takes + 1)))
+
+    @property
+    def lines(self) -> list[str]:
+        """The result in words, a line each."""
+        result, names = self.result, self.result.names
+        words = f"{self.takes} take{'s' if self.takes > 1 else ''}"
+        lines = [f"result  {words}, {len(names)} microphones, one sigma {length_text(self.sigma, 2)}"]
+        if result.mean_error is not None and result.max_error is not None:
+            far = f"mean {length_text(result.mean_error)}, largest {length_text(result.max_error)}"
+            lines.append(f"list    {far} from {self.inputs.compared_with}")
+            if self.check is not None and not self.check.fits:
+                lines.append("list    it fits the array found in no order")
+        lines.append(f"verdict {result.verdict}: {result.verdict_text}")
+        lines.append(f"faults  {'; '.join(self.faults) or 'none found'}")
+        if self.to_mend:
+            lines.append("next    correct the channels, and record this take again")
+        else:
+            lines.append(f"next    {NEXT}: another take brings one sigma to about {length_text(self.after_another, 2)}")
+        return lines
+
+    @property
+    def table(self) -> list[str]:
+        """The positions, in the axes of the list if there is one, a line for each microphone."""
+        measurement, result = self.inputs.measurement, self.result
+        if measurement.positions is not None:
+            places = result.positions_for(measurement)
+        else:
+            places = placed_in_frame(result, None).positions[:, : result.positions.shape[1]]
+        sigma = np.full(len(places), np.nan) if result.uncertainty is None else result.uncertainty
+        faults = {} if result.channels is None else {fault.name: fault.kind for fault in result.channels.faults}
+        head = "".join(f"{axis + ' (m)':>10}" for axis in "xyz"[: places.shape[1]])
+        rows = zip(result.names, places, sigma, strict=True)
+        lines = [
+            f"{name:>10}{''.join(f'{x:10.4f}' for x in place)}{length_text(one, 2):>12}  {faults.get(name, '')}"
+            for name, place, one in rows
+        ]
+        return [f"microphone{head}   one sigma", *(line.rstrip() for line in lines)]
+
+
+def takes_result(takes: Sequence[str | Path | Recording], day: Day) -> TakesResult:
+    """Return what takes say together: files, or recordings in memory.
+
+    Raises InputError: they are too short, of too few microphones or of different arrays.
+    """
+    paths = [take for take in takes if not isinstance(take, Recording)]
+    recordings = [take for take in takes if isinstance(take, Recording)]
+    if paths:
+        recordings = [*read_takes(paths, day.options), *recordings]
+    measurement, report = measurement_of_takes(recordings, day.options)
+    inputs = measurement_input(measurement, "takes" if len(recordings) > 1 else "take")
+    if day.positions is not None:
+        inputs = compared_with_file(inputs, day.positions, tuple(report.left_out))
+    result = solve(inputs, wording=day.wording)
+    positions, check = inputs.measurement.positions, None
+    if positions is not None:
+        known = inputs.measurement.known.tolist() if inputs.settings.known == "all" else []
+        check = compare_positions(result.positions, positions, known)
+    return TakesResult(len(recordings), inputs, result, check)
+
+
+class EarlyCheck:
+    """Calibrates the first seconds of a take while the rest is recorded, on a thread of its own.
+
+    `wait`: whether `add` waits for the result, as suits a stream that waits itself.
+    """
+
+    def __init__(self, day: Day, stream: SoundStream, wait: bool = False):
+        self._day, self._stream, self._wait = day, stream, wait
+        self._blocks: list[np.ndarray] = []
+        self._held = 0
+        self._worker: LatestWorker | None = None
+        self._done = EARLY * stream.sample_rate * len(stream.names) > EARLY_SAMPLES
+
+    def add(self, moment: Moment) -> str:
+        """Take the newest block, and return what was found in words; "" while there is nothing new."""
+        if self._done:
+            return ""
+        if self._worker is None:
+            self._blocks.append(moment.samples.astype(np.float32))
+            if moment.seconds < EARLY:
+                return ""
+            self._worker = LatestWorker(self._calibrate, "fdcal-early")
+            self._worker.request()
+        if self._wait:
+            self._worker.wait_for(lambda latest: latest is not None)
+        latest = self._worker.latest
+        if latest is None:
+            return ""
+        self.close()
+        head = f"after {EARLY:g} s of sound: "
+        if latest.result is None:
+            return head + (str(latest.cause) if isinstance(latest.cause, InputError) else latest.error)
+        return head + ("; ".join(latest.result.faults) or "no fault found")
+
+    def _calibrate(self) -> TakesResult:
+        samples = np.concatenate(self._blocks, axis=1)
+        self._blocks = []
+        names, full_scale = self._stream.names, self._stream.full_scale
+        take = recording_of("the take", None, self._stream.sample_rate, samples, names=names, full_scale=full_scale)
+        return takes_result([take], self._day)
+
+    def close(self) -> None:
+        """Take no result any more; what is being computed ends by itself."""
+        self._done = True
+        if self._worker is not None:
+            self._worker.close(0.0)

@@ -1,0 +1,149 @@
+"""`fdcal record`: takes replayed from files, what is named while they last, and what they say together."""
+
+import builtins
+import json
+import os
+import signal
+
+import numpy as np
+import pytest
+import soundfile
+from recorded import FS, places, stationary_source
+from running import exit_code
+
+from fdcal.commands.record_command import next_name
+from fdcal.recordings import take
+from fdcal.session.takes import Day, takes_result
+
+COUNT, OTHER_SIDE = 16, (0.6, 0.5, 1.9)
+INVERTED, DEAD, SWAPPED = 12, 10, (3, 9)
+
+
+def loudness(sound):
+    return 0.1 * sound / np.std(sound)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Folder with two takes of 20 s, one of them with faulty channels, too, and a list of the positions."""
+    path = tmp_path_factory.mktemp("takes")
+    one, two = (
+        loudness(stationary_source(20.0, 30.0, COUNT, seed=seed, **place)[0])
+        for seed, place in ((2, {}), (3, {"source": OTHER_SIDE}))
+    )
+    faulty = one.copy()
+    faulty[INVERTED] *= -1
+    faulty[list(SWAPPED)] = one[list(SWAPPED[::-1])]
+    dead = one[:, : 15 * FS].copy()
+    dead[DEAD] = 0.001 * np.random.default_rng(0).standard_normal(dead.shape[1])
+    for name, sound in (("one", one), ("two", two), ("faulty", faulty), ("dead", dead)):
+        soundfile.write(path / f"{name}.wav", sound.T, FS, subtype="PCM_24")
+    rows = [f"{n},{','.join(f'{x:.4f}' for x in place)}" for n, place in enumerate(places(COUNT))]
+    (path / "list.csv").write_text("\n".join(["name,x,y,z", *rows]))
+    return path
+
+
+def test_inverted_and_swapped_channels_are_named_within_20_s_of_sound_while_the_take_lasts_and_after(folder, capsys):
+    arguments = ["record", "-o", folder / "f1.wav", "--replay", folder / "faulty.wav", "--seconds", 20]
+    assert exit_code(*arguments, "--positions", folder / "list.csv") == 5
+    lines = capsys.readouterr().out.splitlines()
+    (early,), (faults,) = ([one for one in lines if one.startswith(head)] for head in ("after ", "faults "))
+    for line in (early, faults):
+        assert f"microphone {INVERTED}: inverted; channels {SWAPPED[0]} and {SWAPPED[1]} are swapped" in line
+    assert "next    correct the channels, and record this take again" in lines
+
+
+def test_a_dead_channel_is_named_and_marked_in_the_table(folder):
+    found = takes_result([folder / "dead.wav"], Day(str(folder / "list.csv")))
+    assert found.faults == [f"microphone {DEAD}: dead"]
+    assert [row for row in found.table if row.endswith("dead")] == [found.table[1 + DEAD]]
+
+
+def test_each_take_says_what_all_of_them_say_together(folder, capsys):
+    arguments = ["record", "-o", folder / "t1.wav", "--result", folder / "r.json", "--positions", folder / "list.csv"]
+    code = exit_code(*arguments, "--replay", folder / "one.wav", "--replay", folder / "two.wav", "--seconds", 14)
+    out = capsys.readouterr().out
+    assert (folder / "t2.wav").exists() and code in (0, 4)
+    found = json.loads((folder / "r.json").read_text())
+    assert len(found["positions"]) == COUNT and found["verdict"] in out
+    assert 1e3 * found["mean_error_m"] < 20 and f"mean {1e3 * found['mean_error_m']:.3g} mm" in out
+    sigmas = [float(line.rpartition("one sigma ")[2].split()[0]) for line in out.splitlines() if "result " in line]
+    assert len(sigmas) == 2 and sigmas[1] < sigmas[0]
+    expected = [line for line in out.splitlines() if line.startswith("next ")]
+    assert "other side" in expected[0] and f"about {sigmas[0] / np.sqrt(2):.2g} mm" in expected[0]
+
+
+def test_ctrl_c_ends_a_take_keeps_it_and_says_so(folder, tmp_path, monkeypatch, capsys):
+    blocks, replayed = iter(range(1000)), take.replayed
+
+    def pressed(_):
+        if next(blocks) in (30, 31):  # twice, as an impatient user does
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(take, "replayed", lambda path, channels: replayed(path, channels, pressed))
+    assert exit_code("record", "-o", tmp_path / "take1.wav", "--replay", folder / "one.wav") == 130
+    assert soundfile.info(tmp_path / "take1.wav").duration == pytest.approx(3.1)
+    assert "3.1 s at 4000 Hz" in (said := capsys.readouterr().out) and "stopped early, and kept" in said
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_silent_clipped_and_duplicated_channels_are_named_while_the_take_lasts(folder, tmp_path, capsys):
+    sound = soundfile.read(folder / "one.wav", frames=3 * FS)[0][:, :6]
+    sound[:, 1], sound[:, 4] = 0.0, sound[:, 2]
+    sound[2 * FS :, 3] = np.clip(sound[2 * FS :, 3], -0.08, 0.08)
+    sound[: 2 * FS, 3] *= 0.1
+    soundfile.write(tmp_path / "bad.wav", sound, FS, subtype="PCM_24")
+    assert exit_code("record", "-o", tmp_path / "take1.wav", "--replay", tmp_path / "bad.wav") == 4
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:3] == [
+        "after 1.0 s: channel 1 is silent",
+        "after 1.0 s: channel 4 is a copy of 2",
+        "after 2.1 s: channel 3 is clipped",
+    ]
+    assert "channel 1: silent; channel 3: clipped; channel 4: a copy of 2" in lines[3]
+    assert lines[4].startswith("result  none: ") and "3 microphones" in lines[4]
+
+
+def test_between_takes_its_user_chooses_another_one_or_the_same_again(folder, tmp_path, monkeypatch, capsys):
+    def card(*_):
+        return take.replayed(folder / "one.wav", 4)
+
+    answers, asked = iter(["r", "nonsense", "", "q"]), []
+    monkeypatch.setattr(take, "sound_card", card)
+    monkeypatch.setattr(builtins, "input", lambda question: asked.append(question) or next(answers))
+    assert exit_code("record", "-o", tmp_path / "take1.wav", "--seconds", 2) == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["take1.wav", "take2.wav"]
+    heads = [line.split()[1] for line in capsys.readouterr().out.splitlines() if line.startswith("take ")]
+    assert heads == ["1", "1", "2"] and len(asked) == 4
+    assert "take2.wav" in asked[0] and "take1.wav again" in asked[0]
+
+
+def test_the_levels_are_drawn_in_place_on_a_terminal(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "100")
+    exit_code("record", "-o", tmp_path / "a.wav", "--replay", folder / "one.wav", "--seconds", 1, "--channels", 3)
+    drawn = capsys.readouterr().err.split("\x1b[3A\x1b[J")
+    assert len(drawn) == 6 and drawn[-1] == "", "five views, each three lines high, and the last one is taken away"
+    assert drawn[0].count(" dB") == 3 and drawn[3].splitlines()[2] == "1 s"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--replay", "one.wav", "--device", "2"], "leave out --device"),
+        (["--replay", "nowhere.wav"], "cannot read nowhere.wav"),
+        (["--replay", "one.wav", "--channels", "99"], "give fewer --channels"),
+        (["--replay", "one.wav", "--positions", "nowhere.csv"], "nowhere.csv"),
+        (["--replay", "one.wav", "--temperature", "900"], "temperature = 900"),
+    ],
+)
+def test_what_cannot_be_recorded_is_one_line_and_no_file(folder, monkeypatch, capsys, options, words):
+    monkeypatch.chdir(folder)
+    assert exit_code("record", "-o", "no.wav", *options) in (2, 3)
+    out, error = capsys.readouterr()
+    assert out == "" and error.count("\n") == 1 and words in error and not (folder / "no.wav").exists()
+
+
+def test_the_next_take_has_the_next_number():
+    for this, following in (("take1.wav", "take2.wav"), ("a/t09.w64", "a/t10.w64"), ("hall.wav", "hall2.wav")):
+        assert next_name(take.Path(this)) == following
