@@ -9,7 +9,7 @@ A fault is named if the finding of its kind is no longer fine, and names the cha
 Each draw has an array, a source, a list with an error of 2 mm in each coordinate, and a faulty channel of its own.
 
 FDCAL_BENCH_DRAWS sets the draws of each fault and of each set, 12 unless given; FDCAL_BENCH_FAULTS names some,
-separated by commas, "sound" the sets without a fault. 240 rows of each set are used, which saves half of the time.
+separated by commas, "sound" the sets without a fault. 240 rows of each simulated set are used, which saves half of the time.
 """
 
 import os
@@ -51,6 +51,12 @@ class DataSet:
     places: np.ndarray
     kind: str
     speed: float | None = SPEED
+    most: int | None = ROWS
+
+    @property
+    def options(self) -> ImportOptions:
+        """How it is read."""
+        return ImportOptions(kind=self.kind, sound_speed=self.speed, most=self.most)
 
     def examined(self, question: str = "") -> tuple[Finding, ...]:
         """The findings about its files, with its list, up to the one that answers a question; all unless given."""
@@ -62,7 +68,7 @@ class DataSet:
             rows = [",".join([str(n), *map(repr, x)]) for n, x in enumerate(self.places.tolist())]
             table.write_text("\n".join(["name,x,y,z", *rows]) + "\n")
             findings = []
-            for one in examine(paths, str(table), ImportOptions(kind=self.kind, sound_speed=self.speed, most=ROWS)):
+            for one in examine(paths, str(table), self.options):
                 findings.append(one)
                 if one.question == question:
                     break
@@ -120,7 +126,7 @@ def measured_array(seed: int) -> DataSet:
     files = files or sorted((NOMINAL.parent).glob("*.flac"))
     read_takes = [read(path) for path in files]
     takes = [read_samples(one, 0, one.samples) for one in read_takes]
-    return DataSet("measured array", tuple(takes), int(read_takes[0].sample_rate), truth, "impulse", None)
+    return DataSet("measured array", tuple(takes), int(read_takes[0].sample_rate), truth, "impulse", None, None)
 
 
 SETS: dict[str, Callable[[int], DataSet]] = {
