@@ -8,9 +8,9 @@ measured    the measured array of seven microphones, four takes of ../shared/dat
 A fault is named if the finding of its kind is no longer fine, and names the channel where it is one of a channel.
 Each draw has an array, a source, a list with an error of 2 mm in each coordinate, and a faulty channel of its own.
 
-FDCAL_BENCH_DRAWS sets the draws of each fault, 12 unless given, half as many of each sound set; FDCAL_BENCH_FAULTS names some,
-separated by commas, "sound" the sets without a fault. 240 rows of each simulated set are used, which saves half of the
-time.
+FDCAL_BENCH_DRAWS sets the draws of each fault, 12 unless given, half as many of each sound set; FDCAL_BENCH_FAULTS
+names some, separated by commas, "sound" the sets without a fault. 240 rows of each simulated set are used, which saves
+half of the time.
 """
 
 import os
