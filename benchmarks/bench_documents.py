@@ -20,7 +20,7 @@ from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
 from fdcal_bench.scores import read_reference, table
 
-from . import bench_doctor, bench_leave_one_out
+from . import bench_doctor, bench_leave_one_out, bench_planned
 
 ALONE = True
 DOCS = Path(__file__).parents[1] / "docs"
@@ -78,6 +78,11 @@ def doctor() -> str:
     return doctor_table(bench_doctor.run())
 
 
+def planned() -> str:
+    """What a plan promises beside what recordings reach."""
+    return "\n".join(bench_planned.table())
+
+
 def doctor_table(lines) -> str:
     """Return the lines of `benchmarks doctor` as a table in Markdown."""
     rows = [re.fullmatch(r" *(\S.*?) +(\d+) of +(\d+)  .*", line) for line in lines]
@@ -86,7 +91,8 @@ def doctor_table(lines) -> str:
 
 
 FIGURES: dict[str, Callable[[], str]] = {
-    "bench": bench, "scenes": scenes, "leave-one-out": leave_one_out, "displaced": displaced
+    "bench": bench, "scenes": scenes, "leave-one-out": leave_one_out, "displaced": displaced, "doctor": doctor,
+    "planned": planned,
 }  # fmt: skip
 QUICK = ("bench",)  # which a test computes again
 

@@ -92,7 +92,9 @@ class DoctorRules:
     arrivals: float = 3e-3  # metres, median misfit of arrival times that fit
     # relative, and sigmas of it: a size that is off. Without a thermometer the sound speed is known to 2 %
     scale: float = 0.03
-    scale_sigmas: float = 2.5
+    scale_sigmas: float = 4.0
+    tape: float = 3e-3  # metres, one sigma of each coordinate of a list, for its size
+    speed: float = 0.05  # relative, one sigma of the sound speed before it is sought, for the same
     # metres, sigmas and medians of the errors: a microphone beyond all of them is in another place than listed
     misplaced: float = 0.015
     misplaced_sigmas: float = 5.0
@@ -207,7 +209,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | N
     yield from _field(measurement, result)
     yield _channels(result)
     if check is not None:
-        yield _list(measurement, result, check)
+        yield _list(inputs, result, check, progress)
 
 
 def _by_list(inputs: CalibrationInput, blind: Calibration, check: PositionCheck, progress: Progress | None):
@@ -278,7 +280,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
     median = float(np.nanmedian(misfit))
     number = np.arange(measurement.count, dtype=float)
     times = Chart("microphone", "misfit of arrivals (mm)",
-                  (Curve("median of the takes", number, 1e3 * np.nanmedian(misfit, axis=0), True),),
+                  (Curve("median of the takes", number, 1e3 * _column_medians(misfit), True),),
                   tuple(measurement.names), limit=1e3 * RULES.arrivals)  # fmt: skip
     if not np.isfinite(low_db):
         text = f"arrivals fit to {1e3 * median:.1f} mm; no frequencies below {RULES.low_frequency:g} Hz to compare with"
@@ -294,6 +296,12 @@ def _misfit(arrivals: Arrivals, positions: np.ndarray) -> np.ndarray:
     """How far arrivals are from those at some positions (T, N), metres; NaN where there are none."""
     terms = replace(arrivals, sigma=arrivals.scatter(positions)).terms(positions, derivatives=False)
     return np.where(arrivals.used, np.abs(terms.residual), np.nan)
+
+
+def _column_medians(values: np.ndarray) -> np.ndarray:
+    """Return the median of each column (N,), without NaN; NaN of a column that holds nothing else."""
+    return np.array([np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else np.nan
+                     for column in values.T])  # fmt: skip
 
 
 MINOR = ("gain", "high_pass")  # what another kind of microphone has, and a calibration takes out
@@ -317,8 +325,31 @@ def _channels(result: Calibration) -> Finding:
     return Finding("channels", state, text, len(faults), "channels", charts)
 
 
-def _list(measurement: Measurement, result: Calibration, check: PositionCheck) -> Finding:
+def _size(
+    inputs: CalibrationInput, listed: np.ndarray, right: np.ndarray, progress: Progress | None
+) -> tuple[float, float]:
+    """Return the size of a list over that of the array, and one sigma of it; infinite where it is not known.
+
+    Where the shape is given the pressures say far more of the size than without: the positions that are `right` are
+    given, to `RULES.tape`, and the sound speed is sought, since k r alone counts.
+    """
+    known = np.flatnonzero(right)
+    if len(known) == len(listed):
+        known = np.delete(known, int(np.argmin(np.linalg.norm(listed - listed.mean(axis=0), axis=1))))  # one is sought
+    measurement = replace(inputs.measurement, known=known, known_positions=listed[known], positions=None)
+    settings = replace(inputs.settings, known="all", known_sigma=RULES.tape, sound_speed_sigma=RULES.speed)
+    try:
+        given = replace(inputs, measurement=measurement, settings=settings, estimate_sound_speed=True)
+        found = solve(given, progress)
+    except InputError:
+        return 1.0, np.inf
+    c, speed, sigma = measurement.sound_speed, found.sound_speed, found.sound_speed_sigma
+    return (1.0, np.inf) if speed is None or sigma is None else (speed / c, sigma / c)
+
+
+def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: Progress | None) -> Finding:
     """Whether the list fits: its order, its size, and each microphone."""
+    measurement = inputs.measurement
     listed, names = np.asarray(measurement.positions), measurement.names
     if result.known:  # the calibration began at the list
         check = compare_positions(result.positions, listed)
@@ -343,9 +374,11 @@ def _list(measurement: Measurement, result: Calibration, check: PositionCheck) -
     faults += [f"channels {', '.join(names[n] for n in cycle)} stand in each other's places"
                for cycle in check.permuted]  # fmt: skip
     faults += [f"{names[n]} is {1e3 * errors[n]:.0f} mm from its place" for n in np.flatnonzero(errors > limit)]
-    radius = float(np.sqrt(np.mean(np.sum((own - own.mean(axis=0)) ** 2, axis=1))))
-    unsure = RULES.scale_sigmas * float(np.sqrt(np.mean(sigma[kept] ** 2))) / radius
-    if abs(scale - 1) > max(RULES.scale, unsure) and result.verdict != "scale_undetermined":
+    unsure = np.inf
+    if check.scale == 1:
+        size, unsure = _size(inputs, listed[check.order], errors <= limit, progress)
+        scale = size if np.isfinite(unsure) else scale
+    if abs(scale - 1) > max(RULES.scale, RULES.scale_sigmas * unsure) or check.scale != 1:
         kelvin = 2 * 293 * (1 / scale - 1)
         faults.append(f"the list is {100 * (scale - 1):+.1f} % too large, or the air is {kelvin:+.0f} K off what was"
                       " assumed")  # fmt: skip

@@ -28,9 +28,13 @@ def solved() -> dict:
 def solve_once(monkeypatch, solved):
     """The list takes no part in a blind calibration, which is computed once for all lists."""
     solve = doctor.solve
-    monkeypatch.setattr(
-        doctor, "solve", lambda *a, **k: solved.get("tiny") or solved.setdefault("tiny", solve(*a, **k))
-    )
+
+    def cached(inputs, *arguments, **others):
+        if len(inputs.measurement.known):
+            return solve(inputs, *arguments, **others)
+        return solved.get("tiny") or solved.setdefault("tiny", solve(inputs, *arguments, **others))
+
+    monkeypatch.setattr(doctor, "solve", cached)
 
 
 def table(path, positions) -> str:
