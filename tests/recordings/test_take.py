@@ -23,7 +23,7 @@ class Card(types.ModuleType):
 
     def __init__(self, sound, overflow_at=()):
         super().__init__("sounddevice")
-        self.sound, self.overflow_at, self.opened = np.asarray(sound, np.float32), overflow_at, 0
+        self.sound, self.overflow_at, self.opened = np.asarray(2.0**31 * sound, np.int32), overflow_at, 0
 
     def query_devices(self, device, kind):
         if device == "nowhere":
@@ -34,7 +34,8 @@ class Card(types.ModuleType):
         if settings["samplerate"] > 192_000:
             raise self.PortAudioError("Invalid sample rate")
 
-    def InputStream(self, *, channels, samplerate, blocksize, callback, **_):
+    def InputStream(self, *, channels, samplerate, blocksize, callback, dtype, **_):
+        assert dtype == "int32"
         return Stream(self, channels, blocksize, callback)
 
 
