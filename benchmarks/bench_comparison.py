@@ -19,8 +19,7 @@ from scipy.signal import oaconvolve
 import fdcal
 from fdcal.model.gauge import align
 from fdcal.model.validation import InputError
-
-from .other_methods import (
+from fdcal_bench.methods import (
     coherence,
     cross_spectra,
     distances_of_coherence,
@@ -29,10 +28,10 @@ from .other_methods import (
     robust_scaling,
     time_differences,
 )
+from fdcal_bench.rooms import RATE, SPEED, responses
 
 ALONE = True
 ROOM, CENTRE = (9.0, 7.0, 4.0), (4.1, 3.3, 1.7)  # m
-RATE, SPEED = 8000, 343.0  # Hz, m/s
 REVERBERATION = (0.2, 0.5, 1.0, 2.0)  # s, by Sabine's formula
 ORDER, ORDER_OTHERS = 60, 40  # of reflections, of the first source and of the others
 COUNT, RADIUS, APART = 32, 0.4, 0.08  # microphones; m; m
@@ -68,42 +67,13 @@ def placed(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return np.array(kept) + CENTRE, sources[rng.permutation(SOURCES)]
 
 
-def responses(places, source, reverberation: float, order: int, size=ROOM, facing=None) -> np.ndarray:
-    """Return impulse responses (N, T) of a shoebox by image sources up to an order.
-
-    The source is a cardioid's that faces a direction (3,), or radiates equally in all directions.
-    """
-    import pyroomacoustics
-
-    pyroomacoustics.constants.set("c", SPEED)
-    absorption, enough = pyroomacoustics.inverse_sabine(reverberation, size, c=SPEED)
-    material = pyroomacoustics.Material(absorption)
-    room = pyroomacoustics.ShoeBox(size, fs=RATE, materials=material, max_order=min(order, enough))
-    room.add_source(source, directivity=None if facing is None else _cardioid(facing))
-    room.add_microphone_array(places.T)
-    room.compute_rir()
-    rows = [np.asarray(row[0], float) for row in room.rir]
-    out = np.zeros((len(rows), max(map(len, rows)) + RATE // 2))  # stopped half a second after it is silent
-    for row, h in zip(out, rows, strict=True):
-        row[: len(h)] = h
-    return out
-
-
-def _cardioid(facing):
-    """A cardioid whose axis is a direction (3,)."""
-    from pyroomacoustics.directivities import Cardioid, DirectionVector
-
-    azimuth, colatitude = np.arctan2(facing[1], facing[0]), np.arccos(facing[2] / np.linalg.norm(facing))
-    return Cardioid(DirectionVector(azimuth, colatitude, degrees=False))
-
-
 def record(reverberation: float, seed: int) -> dict[str, Recorded]:
     """Return what the array records of the noise and of the impulse, with sensor noise."""
     rng = np.random.default_rng([seed, 15])
     places, sources = placed(rng)
     noise, impulse = [], []
     for s, source in enumerate(sources):
-        h = responses(places, source, reverberation, ORDER if s == 0 else ORDER_OTHERS)
+        h = responses(places, source, reverberation, ORDER if s == 0 else ORDER_OTHERS, ROOM)
         floor = np.abs(h).max() * 10 ** (-PEAK_DB / 20)
         impulse.append(h + floor * rng.standard_normal(h.shape))
         played = rng.standard_normal(int(RATE * (LONG if s == 0 else SHORT)) + h.shape[1])

@@ -27,27 +27,33 @@ POINTS = 200
 def run() -> Iterator[Figure]:
     for name in MODES:
         for snr in (40, 20):
-            drawn = [draw(name, seed, MODES[name], snr) for seed in range(DRAWS)]
-            yield from _found(name, snr, drawn)
-    yield from _aside([draw("array2_random", seed, MODES["array2_random"], 40) for seed in range(DRAWS)])
+            yield from figures_of(name, snr).values()
+    yield from figures_aside()
 
 
-def _found(name: str, snr: int, drawn: list[Draw]) -> Iterator[Figure]:
-    """Figures at the positions that `joint` finds."""
+def figures_of(name: str, snr: int) -> dict[str, Figure]:
+    """Figures at the positions that `joint` finds in draws of a scene, by short names."""
+    drawn = [draw(name, seed, MODES[name], snr) for seed in range(DRAWS)]
     outcomes = [solve(d.measurement, "all", MODES[name]) for d in drawn]
     reports = [_report(d, o.positions) for d, o in zip(drawn, outcomes, strict=True)]
     words, limit = f"{name}, {snr} dB", TARGETS.get((name, snr))
     whole = _mean_db([r.overall for r in reports])
     target = ("", None) if limit is None else (f"at most {limit:g}", whole <= limit)
-    yield Figure(f"{words}: leave-one-out error, {len(drawn)} draws pooled", whole, "dB", *target)
-    yield Figure(f"{words}: of the worst draw", max(r.overall for r in reports), "dB")
-    yield Figure(f"{words}: of the worst frequency of any", max(r.modes.max() for r in reports), "dB")
-    yield Figure(f"{words}: of the worst microphone of any", max(r.microphones.max() for r in reports), "dB")
-    truths = [_report(d, d.measurement.positions) for d in drawn]
-    yield Figure(f"{words}: at the true positions", _mean_db([r.overall for r in truths]), "dB")
     inside = [_inside(name, seed, d, o) for seed, (d, o) in enumerate(zip(drawn, outcomes, strict=True))]
-    yield Figure(f"{words}: field inside against the room's own", _mean_db(inside), "dB")
-    yield Figure(f"{words}: RMS position error", 1e3 * pooled([o.rms for o in outcomes]), "mm")
+    truths = [_report(d, d.measurement.positions) for d in drawn]
+    return {
+        "whole": Figure(f"{words}: leave-one-out error, {len(drawn)} draws pooled", whole, "dB", *target),
+        "draw": Figure(f"{words}: of the worst draw", max(r.overall for r in reports), "dB"),
+        "modes": Figure(f"{words}: of the worst frequency of any", max(r.modes.max() for r in reports), "dB"),
+        "microphones": Figure(
+            f"{words}: of the worst microphone of any", max(r.microphones.max() for r in reports), "dB"
+        ),
+        "true": Figure(f"{words}: at the true positions", _mean_db([r.overall for r in truths]), "dB"),
+        "inside": Figure(f"{words}: field inside against the room's own", _mean_db(inside), "dB"),
+        "position": Figure(f"{words}: RMS position error", 1e3 * pooled([o.rms for o in outcomes]), "mm"),
+        "median": Figure(f"{words}: of the median draw", 1e3 * float(np.median([o.rms for o in outcomes])), "mm"),
+        "lost": Figure(f"{words}: draws more than 0.1 m off", sum(o.rms > 0.1 for o in outcomes), f"of {len(drawn)}"),
+    }
 
 
 def _report(drawn: Draw, positions):
@@ -81,16 +87,17 @@ def room_field(name: str, seed: int, points, wavenumbers) -> np.ndarray:
     return rigid_field(points, source, wavenumbers, scene.room.size)
 
 
-def _aside(drawn: list[Draw]) -> Iterator[Figure]:
+def figures_aside() -> Iterator[Figure]:
     """Leave-one-out error at true positions with random displacements, and its prediction k^2 d^2 / 2."""
+    drawn = [draw("array2_random", seed, MODES["array2_random"], 40) for seed in range(DRAWS)]
     for far in ASIDE:
         reports, predicted = [], []
         for seed, d in enumerate(drawn):
             m = d.measurement
             moved = np.random.default_rng([seed, 5]).normal(scale=far / 1e3 / np.sqrt(2), size=m.positions.shape)
-            reports.append(_report(d, m.positions + moved).whole)
+            reports.append(_report(d, m.positions + moved).overall)
             k = np.real(m.wavenumbers)
-            rest = 10 ** (_report(d, m.positions).whole / 10)
+            rest = 10 ** (_report(d, m.positions).overall / 10)
             predicted.append(10 * np.log10(rest + np.mean(k**2) * np.sum(moved**2) / m.count / 2))
         yield Figure(f"array2_random, 40 dB, displaced by {far:g} mm RMS: leave-one-out error", _mean_db(reports), "dB")
         yield Figure(f"array2_random, 40 dB, displaced by {far:g} mm RMS: k^2 d^2 / 2", _mean_db(predicted), "dB")

@@ -35,14 +35,13 @@ from pathlib import Path
 import numpy as np
 import soundfile
 from scipy import io
-from scipy.fft import irfft, rfft, rfftfreq
+from scipy.fft import rfft, rfftfreq
 from scipy.signal import oaconvolve
 
 import fdcal
 from fdcal.model.gauge import align
 from fdcal.model.validation import InputError
-
-from .bench_comparison import RATE, SPEED, responses
+from fdcal_bench.rooms import FAR, RATE, SPEED, draw_array, draw_source, responses, speech_like
 
 ALONE = True
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "3"))
@@ -53,7 +52,6 @@ CONDITIONS, ALL_TAKES = ("000", "050", "100"), 12
 
 RECORDED, SNR_DB, BAND = 60.0, 30.0, (20.0, 500.0)  # of noise and speech: s of all takes together; dB in a band, Hz
 PEAK_DB = 60.0  # of an impulse
-GIVEN = 4  # microphones of the plane
 HEAD = " " * 44 + f" {'mean':>6} {'worst':>6} mm  {'size':>5} {'claim':>6} mm error/claim  rows     s  verdicts"
 
 
@@ -78,6 +76,7 @@ class Found:
     rows: int = 0
     seconds: float = np.nan
     verdict: str = "refused"
+    positions: np.ndarray | None = None  # (N, D), metres, moved onto the truth where none are given
 
 
 def calibrated(case: Case) -> Found:
@@ -98,10 +97,12 @@ def calibrated(case: Case) -> Found:
             return Found()
         seconds = time.process_time() - start
     x, free = np.asarray(found.positions), slice(case.given, None)
-    errors = np.linalg.norm((x if case.given else align(x, case.truth)) - case.truth, axis=1)[free]
+    placed = x if case.given else align(x, case.truth)
+    errors = np.linalg.norm(placed - case.truth, axis=1)[free]
     sigma = np.full(len(errors), np.nan) if found.uncertainty is None else found.uncertainty[free]
     size = np.linalg.norm(x - x.mean(axis=0)) / np.linalg.norm(case.truth - case.truth.mean(axis=0))
-    return Found(_rms(errors), _rms(sigma), float(size), len(measurement.frequencies), seconds, str(found.verdict))
+    rows, verdict = len(measurement.frequencies), str(found.verdict)
+    return Found(_rms(errors), _rms(sigma), float(size), rows, seconds, verdict, placed)
 
 
 def _rms(values) -> float:
@@ -168,35 +169,16 @@ class Simulated:
         for takes in (1, 4):
             for seed in range(DRAWS):
                 rng = np.random.default_rng([seed, 24, self.count])
-                places = self.array(rng) + np.array(self.room) * (0.44, 0.47, 0.5)
-                sources = [self.source(rng, places) for _ in range(4)][:takes]
+                places = draw_array(rng, self.count, self.radius, self.flat) + np.array(self.room) * (0.44, 0.47, 0.5)
+                sources = [draw_source(rng, self.room, places.mean(axis=0)) for _ in range(4)][:takes]
                 options = {"sound_speed": SPEED, "kind": "impulse" if self.kind == "impulse" else "stationary"}
 
                 def write(folder, places=places, sources=sources, seed=seed):
                     return [self.write(folder / f"{n}.wav", places, x, len(sources), [seed, n]) for n, x in
                             enumerate(sources)]  # fmt: skip
 
-                truth, given = (places[:, :2], GIVEN) if self.flat else (places, 0)
+                truth, given = (places[:, :2], FAR) if self.flat else (places, 0)
                 yield Case(f"{self.name}, {_takes(takes)}", write, truth, given, options)
-
-    def array(self, rng) -> np.ndarray:
-        """Microphones that keep apart (N, 3), metres; the first four are far out."""
-        kept: list[np.ndarray] = []
-        while len(kept) < self.count:
-            x = rng.uniform(-self.radius, self.radius, 3) * (1, 1, not self.flat)
-            apart = self.radius * 0.65 / np.cbrt(self.count)
-            if np.linalg.norm(x) < self.radius and all(np.linalg.norm(x - y) > apart for y in kept):
-                kept.append(x)
-        places = np.array(kept)
-        far = [int(np.argmax(places @ (np.cos(a), np.sin(a), 0))) for a in np.pi / 2 * np.arange(GIVEN) + np.pi / 4]
-        return places[list(dict.fromkeys([*far, *range(self.count)]))]
-
-    def source(self, rng, places: np.ndarray) -> np.ndarray:
-        """A place 0.3 m from the walls and 1.2 m from the middle of the array (3,), metres."""
-        while True:
-            place = rng.uniform(0.3, np.array(self.room) - 0.3)
-            if np.linalg.norm(place - places.mean(axis=0)) > 1.2:
-                return place
 
     def write(self, path: Path, places, source, takes: int, seed: list[int]) -> Path:
         """Write what the array records of a source: a cardioid that faces it plays an impulse, a point the others."""
@@ -218,16 +200,6 @@ class Simulated:
 
 def _takes(count: int) -> str:
     return "1 take" if count == 1 else f"{count} takes"
-
-
-def speech_like(noise: np.ndarray, rng) -> np.ndarray:
-    """`noise` (T,) that falls by 9 dB per octave above 200 Hz and below 80 Hz, in syllables and pauses."""
-    f = np.maximum(rfftfreq(len(noise), 1 / RATE), 1e-3)
-    voice = irfft(rfft(noise) / (1 + (f / 200) ** 1.5) / (1 + (80 / f) ** 1.5), len(noise))
-    syllables, phrases = (
-        irfft(rfft(rng.standard_normal(len(noise))) * (f < highest), len(noise)) for highest in (4.0, 0.5)
-    )
-    return voice * np.maximum(syllables / syllables.std() + 0.5, 0) * (phrases / phrases.std() > -0.5)
 
 
 LIVING, DEAD = (5.0, 4.0, 2.6), (6.0, 5.0, 2.8)  # m
@@ -255,8 +227,26 @@ def run() -> Iterator[str]:
         if needed and not needed.is_dir():
             yield f"{family}: skipped, {needed} is absent; FDCAL_REAL_DATA names the folder of the measured arrays"
             continue
+        independent: list[np.ndarray] = []
         for name, cases in groupby(FAMILIES[family](), key=lambda case: case.name):
-            yield line(name, [calibrated(case) for case in cases])
+            found = [calibrated(case) for case in cases]
+            yield line(name, found)
+            if name.startswith("frl_array") and name.endswith(" 4 takes"):
+                independent += [one.positions for one in found if one.positions is not None]
+        if len(independent) > 1:
+            yield _agreement(np.array(independent))
+
+
+def _agreement(estimates: np.ndarray) -> str:
+    """How far estimates (E, N, 3), metres, from recordings of their own are from their mean, and that from the plan."""
+    truth, mean = np.loadtxt(NOMINAL, delimiter=",", skiprows=1)[:, 1:], estimates.mean(axis=0)
+    apart = [np.linalg.norm(align(one, mean) - mean, axis=1) for one in estimates]
+    spread = _rms(apart) * np.sqrt(len(estimates) / (len(estimates) - 1))
+    off, size = _rms(np.linalg.norm(align(mean, truth) - truth, axis=1)), np.sqrt(np.mean(np.sum(mean**2, axis=1)))
+    return (
+        f"frl_array: {len(estimates)} estimates of 4 takes each scatter by {1e3 * spread:.1f} mm; their mean is"
+        f" {1e3 * off:.1f} mm from the plan, of an array of {1e3 * size:.0f} mm"
+    )
 
 
 def line(name: str, found: list[Found]) -> str:

@@ -1,64 +1,106 @@
-"""Four pages, the solver in a loop and random slider moves for a long time: does memory grow, does a thread die?
+"""Two pages that press everything for a long time: do memory, files and threads grow, does a run stop?
 
-FDCAL_SOAK_SECONDS says for how long, 600 unless given. Not part of a run of all benchmarks: name it, `soak`.
+Every control that is shown gets values at random: ends of sliders, all options, texts that are none, any button. The
+clients speak viser's protocol, without a browser. FDCAL_SOAK_SECONDS says for how long, 600 unless given. Not part of a
+run of all benchmarks: name it, `soak`.
 """
 
-import contextlib
 import os
 import random
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack
 
-from .pages import Served, chromium, open_page, slider
+from .pages import Served
+from .protocol import ProtocolPage
 from .report import Figure
 
 ALONE = True  # only when named
-PAGES, SCENE = 4, "tiny"
-ENDED = "() => [...document.querySelectorAll('button')].some(b => b.textContent.trim() === 'Run' && b.disabled)"
-SLIDERS = ("Microphone", "Modes summed", "First mode", "Last mode", "Steps per second")
+PAGES, SCENE = 2, "tiny"
+PAUSE, SETTLE = 0.3, 30.0  # s between what one presses at most, and until nothing is computed any more
+MOST_GROWTH, MOST_MORE = 150.0, 4  # MB, and files or threads, more than after the first minute
+TEXTS = ("", "1", "1, 2-5", "0", "-3", "1e999", "x", "9" * 400, "\u00e4\u2192\U0001f50a")
+STOPPED = "stopped at state"
 
 
-def run() -> list[Figure]:
+class Presser(ProtocolPage):
+    """A page that presses what it is shown; `gui` has the properties of each control, `stopped` what it was told."""
+
+    def __init__(self, address: str):
+        super().__init__(address)
+        self.gui: dict[str, dict] = {}
+        self.stopped: list[str] = []
+
+    def read(self, message: dict) -> None:
+        super().read(message)
+        kind = message["type"]
+        if kind.startswith("Gui") and "props" in message:
+            self.gui[message["uuid"]] = {"type": kind, **message["props"]}
+        elif kind == "GuiUpdateMessage" and message["uuid"] in self.gui:
+            self.gui[message["uuid"]].update(message["updates"])
+        elif kind == "GuiRemoveMessage":
+            self.gui.pop(message["uuid"], None)
+        if STOPPED in str(message.get("updates", message.get("props", ""))):
+            self.stopped.append(str(message)[:300])
+
+    def press(self, rng: random.Random) -> None:
+        """Give one control that is shown and enabled a value."""
+        shown = [one for one in list(self.gui.items()) if one[1].get("visible") and not one[1].get("disabled")]
+        choices = [(uuid, value) for uuid, props in shown for value in _values(props, rng)]
+        if choices:
+            uuid = rng.choice(sorted({uuid for uuid, _ in choices}))
+            self.update(uuid, rng.choice([value for one, value in choices if one == uuid]))
+
+
+def _values(props: dict, rng: random.Random) -> list:
+    """Values that a person can give a control; none for what takes no value."""
+    kind = props["type"]
+    if kind in ("GuiSliderMessage", "GuiNumberMessage"):
+        low, high = props.get("min"), props.get("max")
+        if low is None or high is None:
+            return [0]
+        between = low + props["step"] * rng.randint(0, max(0, round((min(high, low + 1e3) - low) / props["step"])))
+        return [low, high, between, between, between]
+    if kind in ("GuiDropdownMessage", "GuiButtonGroupMessage"):
+        return list(props["options"])
+    if kind == "GuiTextMessage":
+        return list(TEXTS)
+    return {"GuiCheckboxMessage": [True, False], "GuiButtonMessage": [True]}.get(kind, [])
+
+
+def run() -> Iterator[Figure]:
     seconds = float(os.environ.get("FDCAL_SOAK_SECONDS", "600"))
-    rng, memory, worst = random.Random(0), [], set()
-    with Served(SCENE, {"name": "descent"}) as served, chromium() as browser:
-        pages = [open_page(browser, served.url) for _ in range(PAGES)]
+    rng, found, pressed = random.Random(0), [], 0
+    with Served(SCENE, {}, own_cache=True) as served, ExitStack() as stack:
+        pages = [stack.enter_context(Presser(served.url)) for _ in range(PAGES)]
         for page in pages:
-            page.get_by_text("Settings", exact=True).click()
-        start, before = time.perf_counter(), served.threads()
+            page.wait_for(lambda page=page: {"Save", "Scene"} <= page.controls.keys())
+        start = time.perf_counter()
         while (elapsed := time.perf_counter() - start) < seconds:
-            _do_something(rng, rng.choice(pages))
-            memory.append((elapsed, served.memory()))
-            worst |= before - served.threads()
-        warm = [size for at, size in memory if at > min(60.0, seconds / 2)]
-        grown = (max(warm[-5:]) - warm[0]) / 1e6
-        lost, errors = sorted(worst - served.threads()), served.complaints()
-    return [
-        Figure(f"{PAGES} pages, solver on a loop, random sliders, for", seconds, "s"),
-        Figure("resident memory of the server in the end", memory[-1][1] / 1e6, "MB"),
-        Figure("its growth after the first minute", grown, "MB", "at most 50", grown <= 50),
-        Figure("threads gone: " + (", ".join(lost) or "none"), len(lost), "", "none", not lost),
-        Figure(
-            "errors in the log" + "".join(f"\n    {line}" for line in errors[:9]),
-            len(errors),
-            "lines",
-            "none",
-            not errors,
-        ),
-    ]
+            rng.choice(pages).press(rng)
+            pressed += 1
+            time.sleep(rng.uniform(0, PAUSE))
+            if elapsed > min(60.0, seconds / 2):
+                found.append(_taken(served))
+        pages[0].set("Scene", SCENE)
+        time.sleep(SETTLE)
+        ended, errors = _taken(served), served.complaints()
+        stopped = [line for page in pages for line in page.stopped]
+    yield Figure(f"{PAGES} pages, {pressed} times something pressed, for", seconds, "s")
+    for number, (what, unit, more) in enumerate(
+        (("resident memory", "MB", MOST_GROWTH), ("open files", "", MOST_MORE), ("threads", "", MOST_MORE))
+    ):
+        first, last = found[0][number], ended[number]
+        yield Figure(f"{what} of the server after the first minute", first, unit)
+        yield Figure(f"{what}, the most", max(one[number] for one in found), unit)
+        yield Figure(f"{what} in the end", last, unit, f"{more:g} more at most", last <= first + more)
+    yield _lines("times a page said that the solver stopped", stopped)
+    yield _lines("errors in the log", errors)
 
 
-def _press(page, button: str) -> None:
-    """Press a button, unless another page has pressed it meanwhile and it is another one now."""
-    from playwright.sync_api import TimeoutError
-
-    with contextlib.suppress(TimeoutError):
-        page.get_by_role("button", name=button, exact=True).click(timeout=1000)
+def _taken(served: Served) -> tuple[float, int, int]:
+    return served.memory() / 1e6, served.handles(), len(served.threads())
 
 
-def _do_something(rng: random.Random, page) -> None:
-    """Restart the solver if it has ended, or move a slider by some steps."""
-    _press(page, "Reset" if page.evaluate(ENDED) else "Run")
-    handle = slider(page, rng.choice(SLIDERS))
-    handle.focus()
-    for _ in range(rng.randint(1, 4)):
-        handle.press(rng.choice(["ArrowLeft", "ArrowRight", "Home", "End"]))
+def _lines(title: str, lines: list[str]) -> Figure:
+    return Figure(title + "".join(f"\n    {line}" for line in lines[:9]), len(lines), "", "none", not lines)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -80,6 +81,10 @@ class Served:
         pages = Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]
         return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
+    def handles(self) -> int:
+        """Number of files that the server has open."""
+        return len(os.listdir(f"/proc/{self._process.pid}/fd"))
+
     def processor(self) -> float:
         """Processor time that the server has taken so far, s."""
         fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
@@ -94,7 +99,7 @@ class Served:
         lines = self._errors.read_text(encoding="utf-8", errors="replace").splitlines()
         if self._error_log.exists():
             logged = self._error_log.read_text(encoding="utf-8", errors="replace").splitlines()
-            lines += [line for line in logged if " ERROR " in line]
+            lines += [line for line in logged if " ERROR " in line or re.match(r"[\w.]+(Error|Exception)\b", line)]
         return [line for line in lines if any(word in line for word in ("rror", "Traceback", "xception", "details in"))]
 
 

@@ -73,7 +73,11 @@ class ProtocolPage:
 
     def set(self, label: str, value) -> None:
         """Set a control; True presses a button."""
-        send(self.connection, type="GuiUpdateMessage", uuid=self.controls[label], updates={"value": value})
+        self.update(self.controls[label], value)
+
+    def update(self, uuid: str, value) -> None:
+        """Set the control of a number."""
+        send(self.connection, type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
 
     def wait_for(self, happened: Callable[[], object], timeout: float = TIMEOUT) -> float:
         """Wait until something happens; return how long that took, s, or raise TimeoutError."""
@@ -87,9 +91,13 @@ class ProtocolPage:
     def _read(self) -> None:
         with contextlib.suppress(ConnectionClosed):
             for message in messages(self.connection, None):
-                kind, label = message["type"], (message.get("props") or {}).get("label")
-                self.received[kind] = self.received.get(kind, 0) + 1
-                if "props" in message and "name" in message:
-                    self.nodes.add(message["name"])
-                if kind.startswith("Gui") and label is not None and "uuid" in message:
-                    self.controls[label] = message["uuid"]
+                self.read(message)
+
+    def read(self, message: dict) -> None:
+        """Note what a message says."""
+        kind, label = message["type"], (message.get("props") or {}).get("label")
+        self.received[kind] = self.received.get(kind, 0) + 1
+        if "props" in message and "name" in message:
+            self.nodes.add(message["name"])
+        if kind.startswith("Gui") and label is not None and "uuid" in message:
+            self.controls[label] = message["uuid"]

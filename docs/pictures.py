@@ -40,6 +40,7 @@ COMMANDS = {
         "field array2_random --result result.json --frequencies 220 -o picture.png",
     ],
 }
+EXAMPLES = {"beamforming": "08_beamforming_map.py"}  # pictures that a script of examples/ writes
 # Figures of the reports of studies. A study of 2,000 calibrations takes up to hours; it is run once, goes on after an
 # interruption, and its results stay in RESULTS.
 STUDIES = {
@@ -122,13 +123,16 @@ def make(name: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         if name in COMMANDS:
             commanded(COMMANDS[name], Path(folder))
+        elif name in EXAMPLES:
+            subprocess.run([sys.executable, str(ROOT / "examples" / EXAMPLES[name])], cwd=folder, check=True)
+            (Path(folder) / f"{name}.png").rename(Path(folder) / "picture.png")
         else:
             browsed(BROWSED[name], Path(folder))
         keep(Path(folder) / "picture.png", PICTURES / f"{name}.png")
 
 
 if __name__ == "__main__":
-    every = [*COMMANDS, *BROWSED]
+    every = [*COMMANDS, *EXAMPLES, *BROWSED]
     for wanted in sys.argv[1:] or every:
         if wanted not in (*every, *STUDIES):
             raise SystemExit(f"no picture is called {wanted}: give any of {', '.join((*every, *STUDIES))}")

@@ -1,6 +1,7 @@
 """docs/: what it says runs, what it names is there, and it names everything that a reader may look for."""
 
 import dataclasses
+import json
 import re
 import shutil
 import tomllib
@@ -310,3 +311,13 @@ def test_every_key_of_a_lesson_is_documented():
     for value in (*MAPS, *QUANTITIES, *SCALES, *VIEWS):
         assert f'`"{value}"`' in LESSONS, value
     assert "`--lesson" in LESSONS or "--lesson mine.toml" in LESSONS
+
+
+def test_the_figures_in_the_documents_are_those_that_runs_wrote():
+    from benchmarks import bench_documents as documents
+
+    found = {key: value for page in documents.pages() for key, value in documents.figures_in(text_of(page)).items()}
+    assert found == json.loads(text_of(documents.STORE)), "python -m benchmarks documents writes them"
+    assert set(found) == set(documents.FIGURES) and all(found.values())
+    for key in documents.QUICK:
+        assert documents.FIGURES[key]() == found[key], f"FDCAL_BENCH_KEYS={key} python -m benchmarks documents"

@@ -5,7 +5,8 @@ import pytest
 from recorded import places
 from scipy.spatial.distance import pdist, squareform
 
-from benchmarks.other_methods import (
+from fdcal.model.gauge import align
+from fdcal_bench.methods import (
     coherence,
     cross_spectra,
     distances_of_coherence,
@@ -14,7 +15,6 @@ from benchmarks.other_methods import (
     robust_scaling,
     time_differences,
 )
-from fdcal.model.gauge import align
 
 SPEED, RATE = 343.0, 8000.0
 FREQUENCIES = np.arange(50.0, 2000.0, 10.0)

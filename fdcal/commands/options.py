@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 import click
 
 from ..model.declared import declaration
-from ..model.settings import ALL_MODES, SolverSettings
+from ..model.settings import SolverSettings
 from ..model.validation import InputError, StorageError
 from ..solvers import names
 from . import parameter_types as types
@@ -67,7 +67,7 @@ SOLVER_OPTIONS = {
 NAMED_ALIKE = (
     "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
     "channels known_sigma leave_out microphone modes most original plane port positions reference reference_microphone "
-    "rate replay resume room seconds seed solver sound_speed source split step subset table temperature window workers "
+    "rate resume room seconds seed solver sound_speed source split step subset table temperature window workers "
 )
 OPTIONS = {
     "array": "--array FILE.csv",
@@ -80,6 +80,7 @@ OPTIONS = {
     "output": "-o",
     "phase_sigma_deg": "--gain-sigma",
     "radius": "--radius R",
+    "replay": "--replay FILE",
     "report": "--report FOLDER",
     "result": "--result RESULT.json",
     "scheduler": "--scheduler tcp://HOST:8786",
@@ -256,19 +257,14 @@ def open_request_of(text: str) -> OpenRequest:
 
         return read(text)
     from ..model.scene_file import load_scene, scene_names
-    from ..session.request import OpenRequest
+    from ..session.request import OpenRequest, measurement_request
 
     if text in scene_names():  # every one of these is tested
         return OpenRequest(load_scene(text))
     from ..session.sources import check_scene, is_recording, load_input
 
     if text.lower().endswith(".npz") or is_recording(text):
-        from ..model.scene_file import placeholder_scene
-
-        inputs = load_input(text)
-        settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
-        scene = placeholder_scene(inputs.measurement, inputs.name, settings, inputs.seed)
-        return OpenRequest(scene, measurement=inputs.measurement, fewer_modes=True)
+        return measurement_request(load_input(text))
     scene = load_scene(text)
     check_scene(scene)  # a scene that cannot be simulated is refused before a page opens
     return OpenRequest(scene)

@@ -119,6 +119,7 @@ def _answer(this: str, following: str) -> str:
             pass
         return answer
     except EOFError:
+        print()
         return "q"
 
 
@@ -171,9 +172,13 @@ class LiveView:
         """Draw the levels, and say what is newly wrong with a channel."""
         health, names = moment.health, self._names
         faults = {int(n): health.fault(n, names) for n in health.bad} if moment.seconds >= 1 else {}
+        newly: dict[str, list[str]] = {}
         for n, fault in faults.items():
             if self._known.get(n) != fault:
-                self.say(f"after {moment.seconds:.1f} s: channel {names[n]} is {fault}")
+                newly.setdefault(fault, []).append(names[n])
+        for fault, found in newly.items():
+            who = f"channel {found[0]} is" if len(found) == 1 else f"channels {', '.join(found)} are"
+            self.say(f"after {moment.seconds:.1f} s: {who} {fault}")
         self._known |= faults
         if self._terminal and moment.seconds >= self._next:
             self._next = moment.seconds + REDRAWN

@@ -43,6 +43,7 @@ This page is written by
 ```
 
 from the rows in [{stem}.csv]({stem}.csv).
+{about}
 
 ## Error bars
 
@@ -96,6 +97,7 @@ def calibration_page(head: dict, rows: Any, name: str, stem: str, commands: str)
         code=code_text(rows),
         levels=" | ".join(f"{100 * level:.0f} %" for level in LEVELS),
         rules="---|" * (len(LEVELS) - 1) + "---",
+        about="".join(f"\n- {line}" for line in head.get("about", ())),
     )
     parts = [(value, rows[rows[key] == value]) for value in names]
     text += "".join(_bars_line(value, part) for value, part in (*parts, ("all", rows)))

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..assessment.study_statistics import judged, quantiles, rows_of, selected, share_grid
+from ..assessment.study_statistics import COLUMNS, judged, quantiles, rows_of, selected, share_grid
 from ..model.storage import write_atomically
 from ..model.validation import InputError
 from ..session.study.definition import version_text
+from .calibration_figure import html_table
 from .landscape import figure_bytes
 
 if TYPE_CHECKING:
@@ -198,7 +199,10 @@ def _add_legend(figure: Figure, panel: Any, title: str = "") -> None:
     figure.legend(handles, labels, fontsize=SMALL, loc=place, ncols=columns, title=title or None, title_fontsize=SMALL)
 
 
-STYLE = "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto}img{max-width:100%}"
+STYLE = (
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto}img{max-width:100%}"
+    "td,th{text-align:right;padding:.1rem .6rem}"
+)
 UNKNOWN = "an fdcal that did not note its sources"
 CAPTIONS = {
     "success": "An array counts as found where the error is below 5 mm, or three times the Cramer-Rao bound.",
@@ -238,7 +242,7 @@ def write_report(
             content = figure_bytes(figure, kind)
             write_atomically(target / f"{name}.{kind}", lambda file, c=content: file.write_bytes(c), True)
     page = target / "index.html"
-    text = _page(head, rows, at)
+    text = _page(head, rows, axes, at)
     write_atomically(page, lambda file: file.write_text(text, encoding="utf-8"), True)
     return page
 
@@ -256,7 +260,42 @@ def code_text(rows: pandas.DataFrame) -> str:
     return f"Computed by different code: {'; '.join(f'{count} by {text}' for text, count in counts.most_common())}."
 
 
-def _page(head: dict, rows: pandas.DataFrame, at: dict[str, str]) -> str:
+MAX_LINES = 200  # of a table
+
+
+def _points(rows: Any, axes: dict[str, list]) -> tuple[list[str], list[list[str]]]:
+    """Return the heads and lines of a table of all points, with 95 % intervals (Wilson)."""
+    names = [name for name, values in axes.items() if len(values) > 1]
+    lines = []
+    part: Any
+    for values in itertools.product(*(axes[name] for name in names)):
+        part = rows_of(rows, dict(zip(names, values, strict=True)))
+        if len(part):
+            cells = [f"{1e3 * part[column].median():.3g}" for column in ("rms_error_m", "claimed_sigma_m", "bound_m")]
+            shares = [_share(part[column]) for column in ("found", "trusted")]
+            lines.append([*map(str, values), str(len(part)), *shares, str(int(part["wrong"].sum())), *cells])
+    heads = [*map(label_of, names), "draws", "found (%)", "good (%)", "good and wrong", "error (mm)", "claim (mm)"]
+    return [*heads, "bound (mm)"], lines
+
+
+def _share(flags: Any) -> str:
+    from scipy.stats import binomtest
+
+    low, high = binomtest(int(flags.sum()), len(flags)).proportion_ci(method="wilson")
+    return f"{100 * flags.mean():.0f} ({100 * low:.0f} to {100 * high:.0f})"
+
+
+def _wrong(rows: Any, axes: dict[str, list]) -> tuple[list[str], list[list[str]]]:
+    """Return the heads and lines of a table of the calibrations that are good and wrong, the largest error first."""
+    wrong = rows[rows["wrong"]].sort_values("rms_error_m", ascending=False).to_dict("records")
+    lines = [
+        [*(str(row[name]) for name in axes), str(row["seed"]), *(f"{1e3 * row[key]:.3g}" for key in COLUMNS[:3])]
+        for row in wrong
+    ]
+    return [*map(label_of, axes), "seed", "error (mm)", "largest (mm)", "claim (mm)"], lines
+
+
+def _page(head: dict, rows: pandas.DataFrame, axes: dict[str, list], at: dict[str, str]) -> str:
     where = "".join(f", {escape(key)} = {escape(value)}" for key, value in at.items())
     summary = (
         f"{len(rows)} of {head['count']} calibrations{where}: the array found in {rows['found'].mean():.1%}, verdict"
@@ -269,7 +308,14 @@ def _page(head: dict, rows: pandas.DataFrame, at: dict[str, str]) -> str:
         for name, text in CAPTIONS.items()
     )
     title = escape(str(head["title"]))
+    about = "".join(f"<li>{escape(str(line))}</li>" for line in head.get("about", ()))  # older folders do not say
+    tables = ""
+    for words, (heads, lines) in (
+        ("Every point", _points(rows, axes)), ("Good and wrong", _wrong(rows, axes))
+    ):  # fmt: skip
+        shown = html_table(list(map(escape, heads)), lines[:MAX_LINES], max(0, len(lines) - MAX_LINES))
+        tables += f"<h2>{words}</h2>{shown if lines else '<p>None.</p>'}"
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
-        f"<h1>{title}</h1><p>{summary}</p>{pictures}</html>\n"
+        f"<h1>{title}</h1><p>{summary}</p><ul>{about}</ul>{pictures}{tables}</html>\n"
     )

@@ -231,7 +231,8 @@ def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Record
             excluded.add(_index_of(recording, name, "leave_out"))
     left = [n for n in range(recording.count) if n not in excluded]
     if not left:
-        raise InputError(f"leave_out = {text} leaves no channel", "record again", key="leave_out", value=text)
+        why = ": each is silent, clipped or a copy" if len(bad) == recording.count else ""
+        raise InputError(f"leave_out = {text} leaves no channel{why}", "record again", key="leave_out", value=text)
     return select_channels(recording, left)
 
 

@@ -25,8 +25,9 @@ SUFFIXES = (".wav", ".w64")  # of files that a take is written to
 WAV_BYTES = 4e9  # that a WAV file can hold
 BLOCK = 0.1  # s of sound in a block
 PATIENCE = 5.0  # s without a block, after which a sound card counts as disconnected
+FULL_SCALE = 2.0**31  # of the whole numbers that a sound card delivers
 FLOOR = 1e-6  # relative to full scale: levels are shown as no lower
-REPLAY = "or replay a recording in its place: <replay> FILE"
+REPLAY = "or replay a recording: <replay>"
 
 Block = tuple[np.ndarray, bool]  # samples (N, t), and whether samples were lost before them
 
@@ -43,7 +44,7 @@ class SoundStream:
     live: bool = True  # whether the sound goes on while nobody reads it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Moment:
     """A take while it is recorded."""
 
@@ -53,7 +54,7 @@ class Moment:
     health: ChannelHealth  # by all samples so far
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Take:
     """A take that was recorded."""
 
@@ -95,7 +96,7 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
         if count > card["max_input_channels"]:
             problem = f'the sound card "{card["name"]}" has {card["max_input_channels"]} inputs, not {count}'
             raise InputError(problem, "give fewer <channels>, or another <device>", key="channels", value=count)
-        sd.check_input_settings(device=chosen, channels=count, samplerate=fs, dtype="float32")
+        sd.check_input_settings(device=chosen, channels=count, samplerate=fs, dtype="int32")
     except (sd.PortAudioError, ValueError) as error:
         if isinstance(error, InputError):
             raise
@@ -103,7 +104,7 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
         raise InputError(f"{what} ({error})", f"connect it, {REPLAY}", key="device", value=device) from error
 
     def blocks() -> Generator[Block, None, None]:
-        arrived: queue.SimpleQueue[Block] = queue.SimpleQueue()
+        arrived: queue.SimpleQueue[Block] = queue.SimpleQueue()  # of whole numbers: a driver may deliver any float
 
         def receive(samples, _frames, _time, status) -> None:
             arrived.put((samples.T.copy(), bool(status.input_overflow)))
@@ -111,11 +112,12 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
         size = round(BLOCK * fs)
         try:
             with sd.InputStream(
-                device=chosen, channels=count, samplerate=fs, dtype="float32", blocksize=size, latency="high",
+                device=chosen, channels=count, samplerate=fs, dtype="int32", blocksize=size, latency="high",
                 callback=receive,
             ):  # fmt: skip
                 while True:
-                    yield arrived.get(timeout=PATIENCE)
+                    samples, lost = arrived.get(timeout=PATIENCE)
+                    yield samples / FULL_SCALE, lost
         except queue.Empty:
             raise StorageError(f'the sound card "{card["name"]}" delivers no sound any more') from None
         except sd.PortAudioError as error:

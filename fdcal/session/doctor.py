@@ -34,7 +34,7 @@ from ..recordings.impulse_response import MAX_SAMPLES, WrapsRound
 from ..recordings.recording import Recording
 from ..recordings.reverberation import segment_levels
 from ..recordings.synchrony import channel_delays
-from ..solvers.robust.arrivals import arrivals_of
+from ..solvers.robust.arrivals import Arrivals, arrivals_of
 from .calibration_run import solve
 from .sources import CalibrationInput, Progress, compared_with_file, is_recording, load_input, measurement_input
 
@@ -202,7 +202,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | N
         yield Finding("field", "fault" if few else "unknown", text)
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
-    if check is not None and not (result.verdict == "good" and check.agrees):
+    if check is not None and result.verdict != "good":
         result = _by_list(inputs, result, check, progress)
     yield from _field(measurement, result)
     yield _channels(result)
@@ -272,9 +272,9 @@ def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
     arrivals = arrivals_of(problem, None)
     if arrivals is None:
         return [field, Finding("measured", "unknown", "no direct sound by which to compare arrivals and field")]
-    scattered = arrivals.scatter(np.asarray(result.positions))
-    terms = replace(arrivals, sigma=scattered).terms(np.asarray(result.positions), derivatives=False)
-    misfit = np.where(arrivals.used, np.abs(terms.residual), np.nan)
+    misfit = _misfit(arrivals, np.asarray(result.positions))
+    if measurement.positions is not None:  # which the arrivals may fit where the array was not found
+        misfit = min(misfit, _misfit(arrivals, np.asarray(measurement.positions)), key=np.nanmedian)
     median = float(np.nanmedian(misfit))
     number = np.arange(measurement.count, dtype=float)
     times = Chart("microphone", "misfit of arrivals (mm)",
@@ -288,6 +288,12 @@ def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
     if rays:
         text += ": a simulation by rays, which has no sound field at low frequencies"
     return [field, Finding("measured", "fault" if rays else "fine", text, low_db, "dB", (times,))]
+
+
+def _misfit(arrivals: Arrivals, positions: np.ndarray) -> np.ndarray:
+    """How far arrivals are from those at some positions (T, N), metres; NaN where there are none."""
+    terms = replace(arrivals, sigma=arrivals.scatter(positions)).terms(positions, derivatives=False)
+    return np.where(arrivals.used, np.abs(terms.residual), np.nan)
 
 
 MINOR = ("gain", "high_pass")  # what another kind of microphone has, and a calibration takes out

@@ -1,16 +1,21 @@
 """Requests to open a page: a scene, perhaps changed, and where its session begins."""
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 from ..model.declared import build
 from ..model.measurement import Measurement
 from ..model.scene import Scene
-from ..model.scene_file import MeasuredScene
+from ..model.scene_file import MeasuredScene, placeholder_scene
 from ..model.settings import ALL_MODES
 from ..model.validation import InputError, refusal
+
+if TYPE_CHECKING:
+    from .sources import CalibrationInput
 
 
 @dataclass(frozen=True)
@@ -44,11 +49,18 @@ class OpenRequest:
         return self.scene.seed if self.start_seed is None else self.start_seed
 
 
+def measurement_request(inputs: CalibrationInput) -> OpenRequest:
+    """Return the request for a page that shows a measurement, which has no scene."""
+    settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
+    scene = placeholder_scene(inputs.measurement, inputs.name, settings, inputs.seed)
+    return OpenRequest(scene, measurement=inputs.measurement, fewer_modes=True)
+
+
 def as_given(scene: Scene, measurement: Measurement) -> Measurement:
     """Return the measurement that a page shows: without known microphones if the solver is given none."""
     if scene.solver.known != "none":
         return measurement
-    return dataclasses.replace(measurement, known=(), known_positions=None)
+    return replace(measurement, known=(), known_positions=None)
 
 
 def table_of(scene: Scene) -> dict[str, Any]:

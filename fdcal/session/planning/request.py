@@ -25,7 +25,8 @@ from ...recordings.formats.positions import READERS, read_positions
 
 FLAT_M = 1e-6  # heights that differ by less are one plane
 FORMS = ("circle", "rectangle", "ball", "box")
-EXAMPLES = '"circle 16 0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3" or "box 32 0.6x0.6x0.4"'
+VERTICAL = "vertical"  # after a circle or a rectangle: it stands upright, along x and z
+EXAMPLES = '"circle 16 0.2", "rectangle 4x4 0.6x0.6 vertical", "ball 32 0.3" or "box 32 0.6x0.6x0.4"'
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,18 @@ class Layout:
 
     name: str  # of the file or scene, or the words
     names: tuple[str, ...]  # (N,) tuple of str
-    positions: np.ndarray  # (N, D) float64, metres; D is 2 for a plane array
+    positions: np.ndarray  # (N, D) float64, metres; D is 2 for a plane array, whose coordinates are in its plane
     scene: Scene | None = None
+    # (2, 3) float64, unit vectors in space along the coordinates of a plane array that is not level; None of any other
+    axes: np.ndarray | None = None
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # metres, where the coordinates of such an array are 0
+
+    def in_space(self, height: float) -> np.ndarray:
+        """Return the microphones in space : (N, 3) float64, metres; `height`: of a plane array that is level."""
+        if self.axes is not None:
+            return self.origin + self.positions @ self.axes
+        N, D = self.positions.shape
+        return np.column_stack([self.positions, np.full(N, height)]) if D == 2 else self.positions
 
 
 def read_layout(text: str, seed: int = 0) -> Layout:
@@ -46,11 +57,13 @@ def read_layout(text: str, seed: int = 0) -> Layout:
     words = text.split()
     if Path(text).suffix.lower() in READERS:
         placed = read_positions(text)
-        columns = 2 if np.ptp(placed.positions[:, 2]) < FLAT_M else 3
-        return Layout(Path(text).name, placed.names, frozen_array(placed.positions[:, :columns], float))
+        return _of_table(Path(text).name, placed.names, np.asarray(placed.positions, float))
     if len(words) > 1 or text in FORMS:
-        positions = _of_words(words, text, seed)
-        return Layout(text, tuple(map(str, range(len(positions)))), frozen_array(positions, float))
+        upright = words[-1] == VERTICAL and words[0] in ("circle", "rectangle")
+        positions = _of_words(words[:-1] if upright else words, text, seed)
+        names = tuple(map(str, range(len(positions))))
+        axes = frozen_array([[1, 0, 0], [0, 0, 1]], float) if upright else None
+        return Layout(text, names, frozen_array(positions, float), axes=axes)
     if text in scene_names() or text.lower().endswith(".toml"):
         scene = load_scene(text)
         if not isinstance(scene, MeasuredScene):
@@ -63,6 +76,21 @@ def read_layout(text: str, seed: int = 0) -> Layout:
         raise InputError(problem, "give a table of them, or another scene", key="layout", value=scene.name)
     remedy = f"give a .csv or .xml file of positions, a scene ({', '.join(scene_names())}), or a geometry as {EXAMPLES}"
     raise InputError(f'"{text}" names no array', remedy, key="layout", value=text)
+
+
+def _of_table(name: str, names: tuple[str, ...], x: np.ndarray) -> Layout:
+    """Return the array at positions (N, 3), metres, by two coordinates where it is plane: x and y where it is level."""
+    if np.ptp(x[:, 2]) < FLAT_M:
+        return Layout(name, names, frozen_array(x[:, :2], float))
+    centre = x.mean(axis=0)
+    _, _, axes = np.linalg.svd(x - centre)
+    if len(x) <= 3 or np.abs((x - centre) @ axes[2]).max() >= FLAT_M:
+        return Layout(name, names, frozen_array(x, float))
+    level = np.cross([0.0, 0.0, 1.0], axes[2])
+    level = level * np.copysign(1 / np.linalg.norm(level), level[np.argmax(np.abs(level))])
+    upward = np.cross(axes[2], level)
+    plane = frozen_array([level, upward if upward[2] > 0 else -upward], float)
+    return Layout(name, names, frozen_array((x - centre) @ plane.T, float), axes=plane, origin=tuple(centre.tolist()))
 
 
 def _of_words(words: list[str], text: str, seed: int) -> np.ndarray:
@@ -184,7 +212,7 @@ class PlanRequest:
         (N, D), room = self.layout.positions.shape, self.room
         if room is not None and len(room) not in (2, 3):
             raise refusal("room", list(room), f"has {len(room)} lengths", "give <room> two or three")
-        if room is not None and len(room) < D:
+        if room is not None and len(room) < (D if self.layout.axes is None else 3):
             raise InputError("the array has heights and the room has none", "give <room> three lengths", key="room")
         measurement_checks.known(self.known, None, self.layout.positions, N, D)
         if self.known_sigma and not self.known:

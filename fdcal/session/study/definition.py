@@ -11,13 +11,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+
+from ...acoustics.spectrum import SPECTRUM
 from ...model.declared import Count, Seconds, Seed, build, check, within
 from ...model.reading import parse_toml, read_bytes
+from ...model.room import Room
 from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_table
 from ...model.validation import InputError, shown
 from ..scene_edits import SceneParameters
-from .setting import Setting
+from .setting import RIGID_DECAY, Setting, admittance_of
 
 PACKAGE = Path(__file__).parents[2]
 PARTS = ("acoustics", "assessment", "cost", "model", "session", "solvers")  # what a row depends on
@@ -207,6 +211,58 @@ def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
         problem = f"absorption has no effect on {parameters['walls']} walls"
         raise InputError(problem, 'add walls = "absorbing" below [fixed]', key="absorption")
     return with_parameters(scene, SceneParameters(**parameters))
+
+
+def reverberation_time(room: Room, duration: float) -> float:
+    """Return in which time the sound falls by 60 dB, s, in recordings of a `duration`, s, weighted as a scene does.
+
+    The walls absorb as in a diffuse field (Eyring), with what they absorb at normal incidence. The window takes the
+    rest.
+    """
+    window = math.log(1e3) / SPECTRUM.decay * duration
+    if room.walls != "absorbing" or not room.admittance:
+        return window
+    if room.dimension == 3 and room.size is not None:
+        x, y, z = (*room.size, 1.0)[:3]
+        path = 2 * x * y * z / (x * y + y * z + z * x)  # between two reflections, 4 V / S
+    else:
+        corners = room.vertices
+        path = math.pi * room.area / np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum()
+    lost = -2 * math.log(abs((1 - room.admittance) / (1 + room.admittance)) or 1e-12)
+    return float(min(window, math.log(1e6) * path / (room.sound_speed * lost)))
+
+
+def describe(study: Study) -> list[str]:
+    """Return in lines what is the same at all points of a study: rooms, walls, reverberation, and what is drawn."""
+    lines, axes = [], study.axes
+    for name in study.scenes:
+        scene = scene_at(study, {**study.point(0), **({SCENE: name} if SCENE in axes else {})}, study.seed)
+        room = scene.room
+        size = " x ".join(f"{length:g}" for length in room.size or np.ptp(room.vertices, axis=0))
+        walls = f"{room.walls} walls"
+        if "walls" in axes or "absorption" in axes:
+            walls = "walls as below; at the first point"
+        seconds = reverberation_time(room, scene.emitter.duration)
+        lines.append(
+            f"scene {scene.name}: {scene.array.number} microphones unless stated below, in a room of {size} m,"
+            f" {walls}, a decay by 60 dB in {seconds:.2g} s"
+        )
+    alike: dict[str, list[str]] = {}
+    for one in study.settings:
+        size = " x ".join(f"{length:g}" for length in one.room)
+        walls = f"rigid walls, a decay by 60 dB in {math.log(1e3) / RIGID_DECAY:.2g} s"
+        if one.absorption:
+            rooms = [Room(size=one.room, walls="absorbing", admittance=admittance_of(a)) for _, a in one.absorption]
+            seconds = [reverberation_time(room, math.inf) for room in rooms]
+            absorbed = [100 * a for _, a in one.absorption]
+            walls = f"walls that absorb {min(absorbed):g} to {max(absorbed):g} %, a decay by 60 dB in"
+            walls += f" {max(seconds):.2g} to {min(seconds):.2g} s"
+        alike.setdefault(f"in a room of {size} m, {walls}", []).append(one.name)
+    lines += [f"{room}: {'; '.join(names)}" for room, names in alike.items()]
+    lines += [f"{key} = {value}" for key, value in (study.fixed or {}).items()]
+    if study.drawn.source:
+        lines.append(f"the source at a random place, {study.drawn.least_distance:g} m from the microphones at least")
+    return lines
 
 
 def _with_scenes_beside(study: Study, folder: Path) -> Study:

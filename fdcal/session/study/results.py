@@ -15,7 +15,7 @@ from ...assessment.study_statistics import SCORES
 from ...model.extras import needs
 from ...model.storage import write_atomically
 from ...model.validation import InputError, StorageError, shown
-from .definition import Study, code_version, version_text
+from .definition import Study, code_version, describe, version_text
 
 if TYPE_CHECKING:
     import pandas
@@ -59,6 +59,7 @@ class Results:
         head = self.folder / HEAD
         own = {"digest": study.digest(), "title": study.title, "count": study.count, "axes": study.axes}
         own["code"] = asdict(code_version())
+        own["about"] = describe(study)
         if head.exists():
             self._require_own(_head(head), own, resume)
         elif any(path.name != ROWS for path in self.folder.iterdir()):

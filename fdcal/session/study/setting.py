@@ -94,6 +94,15 @@ class Drawn:
     misplaced: frozenset[str]  # names of the microphones whose given position is wrong
 
 
+RIGID_DECAY = 3.0  # 1/s, of the sound between rigid walls
+
+
+def admittance_of(absorption: float) -> float:
+    """Return the admittance of walls that absorb a fraction of the energy at normal incidence."""
+    reflection = (1 - absorption) ** 0.5
+    return (1 - reflection) / (1 + reflection)
+
+
 def draw(setting: Setting, seed: int) -> Drawn:
     """Return the draw of a seed. Raises InputError where the room has no place for array and source.
 
@@ -105,7 +114,7 @@ def draw(setting: Setting, seed: int) -> Drawn:
     x = placed[:, :2] if setting.array == "plane" else placed
     N, D = x.shape
     frequencies = _frequencies(setting, x, len(size), rng)
-    decay = 0.0 if setting.absorption else 3.0  # 1/s
+    decay = 0.0 if setting.absorption else RIGID_DECAY
     k = (2 * np.pi * frequencies - 1j * decay) / SOUND_SPEED
     known = np.array(spread_out(x, setting.known), np.int64)
     given = x[known] + setting.known_error * rng.normal(size=(len(known), D))
@@ -193,9 +202,8 @@ def _monopole(setting: Setting, size, source, places, frequencies, k) -> np.ndar
     if not setting.absorption:
         return point_source_pressures(room, source, places, k)
     at, absorbed = np.array(setting.absorption).T
-    r = np.sqrt(1 - np.interp(np.log(frequencies), np.log(at), absorbed))
     rows = list[np.ndarray]()
-    for one, admittance in zip(k, (1 - r) / (1 + r), strict=True):
-        absorbing = replace(room, walls="absorbing", admittance=float(admittance))
+    for one, fraction in zip(k, np.interp(np.log(frequencies), np.log(at), absorbed).tolist(), strict=True):
+        absorbing = replace(room, walls="absorbing", admittance=admittance_of(fraction))
         rows.append(point_source_pressures(absorbing, source, places, one[None])[0])
     return np.array(rows)

@@ -50,6 +50,18 @@ class Tick:
     sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
 
 
+def bind(handle: Control, act: Callable[[Any], object]) -> Control:
+    """Call `act(value)` when a client, and not this program, has changed a control; return the control."""
+
+    async def respond(event) -> None:
+        if event.client is not None:
+            act(event.target.value)
+
+    control: Any = handle
+    (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)
+    return handle
+
+
 class Tab:
     """A tab of one session, which creates its controls in `__init__`."""
 
@@ -94,18 +106,15 @@ class Binding:
     def on(self, handle: Control, act: Callable[[Any], object]) -> Control:
         """Call `act(value)` when a client, and not this program, has changed a control; return the control."""
 
-        async def respond(event) -> None:
-            if event.client is not None:
-                self.session.yield_to_ui()
-                try:
-                    act(event.target.value)
-                except RuntimeError:
-                    if not self.closed:  # else the session has given way to another one, with all of its controls
-                        raise
+        def respond(value) -> None:
+            self.session.yield_to_ui()
+            try:
+                act(value)
+            except RuntimeError:
+                if not self.closed:  # else the session has given way to another one, with all of its controls
+                    raise
 
-        control: Any = handle
-        (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)
-        return handle
+        return bind(handle, respond)
 
     def on_client(self, handle: Control, act: Callable[[viser.ClientHandle, Any], object]) -> Control:
         """Call `act(client, value)` when a client has pressed a button; return the button."""

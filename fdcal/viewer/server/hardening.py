@@ -12,6 +12,7 @@ import functools
 import gzip
 import inspect
 import io
+import ipaddress
 import re
 import socket
 from collections.abc import Callable, Iterator
@@ -262,6 +263,13 @@ def allowed_origins(host: str) -> list[re.Pattern[str] | None]:
             names |= {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None)}
     words = "|".join(re.escape(f"[{name}]" if ":" in name else name) for name in sorted(names))
     return [re.compile(rf"https?://({words})(:\d+)?", re.IGNORECASE), None]
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only programs of this machine reach a server at `host`."""
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return host in LOOPBACK
 
 
 def _require_address(host: str, port: int) -> None:

@@ -278,6 +278,29 @@ def test_an_array_that_does_not_lie_in_the_room_is_said_to_be_moved(tmp_path):
         assert np.allclose(places_in_room(request), layout.positions) == (not moved)
 
 
+@pytest.mark.parametrize("tilt", [0.0, 0.6, np.pi / 2])
+def test_a_plane_array_is_planned_in_its_plane_however_it_is_turned(tmp_path, tilt):
+    level = read_layout("rectangle 4x3 0.6x0.4").positions
+    places = np.column_stack([level[:, 0], np.cos(tilt) * level[:, 1], np.sin(tilt) * level[:, 1]]) + [2.0, 1.5, 1.2]
+    table = tmp_path / "a.csv"
+    table.write_text("\n".join(["name,x,y,z", *(f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(places.tolist()))]))
+    request, other = PlanRequest(read_layout(str(table)), room=(4.0, 3.0, 2.5)), request_of("rectangle 4x3 0.6x0.4")
+    np.testing.assert_allclose(places_in_room(request)[:, :2], places[:, :2], atol=1e-9)
+    assert np.ptp(places_in_room(request)[:, 2]) == pytest.approx(np.ptp(places[:, 2]), abs=1e-9)
+    bounds = [make_plan(one, with_advice=False).bound.rms for one in (replace(request, room=None), other)]
+    assert bounds[0] == pytest.approx(bounds[1], rel=1e-6)
+    assert any("not level" in line for line in plan_lines(make_plan(request, with_advice=False))) == (tilt > 0)
+
+
+def test_an_upright_array_in_words_stands_along_x_and_z():
+    places = places_in_room(request_of("rectangle 4x3 0.6x0.4 vertical", room=(4.0, 3.0, 2.5)))
+    np.testing.assert_allclose(np.ptp(places, axis=0), [0.6, 0, 0.4], atol=1e-12)
+    with pytest.raises(InputError, match="three lengths"):
+        request_of("circle 12 0.2 vertical", room=(4.0, 3.0))
+    with pytest.raises(InputError, match="no geometry"):
+        request_of("ball 12 0.2 vertical")
+
+
 def test_positions_in_centimetres_are_suspected(tmp_path):
     places = np.random.default_rng(0).uniform(0, 60, (10, 3))
     table = tmp_path / "cm.csv"

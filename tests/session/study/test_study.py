@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -219,8 +220,23 @@ def test_the_report_names_the_code_and_reads_rows_that_lack_it(file, tmp_path):
     again.append(rows_of(asdict(code_version()), [3]))
     page = write_report(folder, *read_results(folder), None, {}).read_text()
     assert "3 by an fdcal that did not note its sources" in page
+    assert "<h2>Every point</h2><table>" in page and "<p>None.</p>" in page, "no calibration is good and wrong"
     assert f"1 by fdcal {code_version().version}, sources {code_version().source}" in page
     assert table.done() == {0, 1, 2, 3}
+
+
+def test_the_report_says_of_what_rooms_it_is_and_lists_every_point_with_its_interval_and_what_is_wrong(file, tmp_path):
+    study, folder = load_study(file), tmp_path / "out"
+    table = Results(folder, study, False)
+    rows = rows_of({}, range(8))
+    for row in rows:
+        row |= {"verdict": "good", "rms_error_m": 1e-3, "claimed_sigma_m": 2e-3, "seed": 700 + row["task"]}
+    rows[3] |= {"rms_error_m": 0.123, "max_error_m": 0.4}
+    table.append(rows)
+    page = write_report(folder, *read_results(folder), None, {}).read_text()
+    assert "rigid walls, a decay by 60 dB in" in page and "microphones" in page
+    assert re.search(r"<td>\d+ \(\d+ to 100\)</td>", page), "a share and its interval"
+    assert "<td>703</td><td>123</td><td>400</td>" in page, "the one that is good and wrong"
 
 
 def test_the_hash_of_sources_is_of_what_a_row_depends_on(tmp_path):

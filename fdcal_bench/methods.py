@@ -1,4 +1,4 @@
-"""Array calibration without fdcal: the coherence of a diffuse field, and arrival times.
+"""Methods to compare with: the coherence of a diffuse field, arrival times, and fdcal itself.
 
 Coherence: I. McCowan, M. Lincoln, I. Himawan, "Microphone Array Shape Calibration in Diffuse Noise Fields", IEEE TASLP
 16(3), 2008: the real part of the coherence of each pair, fitted by sinc(2 f d / c). Robust multidimensional scaling:
@@ -7,10 +7,15 @@ sparse outliers, stress majorisation. Time differences: C. Knapp, G. Carter, "Th
 Estimation of Time Delay", IEEE TASSP 24(4), 1976.
 """
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import csd, resample_poly, stft
 from scipy.spatial.distance import pdist, squareform
+
+from .scores import error_mm
 
 FINE = 16  # points per sample of an arrival time
 FIRST = 0.5  # of the greatest value of a response: the direct sound has at least this
@@ -126,3 +131,81 @@ def positions_of_arrivals(times, sources, speed: float, sigma: float, centre) ->
     for loss in ("linear", "soft_l1"):
         start = least_squares(residuals, start, loss=loss, x_scale="jac", max_nfev=60).x
     return start[: 3 * N].reshape(N, 3)
+
+
+BAND = (50.0, 2000.0)  # Hz, of the coherence
+SEGMENT = {"noise": 512, "speech": 512, "impulse": 128}  # samples at 8 kHz, of the coherence
+TAIL = 0.005  # s after the direct sound, where the coherence of a response begins
+LARGEST = 1.0  # m, of an array whose arrivals are compared
+SOURCE_SIGMA = 0.05  # m, of each coordinate of a place of the source
+
+
+def fdcal(recordings, rate, *, kind, speed, sources):
+    """fdcal with its usual settings, from sound files on."""
+    import fdcal as own
+
+    found = own.calibrate(_measurement(recordings, rate, kind, speed), known="none")
+    return found.positions, found.uncertainty
+
+
+def _measurement(recordings, rate, kind, speed):
+    """What fdcal takes from recordings."""
+    import soundfile
+
+    import fdcal as own
+
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / f"take{n}.wav" for n in range(len(recordings))]
+        for path, samples in zip(paths, recordings, strict=True):
+            soundfile.write(path, 0.5 * samples.T / np.abs(samples).max(), rate, subtype="FLOAT")
+        return own.load(paths, kind="impulse" if kind == "impulse" else "stationary", sound_speed=speed)
+
+
+def by_coherence(recordings, rate, *, kind, speed, sources):
+    """Coherence and robust multidimensional scaling."""
+    total, f = 0.0, np.zeros(0)
+    for samples in recordings:
+        if kind == "impulse":
+            samples = samples[:, int(rate * (first_arrivals(samples, rate).max() + TAIL)) :]
+        f, spectra = cross_spectra(samples, rate, SEGMENT[kind] * max(1, rate // 8000), kind == "impulse")
+        total = total + spectra / np.real(np.einsum("nnf->f", spectra))
+    used = (f >= BAND[0]) & (f <= BAND[1])
+    return robust_scaling(distances_of_coherence(coherence(total)[..., used], f[used], speed)), None
+
+
+def by_arrivals(recordings, rate, *, kind, speed, sources):
+    """Arrival times, from places of the source that were measured."""
+    if sources is None:
+        return None
+    impulse = kind == "impulse"
+    times = [first_arrivals(one, rate) if impulse else time_differences(one, rate, LARGEST / speed)
+             for one in recordings]  # fmt: skip
+    centre = np.mean(sources, axis=0)
+    return positions_of_arrivals(np.array(times), sources, speed, SOURCE_SIGMA, centre), None
+
+
+def diffuse_bound(case) -> float:
+    """Return the Cramer-Rao bound of a case, millimetres: a diffuse field at the frequencies and noise that fdcal uses.
+
+    NaN of impulses, whose arrival times say more than their field.
+    """
+    from fdcal.assessment.bound import Prior, diffuse_information, position_bound
+    from fdcal.model.problem import mode_power
+
+    if case.kind == "impulse":
+        return float("nan")
+    found = _measurement(case.recordings, case.rate, case.kind, case.speed)
+    noise = float(np.median(found.noise_power / mode_power(found.pressures)))
+    return 1e3 * position_bound(diffuse_information(case.truth, found.wavenumbers.real, noise, 3), Prior()).rms
+
+
+TAPE = 0.005  # m, of each coordinate
+
+
+def tape_error(case) -> float:
+    """Return the RMS error of positions measured with a tape, millimetres."""
+    drawn = np.random.default_rng([len(case.truth), 286]).standard_normal(case.truth.shape)
+    return error_mm(case.truth + TAPE * drawn, case.truth)
+
+
+REFERENCE_METHODS = {"fdcal": fdcal, "coherence": by_coherence, "arrival times": by_arrivals}

@@ -1,0 +1,198 @@
+"""The tab Record: takes from a sound card or a file, their channels while they last, and what they say together.
+
+It belongs to the page, not to a session: a take goes on while another scene is opened. It is there only on a page that
+this machine alone can reach, since it reads and writes files here, and listens.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
+
+import viser
+
+from ...session.worker import Delivery
+from ..background.recorder import Folder, Given, Job, Progress, Recorder
+from ..gui import html
+from ..gui.binding import bind
+
+if TYPE_CHECKING:
+    from ...recordings.take import Moment, Take
+    from ...session.takes import TakesResult
+
+CARD, NONE = "Sound card", "None"
+NOTHING: list[str] = [NONE]  # to choose from
+REMOTE = (
+    "This page can be reached from other machines, so that it neither records here nor opens files. Start fdcal view"
+    " without --host, or use fdcal record."
+)
+REPLAY = "Recordings in {folder} can be replayed or opened: choose one below. Nothing leaves this machine."
+LOWEST_DB = -60.0  # level at which a bar begins
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Between which bounds the controls can be set."""
+
+    channels: tuple[int, int] = (0, 1024)
+    seconds: tuple[int, int] = (2, 600)
+    celsius: tuple[float, float] = (-60.0, 80.0)
+
+
+RANGES = Ranges()
+
+
+class RecordTab:
+    """Owns the controls of the tab; `recorder`: what they act on, None on a page that other machines can reach."""
+
+    def __init__(self, gui: viser.GuiApi, recorder: Recorder | None, folder: str):
+        self._recorder, self._folder, self._number, self._files = recorder, folder, 0, Folder()
+        self._shown: dict[int, tuple] = {}
+        if recorder is None:
+            gui.add_html(html.remark(REMOTE))
+            return
+        (low, high), (least, most), (cold, warm) = RANGES.channels, RANGES.seconds, RANGES.celsius
+        self.card = gui.add_html("")
+        self.source = gui.add_dropdown("Sound from", NOTHING, hint="The sound card, or a file")
+        self.channels = gui.add_number(
+            "Channels", 0, min=low, max=high, step=1, hint="The first ones; 0 takes all of them"
+        )
+        self.seconds = gui.add_number("Seconds", 30, min=least, max=most, step=1, hint="Length of a take")
+        self.celsius = gui.add_number("Temperature (°C)", 20.0, min=cold, max=warm, step=0.5, hint="Of the air")
+        self.positions = gui.add_dropdown(
+            "List", NOTHING, hint="Positions of the microphones, which show swapped channels"
+        )
+        self.record = bind(gui.add_button("Record", icon=viser.Icon.MICROPHONE), lambda _: self.press())
+        self.levels = gui.add_html("")
+        self.takes = gui.add_html("")
+        self.last = bind(
+            gui.add_button("Leave out last take", hint="Of the result; its file stays", visible=False),
+            lambda _: recorder.leave_out_last(),
+        )
+        self.show_takes = bind(
+            gui.add_button("Open takes", hint="Show them as a session: run, look, export", visible=False),
+            lambda _: recorder.open_takes(),
+        )
+        self.open_file = bind(
+            gui.add_button("Open file", hint="Import the file chosen above and show it as a session", visible=False),
+            lambda _: recorder.opening.newest(self._job()),
+        )
+        self.report = gui.add_html("")
+
+    def _job(self) -> Job:
+        """Return what the controls ask for."""
+        self._number += 1
+        source, channels = self.source.value, int(self.channels.value) or None
+        return Job(self._number, "" if source == CARD else source, channels, float(self.seconds.value), self._given())
+
+    def _given(self) -> Given:
+        positions = self.positions.value
+        return Given("" if positions == NONE else positions, float(self.celsius.value))
+
+    def press(self) -> None:
+        """Record a take, or end it."""
+        recorder = self._recorder
+        if recorder is None:
+            return
+        if recorder.running:
+            recorder.stop()
+        elif self.source.value != NONE:
+            recorder.start(self._job())
+
+    def show(self, now: float) -> None:
+        """Bring the tab up to date at the time `now`, s; called by the main loop."""
+        recorder = self._recorder
+        if recorder is None:
+            return
+        files = recorder.files(now)
+        if files is not None and files != self._files:
+            self._files = files
+            self._offer(files)
+        running, source = recorder.running, self.source.value
+        self.record.label = "Stop" if running else "Record"
+        self.record.icon = viser.Icon.PLAYER_STOP if running else viser.Icon.MICROPHONE
+        self.record.disabled = source == NONE and not running
+        self.open_file.visible = source not in (CARD, NONE)
+        self.last.visible = self.show_takes.visible = bool(recorder.takes) and not running
+        progress, latest, opened = recorder.progress, recorder.recording.latest, recorder.opening.latest
+        failed = latest.cause if latest is not None and not running else None
+        self._put(self.levels, (running, progress, failed), lambda: _progress_html(progress, running, failed))
+        result, error, busy = recorder.result(self._given())
+        state = recorder.takes, result, error, busy
+        self._put(self.takes, state, lambda: _takes_html(*state))
+        reading = recorder.opening.busy
+        self._put(self.report, (opened, reading), lambda: _report_html(opened, reading))
+
+    def _put(self, place: viser.GuiHtmlHandle, state: tuple, text: Callable[[], str]) -> None:
+        """Put a text into its place where what it says has changed."""
+        shown = self._shown.get(id(place))
+        if shown is None or len(shown) != len(state) or any(a is not b for a, b in zip(shown, state, strict=True)):
+            self._shown[id(place)] = state
+            place.content = text()
+
+    def _offer(self, files: Folder) -> None:
+        """Offer the files of the folder, and the sound card where there is one."""
+        sources = (*([CARD] if files.card else []), *files.recordings) or (NONE,)
+        for control, options in ((self.source, sources), (self.positions, (NONE, *files.lists))):
+            chosen = control.value
+            control.options = options
+            control.value = chosen if chosen in options else options[0]
+        replay = REPLAY.format(folder=self._folder)
+        self.card.content = html.remark(
+            f"{files.card}. {replay}" if files.card else f"Nothing to record with: {files.missing}. {replay}"
+        )
+
+
+def _progress_html(progress: Progress, running: bool, failed: Exception | None) -> str:
+    if progress.moment is None or not running:
+        return html.complaint(failed) if failed else ""
+    said = html.remark(progress.said) if progress.said else ""
+    return levels_html(progress.names, progress.moment) + said
+
+
+def _takes_html(takes: "tuple[Take, ...]", result: "TakesResult | None", error: Exception | None, busy: bool) -> str:
+    lines = [f"take {number}: {_short(take)}" for number, take in enumerate(takes, 1)]
+    if error is not None:
+        return _lines(lines) + html.complaint(error)
+    waits = ["Calibrating ..."] if busy else []
+    if result is None:
+        return _lines([*lines, *waits])
+    return _lines([*lines, *waits, *result.lines]) + _lines(result.table, TABLE)
+
+
+def _report_html(opened: Delivery | None, reading: bool) -> str:
+    if reading:
+        return html.remark("Opening ...")
+    if opened is None or opened.cause is not None:
+        return html.complaint(opened.cause) if opened and opened.cause else ""
+    return _lines(str(opened.result).splitlines())
+
+
+def _short(take: "Take") -> str:
+    """Return a take in words, its file by its name alone."""
+    return take.text.replace(str(take.path), take.path.name, 1)
+
+
+TEXT = "white-space: pre-wrap;"
+TABLE = "white-space: pre; overflow-x: auto; font-family: monospace; font-size: 0.75em;"
+
+
+def _lines(lines: list[str], style: str = TEXT) -> str:
+    """Return lines as HTML, with columns as they are in a TABLE."""
+    text = escape("\n".join(lines))
+    return f"<div style='{html.CARD} {style}'>{text}</div>" if lines else ""
+
+
+def levels_html(names: tuple[str, ...], moment: "Moment") -> str:
+    """Return a bar for each channel, its level in decibels of full scale, and what is wrong with it."""
+    health, rows = moment.health, []
+    bad = set(health.bad.tolist())
+    for n, (name, level) in enumerate(zip(names, moment.level_db, strict=True)):
+        share = 100 * min(max(1 - level / LOWEST_DB, 0.0), 1.0)
+        fault = f"<b style='color: {html.RED}'>{escape(health.fault(n, names))}</b>" if n in bad else ""
+        bar = f"<div style='width: {share:.0f}%; height: 0.5em; background: currentColor; opacity: 0.6'></div>"
+        rows.append(
+            f"<tr><td>{escape(name)}</td><td style='width: 45%'>{bar}</td><td>{level:.0f} dB</td><td>{fault}</td></tr>"
+        )
+    head = f"<div>{moment.seconds:.0f} s</div>"
+    return f"<div style='{html.CARD}'>{head}<table style='width: 100%'>{''.join(rows)}</table></div>"

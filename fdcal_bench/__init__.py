@@ -1,0 +1,23 @@
+"""A yardstick for the calibration of microphone arrays: recordings with known positions, and one function to compare.
+
+    def method(recordings, rate, *, kind, speed, sources):
+        ...
+        return positions, sigma
+
+recordings  list of arrays (N, T), one take each: the same microphones, the source at another place
+rate        Hz
+kind        "noise", "speech" or "impulse": what the source plays
+speed       of sound, m/s
+sources     (S, 3) float64, metres, places of the source as measured with a tape, each coordinate to 5 cm; None where
+            nobody measured them
+positions   (N, 3) float64, metres, in any axes
+sigma       (N,) float64, metres, the method's own one sigma of each position, root of the sum over the coordinates;
+            or None
+
+`fdcal-bench module:method` prints a table of it beside the reference results.
+"""
+
+from .cases import Case, cases
+from .scores import Score, score
+
+__all__ = ["Case", "Score", "cases", "score"]

@@ -1,0 +1,100 @@
+"""How far the positions of a method are from the truth, and the table of several methods."""
+
+import csv
+import importlib
+import sys
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from .cases import NAMES, Case
+
+Method = Callable[..., tuple[np.ndarray, np.ndarray | None] | None]
+REFERENCE = Path(__file__).parent / "reference.csv"
+
+
+@dataclass(frozen=True)
+class Score:
+    """One method on one case."""
+
+    case: str
+    method: str
+    error_mm: float  # RMS after the best rigid motion, a mirror image allowed; NaN where the method gave nothing
+    claim_mm: float  # RMS of the method's own sigma; NaN without one
+    seconds: float  # of the processor
+
+
+def score(case: Case, method: Method, name: str) -> Score:
+    """Run a method on a case."""
+    start = time.process_time()
+    found = method(
+        [np.array(one) for one in case.recordings], case.rate, kind=case.kind, speed=case.speed, sources=case.sources
+    )
+    seconds = time.process_time() - start
+    if found is None:
+        return Score(case.name, name, np.nan, np.nan, seconds)
+    x, sigma = np.asarray(found[0], float), found[1]
+    if x.shape != case.truth.shape:
+        raise ValueError(f"{name} returned positions of shape {x.shape}; {case.name} needs {case.truth.shape}")
+    claim = np.nan if sigma is None else 1e3 * float(np.sqrt(np.mean(np.square(sigma))))
+    return Score(case.name, name, error_mm(x, case.truth), claim, seconds)
+
+
+def error_mm(found: np.ndarray, truth: np.ndarray) -> float:
+    """Return the RMS error after the best rigid motion (Kabsch), a mirror image allowed, millimetres."""
+    if not np.isfinite(found).all():
+        return np.nan
+    a, b = found - found.mean(axis=0), truth - truth.mean(axis=0)
+    left, _, right = np.linalg.svd(a.T @ b)
+    return 1e3 * float(np.sqrt(np.mean(np.sum((a @ left @ right - b) ** 2, axis=1))))
+
+
+def method_of(text: str) -> Method:
+    """Return the function that "module:function" names; modules of the current folder are found."""
+    module, _, function = text.partition(":")
+    sys.path.insert(0, "")
+    try:
+        return getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError) as error:
+        raise SystemExit(f"{text} names no function: {error}; write module:function") from None
+
+
+def read_reference() -> list[Score]:
+    """Return the reference results."""
+    with REFERENCE.open(newline="") as file:
+        return [Score(**{one.name: row[one.name] if one.type is str else float(row[one.name]) for one in fields(Score)})
+                for row in csv.DictReader(file)]  # fmt: skip
+
+
+def write_reference(scores: Iterable[Score]) -> None:
+    """Write the reference results."""
+    with REFERENCE.open("w", newline="") as file:
+        writer = csv.DictWriter(file, [one.name for one in fields(Score)], lineterminator="\n")
+        writer.writeheader()
+        for one in scores:
+            writer.writerow({key: f"{value:.3g}" if isinstance(value, float) else value
+                             for key, value in asdict(one).items()})  # fmt: skip
+
+
+def table(scores: Iterable[Score]) -> str:
+    """Return a table in Markdown: a line for each case, a column for each method; draws of a case are averaged."""
+    every = list(scores)
+    methods = list(dict.fromkeys(one.method for one in every))
+    lines = ["| case | " + " | ".join(methods) + " |", "|---" * (len(methods) + 1) + "|"]
+    for case in (name for name in NAMES if any(one.case == name for one in every)):
+        row = [[one for one in every if (one.case, one.method) == (case, method)] for method in methods]
+        lines.append(f"| {case} | " + " | ".join(map(_cell, row)) + " |")
+    seconds = [sum(one.seconds for one in every if one.method == method) for method in methods]
+    lines.append("| all: seconds | " + " | ".join(f"{s:.0f}" if np.isfinite(s) else "" for s in seconds) + " |")
+    return "\n".join(lines)
+
+
+def _cell(scores: list[Score]) -> str:
+    if not scores or not np.isfinite([one.error_mm for one in scores]).all():
+        return ""
+    error, claim = (float(np.sqrt(np.mean([getattr(one, key) ** 2 for one in scores]))) for key in
+                    ("error_mm", "claim_mm"))  # fmt: skip
+    return f"{error:.1f}" + (f" (claims {claim:.1f})" if np.isfinite(claim) else "")
