@@ -8,8 +8,9 @@ measured    the measured array of seven microphones, four takes of ../shared/dat
 A fault is named if the finding of its kind is no longer fine, and names the channel where it is one of a channel.
 Each draw has an array, a source, a list with an error of 2 mm in each coordinate, and a faulty channel of its own.
 
-FDCAL_BENCH_DRAWS sets the draws of each fault and of each set, 12 unless given; FDCAL_BENCH_FAULTS names some,
-separated by commas, "sound" the sets without a fault. 240 rows of each set are used, which saves half of the time.
+FDCAL_BENCH_DRAWS sets the draws of each fault, 12 unless given, half as many of each sound set; FDCAL_BENCH_FAULTS
+names some, separated by commas, "sound" the sets without a fault. 240 rows of each simulated set are used, which saves
+half of the time.
 """
 
 import os
@@ -28,6 +29,7 @@ from fdcal.model.validation import InputError
 from fdcal.recordings.formats import read, render
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.recording import read_samples
+from fdcal.session import doctor
 from fdcal.session.doctor import Finding, examine
 from fdcal_bench.rooms import RATE, SPEED, draw_array, draw_source, responses
 
@@ -51,6 +53,12 @@ class DataSet:
     places: np.ndarray
     kind: str
     speed: float | None = SPEED
+    most: int | None = ROWS
+
+    @property
+    def options(self) -> ImportOptions:
+        """How it is read."""
+        return ImportOptions(kind=self.kind, sound_speed=self.speed, most=self.most)
 
     def examined(self, question: str = "") -> tuple[Finding, ...]:
         """The findings about its files, with its list, up to the one that answers a question; all unless given."""
@@ -62,7 +70,7 @@ class DataSet:
             rows = [",".join([str(n), *map(repr, x)]) for n, x in enumerate(self.places.tolist())]
             table.write_text("\n".join(["name,x,y,z", *rows]) + "\n")
             findings = []
-            for one in examine(paths, str(table), ImportOptions(kind=self.kind, sound_speed=self.speed, most=ROWS)):
+            for one in examine(paths, str(table), self.options):
                 findings.append(one)
                 if one.question == question:
                     break
@@ -120,7 +128,7 @@ def measured_array(seed: int) -> DataSet:
     files = files or sorted((NOMINAL.parent).glob("*.flac"))
     read_takes = [read(path) for path in files]
     takes = [read_samples(one, 0, one.samples) for one in read_takes]
-    return DataSet("measured array", tuple(takes), int(read_takes[0].sample_rate), truth, "impulse", None)
+    return DataSet("measured array", tuple(takes), int(read_takes[0].sample_rate), truth, "impulse", None, None)
 
 
 SETS: dict[str, Callable[[int], DataSet]] = {
@@ -264,11 +272,25 @@ def is_named(findings: tuple[Finding, ...], fault: Fault, n: int) -> bool:
     return not fault.channel or str(n) in words
 
 
+def solved_once() -> None:
+    """Have `examine` calibrate each measurement once: the list, which is all that differs in some, takes no part."""
+    solve, known = doctor.solve, {}
+
+    def cached(inputs, *arguments, **others):
+        key = inputs.measurement.pressures.tobytes(), len(inputs.measurement.known)
+        if key[1] or key not in known:
+            known[key] = solve(inputs, *arguments, **others)
+        return known[key]
+
+    doctor.solve = cached
+
+
 def run() -> Iterator[str]:
+    solved_once()
     yield f"{'':<28} {'named':>9}  also named, and what was not named"
     named = count = 0
     wanted = WANTED.split(",") if WANTED else [*FAULTS, "sound"]
-    for name in (name for name in FAULTS if name in wanted):
+    for name in (name for name in wanted if name in FAULTS):
         fault, found, notes, start = FAULTS[name], 0, [], time.process_time()
         for draw in range(DRAWS):
             rng = np.random.default_rng([draw, 31])
@@ -293,12 +315,13 @@ def run() -> Iterator[str]:
 
 
 def _sound_sets() -> Iterator[str]:
+    draws = -(-DRAWS // 2)
     for name, make in SETS.items():
         silent, notes = 0, []
-        for draw in range(DRAWS):
+        for draw in range(draws):
             findings = make(draw).examined()
             faults = [one.line for one in findings if one.state == "fault"]
             silent += not faults
             notes += [f"draw {draw}: {one.line}" for one in findings if one.state in ("fault", "differs")]
-        yield f"{'sound: ' + name:<28} {silent:4d} of {DRAWS:3d}  silent"
+        yield f"{'sound: ' + name:<28} {silent:4d} of {draws:3d}  silent"
         yield from (f"    {note}" for note in notes)

@@ -40,6 +40,7 @@ COMMANDS = {
         "field array2_random --result result.json --frequencies 220 -o picture.png",
     ],
 }
+EXAMPLES = {"beamforming": "08_beamforming_map.py"}  # pictures that a script of examples/ writes
 # Figures of the reports of studies. A study of 2,000 calibrations takes up to hours; it is run once, goes on after an
 # interruption, and its results stay in RESULTS.
 STUDIES = {
@@ -82,13 +83,13 @@ def browsed(ended: bool, folder: Path) -> None:
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=list(ARGUMENTS))
         page = browser.new_page(viewport=PAGE_SIZE, color_scheme="light")
         page.goto(served.url)
-        page.get_by_role("button", name="Run", exact=True).wait_for(timeout=180e3)
+        play = page.locator("#fdcal [data-do=play]")
+        play.wait_for(timeout=180e3)
         page.wait_for_timeout(20e3)  # software rendering: the room appears a little after the controls
-        for close in page.locator(".mantine-Notification-closeButton").all():
-            close.click()  # a browser without a graphics card says so
+        page.get_by_role("button", name="Hide this line").click()  # which says that there is no graphics card
         if ended:
-            page.get_by_role("button", name="Run", exact=True).click()
-            page.get_by_text("Converged").first.wait_for(timeout=180e3)
+            play.click()
+            page.get_by_text("Converged").filter(visible=True).first.wait_for(timeout=180e3)
             page.wait_for_timeout(10e3)
         page.screenshot(path=str(folder / "picture.png"))
         browser.close()
@@ -122,13 +123,16 @@ def make(name: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         if name in COMMANDS:
             commanded(COMMANDS[name], Path(folder))
+        elif name in EXAMPLES:
+            subprocess.run([sys.executable, str(ROOT / "examples" / EXAMPLES[name])], cwd=folder, check=True)
+            (Path(folder) / f"{name}.png").rename(Path(folder) / "picture.png")
         else:
             browsed(BROWSED[name], Path(folder))
         keep(Path(folder) / "picture.png", PICTURES / f"{name}.png")
 
 
 if __name__ == "__main__":
-    every = [*COMMANDS, *BROWSED]
+    every = [*COMMANDS, *EXAMPLES, *BROWSED]
     for wanted in sys.argv[1:] or every:
         if wanted not in (*every, *STUDIES):
             raise SystemExit(f"no picture is called {wanted}: give any of {', '.join((*every, *STUDIES))}")

@@ -34,6 +34,12 @@ EXPECTED = {
     "04_landscape_of_one_microphone": (r"mode all: minimum ([\d.]+) m", 0.05),
     "05_check_channel_order": (r"channels (3) and 12 are exchanged", 3.0),
     "06_scene_of_your_own": (r"12 modes: good +mean error +([\d.]+) mm", 5.0),
+    "08_beamforming_map": (r"after: off the map of the true array by ([\d.]+) %", 10.0),
+    "09_gains_of_capsules": (r"gain: spread 1\.\d dB, found to ([\d.]+) dB RMS", 0.5),
+    "10_which_of_two_layouts": (
+        r"rectangle .* least error ([\d.]+) mm, in the room [\d.]+ mm, up to \d+ Hz\nball",
+        5.0,
+    ),
     "07_measured_array": (r"4 takes, \d+ rows; verdict \w+\nRMS distance to the nominal places ([\d.]+) mm", 6.0),
 }
 WRITTEN = {
@@ -44,6 +50,9 @@ WRITTEN = {
     "05_check_channel_order": {"geometry.xml"},
     "06_scene_of_your_own": set(),
     "07_measured_array": {"array.xml"},
+    "08_beamforming_map": {"beamforming.png"},
+    "09_gains_of_capsules": {"gains.csv", "calib.xml"},
+    "10_which_of_two_layouts": set(),
 }
 
 

@@ -195,7 +195,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | N
         yield Finding("field", "fault" if few else "unknown", text)
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
-    if check is not None and not (result.verdict == "good" and check.agrees):
+    if check is not None and result.verdict != "good":
         result = _by_list(inputs, result, check, progress)
     yield from _field(measurement, result)
     yield _channels(result)

@@ -1,0 +1,45 @@
+"""What a calibration is worth to a beamformer: maps of two sources before and after it.
+
+Delay and sum of plane waves at one frequency. Acoular draws the same maps from `found.export("array.xml")` and
+`found.export("calib.xml", table="gains")`; here a few lines of NumPy do.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import fdcal
+
+rng = np.random.default_rng(8)
+room = fdcal.load("two_places")  # 24 microphones in a ball of 0.3 m, four of them known
+true, count = room.positions, room.count
+gains = 10 ** (rng.normal(scale=1.5, size=count) / 20) * np.exp(1j * np.radians(rng.normal(scale=10, size=count)))
+gains[5] *= -1  # a cable with the wrong polarity
+listed = true + rng.normal(scale=0.02, size=true.shape)  # a list that is 2 cm off in each coordinate
+found = fdcal.calibrate(replace(room, pressures=room.pressures * gains))
+
+k, (azimuth, height) = 2 * np.pi * 2000 / room.sound_speed, np.meshgrid(*2 * [np.radians(np.arange(-60, 60.5))])
+looks = np.stack([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)], axis=-1)
+sources = looks[[70, 45], [40, 85]]  # two directions, the second source 10 dB weaker
+recorded = gains * (np.exp(1j * k * true @ sources.T) @ [1, 10 ** (-10 / 20)])
+
+
+def beam_map(positions, signals) -> np.ndarray:
+    """Amplitude in every direction, 1 for the stronger source alone."""
+    return np.abs(np.exp(-1j * k * looks @ positions.T) @ signals) / count
+
+
+corrected = recorded / found.channels.correction.gains
+maps = {"true": beam_map(true, recorded / gains), "before": beam_map(listed, recorded)}
+maps["after"] = beam_map(found.positions, corrected)
+figure = Figure(figsize=(12, 4), layout="constrained")
+panels = figure.subplots(1, 3)
+for (name, amplitude), panel in zip(maps.items(), panels, strict=True):
+    image = panel.imshow(20 * np.log10(amplitude), origin="lower", extent=(-60, 60, -60, 60), vmin=-15, vmax=1)
+    panel.plot(*np.degrees([azimuth[[70, 45], [40, 85]], height[[70, 45], [40, 85]]]), "rx")
+    panel.set(title=name, xlabel="azimuth (degrees)", ylabel="elevation (degrees)")
+    off = np.linalg.norm(amplitude - maps["true"]) / np.linalg.norm(maps["true"])
+    print(f"{name}: off the map of the true array by {100 * off:.1f} %")
+figure.colorbar(image, ax=panels, label="dB")
+figure.savefig("beamforming.png")
