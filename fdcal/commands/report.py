@@ -179,7 +179,7 @@ def list_fit(inputs: CalibrationInput, result: Calibration, check: PositionCheck
     """Return how the rows of a list fit; None where it does not fit, or the positions found are not to be trusted."""
     from ..assessment.position_check import TRUSTED, fit_list
 
-    if not check.fits or result.verdict != TRUSTED or result.room is not None:
+    if result.verdict != TRUSTED or result.room is not None or not check.fits:
         return None
     return fit_list(check, result.positions, inputs.measurement.positions, result.uncertainty)
 
