@@ -89,6 +89,7 @@ function introduce() {
   if (introduced || !greeted || !control) return;  // the two come in either order
   introduced = true;
   send(`dark=${matchMedia("(prefers-color-scheme: dark)").matches ? "on" : "off"}`);
+  send(`face=${root.dataset.face}`);
   const part = (text, name) => new URLSearchParams(text).get(name);
   if (written.server != server || written.address != asked) open(asked);
   else if (["scene", "lesson"].every(name => part(asked, name) == part(shared, name)))
@@ -210,6 +211,7 @@ function placeLabels(camera) {
 
 function face(name) {
   root.dataset.face = name == "expert" ? "expert" : "explore";
+  if (introduced) send(`face=${root.dataset.face}`);
   delete root.dataset.sheet;
   write();
 }
