@@ -206,7 +206,17 @@ class PositionCheck:
         return tuple(cycle for cycle in _cycles(self.order) if len(cycle) > 2)
 
     def exchanges(self, names: Sequence[object]) -> list[str]:
-        """Return the swaps and longer cycles in words."""
+        """Return the swaps and longer cycles in words.
+
+        Parameters
+        ----------
+        names : sequence of N str
+            Of the microphones.
+
+        Returns
+        -------
+        list of str
+        """
         lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in self.swapped]
         for cycle in self.permuted:
             lines.append(f"channels {', '.join(str(names[n]) for n in cycle)} stand in each other's places")
