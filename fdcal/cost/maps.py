@@ -462,8 +462,6 @@ def partial_sums(
     The work of a step is that of one mode. Parameters are as of `cost_maps`, with which each sum agrees; `counts` says
     how many modes the sums have that are yielded, ascending, 1 to P unless given.
     """
-    if not len(modes):  # as of a sweep whose highest mode is below the first that there is
-        return
     search = search_domain(problem) if search is None else search
     modes, counts = tuple(modes), range(1, len(modes) + 1) if counts is None else counts
     share = np.ones(len(modes)) if order_offset is None else power_shares(problem, state, modes)
