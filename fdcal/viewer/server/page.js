@@ -37,10 +37,16 @@ window.Worker = class extends Native {
   }
   postMessage(data, ...others) {
     if (data?.type == "retry" && !retries()) return;
-    if (data?.message?.type == "ViewerCameraMessage") follow(data.message);
+    if (data?.message?.type == "ViewerCameraMessage") { measure(data.message); follow(data.message); }
     super.postMessage(data, ...others);
   }
 };
+
+// viser reports the pixels that it draws, more or fewer than those of the page by the screen and by how fast it draws.
+function measure(message) {
+  const canvas = document.querySelector("canvas[data-engine]");
+  if (canvas?.clientWidth) [message.image_width, message.image_height] = [canvas.clientWidth, canvas.clientHeight];
+}
 
 function receive(from, data) {
   if (data?.type == "connected") {
