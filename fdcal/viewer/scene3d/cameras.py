@@ -111,7 +111,7 @@ CAPTION, LECTURE_CAPTION = 350, 470  # pixels, of the width of a caption
 WIDE = 900  # pixels, of a canvas that has a caption at its right
 # Of a canvas with so many pixels and so much wider than high, whose legend stands beside the map; as in page.js.
 BROAD, BROAD_RATIO = 1000, 1.4
-BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 188, 290, 44), (400, 216, 200, 56)
+BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 188, 290, 44), (400, 240, 200, 56)
 EXPERT_MARGINS, BROAD_EXPERT_MARGINS = (76, 152, 34, 66), (290, 76, 290, 66)  # beside the panels, without a bar
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
 PHONE_PANEL = 0.45  # of the height of its canvas, which a panel or a caption covers
