@@ -11,13 +11,14 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 
+from .bench_switches import settle, switch
 from .pages import Served
 from .protocol import ProtocolPage
 from .report import Figure
 
 ALONE = True  # only when named
 PAGES, SCENE = 2, "tiny"
-PAUSE, SETTLE = 0.3, 30.0  # s between what one presses at most, and until nothing is computed any more
+PAUSE, SETTLE = 0.3, 60.0  # s at most between what one presses, and until nothing is computed any more
 MOST_GROWTH, MOST_MORE = 150.0, 4  # MB, and files or threads, more than after the first minute
 TEXTS = ("", "1", "1, 2-5", "0", "-3", "1e999", "x", "9" * 400, "\u00e4\u2192\U0001f50a")
 STOPPED = "stopped at state"
@@ -82,8 +83,8 @@ def run() -> Iterator[Figure]:
             time.sleep(rng.uniform(0, PAUSE))
             if elapsed > min(60.0, seconds / 2):
                 found.append(_taken(served))
-        pages[0].set("Scene", SCENE)
-        time.sleep(SETTLE)
+        switch(pages[0], SCENE, False)
+        settle(served, SETTLE)
         ended, errors = _taken(served), served.complaints()
         stopped = [line for page in pages for line in page.stopped]
     yield Figure(f"{PAGES} pages, {pressed} times something pressed, for", seconds, "s")
@@ -93,7 +94,9 @@ def run() -> Iterator[Figure]:
         first, last = found[0][number], ended[number]
         yield Figure(f"{what} of the server after the first minute", first, unit)
         yield Figure(f"{what}, the most", max(one[number] for one in found), unit)
-        yield Figure(f"{what} in the end", last, unit, f"{more:g} more at most", last <= first + more)
+        yield Figure(
+            f"{what} in the end, scene {SCENE} opened again", last, unit, f"{more:g} more at most", last <= first + more
+        )
     yield _lines("times a page said that the solver stopped", stopped)
     yield _lines("errors in the log", errors)
 

@@ -36,17 +36,17 @@ def soak(count: int, scenes: Sequence[str] = SCENES, settle_time: float = SETTLE
     """Open `count` scenes one after the other in a page."""
     with Served(scenes[-1], {}) as served, ProtocolPage(served.url) as page:
         page.wait_for(lambda: "Apply" in page.controls)
-        _switch(page, scenes[0], True)  # the first run starts the threads that all computations share
-        _settle(served, settle_time)
+        switch(page, scenes[0], True)  # the first run starts the threads that all computations share
+        settle(served, settle_time)
         threads, start, during = len(served.threads()), served.memory(), []
         for n in range(count):
-            _switch(page, scenes[n % len(scenes)], n % RUN_EVERY == 0)
+            switch(page, scenes[n % len(scenes)], n % RUN_EVERY == 0)
             during.append(served.memory())
-        _settle(served, settle_time)
+        settle(served, settle_time)
         return Soak(start, during, served.memory(), threads, len(served.threads()) - threads, served.complaints())
 
 
-def _settle(served: Served, longest: float) -> None:
+def settle(served: Served, longest: float) -> None:
     """Wait until neither threads nor memory, to a megabyte, have changed for STILL_TIME; `longest` at most, s."""
     now = time.perf_counter()
     end, since, before = now + longest, now, None
@@ -69,7 +69,7 @@ def run() -> list[Figure]:
     ]
 
 
-def _switch(page: ProtocolPage, scene: str, runs: bool) -> None:
+def switch(page: ProtocolPage, scene: str, runs: bool) -> None:
     """Open a scene as a user does, and wait until its controls are there."""
     before = page.controls["Apply"]
     page.set("Scene", scene)

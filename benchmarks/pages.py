@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -98,7 +99,7 @@ class Served:
         lines = self._errors.read_text(encoding="utf-8", errors="replace").splitlines()
         if self._error_log.exists():
             logged = self._error_log.read_text(encoding="utf-8", errors="replace").splitlines()
-            lines += [line for line in logged if " ERROR " in line]
+            lines += [line for line in logged if " ERROR " in line or re.match(r"[\w.]+(Error|Exception)\b", line)]
         return [line for line in lines if any(word in line for word in ("rror", "Traceback", "xception", "details in"))]
 
 

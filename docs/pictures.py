@@ -83,13 +83,13 @@ def browsed(ended: bool, folder: Path) -> None:
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=list(ARGUMENTS))
         page = browser.new_page(viewport=PAGE_SIZE, color_scheme="light")
         page.goto(served.url)
-        page.get_by_role("button", name="Run", exact=True).wait_for(timeout=180e3)
+        play = page.locator("#fdcal [data-do=play]")
+        play.wait_for(timeout=180e3)
         page.wait_for_timeout(20e3)  # software rendering: the room appears a little after the controls
-        for close in page.locator(".mantine-Notification-closeButton").all():
-            close.click()  # a browser without a graphics card says so
+        page.get_by_role("button", name="Hide this line").click()  # which says that there is no graphics card
         if ended:
-            page.get_by_role("button", name="Run", exact=True).click()
-            page.get_by_text("Converged").first.wait_for(timeout=180e3)
+            play.click()
+            page.get_by_text("Converged").filter(visible=True).first.wait_for(timeout=180e3)
             page.wait_for_timeout(10e3)
         page.screenshot(path=str(folder / "picture.png"))
         browser.close()

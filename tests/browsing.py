@@ -140,7 +140,7 @@ def on_screen(page, scene, points):
     for _ in range(int(WAIT / 0.1)):
         box = page.locator("canvas").first.bounding_box()
         size = (round(box["width"]), round(box["height"]))
-        camera = camera_for(picture, size, "top", cameras.MARGINS, fov=cameras.TOP_FOV)
+        camera = camera_for(picture, size, "top", cameras.EXPERT_MARGINS, fov=cameras.TOP_FOV)
         if page.evaluate(STANDS, [float(x) for x in camera.position]):
             return project(camera, size, points) + [box["x"], box["y"]]
         page.wait_for_timeout(100)

@@ -205,6 +205,23 @@ class PositionCheck:
         """Cycles of more than two channels that stand at each other's positions."""
         return tuple(cycle for cycle in _cycles(self.order) if len(cycle) > 2)
 
+    def exchanges(self, names: Sequence[object]) -> list[str]:
+        """Return the swaps and longer cycles in words.
+
+        Parameters
+        ----------
+        names : sequence of N str
+            Of the microphones.
+
+        Returns
+        -------
+        list of str
+        """
+        lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in self.swapped]
+        for cycle in self.permuted:
+            lines.append(f"channels {', '.join(str(names[n]) for n in cycle)} stand in each other's places")
+        return lines
+
     @property
     def agrees(self) -> bool:
         """Whether the list fits, in its order and its size."""
@@ -379,22 +396,99 @@ def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
     return cycles
 
 
+@dataclass(frozen=True)
+class ListRules:
+    """When a row of a list, or its size, is wrong."""
+
+    # relative, and sigmas of it: a size that is off. Without a thermometer the sound speed is known to 2 %
+    scale: float = 0.03
+    scale_sigmas: float = 2.5
+    # metres, sigmas and medians of the errors: a microphone beyond all of them is in another place than listed
+    misplaced: float = 0.015
+    misplaced_sigmas: float = 5.0
+    misplaced_medians: float = 4.0
+
+
+LIST_RULES = ListRules()
+
+
+@dataclass(frozen=True, eq=False)
+class ListFit:
+    """A list that fits, laid onto the array by its healthy rows, in the size of the array.
+
+    Attributes
+    ----------
+    errors : (N,) float64
+        Metres, distance of each microphone from its place in the order that fits.
+    kept : (N,) bool
+        Rows by which the list was laid onto the array.
+    scale : float
+        Size of the list over that of the array.
+    misplaced : tuple of int
+        Microphones that are in another place than listed.
+    sized : bool
+        Whether list and array differ in size by more than they are uncertain.
+    """
+
+    errors: np.ndarray
+    kept: np.ndarray
+    scale: float
+    misplaced: tuple[int, ...] = ()
+    sized: bool = False
+
+    def faults(self, names: Sequence[object]) -> list[str]:
+        """Return what is wrong with the list, its order apart, in words."""
+        found = [f"{names[n]} is {1e3 * self.errors[n]:.0f} mm from its place" for n in self.misplaced]
+        if self.sized:
+            kelvin = 293 * (self.scale**2 - 1)  # the array found is as large as the sound speed
+            air = f"{abs(kelvin):.0f} K {'warmer' if kelvin > 0 else 'colder'} than assumed"
+            found.append(f"the list is {100 * (self.scale - 1):+.1f} % too large, or the air is {air}")
+        return found
+
+
+def fit_list(check: PositionCheck, found, given, sigma=None, size_known: bool = True) -> ListFit:
+    """Return how a list fits row by row, which `check` has found to fit as a whole.
+
+    `found`, `given` (N, D), metres, as compared; `sigma` (N,), metres, of each position found; `size_known`: whether
+    that of the array found is determined at all.
+    """
+    own, placed = np.asarray(found, float), np.asarray(given, float)[check.order] / check.scale
+    errors, kept = np.zeros(len(own)), np.ones(len(own), bool)
+    for _ in range(3):  # without those that are misplaced
+        errors = np.linalg.norm(align(own, placed, kept) - placed, axis=1)
+        kept = errors <= max(3 * float(np.median(errors)), 1e-3)
+    spread = [np.linalg.norm(x[kept] - x[kept].mean(axis=0)) for x in (placed, own)]
+    ratio = float(spread[0] / spread[1])
+    errors = np.linalg.norm(align(own * ratio, placed, kept) - placed, axis=1)
+    sigma = np.zeros(len(own)) if sigma is None else np.asarray(sigma, float)
+    limit = np.maximum(LIST_RULES.misplaced, LIST_RULES.misplaced_sigmas * sigma)
+    limit = np.maximum(limit, LIST_RULES.misplaced_medians * float(np.median(errors)))
+    radius = float(np.sqrt(np.mean(np.sum((own - own.mean(axis=0)) ** 2, axis=1))))
+    unsure = LIST_RULES.scale_sigmas * float(np.sqrt(np.mean(sigma[kept] ** 2))) / radius
+    scale = check.scale * ratio
+    sized = size_known and abs(scale - 1) > max(LIST_RULES.scale, unsure)
+    return ListFit(errors, kept, scale, tuple(np.flatnonzero(errors > limit).tolist()), sized)
+
+
 def describe(
     check: PositionCheck,
     names: Sequence[object],
     verdict: str = TRUSTED,
     known: bool = True,
     arguments: Mapping[str, str] | None = None,
+    fit: ListFit | None = None,
 ) -> str:
     """Return a comparison in words: what is exchanged, then the error of every microphone, the largest first.
 
     Unless the `verdict` is "good", finding no swap means that there is none only where every microphone is near its
-    place. `known`: whether known microphones fixed the positions.
+    place. `known`: whether known microphones fixed the positions; `fit`: of the rows, where it is known.
     """
     advice = word_arguments("; try <known> none", arguments or {}) if known else ""
     untrusted = "" if verdict == TRUSTED else f"not to be trusted ({verdict}){advice}"
     if check.fits:
         lines = _exchanges(check, names) or [_unchanged(check, verdict, untrusted)]
+        if fit is not None and not untrusted:
+            lines += replace(fit, sized=fit.sized and check.scale == 1).faults(names)  # a large factor is said below
     else:
         reason = "it is of another array, or most of its positions are far off"
         if untrusted:
@@ -425,10 +519,7 @@ def _exchanges(check: PositionCheck, names: Sequence[object]) -> list[str]:
     moved = np.count_nonzero(check.order != np.arange(len(names)))
     if moved > MAX_LISTED * len(names):
         return [f"{moved} of {len(names)} channels stand in others' places{_pattern(check.order)}"]
-    lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
-    for cycle in check.permuted:
-        lines.append(f"channels {', '.join(str(names[n]) for n in cycle)} stand in each other's places")
-    return lines
+    return check.exchanges(names)
 
 
 def _pattern(order: np.ndarray) -> str:

@@ -275,7 +275,7 @@ def calibrate(
         print("list    add --check to see which channels are swapped, and how far each microphone is from its place")
     if compared is not None:
         print(report.comparison_text(inputs, result, compared))
-    if compared is not None and not compared.agrees:
+    if compared is not None and not report.agrees(inputs, result, compared):
         return 5
     return 0 if result.verdict == "good" else 4
 

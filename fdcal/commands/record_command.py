@@ -126,7 +126,7 @@ def _answer(this: str, following: str) -> str:
 def _exit_code(found: TakesResult | None) -> int:
     if found is None:
         return 4
-    if found.check is not None and not found.check.agrees:
+    if found.of_list or (found.check is not None and not found.check.agrees):
         return 5
     return 0 if found.result.verdict == "good" else 4
 

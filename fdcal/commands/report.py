@@ -15,7 +15,7 @@ from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
 if TYPE_CHECKING:
-    from ..assessment.position_check import PositionCheck
+    from ..assessment.position_check import ListFit, PositionCheck
 
 MIN_MOVE = 1e-3  # metres, of a given position that is mentioned
 MAX_ROWS = 12  # of the table of given positions
@@ -165,7 +165,23 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
     """Return a comparison in words: what is exchanged, and how far each microphone is from its place in the list."""
     from ..assessment.position_check import describe
 
-    return describe(check, inputs.measurement.names, result.verdict, len(_frame(inputs)) > 0, OPTIONS)
+    names = inputs.labels or inputs.measurement.names
+    return describe(check, names, result.verdict, len(_frame(inputs)) > 0, OPTIONS, list_fit(inputs, result, check))
+
+
+def agrees(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> bool:
+    """Return whether a list fits, in its order, in its size and in each row."""
+    fit = list_fit(inputs, result, check) if check.agrees else None
+    return check.agrees and (fit is None or not (fit.misplaced or fit.sized))
+
+
+def list_fit(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> ListFit | None:
+    """Return how the rows of a list fit; None where it does not fit, or the positions found are not to be trusted."""
+    from ..assessment.position_check import TRUSTED, fit_list
+
+    if result.verdict != TRUSTED or result.room is not None or not check.fits:
+        return None
+    return fit_list(check, result.positions, inputs.measurement.positions, result.uncertainty)
 
 
 def _frame(inputs: CalibrationInput) -> Sequence[int]:

@@ -119,13 +119,15 @@ def basin_slice(
     for no slice; `position`: along that axis, metres; beyond the lattice, its edge; `minima`: to be marked; `place`
     (3,) float64, metres, whose basin has the first colour; None for no such basin; `name`: of that place.
     """
-    number, domain = AXES.find(axis), np.stack([search.origin, np.add(search.origin, search.size)])
+    if axis not in AXES:
+        return Volume(NO_SURFACE, None, None, (), minima)
+    number, domain = AXES.index(axis), np.stack([search.origin, np.add(search.origin, search.size)])
     at = int(np.clip(np.rint((position - domain[0][number]) / search.step), 0, basins.labels.shape[2 - number] - 1))
     labels = basins.labels.take(at, axis=2 - number)
     image = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name, labels)
     edges = domain + np.multiply([[-0.5], [0.5]], search.step)
     plate = plate_of(TABLE[image.numbers], number, domain[0][number] + at * search.step, edges)
-    return Volume(NO_SURFACE, plate if axis in AXES else None, None, (), minima, image.areas)
+    return Volume(NO_SURFACE, plate, None, (), minima, image.areas)
 
 
 def descent_text(basins: Basins, search: Search, place, name: str = "true position") -> str:

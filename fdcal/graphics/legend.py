@@ -82,7 +82,7 @@ def legend_of(picture: Picture) -> tuple[Entry, ...]:
     """Return the entries of a picture: areas of its map, the marks that can be seen in the order of MARKS, solvers."""
     seen = {part.name for part in (*picture.meshes, *picture.lines) if _is_visible(part, picture)}
     seen |= {"isosurfaces"} if picture.surfaces else set()
-    seen |= {"slice"} if picture.plates else set()
+    seen |= {plate.name for plate in picture.plates}
     captions = dict(picture.captions)
     entries = [entry for name, entry in MARKS.items() if name in seen]
     names = [name for part in picture.meshes if (name := part.name).startswith(COMPARED)]

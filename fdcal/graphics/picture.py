@@ -27,6 +27,7 @@ from .markers import (
     true_microphones,
 )
 from .primitives import Anchor, Floor, Label, Picture, theme_of
+from .shadow import relief_shadow
 from .surroundings import focus_of, frame, room_and_source, upper_frame, z_range_of
 
 # In radii of a marker: sizes of a text on the screen where the search domain fills it, and distances.
@@ -155,7 +156,8 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     if floor is None:
         return replace(picture, floor=None)
     if floor.heights is not None:
-        picture = replace(picture, meshes=picture.meshes + relief_sides(floor, picture.theme))
+        sides, shadow = relief_sides(floor, picture.theme), relief_shadow(floor)
+        picture = replace(picture, meshes=picture.meshes + sides, plates=(*picture.plates, shadow))
     if not floor.show_minima:
         return replace(picture, floor=floor)
     radius = picture.marker_radius

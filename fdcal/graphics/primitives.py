@@ -150,7 +150,7 @@ class Plate:
     """An image in space, parallel to two axes."""
 
     name: str  # unique in a picture
-    rgb: np.ndarray  # (h, w, 3) uint8
+    rgb: np.ndarray  # (h, w, 3) uint8, or (h, w, 4) with opacities
     axis: int  # 0, 1 or 2, of x, y and z: across the image
     position: float  # along that axis, metres
     # origin, size: lowest corner and extent along the other axes, in their order, metres; row 0 is at the low end

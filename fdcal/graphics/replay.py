@@ -139,7 +139,15 @@ def channel_arrays(states: Sequence) -> dict[str, np.ndarray]:
 
 
 MAX_BYTES = 4_500_000  # of a file; of a longer run fewer states are kept, evenly spaced
-STATE_NUMBERS = ("step", "sweep", "stage", "moved", "first", "last")  # of a state, in the file as they are called here
+STATE_NUMBERS = (
+    "step",
+    "sweep",
+    "stage",
+    "restart",
+    "moved",
+    "first",
+    "last",
+)  # of a state, in the file as they are called here
 MAX_COSTS = 400  # states whose cost is computed, evenly spaced
 BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
 POSITION_LEVELS = 2**28  # of a coordinate, of the largest distance from the middle of the array

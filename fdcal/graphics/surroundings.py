@@ -95,7 +95,7 @@ def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[
         ticks, places, texts = glyphs.ruler(low, high, across, axis, 1.2 * marker_radius, level)
         pieces.append(ticks)
         labels += _numbers("xy"[axis], places, texts, theme, anchor)
-    labels.append(Label("frame/x", "x (m)", (x1, y0 - 4.8 * marker_radius, level), theme.foreground, "top-right"))
+    labels.append(Label("frame/x", "x (m)", (x1, y0 - 3.8 * marker_radius, level), theme.foreground, "top-right"))
     labels.append(Label("frame/y", "y (m)", (x0, y1 + 2.0 * marker_radius, level), theme.foreground, "bottom-center"))
     return (lines("frame", np.concatenate(pieces), theme.foreground, 1.5),), tuple(labels)
 

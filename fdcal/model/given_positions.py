@@ -103,6 +103,12 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
     )
 
 
+def listed_names(names: Sequence[str], given: Sequence[str], excluded: int = 0) -> tuple[str, ...]:
+    """Return the name of each channel, with the one of its row of a list in parentheses where that is another."""
+    rows = zip(names, _rows(names, given, excluded), strict=True)
+    return tuple(name if given[row] == name else f"{name} ({given[row]})" for name, row in rows)
+
+
 def row_order_remark(names: Sequence[str], given: Sequence[str]) -> str:
     """Return in words that the rows of a list count and not their names, `given`; "" where it has all of `names`."""
     shared = len(set(names) & set(given))

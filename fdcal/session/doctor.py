@@ -21,7 +21,7 @@ import numpy as np
 
 from ..assessment.calibration import Calibration, ChannelFault
 from ..assessment.field import leave_one_out_errors, summarise
-from ..assessment.position_check import PositionCheck, compare_positions
+from ..assessment.position_check import LIST_RULES, PositionCheck, compare_positions, fit_list
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -90,15 +90,11 @@ class DoctorRules:
     fewest: int = 6  # frequencies below it
     low_db: float = -6.0  # leave-one-out error of these
     arrivals: float = 3e-3  # metres, median misfit of arrival times that fit
-    # relative, and sigmas of it: a size that is off. Without a thermometer the sound speed is known to 2 %
-    scale: float = 0.03
-    scale_sigmas: float = 4.0
-    tape: float = 3e-3  # metres, one sigma of each coordinate of a list, for its size
-    speed: float = 0.05  # relative, one sigma of the sound speed before it is sought, for the same
-    # metres, sigmas and medians of the errors: a microphone beyond all of them is in another place than listed
-    misplaced: float = 0.015
-    misplaced_sigmas: float = 5.0
-    misplaced_medians: float = 4.0
+    # of the size of a list: sigmas of one that is off, metres, one sigma of each listed coordinate, and relative, one
+    # sigma of the sound speed before it is sought
+    size_sigmas: float = 4.0
+    tape: float = 3e-3
+    speed: float = 0.05
 
 
 RULES = DoctorRules()
@@ -357,31 +353,16 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
         sure = result.verdict == "good"
         text = "the list fits the array found in no order: it is of another array, or most positions are far off"
         return Finding("list", "fault" if sure else "unknown", text if sure else f"{text}; {result.verdict_text}")
-    placed, own = listed[check.order] / check.scale, np.asarray(result.positions)
-    scale, errors = check.scale, np.zeros(len(own))
-    kept = np.ones(len(own), bool)
-    for _ in range(3):  # without those that are misplaced
-        moved = align(own, placed, kept)
-        errors = np.linalg.norm(moved - placed, axis=1)
-        kept = errors <= max(3 * float(np.median(errors)), 1e-3)
-    spread = [np.linalg.norm(x[kept] - x[kept].mean(axis=0)) for x in (placed, own)]
-    scale *= float(spread[0] / spread[1])
-    errors = np.linalg.norm(align(own * scale / check.scale, placed, kept) - placed, axis=1)
-    sigma = np.zeros(len(own)) if result.uncertainty is None else result.uncertainty
-    limit = np.maximum(RULES.misplaced, RULES.misplaced_sigmas * sigma)
-    limit = np.maximum(limit, RULES.misplaced_medians * float(np.median(errors)))
-    faults = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
-    faults += [f"channels {', '.join(names[n] for n in cycle)} stand in each other's places"
-               for cycle in check.permuted]  # fmt: skip
-    faults += [f"{names[n]} is {1e3 * errors[n]:.0f} mm from its place" for n in np.flatnonzero(errors > limit)]
-    unsure = np.inf
+    own = np.asarray(result.positions)
+    fit = fit_list(check, own, listed, result.uncertainty, result.verdict != "scale_undetermined")
     if check.scale == 1:
-        size, unsure = _size(inputs, listed[check.order], errors <= limit, progress)
-        scale = size if np.isfinite(unsure) else scale
-    if abs(scale - 1) > max(RULES.scale, RULES.scale_sigmas * unsure) or check.scale != 1:
-        kelvin = 2 * 293 * (1 / scale - 1)
-        faults.append(f"the list is {100 * (scale - 1):+.1f} % too large, or the air is {kelvin:+.0f} K off what was"
-                      " assumed")  # fmt: skip
+        right = ~np.isin(np.arange(len(own)), fit.misplaced)
+        size, sigma = _size(inputs, listed[check.order], right, progress)
+        if np.isfinite(sigma):
+            sized = abs(size - 1) > max(LIST_RULES.scale, RULES.size_sigmas * sigma)
+            fit = replace(fit, scale=size, sized=sized)
+    errors, kept, scale = fit.errors, fit.kept, fit.scale
+    faults = [*check.exchanges(names), *fit.faults(names)]
     rms = 1e3 * float(np.sqrt(np.mean(errors[kept] ** 2)))
     text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (scale - 1):+.1f} %"
     there = align(own, listed[check.order], kept)

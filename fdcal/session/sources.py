@@ -47,6 +47,7 @@ class CalibrationInput:
     # what the positions of the measurement are called where errors are reported; true or nominal unless given
     compared_with: str = ""
     remark: str = ""  # on how these positions belong to the channels; "" where there is none
+    labels: tuple[str, ...] = ()  # of the channels, with the names of a list that calls them otherwise; () without one
     title: str = ""  # of a scene that is a measurement; the name unless given
 
     @property
@@ -137,13 +138,19 @@ def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str,
 
     `left_out`: channels that the import has left out, which the file may have.
     """
-    from ..model.given_positions import row_order_remark, with_positions
+    from ..model.given_positions import listed_names, row_order_remark, with_positions
     from ..recordings.formats.positions import read_positions
 
     placed, name = read_positions(path), Path(path).name
-    measurement = with_positions(inputs.measurement, placed, len({*inputs.excluded, *left_out}))
-    remark = row_order_remark(measurement.names, placed.names)
-    return replace(inputs, measurement=measurement, compared_with=f"the positions in {name}", remark=remark)
+    missing = len({*inputs.excluded, *left_out})
+    measurement = with_positions(inputs.measurement, placed, missing)
+    return replace(
+        inputs,
+        measurement=measurement,
+        compared_with=f"the positions in {name}",
+        remark=row_order_remark(measurement.names, placed.names),
+        labels=listed_names(measurement.names, placed.names, missing),
+    )
 
 
 def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationInput:

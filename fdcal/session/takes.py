@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..assessment.calibration import placed_in_frame
-from ..assessment.position_check import PositionCheck, compare_positions
+from ..assessment.position_check import PositionCheck, compare_positions, fit_list
 from ..model.texts import length_text
 from ..model.validation import InputError
 from ..recordings.import_options import ImportOptions
@@ -54,26 +54,27 @@ class TakesResult:
     check: PositionCheck | None  # against the list; None without one
 
     @property
-    def swapped(self) -> list[str]:
-        """Which channels stand in each other's places of the list, in words."""
-        names, check = self.result.names, self.check
-        if check is None or not check.fits:
+    def of_list(self) -> list[str]:
+        """What the list has wrong, in words: exchanged channels, misplaced microphones, its size."""
+        check, given, result = self.check, self.inputs.measurement.positions, self.result
+        if check is None or given is None or not check.fits:
             return []
-        cycles = [", ".join(names[n] for n in cycle) for cycle in check.permuted]
-        pairs = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
-        return pairs + [f"channels {cycle} stand in each other's places" for cycle in cycles]
+        names, lines = self.inputs.labels or result.names, []
+        if result.verdict == "good":
+            lines = fit_list(check, result.positions, given, result.uncertainty).faults(names)
+        return check.exchanges(names) + lines
 
     @property
     def faults(self) -> list[str]:
         """What is wrong with channels, in words."""
         channels = self.result.channels
-        return [fault.text for fault in (channels.faults if channels else ())] + self.swapped
+        return [fault.text for fault in (channels.faults if channels else ())] + self.of_list
 
     @property
     def to_mend(self) -> bool:
         """Whether a cable, a channel or a row of the list is to be corrected before the next take."""
         channels = self.result.channels
-        return bool(self.swapped) or any(fault.kind in MENDED for fault in (channels.faults if channels else ()))
+        return bool(self.of_list) or any(fault.kind in MENDED for fault in (channels.faults if channels else ()))
 
     @property
     def sigma(self) -> float:

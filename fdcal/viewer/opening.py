@@ -117,6 +117,7 @@ def film() -> Film:
 RELIEF_HEIGHT = 0.22  # of the highest cost, of the longer side of the map: so low that no hill hides a hole
 MARGINS = (24, 24, 24, 128)  # pixels left, bottom, right and top of the map, for the words above it
 FRAME_TIME = 0.12  # s between two pictures while the map changes
+ABOUT = "Where is this microphone? Its recording fits where the map is dark."
 COARSE = 2  # of the lattice of the map while it changes
 
 
@@ -230,7 +231,7 @@ class Opening:
             self.floor = self._projector.floor(moment)
             self._nodes.show(self._projector.picture(moment, self.dark))
         if time < self._projector.film.length:
-            words.show(moment.words, "", {"Skip": self.end}, alone=True)
+            words.show(moment.words, ABOUT, {"Skip": self.end}, alone=True, quiet=True)
         else:
             words.show(moment.words, "Drag it away, and let it go.", {"Now you": self.end}, alone=True)
 

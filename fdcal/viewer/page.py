@@ -81,6 +81,7 @@ class Page:
         self.explore = Explore(self, self.lessons)
         self.address, self._dark = AddressBar(self, self.lessons), False
         self.panels.overlay.on("dark", lambda client, value: self._prefer(value == "on"))
+        self.panels.overlay.on("face", lambda client, value: nodes.cameras.show_face(client, value == "expert"))
         self._progress, self._on_progress, self._fault = "", on_progress, ""
         self._canvases_checked, self._wake = 0.0, WakeEvent()
         self._releases: collections.deque[float] = collections.deque()  # when each is due, one for each session

@@ -50,7 +50,7 @@ def test_the_numbers_are_those_of_the_run(run):
     np.testing.assert_allclose(arrays["mean"], errors.mean(axis=1), rtol=1e-12)
     assert np.array_equal(arrays["largest"], errors.max(axis=1))
     assert np.array_equal(arrays["cost"], [reference_cost(state.positions) for state in states])
-    for name in ("step", "sweep", "stage", "moved", "first", "last"):
+    for name in ("step", "sweep", "stage", "restart", "moved", "first", "last"):
         assert np.array_equal(arrays[name], [getattr(state, name) for state in states])
     np.testing.assert_allclose(data["given"], measurement.known_positions, atol=1e-6)
     assert data["known"] == measurement.known.tolist() and data["names"] == list(measurement.names)
@@ -90,9 +90,9 @@ def test_no_replay_is_larger_than_an_email_attachment_may_be():
     truth = rng.uniform(0, 3, (count, 3))
     pressures = rng.normal(size=(2, count)) + 1j * rng.normal(size=(2, count))
     measurement = Measurement([100.0, 150.0], pressures, 343.0, 3, positions=truth, known=[0, 1, 2, 3])
-    fields = ("positions", "cost", "step", "sweep", "stage", "moved", "first", "last")
+    fields = ("positions", "cost", "step", "sweep", "stage", "restart", "moved", "first", "last")
     State = dataclasses.make_dataclass("State", fields)
-    states = [State(truth + rng.normal(size=truth.shape), 1.0, i, i, 0, -1, 1, 2) for i in range(3000)]
+    states = [State(truth + rng.normal(size=truth.shape), 1.0, i, i, 0, 0, -1, 1, 2) for i in range(3000)]
     text = replay_html(None, measurement, states, "Large")
     data, arrays, _ = contents(text)
     steps = arrays["step"]
@@ -130,6 +130,38 @@ def test_it_plays_in_a_browser_without_a_network(run, browser, tmp_path):
     page.get_by_role("button", name="Play").wait_for()
     page.context.close()
     assert not faults
+
+
+@pytest.mark.parametrize("ends_true", [True, False])
+def test_a_curve_has_a_place_for_no_error_and_marks_where_the_solver_began_again(ends_true, run, browser, tmp_path):
+    scene, measurement, states = run
+    path, counted = tmp_path / "restarts.html", {"sweep": 0, "stage": 0, "moved": -1, "first": 1, "last": 3}
+    places = [states[0].positions] * 3 + [measurement.positions if ends_true else states[-1].positions]
+    restarts = [0, 0, 1, 1] if ends_true else [0] * 4
+    shown = [
+        SimpleNamespace(step=10 + i, restart=number, positions=place, channels=None, **counted)
+        for i, (number, place) in enumerate(zip(restarts, places, strict=True))
+    ]
+    path.write_text(replay_html(scene, measurement, shown, "Restarts"), encoding="utf-8")
+    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
+    page.add_init_script(
+        """window.drawn = [];
+        for (const name of ["fillText", "stroke"]) {
+          const draw = CanvasRenderingContext2D.prototype[name];
+          CanvasRenderingContext2D.prototype[name] = function (...given) {
+            if (this.canvas.id == "error") window.drawn.push([given[0] ?? this.strokeStyle, given[2]]);
+            draw.apply(this, given);
+          };
+        }"""
+    )
+    page.goto(path.as_uri())
+    page.get_by_text("step 10, sweep 0; modes 1 to ").wait_for()
+    scale = {text: height for text, height in page.evaluate("window.drawn") if height is not None}
+    colours = {text for text, height in page.evaluate("window.drawn") if height is None}
+    assert ("#8c5ab4" in colours) == page.get_by_text("Violet ticks").is_visible() == ends_true
+    above = [height for text, height in scale.items() if text != "0" and height < scale.get("0", np.inf)]
+    assert len(above) >= 2 and (not ends_true or max(above) + 10 < scale["0"]), "below all that a logarithm has"
+    page.context.close()
 
 
 def test_a_calibration_shows_its_run_inside_a_notebook(run, browser):
@@ -234,7 +266,7 @@ def states_of(measurement, count=4, channels=None):
     """States on their way to the truth; each moves one microphone."""
     rng = np.random.default_rng(1)
     away = 0.03 * rng.normal(size=measurement.positions.shape)
-    numbers = dict(sweep=0, stage=0, first=1, channels=channels)
+    numbers = dict(sweep=0, stage=0, restart=0, first=1, channels=channels)
     return [
         SimpleNamespace(
             positions=measurement.positions + away * (count - 1 - t), step=10 * t, moved=3 + t, last=4 + t, **numbers

@@ -1,6 +1,7 @@
 """Files of positions that somebody gives: Acoular's XML and tables."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -97,6 +98,31 @@ def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path
     assert check["fits"] and check["scale"] == pytest.approx(factor, rel=0.02)
     assert check["order"] == [str(n) for n in range(16)][::step]
     assert fdcal.Calibration.load(result).verdict == "good"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda x: 1.05 * x, r"the list is \+5.0 % too large, or the air is (29|30|31) K warmer than assumed"),
+        (lambda x: 0.95 * x, r"the list is -5.0 % too large, or the air is (28|29) K colder than assumed"),
+        (lambda x: x + 0.25 * (np.arange(len(x)) == 8)[:, None] * [0.6, 0.8], r"8 \(M09\) is 250 mm from its place"),
+        (
+            lambda x: x[[0, 1, 2, 12, *range(4, 12), 3, *range(13, 16)]],
+            r"channels 3 \(M04\) and 12 \(M13\) are swapped",
+        ),
+    ],
+)
+@pytest.mark.parametrize("known", ["none", "all"])
+def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its_own(
+    tmp_path, capsys, change, said, known
+):
+    places = change(np.asarray(fdcal.load("tiny").positions)).tolist()
+    rows = [f"M{n:02d},{x},{y}" for n, (x, y) in enumerate(places, 1)]
+    positions = written(tmp_path, "\n".join(["name,x,y", *rows]), "list.csv")
+    assert exit_code("calibrate", "tiny", "--known", known, "--check", "--positions", positions) == 5
+    lines = capsys.readouterr().out.splitlines()
+    assert any(re.fullmatch(said, line) for line in lines)
+    assert sum(word in line for line in lines for word in ("too large", "its place")) <= 1
 
 
 def test_exchanged_channels_are_found_in_python(exchanged):

@@ -35,6 +35,7 @@ class State:
     step: int = 0
     sweep: int = 0
     stage: int = 0
+    restart: int = 0
     moved: int = -1
     first: int = 1
     last: int = 2

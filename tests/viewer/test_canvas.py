@@ -2,8 +2,21 @@
 
 import re
 
+import numpy as np
 import pytest
-from browsing import EXACT, WAIT, begin_anew, choose, on_screen, opened_page, press, run_to_the_end, serving_here, tab
+from browsing import (
+    COARSE,
+    EXACT,
+    WAIT,
+    begin_anew,
+    choose,
+    on_screen,
+    opened_page,
+    press,
+    run_to_the_end,
+    serving_here,
+    tab,
+)
 
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer.gui.choices import MAP_KINDS, NOTHING, VOLUME
@@ -70,6 +83,19 @@ def test_the_legend_stands_on_the_canvas_below_the_map(page):
         value = x + (at["x"] + at["width"] / 2 - left) / (right - left) * 0.1
         assert value == pytest.approx(float(number.inner_text()), abs=0.004), "each number is where its place is"
     assert "px" in numbers.first.evaluate("element => getComputedStyle(element).textShadow"), "outlined"
+
+
+def test_the_map_fits_beside_the_legend_whatever_pixels_the_screen_has(address, browser):
+    """viser reports the pixels of the screen, of which a page has a quarter here and twice as many on a telephone."""
+    scene = load_scene("tiny")
+    page = opened_page(browser, address, COARSE)
+    assert page.locator("canvas").first.bounding_box()["width"] > 2 * page.evaluate(
+        "document.querySelector('canvas').width"
+    )
+    assert np.isfinite(on_screen(page, scene, [(*scene.search.origin[:2], 0.0)])).all(), (
+        "the camera stands where it fits"
+    )
+    page.close()
 
 
 @ON_A_DESKTOP

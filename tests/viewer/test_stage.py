@@ -112,6 +112,24 @@ def test_a_move_of_the_user_is_told_from_placements_of_the_program(server, scene
     assert placed.user_moves == 1
 
 
+def test_beside_the_panels_the_map_takes_the_room_of_the_bar(server, scene, measurement):
+    placed = placing(server, scene, measurement)
+    camera = SimpleNamespace(image_width=780, image_height=720)
+    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+    placed.place(client, "top")
+    heights = [camera.position[2]]
+    for expert in (True, True, False):
+        placed.show_face(client, expert)
+        placed.process_requests([client])
+        heights.append(camera.position[2])
+    assert heights[1] < 0.9 * heights[0] and heights[1] == heights[2] and heights[3] == heights[0]
+    before = (camera.position[0] + 1.0, *camera.position[1:])
+    camera.position = before
+    placed.show_face(client, True)
+    placed.process_requests([client])
+    assert camera.position == before, "the user has moved it"
+
+
 def test_on_a_telephone_the_panel_covers_nothing(server, scene, measurement):
     placed = placing(server, scene, measurement)
     picture = placed.picture

@@ -95,6 +95,18 @@ def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
     assert map_on_page(viewer).minima == swept.minima and tab.caption.content == caption
 
 
+def test_a_highest_mode_below_all_that_can_be_summed_leaves_the_lowest(opened, monkeypatch):
+    """As of a take whose rows begin above it."""
+    viewer, turn_until = opened
+    sweep = viewer.tabs.sweep
+    monkeypatch.setattr(sweep, "_usable", lambda: (3, 4, 5))
+    set_by_client(sweep.highest, 2)
+    turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) == 1)
+    assert sweep.worker.sweep(sweep._wanted).modes == (3,) == viewer.binding.choices.modes
+    set_by_client(sweep.order, DOWN)
+    assert viewer.binding.choices.modes == (3,)
+
+
 def test_no_sweep_is_computed_before_someone_asks(opened):
     """The first map is the one that a browser waits for; a sweep takes the processor for seconds."""
     viewer, turn_until = opened

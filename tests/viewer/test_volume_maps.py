@@ -95,6 +95,8 @@ def test_the_slice_goes_through_the_estimate_until_it_is_moved(worker, snapshot)
     assert first(worker, beyond, False).volume.plate.position == pytest.approx(1.81), "the edge of the domain"
     none = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_axis="none"))
     assert first(worker, none, False).volume.plate is None
+    basins = dataclasses.replace(none, style=dataclasses.replace(none.style, basins=True))
+    assert first(worker, basins, False).volume.plate is None, "nor one of basins"
 
 
 def test_another_microphone_or_other_modes_make_another_volume(worker, snapshot):

@@ -5,6 +5,7 @@ if (data.reference != "true") $("errorbox").firstElementChild.firstChild.data = 
 $("costbox").hidden = !cost;
 $("errorbox").hidden = !mean;
 $("caption").hidden = !lesson;
+$("restarted").hidden = !restarts(0, T - 1).length;
 document.documentElement.classList.toggle("lesson", Boolean(lesson));
 for (const rate of [2, 5, 10, 20, 50, 100]) $("speed").add(new Option(`${rate} states/s`, rate, rate == 20, rate == 20));
 $("legend").innerHTML = [[data.reference, "<circle cx='9' cy='9' r='5.5' fill='none' stroke='#fff' stroke-width='5'/><circle cx='9' cy='9' r='5.5' fill='none' stroke='#000' stroke-width='2'/>"],

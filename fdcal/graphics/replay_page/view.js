@@ -2,7 +2,7 @@
 const $ = id => document.getElementById(id);
 const data = JSON.parse($("data").textContent);
 if (typeof DecompressionStream == "undefined") $("note").textContent = "This browser is too old for the replay; use a version of 2023 or later.";
-const arrays = await unpack(data.packed), {step, sweep, stage, moved, first, last, truth, mean, largest, cost, seconds} = arrays;
+const arrays = await unpack(data.packed), {step, sweep, stage, restart, moved, first, last, truth, mean, largest, cost, seconds} = arrays;
 const N = data.names.length, D = data.dimension, T = data.count, known = new Set(data.known), maps = data.maps;
 const places = Float64Array.from(arrays.positions, v => v * data.unit);
 const landscapes = maps && new Landscapes(maps, arrays, N, D);
@@ -162,20 +162,22 @@ function scene() {
   drawnAt = now;
 }
 
+const restarts = (begin, finish) => Array.from({length: finish - begin}, (_, i) => begin + 1 + i).filter(t => restart[t] != restart[t - 1]);
+
 function curve(id, series, log) {
   const [pen, w, h] = fit($(id)), left = 52, right = 8, top = 6, bottom = 20, ink = css("--ink"), faint = css("--faint");
-  const usable = v => Number.isFinite(v) && (!log || v > 0);
-  let low = Infinity, high = -Infinity;
-  const [begin, finish] = range;
-  for (const [values] of series) for (const v of values.slice(begin, finish + 1)) if (usable(v)) { low = Math.min(low, v); high = Math.max(high, v); }
+  const usable = v => Number.isFinite(v) && (!log || v >= 0), [begin, finish] = range;
+  const shown = series.flatMap(([values]) => [...values.slice(begin, finish + 1)].filter(usable)), lifted = shown.filter(v => !log || v > 0);
+  const foot = bottom + (lifted.length < shown.length ? 16 : 0);  // a logarithm has no place for 0: it has one below the scale
+  let low = Math.min(...lifted), high = Math.max(...lifted);
   if (!(low <= high)) { low = log ? 0.1 : 0; high = 1; }
   const lift = log ? Math.log10 : v => v;
   let a = lift(low), b = lift(high);
   if (b - a < 1e-9) { a -= 0.5; b += 0.5; }
   const end = Math.max(step[finish], step[begin] + 1), X = s => left + (w - left - right) * (s - step[begin]) / (end - step[begin]);
-  const Y = v => h - bottom - (h - top - bottom) * (lift(Math.max(v, log ? 1e-300 : -1e300)) - a) / (b - a);
+  const Y = v => log && v == 0 ? h - bottom : h - foot - (h - top - foot) * (lift(v) - a) / (b - a);
   pen.font = "11px system-ui, sans-serif"; pen.textAlign = "right"; pen.fillStyle = ink;
-  for (const v of log ? decades(low, high) : ticks(a, b, 3)[0]) {
+  for (const v of [...foot > bottom ? [0] : [], ...log ? decades(low, high) : ticks(a, b, 3)[0]]) {
     stroke(pen, [[left, Y(v)], [w - right, Y(v)]], faint, 1);
     pen.fillText(Number(v.toPrecision(4)).toString(), left - 5, Y(v) + 4);
   }
@@ -186,8 +188,9 @@ function curve(id, series, log) {
   const added = Array.from({length: finish - begin}, (_, i) => begin + 1 + i).filter(t => last[t] > last[t - 1]);
   for (const t of added.length > 30 ? [] : added) stroke(pen, [[X(step[t]), top], [X(step[t]), h - bottom]], "#8a8f98", 1);
   pen.setLineDash([]);
+  for (const t of restarts(begin, finish)) stroke(pen, [[X(step[t]), top], [X(step[t]), top + 0.25 * (h - top - bottom)]], TRAIL, 2.5);
   for (const [values, colour, width] of series) {
-    let line = [];  // a logarithm has no place for 0: the line ends there
+    let line = [];
     for (let t = begin; t <= finish + 1; t++) if (t <= finish && usable(values[t])) line.push([X(step[t]), Y(values[t])]); else { stroke(pen, line, colour, width); line = []; }
   }
   stroke(pen, [[X(step[at]), top], [X(step[at]), h - bottom]], ink, 1.5);

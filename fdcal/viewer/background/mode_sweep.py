@@ -123,7 +123,7 @@ class SweepWorker:
         run, state, n, offset = self._run, request.state, request.microphone, request.order_offset
         if run.problem.search is None:
             return
-        modes = tuple(mode for mode in request.modes if mode <= request.highest)
+        modes = tuple(mode for mode in request.modes if mode <= request.highest) or request.modes[:1]
         sweep = Sweep(request, modes[::-1] if request.descending else modes, tuple(range(1, len(modes) + 1)))
         self._sweep = sweep
         search = refined(run.problem.search)

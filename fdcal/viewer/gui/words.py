@@ -33,16 +33,19 @@ class CanvasWords:
         else:
             self.show("")
 
-    def show(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS, alone: bool = False) -> None:
+    def show(
+        self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS, alone: bool = False, quiet: bool = False
+    ) -> None:
         """Show words, a smaller line below them, and buttons; nothing for "".
 
-        `alone`: whether all else than the scene is hidden; any key then presses the first button, and not Escape alone.
+        `alone`: whether all else than the scene is hidden; any key then presses the first button, and not Escape alone;
+        `quiet`: whether the buttons are no invitation, as without a line below the words.
         """
         self._buttons, self._alone = buttons, alone
         text = f"<div>{escape(words)}</div>" if words else ""
         text += f"<p>{escape(detail)}</p>" if detail else ""
         labels = [escape(label, quote=True) for label in buttons]
-        kind = 'class="first"' if detail else ""  # without a line that asks for it, a button is no invitation
+        kind = 'class="first"' if detail and not quiet else ""
         kind += " data-any" if alone else ""
         text += "".join(f'<button {kind} data-do="words={label}">{label}</button>' for label in labels)
         self._overlay.show("words", (ALONE if alone else "") + text)

@@ -45,6 +45,7 @@ class Placement:
     size: tuple[int, int] | None = None  # (width, height) of the canvas at that time, pixels, or None
     room: Room = Room()  # that was left at that time
     margins: tuple[int, int, int, int] | None = None  # in place of it, pixels
+    expert: bool = False  # whether the page showed the panels
     relief: float = 0.0  # height of the map, metres, that a view from the side has to hold
     camera: Camera | None = None  # that was commanded, or None
     positions: tuple[tuple[float, float, float], ...] = ()  # the last ones of the camera, metres
@@ -110,10 +111,12 @@ CAPTION, LECTURE_CAPTION = 350, 470  # pixels, of the width of a caption
 WIDE = 900  # pixels, of a canvas that has a caption at its right
 # Of a canvas with so many pixels and so much wider than high, whose legend stands beside the map; as in page.js.
 BROAD, BROAD_RATIO = 1000, 1.4
-BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 172, 290, 44), (400, 216, 200, 56)
+BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 188, 290, 44), (400, 240, 200, 56)
+EXPERT_MARGINS, BROAD_EXPERT_MARGINS = (76, 152, 34, 66), (290, 76, 290, 66)  # beside the panels, without a bar
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
 PHONE_PANEL = 0.45  # of the height of its canvas, which a panel or a caption covers
 PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top there
+PHONE_LEGEND = 110  # pixels, of the height of a legend above the panel; in Explore it stands below its top
 
 
 class Cameras:
@@ -132,6 +135,7 @@ class Cameras:
         self.margins: tuple[int, int, int, int] | None = None
         self.room, self.user_moves = Room(), 0
         self._at_rest: set[int] = set()  # pages whose camera is where it was placed
+        self._experts: set[int] = set()  # pages that show the panels
         self._placements: dict[int, Placement] = {}
         self._looks: dict[int, int] = {}  # by page: looks since its camera was placed
         self._requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = collections.deque()
@@ -147,6 +151,11 @@ class Cameras:
         For any thread. Two threads that place one camera could each send what the other takes for the last command.
         """
         self._requests.append((client, view))
+
+    def show_face(self, client: viser.ClientHandle, expert: bool) -> None:
+        """Leave the room that a page needs, which shows the panels or the bar; on viser's event loop."""
+        (self._experts.add if expert else self._experts.discard)(client.client_id)
+        self.request(client)
 
     def process_requests(self, clients) -> None:
         """Carry out the requests of the `clients` that are still connected; called by the main loop alone."""
@@ -182,7 +191,9 @@ class Cameras:
         """
         with self._guarded(client):
             if isinstance(view, Camera):
-                self._command(client, view, Placement("", canvas(client.camera), self.room, self.margins, 0.0, view))
+                expert = client.client_id in self._experts
+                placed = Placement("", canvas(client.camera), self.room, self.margins, expert, 0.0, view)
+                self._command(client, view, placed)
             else:
                 self._place(client, view)
 
@@ -199,14 +210,15 @@ class Cameras:
         if self.picture is None:
             return
         camera = client.camera
-        size, room = canvas(camera), self.room
-        margins = self.margins or _margins(size, room)
+        size, room, expert = canvas(camera), self.room, client.client_id in self._experts
+        margins = self.margins or _margins(size, room, expert)
         wanted = camera_for(self.picture, size, view, margins, fov=TOP_FOV if view == "top" else None)
         x, y, z = self._server.initial_camera.position
         before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
         before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
         positions = (*before, wanted.position)[-KEPT_POSITIONS:]
-        self._command(client, wanted, Placement(view, size, room, self.margins, self._relief(view), wanted, positions))
+        relief = self._relief(view)
+        self._command(client, wanted, Placement(view, size, room, self.margins, expert, relief, wanted, positions))
 
     def _relief(self, view: str) -> float:
         """Return the height of the map in a view from the side, to the centimetre; it comes later than the view."""
@@ -250,8 +262,9 @@ class Cameras:
         if placement.camera is None:
             self._place(client, placement.view)
             return
-        now = canvas(camera), self.room, self.margins, self._relief(placement.view)
-        fits = now == (placement.size, placement.room, placement.margins, placement.relief)
+        expert = client.client_id in self._experts
+        now = canvas(camera), self.room, self.margins, expert, self._relief(placement.view)
+        fits = now == (placement.size, placement.room, placement.margins, placement.expert, placement.relief)
         if fits and is_at(camera, placement.camera):
             self._at_rest.add(client.client_id)
         elif any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):
@@ -280,6 +293,7 @@ class Cameras:
         self._placements.pop(client.client_id, None)
         self._looks.pop(client.client_id, None)
         self._at_rest.discard(client.client_id)
+        self._experts.discard(client.client_id)
 
     def set_initial(self, picture: Picture, size: tuple[int, int] = (680, 720)) -> None:
         """Set the camera of a page that opens, until its size is known: that of `view`.
@@ -293,14 +307,16 @@ class Cameras:
         first.fov, first.up, first.position, first.look_at = wanted.fov, wanted.up, wanted.position, wanted.look_at
 
 
-def _margins(size: tuple[int, int], room: Room) -> tuple[int, int, int, int]:
+def _margins(size: tuple[int, int], room: Room, expert: bool) -> tuple[int, int, int, int]:
     """Pixels left, bottom, right and top of what is looked at, for rulers, legend, bar and caption."""
     if size[0] > PHONE_WIDTH or size[1] < 1.6 * size[0]:
         broad = size[0] >= max(BROAD, BROAD_RATIO * size[1])
+        if expert and not room.lecture:  # whose caption lies over a panel
+            return BROAD_EXPERT_MARGINS if broad else EXPERT_MARGINS
         usual, large = (BROAD_MARGINS, BROAD_LECTURE_MARGINS) if broad else (MARGINS, LECTURE_MARGINS)
         left, bottom, right, top = large if room.lecture else usual
         if room.caption and size[0] > WIDE:
             right = (LECTURE_CAPTION if room.lecture else CAPTION) + min(right, MARGINS[2])
         return left, bottom, right, top
     left, right, top = PHONE_MARGINS
-    return left, round(PHONE_PANEL * size[1]), right, top
+    return left, round(PHONE_PANEL * size[1]) + (PHONE_LEGEND if expert else 0), right, top

@@ -37,10 +37,16 @@ window.Worker = class extends Native {
   }
   postMessage(data, ...others) {
     if (data?.type == "retry" && !retries()) return;
-    if (data?.message?.type == "ViewerCameraMessage") follow(data.message);
+    if (data?.message?.type == "ViewerCameraMessage") { measure(data.message); follow(data.message); }
     super.postMessage(data, ...others);
   }
 };
+
+// viser reports the pixels that it draws, more or fewer than those of the page by the screen and by how fast it draws.
+function measure(message) {
+  const canvas = document.querySelector("canvas[data-engine]");
+  if (canvas?.clientWidth) [message.image_width, message.image_height] = [canvas.clientWidth, canvas.clientHeight];
+}
 
 function receive(from, data) {
   if (data?.type == "connected") {
@@ -89,6 +95,7 @@ function introduce() {
   if (introduced || !greeted || !control) return;  // the two come in either order
   introduced = true;
   send(`dark=${matchMedia("(prefers-color-scheme: dark)").matches ? "on" : "off"}`);
+  send(`face=${root.dataset.face}`);
   const part = (text, name) => new URLSearchParams(text).get(name);
   if (written.server != server || written.address != asked) open(asked);
   else if (["scene", "lesson"].every(name => part(asked, name) == part(shared, name)))
@@ -210,6 +217,7 @@ function placeLabels(camera) {
 
 function face(name) {
   root.dataset.face = name == "expert" ? "expert" : "explore";
+  if (introduced) send(`face=${root.dataset.face}`);
   delete root.dataset.sheet;
   write();
 }
