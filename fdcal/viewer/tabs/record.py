@@ -24,7 +24,7 @@ CARD, NONE = "Sound card", "None"
 NOTHING: list[str] = [NONE]  # to choose from
 REMOTE = (
     "This page can be reached from other machines, so that it neither records here nor opens files. Start fdcal view"
-    " without --host, or use fdcal record."
+    " for this machine alone, or use fdcal record."
 )
 REPLAY = "Recordings in {folder} can be replayed or opened: choose one below. Nothing leaves this machine."
 LOWEST_DB = -60.0  # level at which a bar begins
