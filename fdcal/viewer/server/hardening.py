@@ -2,10 +2,10 @@
 
 viser does not authenticate its clients, and the page records sound and opens files. This module refuses whatever does
 not come from the page itself: other sites, pages that another program serves on this machine, and programs that send no
-Origin header. It disables the public share tunnel and all other messages that the page of fdcal does not use, limits the
-size of messages, and drops updates that are not values of their control. All hooks are private parts of viser, which is
-why its version is pinned, and why no page is served unless strangers have been refused in fact: a server is asked as each
-of them would ask it, before its address is given to anybody.
+Origin header. It disables the public share tunnel and all other messages that the page of fdcal does not use, limits
+the size of messages, and drops updates that are not values of their control. All hooks are private parts of viser,
+which is why its version is pinned, and why no page is served unless strangers have been refused in fact: a server is
+asked as each of them would ask it, before its address is given to anybody.
 """
 
 import contextlib
@@ -88,6 +88,7 @@ def same_origin(respond: Respond) -> Respond:
 TITLE = "fdcal"
 OF_VISER = b"<title>Viser</title>"
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
+
 
 def titled(respond: Respond, still: Callable[[], str] = str) -> Respond:
     """Wrap the function that answers requests for files: its page has the title TITLE, our style and our script.
