@@ -32,12 +32,15 @@ def cache(tmp_path_factory) -> Path:
     """A disk cache of this run's own, so that no test reads what an older version computed.
 
     All workers share it, so that each scene is simulated once. Commands run by tests use it, too, and this checkout's
-    code.
+    code. Where Python may write no bytecode beside the source, these commands have theirs here: there are hundreds of
+    them, and each would compile all that it imports.
     """
     own = tmp_path_factory.getbasetemp()
     folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache"
     folder.mkdir(exist_ok=True)
     os.environ["FDCAL_CACHE"] = str(folder)
+    if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+        os.environ["PYTHONPYCACHEPREFIX"] = str(folder / "bytecode")
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return folder
 

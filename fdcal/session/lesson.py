@@ -1,11 +1,9 @@
-"""A frame of a run, cited by what stands after # in the address of a replay: "step=12&microphone=9&modes=1-20".
+"""Lessons: files of steps, each a text, a question and what it sets on the page.
 
-step, sweep, stage  the first state of the run with this number; stages count from 1, as on the page
-microphone          whose map is shown, from 0, or "none"
-modes               of the map, as "1-20", or "solver" for those in use
-view                "top", "3d", "close", or azimuth and elevation, degrees, which stand for "3d"
-map, trails         "on" or "off"
-zoom, theme         are accepted; they are of a window, which a lesson leaves alone
+Setting, Step, Lesson   what a file holds; `load_lesson` reads and checks it
+Frame                   a moment of a run, cited as the address of a replay cites it
+LessonProgress          where in the lessons the page is
+states_of_lesson        the runs that a page of the gallery plays
 """
 
 from __future__ import annotations
@@ -15,20 +13,30 @@ import re
 import typing
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Literal
 from urllib.parse import parse_qsl
 
 from .. import solvers
 from ..model.arrays import positions_of
-from ..model.declared import build
+from ..model.declared import Seed, build, within
 from ..model.problem import Problem
 from ..model.reading import parse_toml, read_bytes
 from ..model.scene import Scene
 from ..model.scene_file import load_scene
 from ..model.settings import SolverSettings
 from ..model.texts import parse_modes
-from ..model.validation import InputError, StorageError, require_choice, shown
+from ..model.validation import InputError, StorageError, shown
 from ..solvers.interface import RunState
 from .request import edited
+
+# A frame stands after # in the address of a replay, as "step=12&microphone=9&modes=1-20":
+#
+#   step, sweep, stage  the first state of the run with this number; stages count from 1, as on the page
+#   microphone          whose map is shown, from 0, or "none"
+#   modes               of the map, as "1-20", or "solver" for those in use
+#   view                "top", "3d", "close", or azimuth and elevation, degrees, which stand for "3d"
+#   map, trails         "on" or "off"
+#   zoom, theme         are accepted; they are of a window, which a lesson leaves alone
 
 UNITS = ("step", "sweep", "stage")
 ANGLES = re.compile(r"-?\d+(\.\d+)?,-?\d+(\.\d+)?")
@@ -80,12 +88,13 @@ def _part(name: str, value: str) -> dict:
     raise InputError(f'"{shown(name)}={shown(value)}" is not of a frame', remedy, key="frame", value=value)
 
 
-MAPS = ("flat", "relief", "shape", "basins", "volume", "none")
-SCALES = ("log", "linear")
-QUANTITIES = ("eq7", "objective")
+Map = Literal["flat", "relief", "shape", "basins", "volume", "none"]
+Scale = Literal["log", "linear"]
+Quantity = Literal["eq7", "objective"]
+View = Literal["top", "3d", "close"]
+MAPS, SCALES, QUANTITIES, VIEWS = map(typing.get_args, (Map, Scale, Quantity, View))
 MAX_ORDER_OFFSET = 4  # of a map
 MAX_CHOICES = 6  # of one question
-VIEWS = ("top", "3d", "close")
 IN_USE = "in use"  # value of map_modes: the modes that the solver uses
 RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
 
@@ -98,25 +107,26 @@ class Setting:
     scene: str | None = None
     # keys of the scene and their values, as {"solver.name": "descent", "gauge.known": [0, 1, 3]}
     changes: dict | None = None
-    start_seed: int | None = None  # of the solver's start; the scene's unless given
+    start_seed: Seed | None = None  # of the solver's start; the scene's unless given
     reset: bool | None = None  # restart in the same scene
     modes: str | None = None  # in use by the solver, as "1-20"
     automatic: bool | None = None  # whether the solver adds modes by itself
     run: str | None = None  # "end", or so far as "3 sweeps", "1 step", "2 stages"
-    # of the run, as the address of a replay names it, "step=12&microphone=9"; see `lesson_frame`
+    # of the run, as the address of a replay names it, "step=12&microphone=9"; see `parse_frame`
     frame: str | None = None
     microphone: int | None = None  # whose map is shown, from 0
     follow: bool | None = None  # whether the map is that of the microphone which the solver moves
-    map: str | None = None  # one of MAPS
+    map: Map | None = None
     map_modes: str | None = None  # modes of the map alone, as "38" or "1-9, 12", or "in use"
-    quantity: str | None = None  # of the map, one of QUANTITIES: Eq. 7, or what the solver minimises
-    order_offset: int | None = None  # of the map of Eq. 7, added to ceil(k R) in the order of every mode
-    scale: str | None = None  # of the map, one of SCALES
+    quantity: Quantity | None = None  # of the map: Eq. 7, or what the solver minimises
+    # of the map of Eq. 7, added to ceil(k R) in the order of every mode
+    order_offset: Annotated[int, within(0, MAX_ORDER_OFFSET)] | None = None
+    scale: Scale | None = None  # of the map
     minima: bool | None = None  # whether the local minima of the map are marked and counted
     # trails, ellipses: drawn or not
     trails: bool | None = None
     ellipses: bool | None = None
-    view: str | None = None  # one of VIEWS
+    view: View | None = None
 
     @property
     def begins(self) -> bool:
@@ -370,9 +380,6 @@ def _scene_of(lesson: Lesson, number: int, revealed: bool, key: str) -> Scene:
 
 def _check_setting(key: str, setting: Setting, scene: Scene) -> None:
     setting = _check_frame(f"{key}.frame", setting)
-    for name, choices in (("map", MAPS), ("quantity", QUANTITIES), ("scale", SCALES), ("view", VIEWS)):
-        if getattr(setting, name) is not None:
-            require_choice(f"{key}.{name}", getattr(setting, name), choices)
     _check_modes(key, setting)
     if setting.map == "volume" and positions_of(scene).shape[1] != 3:
         remedy = "name a scene whose array is in space, as ball3d, or another map"
@@ -380,13 +387,6 @@ def _check_setting(key: str, setting: Setting, scene: Scene) -> None:
     if setting.run not in (None, "end") and not RUN.fullmatch(setting.run):
         remedy = 'write "end", or as "3 sweeps", "1 step", "2 stages"'
         raise InputError(f'{key}.run = "{setting.run}" is unknown', remedy, key=f"{key}.run", value=setting.run)
-    offset = setting.order_offset
-    if offset is not None and not 0 <= offset <= MAX_ORDER_OFFSET:
-        remedy = f"use 0 to {MAX_ORDER_OFFSET}"
-        raise InputError(f"{key}.order_offset = {offset} is impossible", remedy, key=f"{key}.order_offset")
-    seed = setting.start_seed
-    if seed is not None and seed < 0:
-        raise InputError(f"{key}.start_seed = {seed} is negative", "use 0 or more", key=f"{key}.start_seed", value=seed)
     n, count = setting.microphone, len(positions_of(scene))
     if n is not None and not 0 <= n < count:
         remedy = f"{scene.name} has 0 to {count - 1}"

@@ -22,7 +22,7 @@ from ..graphics.camera import Camera
 from ..model.scene_file import load_scene, scene_names
 from ..model.texts import modes_text, parse_modes
 from ..model.validation import InputError, shown
-from ..session.lesson import IN_USE, MAPS, Setting
+from ..session.lesson import IN_USE, MAPS, Map, Setting
 from ..session.request import OpenRequest
 from .gui.choices import kind_of
 from .lesson_settings import KINDS, apply_setting, plain_choices
@@ -43,7 +43,7 @@ class Address:
     scene: str = ""
     microphone: int | None = None
     modes: str = ""
-    map: str = ""
+    map: Map | None = None
     view: Camera | None = None
     lesson: str = ""
     step: int = 1
@@ -155,7 +155,7 @@ class AddressBar:
         setting = Setting(
             microphone=chosen,
             map_modes=(IN_USE if modes == SOLVER else modes) or None,
-            map=asked.map if asked.map != now.map and not asked.lesson and asked.map else None,
+            map=asked.map if asked.map != now.map and not asked.lesson else None,
         )
         if setting != Setting():
             apply_setting(setting, viewer.tabs, lambda view: None, restarted=False)
