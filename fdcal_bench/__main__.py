@@ -4,7 +4,9 @@ import argparse
 
 from .cases import NAMES, cases
 from .methods import REFERENCE_METHODS, diffuse_bound, tape_error
-from .scores import Score, method_of, read_reference, score, table, write_reference
+from .scores import method_of, read_reference, score, scored, table, write_reference
+
+DRAWS = 10  # of the reference
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -12,26 +14,29 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="fdcal-bench", description=__doc__)
     parser.add_argument("methods", nargs="*", metavar="module:method", help="Functions as `help(fdcal_bench)` says.")
     parser.add_argument("--only", metavar="TEXT", default="", help="Cases whose name holds this text.")
-    parser.add_argument("--draws", type=int, default=1, metavar="N", help="Of each simulated family.  [default: 1]")
+    parser.add_argument(
+        "--draws", type=int, default=1, metavar="N", help=f"Of each family, at most {DRAWS}.  [default: 1]"
+    )
     parser.add_argument("--reference", action="store_true", help="Compute the reference results, which needs fdcal.")
     asked = parser.parse_args(arguments)
     if not any(asked.only in name for name in NAMES):
         parser.error(f'no case holds "{asked.only}"; the cases are {"; ".join(NAMES)}')
+    if not 1 <= asked.draws <= DRAWS:
+        parser.error(f"--draws {asked.draws}: the reference has {DRAWS} draws of each family, give 1 to {DRAWS}")
     methods = REFERENCE_METHODS if asked.reference else {text: method_of(text) for text in asked.methods}
     scores = []
-    for case in cases(asked.draws, asked.only) if methods else ():
+    for case in cases(DRAWS if asked.reference else asked.draws, asked.only) if methods else ():
         if asked.reference:
-            nan = float("nan")
-            scores.append(Score(case.name, "bound", diffuse_bound(case), nan, nan))
-            scores.append(Score(case.name, "tape measure", tape_error(case), nan, nan))
+            scores.append(scored(case, "bound", diffuse_bound(case)))
+            scores.append(scored(case, "tape measure", tape_error(case)))
         for name, method in methods.items():
             scores.append(score(case, method, name))
             print(f"{case.name}: {name} {scores[-1].error_mm:.1f} mm, {scores[-1].seconds:.1f} s", flush=True)
     if asked.reference:
         write_reference(scores)
     else:
-        shown = {one.case for one in scores} or {name for name in NAMES if asked.only in name}
-        scores += [one for one in read_reference() if one.case in shown]
+        # all methods on the same draws
+        scores += [one for one in read_reference() if asked.only in one.case and (one.draw < asked.draws or not scores)]
     print(table(scores))
 
 

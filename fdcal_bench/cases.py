@@ -20,6 +20,7 @@ class Case:
     """Recordings of an array whose positions are known."""
 
     name: str
+    draw: int  # number of the draw; 0 of the measured array
     recordings: tuple[np.ndarray, ...]  # (N, T) float64 of each take
     rate: int  # Hz
     kind: str  # "noise", "speech" or "impulse"
@@ -46,7 +47,7 @@ class Family:
         sources = np.array([draw_source(rng, self.room, truth.mean(axis=0)) for _ in range(TAKES)])
         recordings = tuple(self._recorded(truth, source, rng) for source in sources)
         measured = sources + SOURCE_SIGMA * rng.standard_normal(sources.shape)
-        return Case(self.name, recordings, RATE, self.kind, truth, measured)
+        return Case(self.name, seed, recordings, RATE, self.kind, truth, measured)
 
     def _recorded(self, places: np.ndarray, source: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         h = responses(places, source, self.reverberation, ORDER, self.room)
@@ -97,4 +98,4 @@ def measured_array() -> Case:
     folder = own if own.is_dir() else Path(__file__).parents[1] / "examples" / "frl_array"
     read = [soundfile.read(path) for path in sorted(folder.glob("*.flac"))]
     truth = np.loadtxt(folder / "nominal.csv", delimiter=",", skiprows=1)[:, 1:]
-    return Case(MEASURED, tuple(samples.T for samples, _ in read), read[0][1], "impulse", truth, None, 343.2)
+    return Case(MEASURED, 0, tuple(samples.T for samples, _ in read), read[0][1], "impulse", truth, None, 343.2)

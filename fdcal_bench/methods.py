@@ -15,8 +15,6 @@ from scipy.optimize import least_squares
 from scipy.signal import csd, resample_poly, stft
 from scipy.spatial.distance import pdist, squareform
 
-from .scores import error_mm
-
 FINE = 16  # points per sample of an arrival time
 FIRST = 0.5  # of the greatest value of a response: the direct sound has at least this
 DECAYED = 0.03  # of the power of the first segment: later ones are not used
@@ -144,7 +142,10 @@ def fdcal(recordings, rate, *, kind, speed, sources):
     """fdcal with its usual settings, from sound files on."""
     import fdcal as own
 
-    found = own.calibrate(_measurement(recordings, rate, kind, speed), known="none")
+    try:
+        found = own.calibrate(_measurement(recordings, rate, kind, speed), known="none")
+    except own.InputError:  # which says why it calibrates nothing
+        return None
     return found.positions, found.uncertainty
 
 
@@ -203,9 +204,12 @@ TAPE = 0.005  # m, of each coordinate
 
 
 def tape_error(case) -> float:
-    """Return the RMS error of positions measured with a tape, millimetres."""
-    drawn = np.random.default_rng([len(case.truth), 286]).standard_normal(case.truth.shape)
-    return error_mm(case.truth + TAPE * drawn, case.truth)
+    """Return the RMS error that positions (N, D) measured with a tape have on average, millimetres.
+
+    The best rigid motion takes D translations and D (D - 1) / 2 rotations out of N D errors.
+    """
+    N, D = case.truth.shape
+    return 1e3 * TAPE * float(np.sqrt(D - D * (D + 1) / (2 * N)))
 
 
 REFERENCE_METHODS = {"fdcal": fdcal, "coherence": by_coherence, "arrival times": by_arrivals}

@@ -14,6 +14,7 @@ from .cases import NAMES, Case
 
 Method = Callable[..., tuple[np.ndarray, np.ndarray | None] | None]
 REFERENCE = Path(__file__).parent / "reference.csv"
+FAILED = 0.5  # error over the size of an array
 
 
 @dataclass(frozen=True)
@@ -21,10 +22,17 @@ class Score:
     """One method on one case."""
 
     case: str
+    draw: int
     method: str
+    size_mm: float  # of the array, RMS about its middle
     error_mm: float  # RMS after the best rigid motion, a mirror image allowed; NaN where the method gave nothing
     claim_mm: float  # RMS of the method's own sigma; NaN without one
     seconds: float  # of the processor
+
+    @property
+    def failed(self) -> bool:
+        """Whether the method gave nothing, or errs by half the size of the array: all in one place err by the whole."""
+        return not self.error_mm < FAILED * self.size_mm
 
 
 def score(case: Case, method: Method, name: str) -> Score:
@@ -35,12 +43,18 @@ def score(case: Case, method: Method, name: str) -> Score:
     )
     seconds = time.process_time() - start
     if found is None:
-        return Score(case.name, name, np.nan, np.nan, seconds)
+        return scored(case, name, np.nan, seconds=seconds)
     x, sigma = np.asarray(found[0], float), found[1]
     if x.shape != case.truth.shape:
         raise ValueError(f"{name} returned positions of shape {x.shape}; {case.name} needs {case.truth.shape}")
     claim = np.nan if sigma is None else 1e3 * float(np.sqrt(np.mean(np.square(sigma))))
-    return Score(case.name, name, error_mm(x, case.truth), claim, seconds)
+    return scored(case, name, error_mm(x, case.truth), claim, seconds)
+
+
+def scored(case: Case, method: str, error: float, claim: float = np.nan, seconds: float = np.nan) -> Score:
+    """Return the score of an error, millimetres."""
+    size = 1e3 * float(np.sqrt(np.mean(np.sum((case.truth - case.truth.mean(axis=0)) ** 2, axis=1))))
+    return Score(case.name, case.draw, method, size, error, claim, seconds)
 
 
 def error_mm(found: np.ndarray, truth: np.ndarray) -> float:
@@ -65,8 +79,7 @@ def method_of(text: str) -> Method:
 def read_reference() -> list[Score]:
     """Return the reference results."""
     with REFERENCE.open(newline="") as file:
-        return [Score(**{one.name: row[one.name] if one.type is str else float(row[one.name]) for one in fields(Score)})
-                for row in csv.DictReader(file)]  # fmt: skip
+        return [Score(**{one.name: one.type(row[one.name]) for one in fields(Score)}) for row in csv.DictReader(file)]
 
 
 def write_reference(scores: Iterable[Score]) -> None:
@@ -80,21 +93,28 @@ def write_reference(scores: Iterable[Score]) -> None:
 
 
 def table(scores: Iterable[Score]) -> str:
-    """Return a table in Markdown: a line for each case, a column for each method; draws of a case are averaged."""
+    """Return a table in Markdown: a line for each case with its draws, a column for each method.
+
+    The last line has the seconds of one draw of each case.
+    """
     every = list(scores)
     methods = list(dict.fromkeys(one.method for one in every))
-    lines = ["| case | " + " | ".join(methods) + " |", "|---" * (len(methods) + 1) + "|"]
+    lines = ["| case | draws | " + " | ".join(methods) + " |", "|---" * (len(methods) + 2) + "|"]
+    seconds = np.zeros(len(methods))
     for case in (name for name in NAMES if any(one.case == name for one in every)):
         row = [[one for one in every if (one.case, one.method) == (case, method)] for method in methods]
-        lines.append(f"| {case} | " + " | ".join(map(_cell, row)) + " |")
-    seconds = [sum(one.seconds for one in every if one.method == method) for method in methods]
-    lines.append("| all: seconds | " + " | ".join(f"{s:.0f}" if np.isfinite(s) else "" for s in seconds) + " |")
+        seconds += [np.mean([one.seconds for one in cell]) if cell else 0.0 for cell in row]
+        lines.append(f"| {case} | {max(map(len, row))} | {' | '.join(map(_cell, row))} |")
+    lines.append("| all: seconds | | " + " | ".join(f"{s:.0f}" if np.isfinite(s) else "" for s in seconds) + " |")
     return "\n".join(lines)
 
 
 def _cell(scores: list[Score]) -> str:
-    if not scores or not np.isfinite([one.error_mm for one in scores]).all():
+    """Return the median error and claim, and how many failed; nothing where the method never gave anything."""
+    errors, claims = (np.array([getattr(one, key) for one in scores]) for key in ("error_mm", "claim_mm"))
+    if not np.isfinite(errors).any():
         return ""
-    error, claim = (float(np.sqrt(np.mean([getattr(one, key) ** 2 for one in scores]))) for key in
-                    ("error_mm", "claim_mm"))  # fmt: skip
-    return f"{error:.1f}" + (f" (claims {claim:.1f})" if np.isfinite(claim) else "")
+    failed = sum(one.failed for one in scores)
+    text = f"{np.median(np.nan_to_num(errors, nan=np.inf)):.1f}"
+    text += f" (claims {np.nanmedian(claims):.1f})" if np.isfinite(claims).any() else ""
+    return text + (f", {failed} failed" if failed else "")

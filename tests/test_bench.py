@@ -1,7 +1,10 @@
 """The yardstick fdcal_bench: cases, scores and its table."""
 
+import dataclasses
+import runpy
 import sys
 import tomllib
+import types
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +12,9 @@ import pytest
 
 import fdcal_bench
 from fdcal_bench import scores
-from fdcal_bench.__main__ import main
+from fdcal_bench.__main__ import DRAWS, main
 from fdcal_bench.cases import FAMILIES, MEASURED, NAMES, measured_array
-from fdcal_bench.methods import REFERENCE_METHODS
+from fdcal_bench.methods import REFERENCE_METHODS, tape_error
 
 FOLDER = Path(fdcal_bench.__file__).parent
 
@@ -52,23 +55,73 @@ def test_a_simulated_case_is_the_same_each_time():
     assert np.linalg.norm(first.sources - first.truth.mean(axis=0), axis=1).min() > 1
 
 
-def test_the_command_prints_a_method_of_ones_own_beside_the_reference(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_error_of_a_tape_measure_is_the_mean_of_many_draws(dimension):
+    rng, N = np.random.default_rng(3), 9
+    truth = rng.uniform(-0.4, 0.4, (N, dimension))
+    drawn = [scores.error_mm(truth + 0.005 * rng.standard_normal(truth.shape), truth) for _ in range(4000)]
+    case = dataclasses.replace(measured_array(), truth=truth)
+    assert tape_error(case) == pytest.approx(np.sqrt(np.mean(np.square(drawn))), rel=0.02)
+
+
+def test_the_table_has_medians_and_failures_of_equal_draws():
+    case = measured_array()
+    size = scores.scored(case, "", 0.0).size_mm
+    errors = {"a": [1.0, 2.0, 0.4 * size, 0.6 * size, 2.5], "b": [np.nan, 3.0, 1.0, np.nan, np.nan], "c": [np.nan] * 5}
+    rows = [scores.scored(dataclasses.replace(case, draw=n), name, error, 4.0, 2.0)
+            for name, column in errors.items() for n, error in enumerate(column)]  # fmt: skip
+    assert [sum(row.failed for row in rows if row.method == name) for name in errors] == [1, 3, 5]
+    head, _, row, last = scores.table(rows).splitlines()
+    assert head == "| case | draws | a | b | c |"
+    assert row == f"| {MEASURED} | 5 | 2.5 (claims 4.0), 1 failed | inf (claims 4.0), 3 failed |  |"
+    assert last == "| all: seconds | | 2 | 2 | 2 |"
+
+
+def test_the_command_prints_a_method_of_ones_own_beside_the_reference_on_the_same_draws(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "mine.py").write_text("def lost(recordings, rate, **known):\n    return None\n")
+    (tmp_path / "mine.py").write_text(
+        "def lost(recordings, rate, **known):\n    return None\n"
+        "def point(recordings, rate, **known):\n    return [[0.0] * 3] * len(recordings[0]), None\n"
+    )
     main(["mine:lost", "--only", "laboratory"])
     head, _, row, last = capsys.readouterr().out.splitlines()[-4:]
-    assert head.startswith("| case | mine:lost | ") and "fdcal" in head
-    assert row.startswith(f"| {MEASURED} |  | ") and last.startswith("| all: seconds |")
+    assert head.startswith("| case | draws | mine:lost | ") and "fdcal" in head
+    assert row.startswith(f"| {MEASURED} | 1 |  | ") and last.startswith("| all: seconds | | ")
+    name = FAMILIES[-1].name
+    main(["mine:point", "--only", name, "--draws", "2"])
+    row = capsys.readouterr().out.splitlines()[-2]
+    assert row.startswith(f"| {name} | 2 | ") and ", 2 failed |" in row
+    fdcal = [one.error_mm for one in scores.read_reference() if (one.case, one.method) == (name, "fdcal")]
+    assert f"| {np.median(fdcal[:2]):.1f} (claims" in row and f"| {np.median(fdcal):.1f} (claims" not in row
+    main(["--only", name])
+    assert f"| {name} | {DRAWS} | " in (shown := capsys.readouterr().out) and f"| {np.median(fdcal):.1f} (cl" in shown
     with pytest.raises(SystemExit, match="no function"):
         main(["mine:other"])
+    with pytest.raises(SystemExit):
+        main(["mine:lost", "--draws", str(DRAWS + 1)])
 
 
-def test_the_reference_has_every_method_on_every_case():
-    found = {(one.case, one.method) for one in scores.read_reference()}
-    assert found == {(case, method) for case in NAMES for method in ("bound", "tape measure", *REFERENCE_METHODS)}
+def test_the_reference_has_every_method_on_every_draw_of_every_case():
+    found = {(one.case, one.draw, one.method) for one in scores.read_reference()}
+    methods = ("bound", "tape measure", *REFERENCE_METHODS)
+    draws = [(case, draw) for case in NAMES for draw in range(1 if case == MEASURED else DRAWS)]
+    assert found == {(*one, method) for one in draws for method in methods}
 
 
 def test_every_module_is_part_of_the_wheel():
     listed = tomllib.loads((FOLDER / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
-    assert set(listed["only-include"]) == {*(path.name for path in FOLDER.glob("*.py")), scores.REFERENCE.name}
+    modules = {path.name for path in FOLDER.glob("*.py")} - {"hatch_build.py"}
+    assert set(listed["only-include"]) == {*modules, scores.REFERENCE.name}
+
+
+def test_the_measured_array_is_part_of_both_distributions(tmp_path, monkeypatch):
+    """A source distribution gets it from the examples of the checkout, and a wheel that is built from that its own."""
+    interface = types.SimpleNamespace(BuildHookInterface=object)
+    monkeypatch.setitem(sys.modules, "hatchling.builders.hooks.plugin.interface", interface)
+    hook = runpy.run_path(str(FOLDER / "hatch_build.py"))["MeasuredArray"]()
+    (tmp_path / "frl_array").mkdir()
+    for root, data in ((FOLDER, FOLDER.parent / "examples" / "frl_array"), (tmp_path, tmp_path / "frl_array")):
+        hook.root, included = str(root), {"force_include": {}}
+        hook.initialize("standard", included)
+        assert included["force_include"] == {str(data): "frl_array"} and data.is_dir()

@@ -407,6 +407,9 @@ class ListRules:
     misplaced: float = 0.015
     misplaced_sigmas: float = 5.0
     misplaced_medians: float = 4.0
+    # metres, and sigmas of the positions found: RMS error beyond which the list as a whole is wrong
+    rms: float = 0.015
+    rms_sigmas: float = 2.5
 
 
 LIST_RULES = ListRules()
@@ -428,6 +431,8 @@ class ListFit:
         Microphones that are in another place than listed.
     sized : bool
         Whether list and array differ in size by more than they are uncertain.
+    poor : bool
+        Whether the rows that are kept are wrong by more than list and array may be.
     """
 
     errors: np.ndarray
@@ -435,12 +440,27 @@ class ListFit:
     scale: float
     misplaced: tuple[int, ...] = ()
     sized: bool = False
+    poor: bool = False
+
+    @property
+    def rms(self) -> float:
+        """RMS distance of the rows that are kept from their places, metres."""
+        return float(np.sqrt(np.mean(self.errors[self.kept] ** 2)))
+
+    @property
+    def wrong(self) -> bool:
+        """Whether anything but the order is wrong."""
+        return bool(self.misplaced) or self.sized or self.poor
 
     def faults(self, names: Sequence[object]) -> list[str]:
         """Return what is wrong with the list, its order apart, in words."""
         found = [f"{names[n]} is {1e3 * self.errors[n]:.0f} mm from its place" for n in self.misplaced]
+        if self.poor:
+            found.append(f"its positions are {1e3 * self.rms:.0f} mm off on average")
         if self.sized:
-            kelvin = 293 * (self.scale**2 - 1)  # the array found is as large as the sound speed
+            # k r is what pressures show: in air whose sound speed is higher than assumed by a factor the array is found
+            # smaller by that factor, and the list looks too large; the temperature goes with the square
+            kelvin = 293.15 * (self.scale**2 - 1)
             air = f"{abs(kelvin):.0f} K {'warmer' if kelvin > 0 else 'colder'} than assumed"
             found.append(f"the list is {100 * (self.scale - 1):+.1f} % too large, or the air is {air}")
         return found
@@ -452,7 +472,7 @@ def fit_list(check: PositionCheck, found, given, sigma=None, size_known: bool = 
     `found`, `given` (N, D), metres, as compared; `sigma` (N,), metres, of each position found; `size_known`: whether
     that of the array found is determined at all.
     """
-    own, placed = np.asarray(found, float), np.asarray(given, float)[check.order] / check.scale
+    rules, own, placed = LIST_RULES, np.asarray(found, float), np.asarray(given, float)[check.order] / check.scale
     errors, kept = np.zeros(len(own)), np.ones(len(own), bool)
     for _ in range(3):  # without those that are misplaced
         errors = np.linalg.norm(align(own, placed, kept) - placed, axis=1)
@@ -461,13 +481,14 @@ def fit_list(check: PositionCheck, found, given, sigma=None, size_known: bool = 
     ratio = float(spread[0] / spread[1])
     errors = np.linalg.norm(align(own * ratio, placed, kept) - placed, axis=1)
     sigma = np.zeros(len(own)) if sigma is None else np.asarray(sigma, float)
-    limit = np.maximum(LIST_RULES.misplaced, LIST_RULES.misplaced_sigmas * sigma)
-    limit = np.maximum(limit, LIST_RULES.misplaced_medians * float(np.median(errors)))
-    radius = float(np.sqrt(np.mean(np.sum((own - own.mean(axis=0)) ** 2, axis=1))))
-    unsure = LIST_RULES.scale_sigmas * float(np.sqrt(np.mean(sigma[kept] ** 2))) / radius
-    scale = check.scale * ratio
-    sized = size_known and abs(scale - 1) > max(LIST_RULES.scale, unsure)
-    return ListFit(errors, kept, scale, tuple(np.flatnonzero(errors > limit).tolist()), sized)
+    limit = np.maximum(rules.misplaced, rules.misplaced_sigmas * sigma)
+    limit = np.maximum(limit, rules.misplaced_medians * float(np.median(errors)))
+    fit = ListFit(errors, kept, check.scale * ratio, tuple(np.flatnonzero(errors > limit).tolist()))
+    own_sigma = float(np.sqrt(np.mean(sigma[kept] ** 2)))
+    # errors of the array found may all point outwards, those of a list are independent
+    unsure = float(np.hypot(own_sigma, fit.rms / np.sqrt(np.sum(kept)))) / (spread[1] / np.sqrt(np.sum(kept)))
+    sized = size_known and abs(fit.scale - 1) > max(rules.scale, rules.scale_sigmas * unsure)
+    return replace(fit, sized=bool(sized), poor=fit.rms > max(rules.rms, rules.rms_sigmas * own_sigma))
 
 
 def describe(

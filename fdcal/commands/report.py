@@ -172,7 +172,7 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
 def agrees(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> bool:
     """Return whether a list fits, in its order, in its size and in each row."""
     fit = list_fit(inputs, result, check) if check.agrees else None
-    return check.agrees and (fit is None or not (fit.misplaced or fit.sized))
+    return check.agrees and (fit is None or not fit.wrong)
 
 
 def list_fit(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> ListFit | None:

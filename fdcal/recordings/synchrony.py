@@ -6,7 +6,8 @@ phase between its means over two stretches of time is that of a delay alone,
     C_n(f, t) conj C_n(f, 0) = |C_n|^2 exp(-j 2 pi f d_n(t)),   C_n = mean X_n conj X_r,
 
 whatever the room. Its transform has a peak at d_n(t) (Knapp and Carter, "The Generalized Correlation Method for
-Estimation of Time Delay", IEEE TASSP 24(4), 1976). Clocks of different speed give a line, lost samples a step.
+Estimation of Time Delay", IEEE TASSP 24(4), 1976). Each frequency counts by the coherence of both stretches, squared.
+Clocks of different speed give a line, lost samples a step.
 """
 
 from dataclasses import dataclass
@@ -19,21 +20,25 @@ from .recording import Recording, read_samples
 
 @dataclass(frozen=True)
 class SynchronyRules:
-    """How delays are measured."""
+    """How delays are measured; figures are of 16 microphones in a living room, 12 s of sound."""
 
-    segment: float = 0.25  # seconds, of one transform
-    stretches: int = 16  # of the recording, at most
-    fewest: int = 4  # stretches, below which nothing is known
-    segments: int = 8  # of a stretch, at least
-    most: int = 24  # segments of a stretch that are read
+    # seconds of one transform: longer than most of the reverberation, and than the delays that are sought. Half of it
+    # doubles the scatter of delays in noise at 30 dB, twice as much that in speech
+    segment: float = 0.25
+    # seconds of a stretch. Of 1 s one in 15 is not coherent in speech; in 4 s a drift of 80 ppm is 0.3 ms, which leaves
+    # all below 3 kHz coherent
+    shortest: float = 2.0
+    longest: float = 4.0
+    stretches: int = 16  # of the recording, at most: more give the time of a step more exactly
+    fewest: int = 4  # stretches, below which nothing is known: a line and a step are the same in three
+    references: tuple[float, ...] = (0.5, 0.25, 0.75)  # quantiles of the level at which a reference is sought
     changed: int = 2  # stretches of another delay, at least: in the one of a step either delay may win
-    lowest: float = 100.0  # Hz
-    weakest: float = 1e-6  # power over the largest of a frequency that counts
-    peak: float = 8.0  # of the correlation over its root mean square
-    fine: int = 8  # points per sample
-    # samples and seconds of a delay that changes, the larger of which is the least that counts
-    min_samples: float = 0.3
-    min_seconds: float = 1e-5
+    # of the correlation over its root mean square: at most 4.4 of independent noise, 19 or more at 0 dB
+    peak: float = 8.0
+    fine: int = 4  # points per sample; 2 and 8 give the same scatter of delays
+    # s, least change that counts: sound over the 0.8 m of an array is 4 us earlier where the air is warmed by 1 K
+    least: float = 1e-5
+    scatter: float = 8.0  # the same over the scatter of the delays: at most 6.5 in 45 takes without a fault
 
 
 SYNCHRONY = SynchronyRules()
@@ -45,7 +50,7 @@ class ChannelDelays:
 
     times: np.ndarray  # (G,) float64, s, middle of each stretch
     delays: np.ndarray  # (N, G) float64, s, later than in the first stretch; NaN where nothing is known
-    limit: float  # s, of a change that counts
+    limit: np.ndarray  # (N,) float64, s, of a change that counts
 
     def faults(self, names: tuple[str, ...]) -> dict[str, str]:
         """Return what is wrong with the clock of each channel that differs from the others', by name."""
@@ -53,12 +58,18 @@ class ChannelDelays:
         usual = known.mean(axis=1) > 0.5
         found = {}
         for n, row in enumerate(self.delays):
-            lost = np.flatnonzero(~known[n] & (known[usual].mean(axis=0) > 0.5))
+            lost = np.flatnonzero(~known[n] & (known[usual].sum(axis=0) > usual.sum() / 2))
             if known[n, 1] and len(lost) and np.mean(known[n, lost[0] :]) < 0.2:
                 found[names[n]] = f"shares no clock with the others from {self.times[lost[0]]:.3g} s on"
-            elif known[n].sum() >= SYNCHRONY.fewest and np.sum(np.abs(row[known[n]]) > self.limit) >= SYNCHRONY.changed:
+            elif known[n].sum() >= SYNCHRONY.fewest and np.sum(np.abs(row) > self.limit[n]) >= SYNCHRONY.changed:
                 found[names[n]] = self._change(row)
         return found
+
+    def unknown(self, names: tuple[str, ...]) -> list[str]:
+        """Return the channels of whose clock nothing is known, since they are hardly coherent with the others."""
+        few = np.isfinite(self.delays).sum(axis=1) < SYNCHRONY.fewest
+        faults = self.faults(names)
+        return [name for name, unknown in zip(names, few, strict=True) if unknown and name not in faults]
 
     def _change(self, row: np.ndarray) -> str:
         """Return whether a delay is nearer to a line or to a step, in words."""
@@ -77,47 +88,65 @@ class ChannelDelays:
 
 def channel_delays(recording: Recording) -> ChannelDelays | None:
     """Return the delays of the channels of a stationary recording over time; None where it is too short."""
+    fs, rules, N = recording.sample_rate, SYNCHRONY, recording.count
+    count = min(rules.stretches, int(recording.duration / rules.shortest))
+    if count < rules.fewest or N < 3:
+        return None
+    step = recording.samples / count
+    span, best = min(step, rules.longest * fs), np.full((N, count), np.nan)
+    for reference in _references(recording):
+        delays = _against(recording, reference, np.arange(count) * step, span)
+        known = np.isfinite(delays)
+        best = delays if known.sum() > np.isfinite(best).sum() else best
+        if (known.sum(axis=0) > N / 2).all():  # with a faulty reference most others would be unknown somewhere
+            break
+    best[:, np.isfinite(best).sum(axis=0) < 3] = np.nan  # of two it cannot be said which one is off
+    best -= [_median(row) for row in best.T]
+    changes = np.diff(best)  # alike on a line, and of a step but one
+    scatter = np.array([_median(np.abs(row - _median(row))) for row in changes]) * 1.4826 / np.sqrt(2)
+    limit = np.maximum(rules.least, rules.scatter * np.maximum(scatter, np.median(scatter)))
+    return ChannelDelays((np.arange(count) * step + span / 2) / fs, best, limit)
+
+
+def _median(values: np.ndarray) -> float:
+    """Return the median of the finite values; 0 of none."""
+    return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0
+
+
+def _references(recording: Recording) -> list[int]:
+    """Return the channels of some quantiles of the level at the beginning."""
+    level = np.sum(read_samples(recording, 0, min(recording.samples, 100_000)) ** 2, axis=1)
+    order = np.argsort(level, kind="stable").tolist()
+    return list(dict.fromkeys(order[int(q * recording.count)] for q in SYNCHRONY.references))
+
+
+def _against(recording: Recording, reference: int, starts: np.ndarray, span: float) -> np.ndarray:
+    """Return the delays (N, G), s, against one channel in stretches of a length, samples; NaN where none is found."""
     fs, rules = recording.sample_rate, SYNCHRONY
     length = int(rules.segment * fs)
-    count = min(rules.stretches, recording.samples // (rules.segments * length))
-    if count < rules.fewest or recording.count < 3:
-        return None
     padded = fast_length(length)
-    f = np.arange(padded // 2 + 1) * fs / padded
-    window, stretch = np.hanning(length), recording.samples // count
-    reference = _reference(recording)
-    spectra = np.zeros((count, recording.count, len(f)), np.complex64)
-    for g in range(count):
-        starts = np.unique(np.linspace(g * stretch, (g + 1) * stretch - length, rules.most).astype(int))
-        for start in starts:
-            X = rfft(window * read_samples(recording, start, start + length), padded)
-            spectra[g] += X * X[reference].conj()
-    used = (f >= rules.lowest) & (f <= 0.45 * fs)
-    power = np.mean(np.abs(spectra[:, reference]), axis=0) * used
-    used &= power > rules.weakest * power.max()
-    delays = np.zeros((recording.count, count))
-    for n in range(recording.count):
-        for g in range(1, count):
-            delays[n, g] = _delay(spectra[g, n] * spectra[0, n].conj(), used, padded, fs)
-    delays[reference, 1:] = 0.0 if power.max() > 0 else np.nan
-    with np.errstate(all="ignore"):
-        middle = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in delays.T])
-    limit = max(rules.min_samples / fs, rules.min_seconds)
-    return ChannelDelays((np.arange(count) + 0.5) * stretch / fs, delays - middle, limit)
+    kept = np.arange(padded // 2 + 1) * fs / padded <= 0.45 * fs  # below the filter of the converter
+    first, delays = np.zeros(0), np.zeros((recording.count, len(starts)))
+    for g, begin in enumerate(starts):
+        cross, power = np.zeros((recording.count, len(kept)), complex), np.zeros((recording.count, len(kept)))
+        for start in np.arange(begin, begin + span - length + 1, length / 2).astype(int):
+            X = rfft(np.hanning(length) * read_samples(recording, start, start + length), padded)
+            cross += X * X[reference].conj()
+            power += np.abs(X) ** 2
+        coherence = kept * cross / np.maximum(np.sqrt(power * power[reference]), np.finfo(float).tiny)
+        if g == 0:
+            first = coherence.conj()
+        else:
+            delays[:, g] = [_delay(row, padded, fs) for row in coherence * first]
+    delays[reference] = 0.0
+    return delays
 
 
-def _reference(recording: Recording) -> int:
-    """Return the channel of median level at the beginning."""
-    level = np.sum(read_samples(recording, 0, min(recording.samples, 100_000)) ** 2, axis=1)
-    return int(np.argsort(level, kind="stable")[recording.count // 2])
-
-
-def _delay(product: np.ndarray, used: np.ndarray, padded: int, fs: float) -> float:
+def _delay(product: np.ndarray, padded: int, fs: float) -> float:
     """Return the lag of the greatest correlation, s; NaN where it does not stand out."""
-    whitened = np.where(used, product / np.maximum(np.abs(product), np.finfo(np.float32).tiny), 0.0)
-    correlation = irfft(whitened, SYNCHRONY.fine * padded)
+    correlation = irfft(product * np.abs(product), SYNCHRONY.fine * padded)
     best = int(np.argmax(correlation))
-    if correlation[best] < SYNCHRONY.peak * np.sqrt(np.mean(correlation**2)):
+    if not correlation[best] > SYNCHRONY.peak * np.sqrt(np.mean(correlation**2)):  # both are 0 of a silent channel
         return np.nan
     left, middle, right = (correlation[(best + k) % len(correlation)] for k in (-1, 0, 1))
     bend = left - 2 * middle + right

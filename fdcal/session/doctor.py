@@ -27,11 +27,11 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.validation import InputError
 from ..recordings import importer
-from ..recordings.channels import inspect_channels
+from ..recordings.channels import ChannelHealth, inspect_channels
 from ..recordings.frequencies import NothingAboveNoise
 from ..recordings.import_options import IMPORT_LIMITS, ImportOptions
 from ..recordings.impulse_response import MAX_SAMPLES, WrapsRound
-from ..recordings.recording import Recording
+from ..recordings.recording import Recording, select_channels
 from ..recordings.reverberation import segment_levels
 from ..recordings.synchrony import channel_delays
 from ..solvers.robust.arrivals import Arrivals, arrivals_of
@@ -115,31 +115,34 @@ def examine(
     if all(map(is_recording, texts)):
         wanted = replace(options or ImportOptions(), leave_out=(options and options.leave_out) or "bad")
         takes = importer.read_takes(texts, wanted)
-        yield _samples(takes)
-        yield _clocks(takes, wanted)
-        decays = [_level(one) for one in takes if one.samples <= MAX_SAMPLES]
+        health = [inspect_channels(one) for one in takes]
+        yield _samples(takes, health)
+        yield _clocks(takes, health, wanted)
+        levels = _levels([one for one in takes if one.samples <= MAX_SAMPLES])
         try:
             measurement, report = importer.measurement_of_takes(takes, wanted)
         except InputError as error:
             wraps = isinstance(error, WrapsRound)
             state: State = "fault" if wraps or isinstance(error, NothingAboveNoise) else "unknown"
-            yield Finding("wrapped" if wraps else "field", state, str(error), charts=tuple(decays[:1]))
+            yield Finding("wrapped" if wraps else "field", state, str(error), charts=levels)
             return
         stationary = (report.takes or (report,))[0].kind == "stationary"
         if not stationary:
-            yield Finding("wrapped", "fine", "no sound rises again before the end", charts=tuple(decays[:1]))
+            yield Finding("wrapped", "fine", "no sound rises again before the end", charts=levels)
         inputs = measurement_input(measurement, texts[0])
     else:
         inputs, stationary = load_input(texts, progress), False
     yield from _of_field(_blind(inputs, positions), stationary, progress)
 
 
-def _level(one: Recording) -> Chart:
-    """The level of a recording over time."""
-    level = segment_levels(one, (IMPORT_LIMITS.low, IMPORT_LIMITS.max_frequency * one.sample_rate))
-    times = (np.arange(len(level)) + 0.5) / len(level) * one.duration
-    decibels = 10 * np.log10(np.maximum(level, 1e-12 * level.max(initial=1e-300)))
-    return Chart("time (s)", "level (dB)", (Curve("mean of the channels", times, decibels),))
+def _levels(takes: Sequence[Recording]) -> tuple[Chart, ...]:
+    """The level of each take over time."""
+    curves = []
+    for one in takes:
+        level = segment_levels(one, (IMPORT_LIMITS.low, IMPORT_LIMITS.max_frequency * one.sample_rate))
+        times = (np.arange(len(level)) + 0.5) / len(level) * one.duration
+        curves.append(Curve(one.path, times, 10 * np.log10(np.maximum(level, 1e-12 * level.max(initial=1e-300)))))
+    return (Chart("time (s)", "level, mean of the channels (dB)", tuple(curves)),) if curves else ()
 
 
 def _blind(inputs: CalibrationInput, positions: str | None) -> CalibrationInput:
@@ -150,42 +153,48 @@ def _blind(inputs: CalibrationInput, positions: str | None) -> CalibrationInput:
     return replace(measurement_input(measurement, inputs.name), remark=inputs.remark)
 
 
-def _samples(takes: Sequence[Recording]) -> Finding:
+def _samples(takes: Sequence[Recording], health: Sequence[ChannelHealth]) -> Finding:
     """Channels that cannot be used by their samples alone."""
-    names, faults, charts = takes[0].names, dict[str, str](), []
-    for one in takes:
-        health = inspect_channels(one)
-        faults |= {names[n]: health.fault(n, names) for n in health.bad}
-        number = np.arange(one.count, dtype=float)
-        with np.errstate(divide="ignore"):
-            curves = [Curve(what, number, 20 * np.log10(np.maximum(values, 1e-9 * health.peak.max(initial=1e-9))), True)
-                      for what, values in (("level (RMS)", health.level), ("peak", health.peak))]  # fmt: skip
-        charts.append(Chart("microphone", "dB of full scale", tuple(curves), names))
+    names = takes[0].names
+    faults = {names[n]: one.fault(n, names) for one in reversed(health) for n in one.bad}
+    shown = next((one for one in health if len(one.bad)), health[0])
+    number = np.arange(len(names), dtype=float)
+    floor = max(1e-9, 1e-9 * shown.peak.max(initial=0))
+    curves = [Curve(what, number, 20 * np.log10(np.maximum(values, floor)), True)
+              for what, values in (("level (RMS)", shown.level), ("peak", shown.peak))]  # fmt: skip
+    chart = Chart("microphone", "dB of full scale", tuple(curves), names)
     listed = "; ".join(f"{name}: {fault}" for name, fault in faults.items())
     text = listed or f"none of {len(names)} channels is silent, clipped or a copy of another"
-    return Finding("samples", "fault" if faults else "fine", text, len(faults), "channels", tuple(charts[:1]))
+    return Finding("samples", "fault" if faults else "fine", text, len(faults), "channels", (chart,))
 
 
-def _clocks(takes: Sequence[Recording], options: ImportOptions) -> Finding:
-    """Channels whose clock differs."""
-    faults, charts, largest = dict[str, str](), [], None
-    for one in takes:
+def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options: ImportOptions) -> Finding:
+    """Channels whose clock differs; those that cannot be used at all are no matter of it."""
+    names, faults, unknown, worst, chart, value = takes[0].names, dict[str, str](), set[str](), -1.0, None, 0.0
+    for one, state in zip(takes, health, strict=True):
         impulse = one.kind == "impulse" or options.kind == "impulse" or one.modelled
-        found = None if impulse else channel_delays(one)
+        found = None if impulse else channel_delays(select_channels(one, np.setdiff1d(np.arange(one.count), state.bad)))
         if found is None:
             continue
-        faults |= found.faults(one.names)
-        if np.isfinite(found.delays[:, 1:]).any():
-            largest = max(largest or 0.0, 1e6 * float(np.nanmax(np.abs(found.delays))))
-            curves = [Curve(name, found.times, 1e6 * row) for name, row in zip(one.names, found.delays, strict=True)]
-            charts.append(Chart("time (s)", "delay against the others (µs)", tuple(curves)))
+        usable = tuple(names[n] for n in range(one.count) if n not in state.bad)
+        faults = found.faults(usable) | faults
+        unknown |= set(found.unknown(usable))
+        over = np.abs(found.delays) / found.limit[:, None]
+        if np.isfinite(over[:, 1:]).any() and np.nanmax(over) > worst:  # the take that shows most
+            worst, value = float(np.nanmax(over)), 1e6 * float(np.nanmax(np.abs(found.delays)))
+            curves = [Curve(name, found.times, 1e6 * row) for name, row in zip(usable, found.delays, strict=True)]
+            chart = Chart("time (s)", "delay against the others (µs)", tuple(curves))
+    listed = [f"{name}: {fault}" for name, fault in faults.items()]
+    few = [name for name in names if name in unknown and name not in faults]
+    listed += [f"{', '.join(few)}: not coherent with the others"] if few else []
+    charts = () if chart is None else (chart,)
     if faults:
-        text = "; ".join(f"{name}: {fault}" for name, fault in faults.items())
-        return Finding("synchronous", "fault", text, largest, "µs", tuple(charts[:1]))
-    if largest is None:
-        return Finding("synchronous", "unknown", "not seen in impulse responses, or in less than 8 s of sound")
-    text = f"delays of the channels change by {largest:.2g} µs at most"
-    return Finding("synchronous", "fine", text, largest, "µs", tuple(charts[:1]))
+        return Finding("synchronous", "fault", "; ".join(listed), value, "µs", charts)
+    if chart is None:
+        why = "no channels are coherent" if few else "not seen in impulse responses, or in less than 8 s of sound"
+        return Finding("synchronous", "unknown", why)
+    text = f"delays of the channels change by {value:.2g} µs at most"
+    return Finding("synchronous", "unknown" if few else "fine", "; ".join([*listed, text]), value, "µs", charts)
 
 
 def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | None) -> Iterator[Finding]:
@@ -322,25 +331,25 @@ def _channels(result: Calibration) -> Finding:
 
 
 def _size(
-    inputs: CalibrationInput, listed: np.ndarray, right: np.ndarray, progress: Progress | None
+    inputs: CalibrationInput, listed: np.ndarray, right: np.ndarray, sigma: float, progress: Progress | None
 ) -> tuple[float, float]:
     """Return the size of a list over that of the array, and one sigma of it; infinite where it is not known.
 
     Where the shape is given the pressures say far more of the size than without: the positions that are `right` are
-    given, to `RULES.tape`, and the sound speed is sought, since k r alone counts.
+    given, with one sigma of each coordinate, metres, and the sound speed is sought, since k r alone counts.
     """
     known = np.flatnonzero(right)
     if len(known) == len(listed):
         known = np.delete(known, int(np.argmin(np.linalg.norm(listed - listed.mean(axis=0), axis=1))))  # one is sought
     measurement = replace(inputs.measurement, known=known, known_positions=listed[known], positions=None)
-    settings = replace(inputs.settings, known="all", known_sigma=RULES.tape, sound_speed_sigma=RULES.speed)
+    settings = replace(inputs.settings, known="all", known_sigma=sigma, sound_speed_sigma=RULES.speed)
     try:
         given = replace(inputs, measurement=measurement, settings=settings, estimate_sound_speed=True)
         found = solve(given, progress)
     except InputError:
         return 1.0, np.inf
-    c, speed, sigma = measurement.sound_speed, found.sound_speed, found.sound_speed_sigma
-    return (1.0, np.inf) if speed is None or sigma is None else (speed / c, sigma / c)
+    c, speed, spread = measurement.sound_speed, found.sound_speed, found.sound_speed_sigma
+    return (1.0, np.inf) if speed is None or spread is None else (speed / c, spread / c)
 
 
 def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: Progress | None) -> Finding:
@@ -349,27 +358,28 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
     listed, names = np.asarray(measurement.positions), measurement.names
     if result.known:  # the calibration began at the list
         check = compare_positions(result.positions, listed)
+    sure = result.verdict == "good"
     if not check.fits:
-        sure = result.verdict == "good"
         text = "the list fits the array found in no order: it is of another array, or most positions are far off"
         return Finding("list", "fault" if sure else "unknown", text if sure else f"{text}; {result.verdict_text}")
     own = np.asarray(result.positions)
     fit = fit_list(check, own, listed, result.uncertainty, result.verdict != "scale_undetermined")
     if check.scale == 1:
         right = ~np.isin(np.arange(len(own)), fit.misplaced)
-        size, sigma = _size(inputs, listed[check.order], right, progress)
+        tape = max(RULES.tape, fit.rms / float(np.sqrt(own.shape[1])))  # what the list is seen to err
+        size, sigma = _size(inputs, listed[check.order], right, tape, progress)
         if np.isfinite(sigma):
             sized = abs(size - 1) > max(LIST_RULES.scale, RULES.size_sigmas * sigma)
             fit = replace(fit, scale=size, sized=sized)
-    errors, kept, scale = fit.errors, fit.kept, fit.scale
-    faults = [*check.exchanges(names), *fit.faults(names)]
-    rms = 1e3 * float(np.sqrt(np.mean(errors[kept] ** 2)))
-    text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (scale - 1):+.1f} %"
-    there = align(own, listed[check.order], kept)
+    faults = [*check.exchanges(names), *replace(fit, poor=fit.poor and sure).faults(names)]
+    rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if fit.poor else "fine"
+    text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
+    text += "" if faults or not fit.poor else f"; {result.verdict_text}"
+    there = align(own, listed[check.order], fit.kept)
     points = tuple(Curve(what, x[:, 0], x[:, 1], True) for what, x in (("list", listed), ("found", there)))
     number = np.arange(len(own), dtype=float)
     charts = (
         Chart("x (m)", "y (m)", points, equal=True),
-        Chart("microphone", "distance (mm)", (Curve("distance", number, 1e3 * errors, True),), tuple(names)),
+        Chart("microphone", "distance (mm)", (Curve("distance", number, 1e3 * fit.errors, True),), tuple(names)),
     )
-    return Finding("list", "fault" if faults else "fine", text, rms, "mm", charts)
+    return Finding("list", state, text, rms, "mm", charts)

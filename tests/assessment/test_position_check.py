@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
-from fdcal.assessment.position_check import compare_positions, describe
+from fdcal.assessment.position_check import compare_positions, describe, fit_list
 from fdcal.model.validation import InputError
 
 ERROR = 0.003  # metres, one sigma of each coordinate found
@@ -168,6 +168,36 @@ def test_without_a_good_verdict_no_swap_is_seen_only_where_all_are_near_their_pl
         assert describe(far, range(16), code).startswith("swaps cannot be detected"), code
         assert "--known none" in describe(far, range(16), code, arguments={"known": "--known"})
         assert "known none" not in describe(far, range(16), code, known=False)
+
+
+def list_faults(listed, found, scale: float = 1.0) -> list[str]:
+    """What is wrong with a list, its order apart, of an array found with errors of 1 mm in each coordinate."""
+    check = compare_positions(found, scale * listed)
+    assert check.agrees
+    sigma = np.full(len(found), 1e-3 * np.sqrt(found.shape[1]))
+    return fit_list(check, found, scale * listed, sigma).faults(range(len(found)))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_list_that_is_wrong_everywhere_is_neither_fine_nor_a_temperature(seed):
+    places, error = ball(seed, 16, 3), (0.015, 0.025)[seed % 2]
+    listed = places + error * np.random.default_rng(seed).normal(size=places.shape)
+    (words,) = list_faults(listed, moved(places, seed, error=1e-3), (1.0, 1.03)[seed % 2])
+    assert words.endswith("mm off on average") and float(words.split()[3]) == pytest.approx(
+        1e3 * error * 3**0.5, rel=0.4
+    )
+
+
+@pytest.mark.parametrize("array", ARRAYS)
+def test_a_list_by_a_tape_measure_is_fine_and_its_size_is_seen_all_the_same(array):
+    for seed in range(6):
+        places = ARRAYS[array](seed)
+        found = moved(places, seed, error=1e-3)
+        listed = places + 0.003 * np.random.default_rng(seed).normal(size=places.shape)
+        assert list_faults(listed, found) == []
+        for factor, words in ((1.06, "warmer"), (0.94, "colder")):
+            (line,) = list_faults(listed, found, factor)
+            assert "% too large" in line and line.endswith(f"{words} than assumed")
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])

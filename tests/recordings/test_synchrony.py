@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import oaconvolve, resample_poly
 
-from fdcal.recordings.recording import recording_of
-from fdcal.recordings.synchrony import channel_delays
+from fdcal.recordings.recording import Recording, recording_of
+from fdcal.recordings.synchrony import ChannelDelays, channel_delays
 
 N, RATE, T = 5, 4000, 48_000
 BAD = 3
@@ -21,10 +21,25 @@ def sound() -> np.ndarray:
     return heard + 0.1 * heard.std() * rng.standard_normal((N, T))
 
 
-def faults(samples: np.ndarray) -> dict[str, str]:
+def delays_of(samples: np.ndarray) -> ChannelDelays:
     found = channel_delays(recording_of("take", "stationary", RATE, samples))
     assert found is not None
-    return found.faults(NAMES)
+    return found
+
+
+def faults(samples: np.ndarray) -> dict[str, str]:
+    return delays_of(samples).faults(NAMES)
+
+
+def noise_like(row: np.ndarray) -> np.ndarray:
+    """Noise (T,) as loud as a channel, so that the same channel is chosen as the reference."""
+    return row.std() * np.random.default_rng(1).standard_normal(len(row))
+
+
+def drifting(row: np.ndarray, ppm: float) -> np.ndarray:
+    """A channel (T,) whose clock is slower by so much: it is later and later."""
+    fine = resample_poly(row, 16, 1)
+    return np.interp(16 * np.arange(len(row)) * (1 - 1e-6 * ppm), np.arange(len(fine)), fine)
 
 
 def changed(sound: np.ndarray, channel: int, row: np.ndarray) -> np.ndarray:
@@ -37,6 +52,13 @@ def test_channels_of_one_clock_have_no_fault(sound):
     assert faults(sound) == {}
 
 
+def test_sound_that_fills_a_small_part_of_the_band_has_no_fault(sound):
+    fine = resample_poly(sound, 12, 1, axis=1)
+    fine += 0.02 * fine.std() * np.random.default_rng(6).standard_normal(fine.shape)
+    found = channel_delays(recording_of("take", "stationary", 12 * RATE, fine))
+    assert found is not None and found.faults(NAMES) == {} and found.unknown(NAMES) == []
+
+
 @pytest.mark.parametrize("channel", range(N))
 def test_lost_samples_are_named_whatever_the_channel(sound, channel):
     lost, at = 12, 20_000
@@ -47,18 +69,50 @@ def test_lost_samples_are_named_whatever_the_channel(sound, channel):
     assert float(found[str(channel)].split()[-2]) == pytest.approx(at / RATE, abs=2)
 
 
+@pytest.mark.parametrize("channel", range(N))
 @pytest.mark.parametrize("ppm", [-60.0, 25.0])
-def test_a_clock_of_another_speed_is_a_drift(sound, ppm):
-    fine = resample_poly(sound[BAD], 16, 1)
-    row = np.interp(16 * np.arange(T) * (1 - 1e-6 * ppm), np.arange(len(fine)), fine)
-    (words,) = faults(changed(sound, BAD, row)).values()
+def test_a_clock_of_another_speed_is_a_drift_whatever_the_channel(sound, channel, ppm):
+    ((name, words),) = faults(changed(sound, channel, drifting(sound[channel], ppm))).items()
+    assert name == str(channel)
     assert words.startswith("drifts by") and float(words.split()[2]) == pytest.approx(ppm, abs=2)
 
 
-def test_a_channel_that_stops_sharing_the_clock_is_named(sound):
-    row = np.concatenate([sound[BAD, :24_000], np.random.default_rng(1).standard_normal(24_000)])
-    (words,) = faults(changed(sound, BAD, row)).values()
-    assert words.startswith("shares no clock")
+@pytest.mark.parametrize("channel", range(N))
+@pytest.mark.parametrize("at", [0.3, 0.8])
+def test_a_channel_that_stops_sharing_the_clock_is_named_whatever_the_channel(sound, channel, at):
+    kept = int(at * T)
+    row = np.concatenate([sound[channel, :kept], noise_like(sound[channel])[kept:]])
+    ((name, words),) = faults(changed(sound, channel, row)).items()
+    assert name == str(channel) and words.startswith("shares no clock")
+
+
+@pytest.mark.parametrize("channel", range(N))
+@pytest.mark.parametrize("loudness", [0, 1])
+def test_of_a_channel_of_noise_or_nothing_nothing_is_known_and_the_others_are_fine(sound, channel, loudness):
+    found = delays_of(changed(sound, channel, loudness * noise_like(sound[channel])))
+    assert found.faults(NAMES) == {} and found.unknown(NAMES) == [str(channel)]
+
+
+def test_of_independent_noise_nothing_is_known():
+    found = delays_of(np.random.default_rng(3).standard_normal((N, T)))
+    assert np.isnan(found.delays[:, 1:]).all() and found.faults(NAMES) == {} and found.unknown(NAMES) == list(NAMES)
+
+
+def test_a_drift_shows_in_ten_minutes_as_in_twelve_seconds(sound):
+    """The sound repeats, so that a channel that drifts can be read from anywhere; the clock goes on."""
+    fine = resample_poly(np.tile(sound[BAD], 3), 16, 1)[16 * T : 1 - 16 * T]
+
+    def block(start, stop, channels):
+        n = np.arange(start, stop)
+        rows = sound[:, n % T]
+        rows[BAD] = np.interp(16 * n * (1 - 80e-6) % (16 * T), np.arange(len(fine)), fine)
+        return rows[channels]
+
+    found = channel_delays(Recording("take", "stationary", RATE, N, 50 * T, block))
+    assert found is not None
+    ((name, words),) = found.faults(NAMES).items()
+    assert name == str(BAD) and words.startswith("drifts by")
+    assert float(words.split()[2]) == pytest.approx(80, rel=0.02)
 
 
 def test_a_short_recording_says_nothing(sound):

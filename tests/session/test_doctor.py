@@ -1,6 +1,7 @@
 """What `examine` says of sound data and of data with a fault, and the page that the command writes."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import soundfile
 import fdcal
 from fdcal.commands.cli import main
 from fdcal.model.measurement_file import save_measurement
+from fdcal.recordings.import_options import ImportOptions
 from fdcal.session import doctor
 
 RATE = 4000
@@ -64,6 +66,17 @@ def test_a_list_that_does_not_fit_is_described(tiny, tmp_path, capsys, solve_onc
     assert out.count("fault") == (code > 0)
 
 
+@pytest.mark.parametrize(("true_over_assumed", "words"), [(1.05, "warmer"), (1 / 1.05, "colder")])
+def test_a_room_that_is_warmer_than_assumed_is_called_warmer(tiny, tmp_path, true_over_assumed, words):
+    """The field has the sound speed of the simulation, and another one is assumed; the list is right."""
+    assumed, wavenumbers = tiny.sound_speed / true_over_assumed, tiny.wavenumbers * true_over_assumed
+    save_measurement(dataclasses.replace(tiny, sound_speed=assumed, wavenumbers=wavenumbers), tmp_path / "room.npz")
+    state, text = answers(str(tmp_path / "room.npz"), table(tmp_path / "list.csv", tiny.positions))["list"]
+    kelvin = 293.15 * (true_over_assumed**2 - 1)
+    assert state == "fault" and text.endswith(f"{words} than assumed")
+    assert float(text.split()[-5]) == pytest.approx(abs(kelvin), abs=3)
+
+
 def test_an_inverted_channel_and_nothing_else_is_named(tiny, tmp_path):
     pressures = np.array(tiny.pressures)
     pressures[:, 5] *= -1
@@ -78,6 +91,42 @@ def test_pressures_without_a_common_field_are_none(tmp_path):
     noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
     save_measurement(fdcal.Measurement(np.linspace(100, 400, 16), noise, 343.0), tmp_path / "noise.npz")
     assert answers(str(tmp_path / "noise.npz"))["field"][0] == "fault"
+
+
+def of_samples(tmp_path, *takes):
+    """The findings about the samples and the clocks of noise (N, T)."""
+    paths = [str(tmp_path / f"take{n}.wav") for n in range(len(takes))]
+    for path, samples in zip(paths, takes, strict=True):
+        soundfile.write(path, 0.1 * samples.T, RATE, subtype="FLOAT")
+    return itertools.islice(doctor.examine(paths, options=ImportOptions(kind="stationary")), 2)
+
+
+def test_of_channels_without_a_common_sound_the_clocks_are_unknown(tmp_path):
+    _, clocks = of_samples(tmp_path, np.random.default_rng(7).standard_normal((5, 10 * RATE)))
+    assert (clocks.state, clocks.value) == ("unknown", None) and "no channels are coherent" in clocks.text
+
+
+def test_one_channel_of_noise_is_named_and_the_clocks_are_not_fine(tmp_path):
+    rng = np.random.default_rng(7)
+    noise = rng.standard_normal(10 * RATE) + 0.1 * rng.standard_normal((5, 10 * RATE))
+    noise[1] = rng.standard_normal(10 * RATE)
+    _, clocks = of_samples(tmp_path, noise)
+    assert clocks.state == "unknown" and clocks.text.startswith("1: not coherent with the others")
+
+
+def test_figure_and_picture_are_of_the_take_with_the_fault(tmp_path):
+    rng = np.random.default_rng(7)
+    healthy = rng.standard_normal(10 * RATE) + 0.1 * rng.standard_normal((5, 10 * RATE))
+    faulty = healthy.copy()
+    faulty[2] = np.roll(faulty[2], 8)
+    faulty[2, : 5 * RATE], faulty[4] = healthy[2, : 5 * RATE], 0
+    samples, clocks = of_samples(tmp_path, healthy, faulty, healthy)
+    assert (samples.state, clocks.state) == ("fault", "fault")
+    level = samples.charts[0].curves[0].y
+    assert level[4] < level[:4].min() - 60
+    assert clocks.text.startswith("2: jumps by +2 ms") and clocks.value == pytest.approx(2000, rel=0.01)
+    assert [curve.label for curve in clocks.charts[0].curves] == ["0", "1", "2", "3"]  # the silent one has no clock
+    assert np.nanmax(clocks.charts[0].curves[2].y) == pytest.approx(2000, rel=0.01)
 
 
 def test_responses_that_wrap_round_end_the_examination_and_the_page_shows_it(tmp_path, capsys):
