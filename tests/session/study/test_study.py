@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import threading
 from dataclasses import asdict, replace
 from importlib.metadata import version as fdcal_version
