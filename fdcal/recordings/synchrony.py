@@ -11,6 +11,7 @@ Clocks of different speed give a line, lost samples a step.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,6 +45,13 @@ class SynchronyRules:
 SYNCHRONY = SynchronyRules()
 
 
+class ClockFault(NamedTuple):
+    """What is wrong with the clock of a channel."""
+
+    kind: str  # "drift", "jump" or "lost"
+    text: str
+
+
 @dataclass(frozen=True)
 class ChannelDelays:
     """Delays of the channels over time, less the median channel's."""
@@ -52,7 +60,7 @@ class ChannelDelays:
     delays: np.ndarray  # (N, G) float64, s, later than in the first stretch; NaN where nothing is known
     limit: np.ndarray  # (N,) float64, s, of a change that counts
 
-    def faults(self, names: tuple[str, ...]) -> dict[str, str]:
+    def faults(self, names: tuple[str, ...]) -> dict[str, ClockFault]:
         """Return what is wrong with the clock of each channel that differs from the others', by name."""
         known = np.isfinite(self.delays)
         usual = known.mean(axis=1) > 0.5
@@ -60,7 +68,8 @@ class ChannelDelays:
         for n, row in enumerate(self.delays):
             lost = np.flatnonzero(~known[n] & (known[usual].sum(axis=0) > usual.sum() / 2))
             if known[n, 1] and len(lost) and np.mean(known[n, lost[0] :]) < 0.2:
-                found[names[n]] = f"shares no clock with the others from {self.times[lost[0]]:.3g} s on"
+                text = f"shares no clock with the others from {self.times[lost[0]]:.3g} s on"
+                found[names[n]] = ClockFault("lost", text)
             elif known[n].sum() >= SYNCHRONY.fewest and np.sum(np.abs(row) > self.limit[n]) >= SYNCHRONY.changed:
                 found[names[n]] = self._change(row)
         return found
@@ -71,8 +80,8 @@ class ChannelDelays:
         faults = self.faults(names)
         return [name for name, unknown in zip(names, few, strict=True) if unknown and name not in faults]
 
-    def _change(self, row: np.ndarray) -> str:
-        """Return whether a delay is nearer to a line or to a step, in words."""
+    def _change(self, row: np.ndarray) -> ClockFault:
+        """Return whether a delay is nearer to a line or to a step."""
         seen = np.isfinite(row)
         t, d = self.times[seen], row[seen]
         slope = np.sum((t - t[0]) * d) / np.sum((t - t[0]) ** 2)
@@ -81,9 +90,9 @@ class ChannelDelays:
                  for k in range(1, len(d))]  # fmt: skip
         k = int(np.argmin(steps)) + 1
         if off_line <= steps[k - 1]:
-            return f"drifts by {1e6 * slope:+.3g} ppm"
+            return ClockFault("drift", f"drifts by {1e6 * slope:+.3g} ppm")
         jump = float(np.median(d[k:]) - np.median(d[:k]))
-        return f"jumps by {1e3 * jump:+.3g} ms at about {(t[k - 1] + t[k]) / 2:.3g} s"
+        return ClockFault("jump", f"jumps by {1e3 * jump:+.3g} ms at about {(t[k - 1] + t[k]) / 2:.3g} s")
 
 
 def channel_delays(recording: Recording) -> ChannelDelays | None:
