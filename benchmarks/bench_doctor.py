@@ -5,7 +5,8 @@ dead        impulses in a dead room, 16 in a ball of 0.3 m, four takes, 60 dB be
 rendered    the measured room of scene `listening_lab`, 16 in a ball of 0.4 m, turned between four takes
 measured    the measured array of seven microphones, four takes of ../shared/data/frl_array, else examples/frl_array
 
-A fault is named if the finding of its kind is no longer fine, and names the channel where it is one of a channel.
+A fault is named if the finding that it belongs to has its kind, and its channel where it is one of a channel. A channel
+of noise may be called dead or noisy.
 Each draw has an array, a source, a list with an error of 2 mm in each coordinate, and a faulty channel of its own.
 
 FDCAL_BENCH_DRAWS sets the draws of each fault, 12 unless given, half as many of each sound set; FDCAL_BENCH_FAULTS
@@ -141,6 +142,7 @@ class Fault:
     """What is done to a data set, and which finding must name it."""
 
     question: str
+    kinds: tuple[str, ...]  # any of which it may be called
     injected: Callable[[DataSet, int, np.random.Generator], DataSet]
     sets: tuple[str, ...]
     channel: bool = True  # whether it is one of a channel, which must be named
@@ -237,39 +239,42 @@ def _misplaced(data, n, rng):
 
 STATIONARY, ALL, WIDE = ("living",), ("living", "dead", "rendered", "measured"), ("living", "dead", "rendered")
 FAULTS = {
-    "silent": Fault("samples", _one(lambda x, rate, rng: 0 * x), ALL),
-    "clipped": Fault("samples", _one(_clipped), ALL),
-    "a copy of another": Fault("samples", _copied, ALL, False),
-    "wrapped": Fault("wrapped", _wrapped, ("dead", "rendered", "measured"), False),
-    "clock drifts by 10 to 80 ppm": Fault("synchronous", _one(_drifting), STATIONARY),
-    "8 to 400 samples lost": Fault("synchronous", _one(_losing), STATIONARY),
-    "no common field": Fault("field", _no_field, STATIONARY, False),
-    "simulated by rays": Fault("measured", _by_rays, ("dead",), False),
-    "inverted": Fault("channels", _one(lambda x, rate, rng: -x), ALL),
-    "6 dB": Fault("channels", _one(lambda x, rate, rng: x * 10 ** (rng.choice([-1, 1]) * 6 / 20)), ALL),
+    "silent": Fault("samples", ("silent",), _one(lambda x, rate, rng: 0 * x), ALL),
+    "clipped": Fault("samples", ("clipped",), _one(_clipped), ALL),
+    "a copy of another": Fault("samples", ("copy",), _copied, ALL, False),
+    "wrapped": Fault("wrapped", ("wrapped",), _wrapped, ("dead", "rendered", "measured"), False),
+    "clock drifts by 10 to 80 ppm": Fault("synchronous", ("drift",), _one(_drifting), STATIONARY),
+    "8 to 400 samples lost": Fault("synchronous", ("jump",), _one(_losing), STATIONARY),
+    "no common field": Fault("field", ("field",), _no_field, STATIONARY, False),
+    "simulated by rays": Fault("measured", ("rays",), _by_rays, ("dead",), False),
+    "inverted": Fault("channels", ("inverted",), _one(lambda x, rate, rng: -x), ALL),
+    "6 dB": Fault("channels", ("gain",), _one(lambda x, rate, rng: x * 10 ** (rng.choice([-1, 1]) * 6 / 20)), ALL),
     "late by 0.5 to 2 ms": Fault(
-        "channels", _one(lambda x, rate, rng: np.roll(x, round(rate * rng.uniform(5e-4, 2e-3)))), ALL
+        "channels", ("delayed",), _one(lambda x, rate, rng: np.roll(x, round(rate * rng.uniform(5e-4, 2e-3)))), ALL
     ),
-    "high-pass at 60 to 150 Hz": Fault("channels", _one(_high_pass), WIDE),
+    "high-pass at 60 to 150 Hz": Fault("channels", ("high_pass",), _one(_high_pass), WIDE),
     "noise only": Fault(
-        "channels", _one(lambda x, rate, rng: np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x))), ALL
+        "channels",
+        ("dead", "noisy"),
+        _one(lambda x, rate, rng: np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x))),
+        ALL,
     ),
     "noise of 0 dB": Fault(
-        "channels", _one(lambda x, rate, rng: x + np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x))), STATIONARY
+        "channels",
+        ("dead", "noisy"),
+        _one(lambda x, rate, rng: x + np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x))),
+        STATIONARY,
     ),
-    "list: two swapped": Fault("list", _swapped, ALL),
-    "list: 5 % off": Fault("list", _scaled, ALL, False),
-    "list: one 25 cm off": Fault("list", _misplaced, ALL),
+    "list: two swapped": Fault("list", ("exchanged",), _swapped, ALL),
+    "list: 5 % off": Fault("list", ("size",), _scaled, ALL, False),
+    "list: one 25 cm off": Fault("list", ("misplaced",), _misplaced, ALL),
 }
 
 
 def is_named(findings: tuple[Finding, ...], fault: Fault, n: int) -> bool:
-    """Whether the finding that a fault belongs to says so, and names the channel `n` where it is one of a channel."""
-    one = next((finding for finding in findings if finding.question == fault.question), None)
-    if one is None or one.state not in ("fault", "differs"):
-        return False
-    words = one.text.replace(":", " ").replace(",", " ").replace(";", " ").split()
-    return not fault.channel or str(n) in words
+    """Whether the finding that a fault belongs to has its kind, of the channel `n` where it is one of a channel."""
+    found = {one for finding in findings if finding.question == fault.question for one in finding.found}
+    return any(kind in fault.kinds and (not fault.channel or name == str(n)) for kind, name in found)
 
 
 def solved_once() -> None:

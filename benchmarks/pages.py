@@ -35,7 +35,10 @@ class Served:
         self._folder = Path(tempfile.mkdtemp())
         self._scene = _changed(scene, solver, self._folder) if solver else scene
         self._errors, self.stopped_in, self._watched = self._folder / "errors", 0.0, watched
-        self._log, self._environment = self._folder / "log", {**os.environ, "PYTHONUNBUFFERED": "1"}
+        # it runs in the folder, where it writes what is recorded, and takes its modules from the checkout all the same
+        path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+        self._environment = {**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONPATH": path}
+        self._log = self._folder / "log"
         self._error_log = self._folder / "FDCAL_CACHE" / "view.log"
         if own_cache:
             self._environment["FDCAL_CACHE"] = str(self._error_log.parent)
@@ -46,7 +49,7 @@ class Served:
         command = self._command()
         with self._errors.open("w") as errors:
             self._process = subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=errors, text=True, env=self._environment
+                command, stdout=subprocess.PIPE, stderr=errors, text=True, env=self._environment, cwd=self._folder
             )
         self.url = self._process.stdout.readline().strip()
         if not self.url.startswith("http"):

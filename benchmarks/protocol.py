@@ -13,6 +13,7 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as open_connection
+from websockets.typing import Origin, Subprotocol
 
 TIMEOUT = 60.0  # s, bound of every wait
 CAMERA = {
@@ -23,9 +24,10 @@ CAMERA = {
 
 def connect(address: str, version: str = viser.__version__) -> ClientConnection:
     """Connect to the page at `address`, http:// or ws://, as a page of a version of viser."""
+    address = address.partition("//")[2]
     return open_connection(
-        address.replace("http://", "ws://"), subprotocols=[f"viser-v{version}"], open_timeout=TIMEOUT,
-        close_timeout=1, max_size=None,
+        f"ws://{address}", origin=Origin(f"http://{address}"), subprotocols=[Subprotocol(f"viser-v{version}")],
+        open_timeout=TIMEOUT, close_timeout=1, max_size=None,
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import fdcal
 folder = Path(__file__).parent / "frl_array"
 takes = sorted(folder.glob("source*.flac"))
 measurement = fdcal.load(takes, positions=folder / "nominal.csv", temperature=20.0)
-found = fdcal.calibrate(measurement, known="none")
+found = fdcal.calibrate(measurement)
 
 print(f"{measurement.take_count} takes, {len(measurement.frequencies)} rows; verdict {found.verdict}")
 print(f"RMS distance to the nominal places {1000 * found.rms_error:.1f} mm")

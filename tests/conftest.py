@@ -54,7 +54,7 @@ def kernels() -> None:
 
 @pytest.fixture(scope="module")
 def remembered_runs(cache):
-    """A calibration of the same measurement with the same settings and seed is run once, and assessed each time.
+    """A run of the same problem with the same settings and seed is made once, and assessed each time.
 
     For tests of what becomes of options and results; not for those of the run itself. All workers share the ends.
     """
@@ -64,7 +64,8 @@ def remembered_runs(cache):
     def last_state(inputs, progress, problem, clock):
         if inputs.time_limit is not None or clock is not time.process_time:
             return run(inputs, progress, problem, clock)
-        key = hashlib.sha256(pickle.dumps((inputs.measurement, problem, inputs.settings, inputs.seed))).hexdigest()
+        calibration_run.states_of(inputs, progress, problem)  # checks the measurement, and begins when it is iterated
+        key = hashlib.sha256(pickle.dumps((problem, inputs.settings, inputs.seed))).hexdigest()
         if not (folder / key).exists():
             found = run(inputs, progress, problem, clock)
             if found[1]:  # stopped early

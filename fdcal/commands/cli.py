@@ -218,12 +218,12 @@ def simulate(scene: str, output: str, force: bool):
 )
 @click.option(
     "--time-limit",
-    type=float,
+    type=types.Number(),
     metavar="SECONDS",
     help="Of processor time, after which the best positions so far are written; Ctrl-C does the same."
     "  [default: 45, more for large arrays]",
 )
-@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; of recordings.")
+@click.option("--temperature", type=types.Number(), metavar="C", help="Of the air, degrees Celsius; of recordings.")
 @click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane; of recordings.")
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @click.option(

@@ -8,7 +8,7 @@ import click
 from ..model.validation import InputError
 from ..recordings.import_options import ImportOptions
 from .options import OPTIONS, files_options, force_option, output_option, output_path, progress_bar
-from .parameter_types import RecordingKind
+from .parameter_types import Number, RecordingKind
 
 
 def _import_options(command):
@@ -17,7 +17,7 @@ def _import_options(command):
     for field in reversed([field for field in fields(ImportOptions) if "help" in field.metadata]):
         choices = field.metadata["choices"]
         allowed = types[field.name], *typing.get_args(types[field.name])
-        kind = next((one for one in (int, float) if one in allowed), str)
+        kind = int if int in allowed else Number() if float in allowed else str
         command = click.option(
             f"--{field.name.replace('_', '-')}",
             type=RecordingKind(choices) if field.name == "kind" else click.Choice(choices) if choices else kind,
@@ -128,7 +128,7 @@ def correct(recording, result, output, force):
 @click.option("--positions", metavar="FILE.xml|csv", help="List to compare with: Acoular's XML, or name,x,y[,z].")
 @files_options
 @click.option("--kind", type=RecordingKind(("auto", "impulse", "stationary")), help="As of `fdcal import`.")
-@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; of recordings.")
+@click.option("--temperature", type=Number(), metavar="C", help="Of the air, degrees Celsius; of recordings.")
 @output_option("FILE.html", required=False)
 @force_option
 def doctor(sources, positions, files, split, number, kind, temperature, output, force):

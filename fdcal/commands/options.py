@@ -152,7 +152,9 @@ search_option = click.option(
     help="Search domain, five numbers in metres: x,y of its lowest corner, width,height, step."
     " For example 2.01,1.71,1.2,1.2,0.01",
 )
-radius_option = click.option("--radius", type=float, metavar="R", help="Radius R of the order rule ceil(k R), metres.")
+radius_option = click.option(
+    "--radius", type=types.Number(), metavar="R", help="Radius R of the order rule ceil(k R), metres."
+)
 
 
 KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is given

@@ -167,6 +167,20 @@ def _with_unit(value: str, pattern: str, words: str) -> float:
         refuse(f'"{value}" must be {words}')
 
 
+class Number(click.types.FloatParamType):
+    """A finite number: the type of every option of one number."""
+
+    def convert(self, value, param, ctx) -> float:
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f'"{value}" is no finite number', param, ctx)
+        return number
+
+
+class NumberInRange(click.FloatRange, Number):
+    """A finite number within bounds."""
+
+
 class RecordingKind(click.Choice):
     """What a recording is; the words of older versions are accepted and not listed."""
 

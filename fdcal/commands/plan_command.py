@@ -20,8 +20,8 @@ BOUND_ONLY = (
 @click.option(
     "--room", type=types.RoomOrScene(), metavar="LxWxH|SCENE", help="Rectangular room.  [default: diffuse field]"
 )
-@click.option("--rt60", type=float, default=0.5, show_default=True, metavar="S", help="Reverberation time, s.")
-@click.option("--snr", type=float, default=30.0, show_default=True, metavar="DB", help="Of each frequency.")
+@click.option("--rt60", type=types.Number(), default=0.5, show_default=True, metavar="S", help="Reverberation time, s.")
+@click.option("--snr", type=types.Number(), default=30.0, show_default=True, metavar="DB", help="Of each frequency.")
 @click.option(
     "--frequencies", metavar="LO:HI", help="Band, Hz.  [default: 20 Hz to 0.7 of what the array can interpolate]"
 )

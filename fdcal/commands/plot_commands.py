@@ -76,7 +76,9 @@ def _landscape_bytes(suffix: str, panels, measurement, basins: bool) -> bytes:
     metavar="HZ,HZ,...",
     help="Measured frequencies.  [default: lowest, middle and highest]",
 )
-@click.option("--step", type=float, metavar="METRES", help="Lattice step.  [default: a 60th of the longest side]")
+@click.option(
+    "--step", type=types.Number(), metavar="METRES", help="Lattice step.  [default: a 60th of the longest side]"
+)
 @opt.output_option("FILE.npz|csv|png|vti")
 @opt.force_option
 def field(source, result, frequencies, step, output, force):

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ..model.validation import InputError
+from ..model.validation import InputError, StorageError
 from .options import OPTIONS, force_option, output_option, output_path
+from .parameter_types import Number, NumberInRange
 
 if TYPE_CHECKING:
     from ..recordings.take import Moment, SoundStream, Take
     from ..session.takes import Day, TakesResult
 
 INTERRUPTED = 130  # exit code
-SUFFIXES = (".wav", ".w64")
 LOWEST_DB, BAR = -60, 12  # level at which a bar begins, and its characters
 REDRAWN = 0.15  # s of sound between two views at least
 
@@ -29,17 +28,15 @@ REDRAWN = 0.15  # s of sound between two views at least
 @click.argument("earlier", nargs=-1, metavar="[EARLIER...]")
 @output_option("TAKE.wav|w64")
 @click.option("--channels", "inputs", type=click.IntRange(1), metavar="N", help="The first N inputs.  [default: all]")
-@click.option(
-    "--seconds", type=click.FloatRange(1, 86_400), default=30.0, show_default=True, help="Length of each take."
-)
-@click.option("--rate", type=click.FloatRange(min=1000), metavar="HZ", help="Sampling rate.  [default: the card's]")
+@click.option("--seconds", type=NumberInRange(1, 86_400), default=30.0, show_default=True, help="Length of each take.")
+@click.option("--rate", type=NumberInRange(min=1000), metavar="HZ", help="Sampling rate.  [default: the card's]")
 @click.option("--device", metavar="NAME|NUMBER", help="Sound card: python -m sounddevice lists them.")
 @click.option(
     "--replay", multiple=True, metavar="FILE", help="Replay a recording in place of a sound card: a take each."
 )
 @click.option("--positions", metavar="FILE.xml|csv", help="List of the positions: names swapped channels.")
 @click.option("--known", metavar="NAMES|FILE.csv", help="Known microphones, as of import.")
-@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius.")
+@click.option("--temperature", type=Number(), metavar="C", help="Of the air, degrees Celsius.")
 @click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane.")
 @click.option("--result", metavar="RESULT.json", help="File that the result is written to after each take.")
 @force_option
@@ -47,15 +44,16 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
            result, force: bool):  # fmt: skip
     """Record takes, and see after each where the microphones are.
 
-    EARLIER are takes recorded before, of the same array. The next take has the next number: take1.wav, take2.wav.
+    EARLIER are takes recorded before, of the same array. The next take has the next free number: take1.wav, take2.wav.
     While a take is recorded, silent, clipped and duplicated channels are named, and after 15 s inverted, dead and, with
     --positions, swapped ones. Ctrl-C ends a take and keeps what was recorded.
 
     The exit code is that of calibrate with all takes, 4 if they give no result, 130 after Ctrl-C.
     """
+    from ..recordings import formats
     from ..recordings.formats.positions import read_positions
     from ..recordings.import_options import ImportOptions, check_options
-    from ..recordings.take import record_take, replayed, sound_card
+    from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
     from ..session.takes import Day
 
     if replay and (device is not None or rate is not None):
@@ -65,12 +63,17 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
         leave_out="bad", files="takes", known=known, temperature=temperature, array_dimension=array_dimension
     )
     check_options(options)
+    # What is wrong with a file is said before anything is recorded.
     if positions is not None:
-        read_positions(positions)  # what is wrong with it is said before anything is recorded
-    day, paths, written, given_force = Day(positions, options, OPTIONS), list(earlier), 0, force
+        read_positions(positions)
+    path = output_path(output, SUFFIXES, force, *earlier, *replay)
     found_path = output_path(result, ".json", force, *earlier, *replay) if result else None
+    for file in earlier:
+        formats.read(file)
+    for file in replay:
+        check_take(replayed(file, inputs), path, seconds)
+    day, paths, written = Day(positions, options, OPTIONS), list(earlier), 0
     while True:
-        path = output_path(output, SUFFIXES, force, *earlier, *replay)
         stream = replayed(replay[written], inputs) if replay else sound_card(inputs, rate, device)
         take = _record(record_take, stream, path, seconds, day, force)
         print(f"take {len(paths) + 1}  {take.text}", flush=True)
@@ -80,12 +83,14 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
         found = _result(paths, day, found_path)
         if replay and written == len(replay):
             return _exit_code(found)
-        output, force = next_name(path), given_force
-        answer = "" if replay else _answer(path.name, Path(output).name)
+        following = next_take(path)
+        answer = "" if replay else _answer(path.name, following.name)
         if answer == "q":
             return _exit_code(found)
         if answer == "r":
-            output, force, paths = str(path), True, paths[:-1]
+            force, paths = True, paths[:-1]
+        else:
+            path, force = following, False
 
 
 def _result(paths: Sequence[str], day: Day, path: Path | None) -> TakesResult | None:
@@ -95,20 +100,14 @@ def _result(paths: Sequence[str], day: Day, path: Path | None) -> TakesResult | 
 
     try:
         found = takes_result(paths, day)
-    except InputError as error:
-        print(f"result  none: {error.worded(OPTIONS)}", flush=True)
+    except (InputError, StorageError) as error:
+        words = error.worded(OPTIONS) if isinstance(error, InputError) else error
+        print(f"result  none: {words}", flush=True)
         return None
     print("\n".join([*found.lines, *found.table]), flush=True)
     if path is not None:
         save_result(found.result, path, force=True, check=found.check)
     return found
-
-
-def next_name(path: Path) -> str:
-    """Return the path of the take after one: its number at the end of the name counts on, from 1."""
-    stem = path.stem.rstrip("0123456789")
-    number = path.stem[len(stem) :]
-    return str(path.with_name(f"{stem}{int(number or 1) + 1:0{len(number)}d}{path.suffix}"))
 
 
 def _answer(this: str, following: str) -> str:
@@ -132,30 +131,20 @@ def _exit_code(found: TakesResult | None) -> int:
 
 
 def _record(record_take, stream: SoundStream, path: Path, seconds: float, day: Day, force: bool) -> Take:
-    """Record one take with a view of its channels; Ctrl-C ends it."""
+    """Record one take with a view of its channels; Ctrl-C, SIGTERM and SIGHUP end it."""
+    from ..session.interrupts import Interrupt
     from ..session.takes import EarlyCheck
 
     view, early = LiveView(stream.names), EarlyCheck(day, stream, wait=not stream.live)
-    with _interrupts() as interrupted, contextlib.closing(early), contextlib.closing(view):
+    with Interrupt(urgent=False) as interrupt, contextlib.closing(early), contextlib.closing(view):
 
         def watch(moment: Moment) -> bool:
             view.show(moment)
             if said := early.add(moment):
                 view.say(said)
-            return not interrupted()
+            return not interrupt.received
 
         return record_take(stream, path, seconds, watch, force)
-
-
-@contextlib.contextmanager
-def _interrupts() -> Iterator[Callable[[], bool]]:
-    """Give a function that returns whether Ctrl-C was pressed, which raises nothing meanwhile."""
-    pressed = []
-    before = signal.signal(signal.SIGINT, lambda *_: pressed.append(True))
-    try:
-        yield lambda: bool(pressed)
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 class LiveView:

@@ -47,11 +47,14 @@ class ChannelHealth:
         """Indices (n,) int64 of the channels that cannot be used."""
         return np.flatnonzero(self.silent | self.clipped | (self.copy_of >= 0))
 
+    def kind(self, n: int) -> str:
+        """Return what is wrong with a bad channel: "silent", "clipped" or "copy"."""
+        return "silent" if self.silent[n] else "clipped" if self.clipped[n] else "copy"
+
     def fault(self, n: int, names) -> str:
-        """Return what is wrong with a bad channel."""
-        if self.silent[n]:
-            return "silent"
-        return "clipped" if self.clipped[n] else f"a copy of {names[self.copy_of[n]]}"
+        """Return what is wrong with a bad channel, in words."""
+        kind = self.kind(n)
+        return f"a copy of {names[self.copy_of[n]]}" if kind == "copy" else kind
 
 
 class ChannelWatch:

@@ -5,6 +5,7 @@ take that ends early, by its user or by a fault, keeps what was recorded as a va
 """
 
 import queue
+import sys
 from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from ..model.storage import write_atomically
 from ..model.validation import InputError, StorageError
 from . import formats
 from .channels import ChannelHealth, ChannelWatch
-from .formats.sound import open_for_writing
+from .formats.sound import open_for_writing, require_whole_rate
 from .recording import MIN_SAMPLES, read_samples, select_channels
 
 SUFFIXES = (".wav", ".w64")  # of files that a take is written to
@@ -86,11 +87,16 @@ class Take:
 def sound_card(channels: int | None = None, rate: float | None = None, device: str | None = None) -> SoundStream:
     """Return the stream of the first `channels` inputs of a sound card, all unless given.
 
-    `rate`: Hz, that of the card unless given; `device`: its name, a part of it, or its number.
+    `rate`: Hz, that of the card unless given; `device`: its name, a part of it, or its number. Call it while nothing is
+    recorded: it looks for the cards, which ends every stream.
     """
+    loaded = "sounddevice" in sys.modules
     sd = _sounddevice()
     chosen = int(device) if device is not None and device.isdigit() else device
     try:
+        if loaded:  # PortAudio looks for the cards once: one that was connected since is seen only by another look
+            sd._terminate()
+            sd._initialize()
         card = sd.query_devices(chosen, "input")
         count, fs = channels or int(card["max_input_channels"]), float(rate or card["default_samplerate"])
         if count > card["max_input_channels"]:
@@ -161,6 +167,33 @@ def replayed(
     return SoundStream(str(path), recording.sample_rate, recording.names, full_scale, blocks, live=False)
 
 
+def fits_wav(stream: SoundStream, seconds: float) -> bool:
+    """Return whether a WAV file can hold so much of a stream."""
+    width = 3 if stream.full_scale else 4
+    return round(seconds * stream.sample_rate) * len(stream.names) * width <= WAV_BYTES
+
+
+def check_take(stream: SoundStream, path: Path, seconds: float) -> None:
+    """Raise InputError where a file of this name cannot hold so much of a stream."""
+    count = len(stream.names)
+    if path.suffix.lower() == ".wav" and not fits_wav(stream, seconds):
+        problem = f"{count} channels of {seconds:g} s at {stream.sample_rate:g} Hz are more than a WAV file holds, 4 GB"
+        raise InputError(problem, f"write {path.stem}.w64, or record fewer <seconds>", key="seconds", value=seconds)
+    require_whole_rate(stream.sample_rate)
+
+
+def next_take(path: Path) -> Path:
+    """Return the path of the take after one: the next number at the end of its name that no take has, from 1 on."""
+    stem = path.stem.rstrip("0123456789")
+    digits = path.stem[len(stem) :]
+    number = int(digits or 1)
+    while True:
+        number += 1
+        free = path.with_name(f"{stem}{number:0{len(digits)}d}{path.suffix}")
+        if not any(free.with_suffix(suffix).exists() for suffix in (path.suffix, *SUFFIXES)):
+            return free
+
+
 def record_take(
     stream: SoundStream,
     path: str | Path,
@@ -173,10 +206,7 @@ def record_take(
     `watch`: called after each block, returns whether to go on. What was recorded is kept, also where the stream fails.
     """
     path, most, count = Path(path), round(seconds * stream.sample_rate), len(stream.names)
-    width = 3 if stream.full_scale else 4
-    if path.suffix.lower() == ".wav" and most * count * width > WAV_BYTES:
-        problem = f"{count} channels of {seconds:g} s at {stream.sample_rate:g} Hz are more than a WAV file holds, 4 GB"
-        raise InputError(problem, f"write {path.stem}.w64, or record fewer <seconds>", key="seconds", value=seconds)
+    check_take(stream, path, seconds)
     channels, done, gaps, stopped, fault = ChannelWatch(count), 0, 0, False, ""
 
     def write(temporary: Path) -> None:

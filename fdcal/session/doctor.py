@@ -33,7 +33,7 @@ from ..recordings.import_options import IMPORT_LIMITS, ImportOptions
 from ..recordings.impulse_response import MAX_SAMPLES, WrapsRound
 from ..recordings.recording import Recording, select_channels
 from ..recordings.reverberation import segment_levels
-from ..recordings.synchrony import channel_delays
+from ..recordings.synchrony import ClockFault, channel_delays
 from ..solvers.robust.arrivals import Arrivals, arrivals_of
 from .calibration_run import solve
 from .sources import CalibrationInput, Progress, compared_with_file, is_recording, load_input, measurement_input
@@ -73,6 +73,10 @@ class Finding:
     value: float | None = None
     unit: str = ""
     charts: tuple[Chart, ...] = ()
+    # what differs or is at fault: kind, and microphone, "" where it is none of one. Kinds are those of `ChannelHealth`,
+    # `ClockFault` and `ChannelFault`; "wrapped", "field", "rays"; of a list "exchanged", "misplaced", "off", "size",
+    # "other"
+    found: tuple[tuple[str, str], ...] = ()
 
     @property
     def line(self) -> str:
@@ -82,23 +86,27 @@ class Finding:
 
 @dataclass(frozen=True)
 class DoctorRules:
-    """When a finding is a fault."""
+    """When a finding is a fault; figures are of three draws of each set of `python -m benchmarks doctor`."""
 
-    lowest: float = 1 / 3  # fraction of the frequencies, the lowest, by which the field is judged
-    field_db: float = -8.0  # leave-one-out error above which there is no sound field between the microphones
-    low_frequency: float = 150.0  # Hz, below which any room has a sound field that few microphones sample
-    fewest: int = 6  # frequencies below it
-    low_db: float = -6.0  # leave-one-out error of these
-    arrivals: float = 3e-3  # metres, median misfit of arrival times that fit
-    # of the size of a list: sigmas of one that is off, metres, one sigma of each listed coordinate, and relative, one
-    # sigma of the sound speed before it is sought
-    size_sigmas: float = 4.0
-    tape: float = 3e-3
-    speed: float = 0.05
+    # fraction of the frequencies, the lowest, by which the field is judged: the measured array has -25 dB, as by a
+    # fifth of them, and -11 dB by all
+    lowest: float = 1 / 3
+    # leave-one-out error above which there is no sound field between the microphones: -18 dB or less of sets without a
+    # fault, -2.5 and -3.4 dB of simulations by rays
+    field_db: float = -8.0
+    # Hz, below which any room has a sound field that few microphones sample: up to 100 or 200 Hz errors differ from
+    # those up to 150 Hz by 3.5 dB at most
+    low_frequency: float = 150.0
+    fewest: int = 6  # frequencies below it: levels scatter by up to 6 dB, so that a mean of six is known to 2.5 dB
+    arrivals: float = 3e-3  # metres, median misfit of arrival times that fit: 0.05 to 0.9 mm
+    # frequencies at which the channels of a stationary source are coherent: 122 or more at 0 dB and 26 at -5 dB, 7 to
+    # 17 where each channel is another recording
+    rows: int = 20
+    size_sigmas: float = 4.0  # of a list whose size is off: at most 2.8 of lists that are right
+    speed: float = 0.05  # relative, one sigma of the sound speed before it is sought: 30 K
 
 
 RULES = DoctorRules()
-FEW_ROWS = 20
 
 
 def examine(
@@ -124,7 +132,8 @@ def examine(
         except InputError as error:
             wraps = isinstance(error, WrapsRound)
             state: State = "fault" if wraps or isinstance(error, NothingAboveNoise) else "unknown"
-            yield Finding("wrapped" if wraps else "field", state, str(error), charts=levels)
+            question = "wrapped" if wraps else "field"
+            yield Finding(question, state, str(error), charts=levels, found=((question, ""),) * (state == "fault"))
             return
         stationary = (report.takes or (report,))[0].kind == "stationary"
         if not stationary:
@@ -165,12 +174,13 @@ def _samples(takes: Sequence[Recording], health: Sequence[ChannelHealth]) -> Fin
     chart = Chart("microphone", "dB of full scale", tuple(curves), names)
     listed = "; ".join(f"{name}: {fault}" for name, fault in faults.items())
     text = listed or f"none of {len(names)} channels is silent, clipped or a copy of another"
-    return Finding("samples", "fault" if faults else "fine", text, len(faults), "channels", (chart,))
+    kinds = tuple(dict.fromkeys((one.kind(n), names[n]) for one in health for n in one.bad))
+    return Finding("samples", "fault" if faults else "fine", text, len(faults), "channels", (chart,), kinds)
 
 
 def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options: ImportOptions) -> Finding:
     """Channels whose clock differs; those that cannot be used at all are no matter of it."""
-    names, faults, unknown, worst, chart, value = takes[0].names, dict[str, str](), set[str](), -1.0, None, 0.0
+    names, faults, unknown, worst, chart, value = takes[0].names, dict[str, ClockFault](), set[str](), -1.0, None, 0.0
     for one, state in zip(takes, health, strict=True):
         impulse = one.kind == "impulse" or options.kind == "impulse" or one.modelled
         found = None if impulse else channel_delays(select_channels(one, np.setdiff1d(np.arange(one.count), state.bad)))
@@ -184,12 +194,13 @@ def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options
             worst, value = float(np.nanmax(over)), 1e6 * float(np.nanmax(np.abs(found.delays)))
             curves = [Curve(name, found.times, 1e6 * row) for name, row in zip(usable, found.delays, strict=True)]
             chart = Chart("time (s)", "delay against the others (µs)", tuple(curves))
-    listed = [f"{name}: {fault}" for name, fault in faults.items()]
+    listed = [f"{name}: {fault.text}" for name, fault in faults.items()]
     few = [name for name in names if name in unknown and name not in faults]
     listed += [f"{', '.join(few)}: not coherent with the others"] if few else []
     charts = () if chart is None else (chart,)
     if faults:
-        return Finding("synchronous", "fault", "; ".join(listed), value, "µs", charts)
+        kinds = tuple((fault.kind, name) for name, fault in faults.items())
+        return Finding("synchronous", "fault", "; ".join(listed), value, "µs", charts, kinds)
     if chart is None:
         why = "no channels are coherent" if few else "not seen in impulse responses, or in less than 8 s of sound"
         return Finding("synchronous", "unknown", why)
@@ -204,9 +215,9 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | N
         result = solve(inputs, progress, keep=True)
     except InputError as error:
         rows = len(measurement.frequencies)
-        few = stationary and rows < FEW_ROWS  # of a stationary source those at which the channels are coherent
+        few = stationary and rows < RULES.rows  # of a stationary source those at which the channels are coherent
         text = f"the channels are coherent at {rows} frequencies only" if few else str(error)
-        yield Finding("field", "fault" if few else "unknown", text)
+        yield Finding("field", "fault" if few else "unknown", text, found=(("field", ""),) * few)
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
     if check is not None and result.verdict != "good":
@@ -274,7 +285,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
     text += f" field, to {mean_db:.1f} dB by their mean"
     if not one:
         text += ": no sound field, but several recordings, moving microphones, or no measurement"
-    field = Finding("field", "fine" if one else "fault", text, overall, "dB", (chart,))
+    field = Finding("field", "fine" if one else "fault", text, overall, "dB", (chart,), (("field", ""),) * (not one))
     problem = measurement.problem("unit", "none")
     arrivals = arrivals_of(problem, None)
     if arrivals is None:
@@ -291,10 +302,11 @@ def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
         text = f"arrivals fit to {1e3 * median:.1f} mm; no frequencies below {RULES.low_frequency:g} Hz to compare with"
         return [field, Finding("measured", "unknown", text, 1e3 * median, "mm", (times,))]
     text = f"arrivals fit to {1e3 * median:.1f} mm, below {RULES.low_frequency:g} Hz the field to {low_db:.1f} dB"
-    rays = median < RULES.arrivals and low_db > RULES.low_db
+    rays = median < RULES.arrivals and low_db > RULES.field_db
     if rays:
         text += ": a simulation by rays, which has no sound field at low frequencies"
-    return [field, Finding("measured", "fault" if rays else "fine", text, low_db, "dB", (times,))]
+    found = (("rays", ""),) * rays
+    return [field, Finding("measured", "fault" if rays else "fine", text, low_db, "dB", (times,), found)]
 
 
 def _misfit(arrivals: Arrivals, positions: np.ndarray) -> np.ndarray:
@@ -327,7 +339,8 @@ def _channels(result: Calibration) -> Finding:
     gain, phase = (float(np.std(values[result.healthy])) for values in (channels.gain_db, channels.phase_deg))
     text = "; ".join(one.text for one in faults) or f"gains differ by {gain:.2g} dB and {phase:.2g} degrees"
     state: State = "fine" if not faults else "differs" if all(one.kind in MINOR for one in faults) else "fault"
-    return Finding("channels", state, text, len(faults), "channels", charts)
+    kinds = tuple((one.kind, one.name) for one in faults)
+    return Finding("channels", state, text, len(faults), "channels", charts, kinds)
 
 
 def _size(
@@ -361,17 +374,21 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
     sure = result.verdict == "good"
     if not check.fits:
         text = "the list fits the array found in no order: it is of another array, or most positions are far off"
-        return Finding("list", "fault" if sure else "unknown", text if sure else f"{text}; {result.verdict_text}")
+        text += "" if sure else f"; {result.verdict_text}"
+        return Finding("list", "fault" if sure else "unknown", text, found=(("other", ""),) * sure)
     own = np.asarray(result.positions)
     fit = fit_list(check, own, listed, result.uncertainty, result.verdict != "scale_undetermined")
     if check.scale == 1:
         right = ~np.isin(np.arange(len(own)), fit.misplaced)
-        tape = max(RULES.tape, fit.rms / float(np.sqrt(own.shape[1])))  # what the list is seen to err
-        size, sigma = _size(inputs, listed[check.order], right, tape, progress)
+        size, sigma = _size(inputs, listed[check.order], right, fit.rms / np.sqrt(own.shape[1]), progress)
         if np.isfinite(sigma):
             sized = abs(size - 1) > max(LIST_RULES.scale, RULES.size_sigmas * sigma)
             fit = replace(fit, scale=size, sized=sized)
-    faults = [*check.exchanges(names), *replace(fit, poor=fit.poor and sure).faults(names)]
+    off = fit.poor and sure
+    faults = [*check.exchanges(names), *replace(fit, poor=off).faults(names)]
+    moved = np.flatnonzero(check.order != np.arange(len(own)))
+    kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
+    kinds += [("off", "")] * off + [("size", "")] * fit.sized
     rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if fit.poor else "fine"
     text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
     text += "" if faults or not fit.poor else f"; {result.verdict_text}"
@@ -382,4 +399,4 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
         Chart("x (m)", "y (m)", points, equal=True),
         Chart("microphone", "distance (mm)", (Curve("distance", number, 1e3 * fit.errors, True),), tuple(names)),
     )
-    return Finding("list", state, text, rms, "mm", charts)
+    return Finding("list", state, text, rms, "mm", charts, tuple(kinds))

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ..assessment.calibration import Calibration
 
 EARLY = 15.0  # s of sound after which a take is checked while it goes on
+PATIENCE = 60.0  # s that a replay waits for this check
 EARLY_SAMPLES = 60_000_000  # of all channels that are held for it, 240 MB
 NEXT = "move the loudspeaker to the other side of the array"
 # what a cable or a row of the list mends, rather than what a microphone is like
@@ -150,7 +151,7 @@ def takes_result(takes: Sequence[str | Path | Recording], day: Day) -> TakesResu
 class EarlyCheck:
     """Calibrates the first seconds of a take while the rest is recorded, on a thread of its own.
 
-    `wait`: whether `add` waits for the result, as suits a stream that waits itself.
+    `wait`: whether `add` waits for the result, PATIENCE at most, as suits a stream that waits itself.
     """
 
     def __init__(self, day: Day, stream: SoundStream, wait: bool = False):
@@ -170,13 +171,14 @@ class EarlyCheck:
                 return ""
             self._worker = LatestWorker(self._calibrate, "fdcal-early")
             self._worker.request()
-        if self._wait:
-            self._worker.wait_for(lambda latest: latest is not None)
+        head = f"after {EARLY:g} s of sound: "
+        if self._wait and not self._worker.wait_for(lambda latest: latest is not None, PATIENCE):
+            self.close()
+            return f"{head}no result within {PATIENCE:g} s; the take goes on"
         latest = self._worker.latest
         if latest is None:
             return ""
         self.close()
-        head = f"after {EARLY:g} s of sound: "
         if latest.result is None:
             return head + (str(latest.cause) if isinstance(latest.cause, InputError) else latest.error)
         return head + ("; ".join(latest.result.faults) or "no fault found")

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ..session.interrupts import Interrupt
 from ..session.lesson import Lesson
 from ..session.request import OpenRequest
 from .server.hardening import is_loopback, open_server, without_output
-from .server.process import Interrupt, error_log, share_one_heap
+from .server.process import error_log, share_one_heap
 
 STILL = Path(__file__).with_name("opening.html")  # the first picture of the opening
 

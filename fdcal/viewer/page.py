@@ -14,6 +14,7 @@ from pathlib import Path
 
 import viser
 
+from ..session.interrupts import Interrupt
 from ..session.lesson import Lesson
 from ..session.request import OpenRequest
 from ..session.worker import WakeEvent
@@ -30,7 +31,7 @@ from .panels import Panels, SessionFolders
 from .preview import show_room
 from .scene3d.cameras import Room
 from .scene3d.nodes import SceneNodes
-from .server.process import Interrupt, release_memory
+from .server.process import release_memory
 from .session_switch import SessionSwitcher, StatusBar
 from .session_view import Viewer
 from .tabs.help import add_help
@@ -82,7 +83,7 @@ class Page:
         self.address, self._dark = AddressBar(self, self.lessons), False
         self.panels.overlay.on("dark", lambda client, value: self._prefer(value == "on"))
         self.panels.overlay.on("face", lambda client, value: nodes.cameras.show_face(client, value == "expert"))
-        self._progress, self._on_progress, self._fault = "", on_progress, ""
+        self._progress, self._on_progress, self._faults = "", on_progress, dict[str, str]()
         self._canvases_checked, self._wake = 0.0, WakeEvent()
         self._releases: collections.deque[float] = collections.deque()  # when each is due, one for each session
         self._follow_clients(server)
@@ -164,19 +165,14 @@ class Page:
             self.viewer.tabs.run_bar.wait(self.switcher.progress is not None)
             self.nodes.cameras.room = Room(self.viewer.binding.choices.lecture, self.lessons.active)
             self.viewer.guarded_tick(now)
-            self.record.show(now)
+            self._guarded("tab Record", lambda: self.record.show(now))
         elif self.nodes.is_empty and self.switcher.measured is not None:
             show_room(self.nodes, *self.switcher.measured)
             self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
         call = self._server.get_event_loop().call_soon_threadsafe
-        self.lessons.show(call)
-        try:
-            self.address.tick(call)
-            self.explore.show()
-        except Exception as error:  # the page continues, as after a fault of a session
-            if repr(error) != self._fault:
-                log.exception("the canvas could not be updated")
-            self._fault = repr(error)
+        self._guarded("lessons", lambda: self.lessons.show(call))
+        self._guarded("address", lambda: self.address.tick(call))
+        self._guarded("canvas", self.explore.show)
         clients = self._server.get_clients().values()
         self.nodes.cameras.process_requests(clients)
         if now - self._canvases_checked > CANVAS_INTERVAL:
@@ -186,6 +182,15 @@ class Page:
             while self._releases and now > self._releases[0]:
                 self._releases.popleft()
             release_memory(self._server)
+
+    def _guarded(self, part: str, update: Callable[[], None]) -> None:
+        """Update a part of the page; an exception is logged once, and the page continues, as after one of a session."""
+        try:
+            update()
+        except Exception as error:
+            if self._faults.get(part) != repr(error):
+                log.exception("the %s could not be updated", part)
+            self._faults[part] = repr(error)
 
     def _replace_session(self, prepared: PreparedRun) -> None:
         """Show a new session in place of the old one, which stays where the new one cannot be shown."""

@@ -16,6 +16,7 @@ from ..session.request import OpenRequest
 from ..session.worker import LatestWorker
 from .background.prepare import Cancelled, PreparationProgress, PreparedRun, prepare_run
 from .gui import html
+from .gui.binding import Same
 from .panels import Panels
 
 log = logging.getLogger(__name__)
@@ -172,7 +173,7 @@ class StatusBar:
         """
         progress, error, title = self._switcher.progress, self._switcher.error, self._switcher.title
         text, percent = ("", 0) if progress is None else (progress.text, round(100 * progress.done))
-        shown = title, text, percent, id(error), first
+        shown = title, text, percent, Same(error), first
         if shown == self._shown:
             return
         self._shown, busy = shown, progress is not None

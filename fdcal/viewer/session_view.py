@@ -40,7 +40,7 @@ from .background.prepare import PreparedRun
 from .background.verdict import PositionUncertainty, VerdictWorker, uncertainty_of
 from .display_frame import DisplayFrame
 from .drop import Drop, Dropped
-from .gui.binding import Binding, Tick
+from .gui.binding import Binding, Same, Tick
 from .gui.choices import Choices
 from .gui.legend_html import canvas_legend
 from .gui.words import CanvasWords
@@ -320,7 +320,7 @@ class Viewer:
         floor = floor or self._first_floor
         marked, planned = self.tabs.comparison.marked(tick.runs), self.tabs.plan.planned
         parts = floor, volume, tick.uncertainty, marked, planned
-        key = tick.revision, choices, tick.microphone, dropped, *map(id, parts)
+        key = tick.revision, choices, tick.microphone, dropped, *map(Same, parts)
         if key == self._key:
             return
         picture = self._picture.draw(tick.view, choices, tick.microphone, *parts, dropped)

@@ -205,6 +205,17 @@ def test_a_file_that_is_not_there_is_named_alike_everywhere(capsys, arguments):
     assert re.search(r"cannot read (scene )?gone\.\w+: No such file or directory", line)
 
 
+def test_every_option_of_one_number_refuses_nan_and_infinity():
+    seen = 0
+    for command in commands.commands.values():
+        for option in (one for one in command.params if isinstance(one.type, click.types.FloatParamType)):
+            seen += 1
+            for value in ("nan", "inf", "-inf"):
+                with pytest.raises(click.BadParameter, match=r"is no finite number|is not in the range"):
+                    option.type.convert(value, option, None)
+    assert seen > 10
+
+
 # Errors below the command line name arguments, and the command line words each of them as its own option.
 
 

@@ -2,8 +2,8 @@
 
 import builtins
 import json
-import os
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ import soundfile
 from recorded import FS, places, stationary_source
 from running import exit_code
 
-from fdcal.commands.record_command import next_name
 from fdcal.recordings import take
+from fdcal.session import takes
 from fdcal.session.takes import Day, takes_result
 
 COUNT, OTHER_SIDE = 16, (0.6, 0.5, 1.9)
@@ -39,6 +39,7 @@ def folder(tmp_path_factory):
     for name, sound in (("one", one), ("two", two), ("faulty", faulty), ("dead", dead)):
         soundfile.write(path / f"{name}.wav", sound.T, FS, subtype="PCM_24")
     rows = [f"{n},{','.join(f'{x:.4f}' for x in place)}" for n, place in enumerate(places(COUNT))]
+    (path / "list.json").touch()
     (path / "list.csv").write_text("\n".join(["name,x,y,z", *rows]))
     return path
 
@@ -73,18 +74,32 @@ def test_each_take_says_what_all_of_them_say_together(folder, capsys):
     assert "other side" in expected[0] and f"about {sigmas[0] / np.sqrt(2):.2g} mm" in expected[0]
 
 
-def test_ctrl_c_ends_a_take_keeps_it_and_says_so(folder, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_take_keeps_it_and_says_so(folder, tmp_path, monkeypatch, capsys, number):
     blocks, replayed = iter(range(1000)), take.replayed
 
     def pressed(_):
         if next(blocks) in (30, 31):  # twice, as an impatient user does
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(number)
 
+    before = signal.getsignal(number)
     monkeypatch.setattr(take, "replayed", lambda path, channels: replayed(path, channels, pressed))
     assert exit_code("record", "-o", tmp_path / "take1.wav", "--replay", folder / "one.wav") == 130
     assert soundfile.info(tmp_path / "take1.wav").duration == pytest.approx(3.1)
     assert "3.1 s at 4000 Hz" in (said := capsys.readouterr().out) and "stopped early, and kept" in said
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(number) is before
+
+
+def test_a_signal_that_is_ignored_ends_no_take(folder, tmp_path, monkeypatch):
+    replayed, before = take.replayed, signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup starts a program
+    monkeypatch.setattr(
+        take, "replayed", lambda path, channels: replayed(path, channels, lambda _: signal.raise_signal(signal.SIGHUP))
+    )
+    try:
+        exit_code("record", "-o", tmp_path / "take1.wav", "--replay", folder / "one.wav", "--seconds", 1)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert soundfile.info(tmp_path / "take1.wav").duration == 1
 
 
 def test_silent_clipped_and_duplicated_channels_are_named_while_the_take_lasts(folder, tmp_path, capsys):
@@ -118,6 +133,31 @@ def test_between_takes_its_user_chooses_another_one_or_the_same_again(folder, tm
     assert "take2.wav" in asked[0] and "take1.wav again" in asked[0]
 
 
+def test_no_take_is_lost_or_overwritten_where_the_next_name_is_taken(folder, tmp_path):
+    for name in ("take2.wav", "take3.w64"):
+        (tmp_path / name).write_text("mine")
+    replayed = ["--replay", folder / "one.wav", "--seconds", 1, "--channels", 4]
+    for options in ([], ["--force"]):
+        assert exit_code("record", "-o", tmp_path / "take1.wav", *replayed, *replayed[:2], *options) == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "take1.wav", "take2.wav", "take3.w64", "take4.wav", "take5.wav",
+    ]  # fmt: skip
+    assert (tmp_path / "take2.wav").read_text() == (tmp_path / "take3.w64").read_text() == "mine"
+
+
+def test_a_check_that_does_not_end_holds_no_take_back(folder, tmp_path, monkeypatch, capsys):
+    gate = threading.Event()
+    monkeypatch.setattr(takes, "EARLY", 1.0)
+    monkeypatch.setattr(takes, "PATIENCE", 0.01)
+    monkeypatch.setattr(takes.EarlyCheck, "_calibrate", lambda self: gate.wait())
+    try:
+        exit_code("record", "-o", tmp_path / "a.wav", "--replay", folder / "one.wav", "--seconds", 2, "--channels", 3)
+    finally:
+        gate.set()
+    assert "after 1 s of sound: no result within 0.01 s; the take goes on" in capsys.readouterr().out.splitlines()
+    assert soundfile.info(tmp_path / "a.wav").duration == 2
+
+
 def test_the_levels_are_drawn_in_place_on_a_terminal(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
     monkeypatch.setenv("COLUMNS", "100")
@@ -135,6 +175,10 @@ def test_the_levels_are_drawn_in_place_on_a_terminal(folder, tmp_path, monkeypat
         (["--replay", "one.wav", "--channels", "99"], "give fewer --channels"),
         (["--replay", "one.wav", "--positions", "nowhere.csv"], "nowhere.csv"),
         (["--replay", "one.wav", "--temperature", "900"], "temperature = 900"),
+        (["--replay", "one.wav", "--replay", "nowhere.wav"], "cannot read nowhere.wav"),
+        (["--replay", "one.wav", "--replay", "one.wav", "nowhere.wav"], "cannot read nowhere.wav"),
+        (["--replay", "one.wav", "--seconds", "nan"], '"nan" is no finite number'),
+        (["--replay", "one.wav", "--result", "list.json"], "list.json exists"),
     ],
 )
 def test_what_cannot_be_recorded_is_one_line_and_no_file(folder, monkeypatch, capsys, options, words):
@@ -142,8 +186,3 @@ def test_what_cannot_be_recorded_is_one_line_and_no_file(folder, monkeypatch, ca
     assert exit_code("record", "-o", "no.wav", *options) in (2, 3)
     out, error = capsys.readouterr()
     assert out == "" and error.count("\n") == 1 and words in error and not (folder / "no.wav").exists()
-
-
-def test_the_next_take_has_the_next_number():
-    for this, following in (("take1.wav", "take2.wav"), ("a/t09.w64", "a/t10.w64"), ("hall.wav", "hall2.wav")):
-        assert next_name(take.Path(this)) == following

@@ -28,7 +28,16 @@ def delays_of(samples: np.ndarray) -> ChannelDelays:
 
 
 def faults(samples: np.ndarray) -> dict[str, str]:
-    return delays_of(samples).faults(NAMES)
+    return in_words(delays_of(samples))
+
+
+def in_words(found: ChannelDelays) -> dict[str, str]:
+    """What is wrong; the kind and the words agree."""
+    faults = found.faults(NAMES)
+    assert all(
+        text.startswith({"drift": "drifts", "jump": "jumps", "lost": "shares"}[kind]) for kind, text in faults.values()
+    )
+    return {name: fault.text for name, fault in faults.items()}
 
 
 def noise_like(row: np.ndarray) -> np.ndarray:
@@ -110,7 +119,7 @@ def test_a_drift_shows_in_ten_minutes_as_in_twelve_seconds(sound):
 
     found = channel_delays(Recording("take", "stationary", RATE, N, 50 * T, block))
     assert found is not None
-    ((name, words),) = found.faults(NAMES).items()
+    ((name, words),) = in_words(found).items()
     assert name == str(BAD) and words.startswith("drifts by")
     assert float(words.split()[2]) == pytest.approx(80, rel=0.02)
 

@@ -24,10 +24,18 @@ class Card(types.ModuleType):
     def __init__(self, sound, overflow_at=()):
         super().__init__("sounddevice")
         self.sound, self.overflow_at, self.opened = np.asarray(2.0**31 * sound, np.int32), overflow_at, 0
+        self.connected = self.seen = True
+
+    def _terminate(self):
+        self.seen = None
+
+    def _initialize(self):
+        assert self.seen is None, "PortAudio looks again only after it was ended"
+        self.seen = self.connected
 
     def query_devices(self, device, kind):
-        if device == "nowhere":
-            raise ValueError("No input device matching 'nowhere'")
+        if device == "nowhere" or not self.seen:
+            raise ValueError(f"No input device matching {device!r}")
         return {"name": "simulated", "max_input_channels": len(self.sound), "default_samplerate": float(RATE)}
 
     def check_input_settings(self, **settings):
@@ -105,6 +113,15 @@ def test_an_interrupt_that_nobody_catches_keeps_what_was_recorded(tmp_path):
     assert done.stopped and soundfile.info(tmp_path / "take.wav").frames == 0.5 * RATE
 
 
+def test_a_card_that_is_connected_later_is_found(card):
+    module = card(noise())
+    module.connected = False
+    with pytest.raises(InputError, match="there is no sound card with inputs"):
+        take.sound_card()
+    module.connected = True
+    assert take.sound_card().name == "simulated"
+
+
 def test_nothing_is_written_where_nothing_was_recorded(card, tmp_path):
     card(np.zeros((2, 0)))
     with pytest.raises(InputError, match=r"nothing was recorded: the sound card .* delivers no sound"):
@@ -138,6 +155,15 @@ def test_a_replay_gives_the_file_and_its_channels_are_judged_as_an_import_judges
         assert [health.fault(n, done.names) for n in health.bad] == ["silent", "clipped", "a copy of 2"]
     np.testing.assert_allclose(moments[3].level_db[0], 20 * np.log10(np.std(sound[0, 600:800])), atol=0.1)
     assert len(take.replayed(tmp_path / "from.wav", 2).names) == 2
+
+
+def test_the_next_take_has_the_next_number_that_no_take_has(tmp_path):
+    for this, following in (("take1.wav", "take2.wav"), ("a/t09.w64", "a/t10.w64"), ("hall.wav", "hall2.wav")):
+        assert take.next_take(tmp_path / this) == tmp_path / following
+    (tmp_path / "take2.w64").touch()
+    (tmp_path / "take3.wav").touch()
+    for suffix in (".wav", ".w64"):
+        assert take.next_take(tmp_path / f"take1{suffix}") == tmp_path / f"take4{suffix}"
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,9 @@ def table(path, positions) -> str:
 
 
 def answers(*arguments) -> dict[str, tuple[str, str]]:
-    return {one.question: (one.state, one.text) for one in doctor.examine(*arguments)}
+    findings = list(doctor.examine(*arguments))
+    assert all(bool(one.found) == (one.state in ("fault", "differs")) for one in findings)
+    return {one.question: (one.state, one.text) for one in findings}
 
 
 @pytest.mark.parametrize(
@@ -122,6 +124,7 @@ def test_figure_and_picture_are_of_the_take_with_the_fault(tmp_path):
     faulty[2, : 5 * RATE], faulty[4] = healthy[2, : 5 * RATE], 0
     samples, clocks = of_samples(tmp_path, healthy, faulty, healthy)
     assert (samples.state, clocks.state) == ("fault", "fault")
+    assert (samples.found, clocks.found) == ((("silent", "4"),), (("jump", "2"),))
     level = samples.charts[0].curves[0].y
     assert level[4] < level[:4].min() - 60
     assert clocks.text.startswith("2: jumps by +2 ms") and clocks.value == pytest.approx(2000, rel=0.01)

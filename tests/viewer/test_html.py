@@ -11,8 +11,18 @@ from doubles import State, view_of
 from fdcal.assessment.uncertainty import confidence_factor
 from fdcal.viewer.background import verdict as uncertainty
 from fdcal.viewer.gui import html as words
+from fdcal.viewer.gui.binding import Tick
 from fdcal.viewer.server import process
 from fdcal.viewer.tabs import microphones, spectrum
+
+
+def test_the_table_is_that_of_the_state_also_where_the_memory_of_an_older_one_is_used_again(controls, measurement):
+    panel, _ = controls
+    panel.microphones.error_by_distance.plot = None  # it keeps the states; an array without known microphones has none
+    for turn in range(50):
+        here = measurement.positions + 0.001 * turn
+        panel.microphones.show(Tick(view_of([State(here)]), float(turn)))
+        assert ", ".join(f"{x:.3f}" for x in here[9]) in panel.microphones.table.content, turn
 
 
 def test_microphones_are_listed_by_descending_error(measurement):

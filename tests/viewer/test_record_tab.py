@@ -13,8 +13,9 @@ from recorded import FS, places, stationary_source
 
 from fdcal.model.validation import InputError
 from fdcal.recordings import take
+from fdcal.session import takes
 from fdcal.viewer.background import recorder as module
-from fdcal.viewer.background.recorder import Recorder
+from fdcal.viewer.background.recorder import Given, Recorder
 from fdcal.viewer.background.threads import Threads
 from fdcal.viewer.server.hardening import is_loopback
 from fdcal.viewer.tabs.record import CARD, NONE, RecordTab
@@ -89,6 +90,67 @@ def test_a_take_is_recorded_stopped_calibrated_and_opened_as_a_session(tab, monk
     tab.recorder.leave_out_last()
     tab.until(lambda: "take 2" not in made.takes.content and "one sigma" in made.takes.content)
     assert (tab.folder / "take2.wav").exists()
+
+
+def test_only_the_result_of_what_is_chosen_now_is_shown_and_opened(tab, monkeypatch):
+    gates = {"": threading.Event(), "list.csv": threading.Event()}
+
+    def result(_, day):
+        assert gates["list.csv" if day.positions else ""].wait(WAIT)
+        return SimpleNamespace(of=day.positions, inputs=None)
+
+    monkeypatch.setattr(takes, "takes_result", result)
+    monkeypatch.setattr(module, "measurement_request", lambda inputs: "opened")
+    recorder, without, with_list = tab.recorder, Given(), Given("list.csv")
+    recorder.takes = (SimpleNamespace(path=tab.folder / "one.wav"),)
+    assert recorder.result(without) == (None, None, True)
+    gates[""].set()
+    assert recorder._results.wait_for(lambda found: found is not None, WAIT)
+    assert recorder.result(without)[0].of is None
+    assert recorder.result(with_list) == (None, None, True), "the result is that of another list"
+    recorder.open_takes()
+    assert not tab.opened
+    gates["list.csv"].set()
+    assert recorder._results.wait_for(lambda found: found.request[1] == with_list, WAIT)
+    assert recorder.result(with_list)[0].of == str(tab.folder / "list.csv")
+    recorder.open_takes()
+    assert tab.opened == ["opened"]
+    recorder.takes = ()
+    assert recorder.result(with_list) == (None, None, False)
+
+
+def test_a_card_that_is_connected_later_is_offered_after_another_look(tab, monkeypatch):
+    made = tab.tab
+    assert "connect it, or replay a recording: choose its file" in made.card.content, "what to do"
+    assert "press &quot;Look for a sound card&quot;" in made.card.content
+    stream = SimpleNamespace(name="Octa", names=tuple("01234567"), sample_rate=48e3)
+    monkeypatch.setattr(take, "sound_card", lambda *_: stream)
+    tab.until(lambda: not made.look.disabled)
+    assert made.source.options == ("one.wav",)
+    tab.recorder.look_for_card()
+    tab.until(lambda: made.source.options == (CARD, "one.wav"))
+    assert "Octa, 8 inputs, 48000 Hz" in made.card.content and made.source.value == "one.wav"
+
+
+def test_a_folder_is_listed_only_after_it_has_changed(tab, monkeypatch):
+    listed, listdir = [], module.os.listdir
+    monkeypatch.setattr(module.os, "listdir", lambda path: listed.append(path) or listdir(path))
+    looks = [tab.recorder._list(turn) for turn in range(10)]
+    assert len(listed) <= 2 and looks[0] == looks[-1] == module.Folder(("one.wav",), ("list.csv",))
+    (tab.folder / "two.wav").touch()
+    (tab.folder / "folder.wav").mkdir()
+    assert tab.recorder._list(10).recordings == ("one.wav", "two.wav")
+
+
+def test_a_take_that_a_wav_file_cannot_hold_is_written_as_w64_under_a_number_that_no_take_has(tab, monkeypatch):
+    (tab.folder / "take1.w64").write_text("mine")
+    for limit, name in ((take.WAV_BYTES, "take2.wav"), (1e3, "take3.w64")):
+        monkeypatch.setattr(take, "WAV_BYTES", limit)
+        tab.recorder.start(tab.tab._job())
+        tab.until(lambda name=name: (tab.folder / name).exists())
+        tab.until(lambda: not tab.recorder.running)
+        assert soundfile.info(tab.folder / name).duration == pytest.approx(10, abs=0.01)
+    assert (tab.folder / "take1.w64").read_text() == "mine"
 
 
 def test_a_file_is_opened_with_the_report_of_its_import_and_a_fault_is_one_line(tab):

@@ -87,7 +87,7 @@ def test_a_host_name_that_does_not_resolve_is_tolerated(monkeypatch):
         raise hardening.socket.gaierror(-2, "Name or service not known")
 
     monkeypatch.setattr(hardening.socket, "getaddrinfo", unknown)
-    assert any(origin and origin.fullmatch("http://127.0.0.1:81") for origin in hardening.allowed_origins("0.0.0.0"))
+    assert any(origin.fullmatch("http://127.0.0.1:81") for origin in hardening.allowed_origins("0.0.0.0"))
 
 
 @pytest.mark.parametrize("value", INVALID_VALUES, ids=lambda value: repr(value)[:12])
@@ -182,6 +182,31 @@ def refused(opened):
 
 def test_a_server_that_opens_refuses_a_foreign_page(server):
     origin_probe.require_foreign_origin_refused("127.0.0.1", server.get_port())
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "status"),
+    [
+        ("localhost:{port}", "http://localhost:{port}", 101),
+        ("127.0.0.1:{port}", "http://127.0.0.1:{port}", 101),
+        ("LocalHost:9000", "http://localhost:9000", 101),  # a forwarded port
+        ("localhost:{port}", "http://localhost:8888", 403),  # another program of this machine serves that page
+        ("localhost:{port}", "http://localhost", 403),
+        ("127.0.0.1:{port}", "http://localhost:{port}", 403),
+        ("localhost:{port}", "null", 403),
+        ("evil.example:{port}", "http://evil.example:{port}", 403),  # a name that was made to lead to this machine
+        ("localhost:{port}", None, 403),
+    ],
+)
+def test_only_the_page_itself_may_connect(server, host, origin, status):
+    port = server.get_port()
+    lines = ["GET / HTTP/1.1", f"Host: {host}", "Upgrade: websocket", "Connection: Upgrade",
+             "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+             f"Sec-WebSocket-Protocol: viser-v{viser.__version__}"]  # fmt: skip
+    lines += [] if origin is None else [f"Origin: {origin}"]
+    with socket.create_connection(("127.0.0.1", port), WAIT) as client:
+        client.sendall("\r\n".join([*lines, "", ""]).format(port=port).encode())
+        assert client.recv(12, socket.MSG_WAITALL) == f"HTTP/1.1 {status}".encode()
 
 
 def test_viser_that_takes_serve_from_elsewhere_is_not_served(monkeypatch, opened):

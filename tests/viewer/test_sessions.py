@@ -75,6 +75,22 @@ def test_a_start_with_all_microphones_at_one_position_is_shown(page_of, scene):
     assert "all estimates coincide" in page.viewer.tabs.spectrum.text.content
 
 
+def test_a_part_of_the_page_that_fails_is_logged_once_and_the_page_goes_on(page_of, scene, monkeypatch, caplog):
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None)
+
+    def failing(*_):
+        raise ZeroDivisionError("of this test")
+
+    for part, name in ((page.record, "show"), (page.lessons, "show"), (page.address, "tick"), (page.explore, "show")):
+        monkeypatch.setattr(part, name, failing)
+    page.binding.session.step()
+    turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
+    said = [record.getMessage() for record in caplog.records if "could not be updated" in record.getMessage()]
+    assert said == [f"the {part} could not be updated" for part in ("tab Record", "lessons", "address", "canvas")]
+
+
 def test_a_cached_measurement_is_shown_at_once(server, scene):
     nodes = SceneNodes(server)
     show_cached(nodes, OpenRequest(edited(scene, {"seed": 987654})))

@@ -63,12 +63,17 @@ def _read_sound(path: Path, source: int | None = None) -> Recording:
 SUFFIXES = (".wav", ".w64", ".rf64", ".aiff", ".caf", ".au")  # of files that can hold 32-bit floats
 
 
+def require_whole_rate(rate: float) -> None:
+    """Raise InputError for a sampling rate, Hz, that a sound file cannot have."""
+    if rate != round(rate):
+        raise InputError(f"a sound file has no sampling rate of {rate} Hz", "resample the recording")
+
+
 def open_for_writing(path: Path, rate: float, channels: int, subtype: str = "FLOAT"):
     """Open a sound file of 32-bit floats, or of another subtype of libsndfile; a rate is a whole number."""
     import soundfile
 
-    if rate != round(rate):
-        raise InputError(f"a sound file has no sampling rate of {rate} Hz", "resample the recording")
+    require_whole_rate(rate)
     return soundfile.SoundFile(_name(path), "w", round(rate), channels, subtype)
 
 

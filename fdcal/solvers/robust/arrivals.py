@@ -245,9 +245,9 @@ class Arrivals:
                     np.where(better, tried.inverse, source.inverse),
                     np.where(better, tried.emission, source.emission),
                 )
-                r, g, s = (
-                    np.where(better[:, None], new, old) for new, old in ((tried_r, r), (tried_g, g), (tried_s, s))
-                )
+                r = np.where(better[:, None], tried_r, r)
+                g = np.where(better[:, None], tried_g, g)
+                s = np.where(better[:, None], tried_s, s)
                 cost = np.where(better, there, cost)
             damping = np.where(better, np.maximum(damping / 10, MIN_DAMPING), np.minimum(6 * damping, 1e6))
         return source, cost

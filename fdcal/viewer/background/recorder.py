@@ -5,6 +5,7 @@ page reads and writes nowhere else. A browser uploads nothing: its parts of 512 
 server accepts, and viser holds a whole upload in memory.
 """
 
+import os
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...model.validation import InputError, StorageError
+from ...model.validation import InputError
 from ...session.request import OpenRequest, measurement_request
 from ..gui.html import CONTROLS
 from .threads import Threads
@@ -52,8 +53,14 @@ class Folder:
 
     recordings: tuple[str, ...] = ()  # names of files
     lists: tuple[str, ...] = ()  # of positions
-    card: str = ""  # the sound card in words, "" without one
-    missing: str = ""  # why there is none
+
+
+@dataclass(frozen=True)
+class Card:
+    """The sound card, as of the last look."""
+
+    name: str = ""  # in words, "" without one
+    missing: str = ""  # why there is none, and what to do
 
 
 @dataclass(frozen=True)
@@ -79,11 +86,12 @@ class Recorder:
         pace: Callable[[float], object] = time.sleep,
     ):
         self._folder, self._show, self._pace = folder, show, pace
-        self._card: tuple[str, str] | None = None
+        self._looks, self._listed, self._modified = 0, Folder(), tuple[int, ...]()
         self.progress, self.takes = Progress(), tuple["Take", ...]()
         self.recording = threads.start(self._record, "fdcal-record")
         self._results = threads.start(self._calibrate, "fdcal-takes", awaited=False)
         self._files = threads.start(self._list, "fdcal-files", awaited=False)
+        self._cards = threads.start(self._find_card, "fdcal-cards", awaited=False)
         self.opening = threads.start(self._open, "fdcal-open", awaited=False)
 
     @property
@@ -96,9 +104,26 @@ class Recorder:
         latest = self._files.newest(int(now / LISTED))
         return None if latest is None else latest.result
 
+    @property
+    def card(self) -> Card | None:
+        """The sound card; None before it was looked for."""
+        latest = self._cards.newest(self._looks)
+        return None if latest is None else latest.result
+
+    @property
+    def looking(self) -> bool:
+        """Whether it is looking for a sound card, which ends every stream of one."""
+        return self._cards.busy
+
+    def look_for_card(self) -> None:
+        """Look for a sound card again, unless a take is being recorded."""
+        if not self.running:
+            self._looks += 1
+            self._cards.newest(self._looks)
+
     def start(self, job: Job) -> None:
         """Record a take, unless one is being recorded."""
-        if not self.running:
+        if not (self.running or self.looking):
             self.progress = Progress()
             self.recording.newest(job)
 
@@ -116,32 +141,45 @@ class Recorder:
         if not self.takes:
             self._results.cancel()
             return None, None, False
-        latest = self._results.newest(tuple(take.path for take in self.takes), given)
-        return (None, None, True) if latest is None else (latest.result, latest.cause, self._results.busy)
+        self._results.newest(tuple(take.path for take in self.takes), given)
+        found = self._results.current
+        return (None, None, True) if found is None else (found.result, found.cause, False)
 
     def open_takes(self) -> None:
-        """Show the takes of the newest result as a session."""
-        latest = self._results.latest
-        if self.takes and latest is not None and latest.result is not None:
-            self._show(measurement_request(latest.result.inputs))
+        """Show the takes as a session, once there is their result."""
+        found = self._results.current
+        if found is not None and found.result is not None:
+            self._show(measurement_request(found.result.inputs))
 
     # Below: the threads.
 
     def _list(self, _turn: int) -> Folder:
         from ...recordings import formats
+
+        modified, before = self._folder.stat().st_mtime_ns, self._modified
+        self._modified = modified, *before[:1]
+        if before == (modified, modified):  # listed twice since: no file of the same tick of the clock is missing
+            return self._listed
+        kinds, found = (tuple(formats.suffixes("read")), LISTS), ([], [])
+        for name in sorted(os.listdir(self._folder)):
+            for kind, names in zip(kinds, found, strict=True):
+                if name.lower().endswith(kind) and len(names) < MAX_FILES and self._is_offered(name):
+                    names.append(name)
+        self._listed = Folder(*map(tuple, found))
+        return self._listed
+
+    def _is_offered(self, name: str) -> bool:
+        plain = len(name) <= MAX_NAME and name.isprintable() and not name.startswith(".")
+        return plain and (self._folder / name).is_file()
+
+    def _find_card(self, _look: int) -> Card:
         from ...recordings.take import sound_card
 
-        if self._card is None:
-            try:
-                stream = sound_card()
-                self._card = f"{stream.name}, {len(stream.names)} inputs, {stream.sample_rate:g} Hz", ""
-            except InputError as error:
-                self._card = "", error.problem
-        names = [one.name for one in self._folder.iterdir() if one.is_file() and one.name.isprintable()]
-        names = sorted(name for name in names if len(name) <= MAX_NAME and not name.startswith("."))
-        kinds = (tuple(formats.suffixes("read")), LISTS)
-        sound, lists = (tuple(n for n in names if n.lower().endswith(kind))[:MAX_FILES] for kind in kinds)
-        return Folder(sound, lists, *self._card)
+        try:
+            stream = sound_card()
+        except InputError as error:
+            return Card(missing=error.worded(CONTROLS))
+        return Card(f"{stream.name}, {len(stream.names)} inputs, {stream.sample_rate:g} Hz")
 
     def _day(self, given: Given) -> "Day":
         from ...recordings.import_options import ImportOptions
@@ -151,7 +189,7 @@ class Recorder:
         return Day(str(self._folder / given.positions) if given.positions else None, options, CONTROLS)
 
     def _record(self, job: Job) -> "Take":
-        from ...recordings.take import record_take, replayed, sound_card
+        from ...recordings.take import fits_wav, next_take, record_take, replayed, sound_card
         from ...session.takes import EarlyCheck
 
         day = self._day(job.given)
@@ -159,6 +197,8 @@ class Recorder:
             stream = replayed(self._folder / job.source, job.channels, self._pace)
         else:
             stream = sound_card(job.channels)
+        suffix = ".wav" if fits_wav(stream, job.seconds) else ".w64"
+        path = next_take(self._folder / f"take0{suffix}")
         with closing(EarlyCheck(day, stream)) as early:
 
             def watch(moment: "Moment") -> bool:
@@ -166,7 +206,7 @@ class Recorder:
                 self.progress = Progress(stream.names, moment, said)
                 return self.recording.wants(job)
 
-            take = record_take(stream, free_path(self._folder), job.seconds, watch)
+            take = record_take(stream, path, job.seconds, watch)
         self.takes = (*self.takes, take)
         return take
 
@@ -188,11 +228,3 @@ class Recorder:
             inputs = compared_with_file(inputs, day.positions, tuple(report.left_out))
         self._show(measurement_request(inputs))
         return import_summary(measurement, report, day.wording)
-
-
-def free_path(folder: Path) -> Path:
-    """Return the path of the next take: take1.wav, or the first number that is free."""
-    for number in range(1, 10_000):
-        if not (path := folder / f"take{number}.wav").exists():
-            return path
-    raise StorageError(f"{folder} has no free name for a take; move some of them away")

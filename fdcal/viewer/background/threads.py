@@ -30,6 +30,12 @@ class Background(LatestWorker):
             self.request(*arguments)
         return self.latest
 
+    @property
+    def current(self) -> Delivery | None:
+        """The delivery of the newest request; None while it is computed, or where it was cancelled."""
+        latest = self.latest
+        return latest if latest is not None and latest.request == self.requested else None
+
     def wants(self, *arguments) -> bool:
         """Return whether a request still counts: what a long computation asks between its parts."""
         return self.requested == arguments

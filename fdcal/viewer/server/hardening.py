@@ -1,15 +1,17 @@
 """A viser server that accepts only its own page, and only plain values from it.
 
-viser does not authenticate its clients. This module refuses pages of other sites by their Origin header, disables the
-public share tunnel and all other messages that the page of fdcal does not use, limits the size of messages, and drops
-updates that are not values of their control. All hooks are private parts of viser, which is why its version is pinned,
-and why no page is served unless a foreign origin has been refused in fact: a server is asked as a foreign page would
-ask it, before its address is given to anybody.
+viser does not authenticate its clients, and the page records sound and opens files. This module refuses whatever does
+not come from the page itself: other sites, pages that another program serves on this machine, and programs that send no
+Origin header. It disables the public share tunnel and all other messages that the page of fdcal does not use, limits
+the size of messages, and drops updates that are not values of their control. All hooks are private parts of viser,
+which is why its version is pinned, and why no page is served unless strangers have been refused in fact: a server is
+asked as each of them would ask it, before its address is given to anybody.
 """
 
 import contextlib
 import functools
 import gzip
+import http
 import inspect
 import io
 import ipaddress
@@ -38,34 +40,54 @@ from .connections import log as connection_log
 PROBE_TIMEOUT = 10.0  # s
 REFUSED = b"HTTP/1.1 403 "
 
+Respond = Callable[..., Response | None]  # of a connection and a request
+
 
 class ForeignOriginAccepted(Exception):
     """The server lets a page of another site connect."""
 
 
 def require_foreign_origin_refused(host: str, port: int) -> None:
-    """Raise ForeignOriginAccepted unless the server at this address refuses a foreign page with status 403."""
+    """Raise ForeignOriginAccepted unless the server at this address refuses strangers with status 403.
+
+    Asked are a page of another site, one of another port of this machine, and a program that sends no origin.
+    """
     name = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
-    request = (
-        f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-        f"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
-        f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\nOrigin: {FOREIGN_ORIGIN}\r\n\r\n"
-    )
-    try:
-        with socket.create_connection((name, port), PROBE_TIMEOUT) as connection:
-            connection.sendall(request.encode("ascii"))
-            answer = connection.recv(len(REFUSED), socket.MSG_WAITALL)
-    except OSError as error:
-        raise ForeignOriginAccepted(f"the server does not answer ({error})") from error
-    if answer != REFUSED:
-        raise ForeignOriginAccepted("a page of another site is not refused")
+    for origin in (FOREIGN_ORIGIN, f"http://localhost:{port ^ 1}", ""):
+        request = (
+            f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            f"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+            f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n"
+            + (f"Origin: {origin}\r\n\r\n" if origin else "\r\n")
+        )
+        try:
+            with socket.create_connection((name, port), PROBE_TIMEOUT) as connection:
+                connection.sendall(request.encode("ascii"))
+                answer = connection.recv(len(REFUSED), socket.MSG_WAITALL)
+        except OSError as error:
+            raise ForeignOriginAccepted(f"the server does not answer ({error})") from error
+        if answer != REFUSED:
+            raise ForeignOriginAccepted(f"a page of {origin or 'no origin'} is not refused")
+
+
+def same_origin(respond: Respond) -> Respond:
+    """Wrap the function that answers requests: a page is served only where it comes from the address that it asks.
+
+    A browser sets both headers itself, and neither depends on a forwarded port.
+    """
+
+    def answer(connection, request) -> Response | None:
+        came_from = [origin.partition("//")[2].lower() for origin in request.headers.get_all("Origin")]
+        if came_from and came_from != [host.lower() for host in request.headers.get_all("Host")]:
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "This page is for its own address only.\n")
+        return respond(connection, request)
+
+    return answer
 
 
 TITLE = "fdcal"
 OF_VISER = b"<title>Viser</title>"
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
-
-Respond = Callable[..., Response | None]  # of a connection and a request
 
 
 def titled(respond: Respond, still: Callable[[], str] = str) -> Respond:
@@ -211,7 +233,7 @@ def _restricted_listening(host: str, still: Callable[[], str]) -> Iterator[None]
 
     def restricted(handler: Handler, *arguments, **given):
         if given.get("process_request") is not None:
-            given["process_request"] = titled(given["process_request"], still)
+            given["process_request"] = same_origin(titled(given["process_request"], still))
         return serve(version_checked(handler), *arguments, **(given | options))
 
     module.serve = restricted
@@ -249,11 +271,10 @@ def without_output(function: Callable[[], Result]) -> Result:
         return function()
 
 
-def allowed_origins(host: str) -> list[re.Pattern[str] | None]:
-    """Return the origins from which a page may connect to a server at `host`.
+def allowed_origins(host: str) -> list[re.Pattern[str]]:
+    """Return the origins from which a page may connect to a server at `host`: a pattern for the names of this machine.
 
-    `host`: address at which the server listens. Returns a pattern for the names of this machine, and None for programs,
-    which send no Origin header.
+    `host`: address at which the server listens. The port is that of the address asked (`same_origin`).
     """
     names = {*LOOPBACK, host}
     if host not in LOOPBACK:
@@ -262,7 +283,7 @@ def allowed_origins(host: str) -> list[re.Pattern[str] | None]:
         with contextlib.suppress(OSError):  # a host whose own name does not resolve is still reached by other names
             names |= {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None)}
     words = "|".join(re.escape(f"[{name}]" if ":" in name else name) for name in sorted(names))
-    return [re.compile(rf"https?://({words})(:\d+)?", re.IGNORECASE), None]
+    return [re.compile(rf"https?://({words})(:\d+)?", re.IGNORECASE)]
 
 
 def is_loopback(host: str) -> bool:

@@ -1,4 +1,4 @@
-"""The process that serves the page: signals, the log of errors, and its memory.
+"""The process that serves the page: the log of errors, and its memory.
 
 What happens on the event loop is written to the log file alone. The terminal may be a pipe that nobody reads, and an
 event loop that waits for a reader serves no page.
@@ -17,41 +17,11 @@ import ctypes
 import gc
 import logging
 import logging.handlers
-import signal
 from collections.abc import Iterator
 
 import viser
 
 from ...model.storage import cache_folder
-
-
-class Interrupt:
-    """A flag in place of KeyboardInterrupt: the main loop reads `received` and ends in good order.
-
-    A second signal raises KeyboardInterrupt, for a user who does not want to wait for that.
-
-    A context manager; it restores the previous handlers of SIGINT and SIGTERM.
-    """
-
-    def __init__(self):
-        self.received = False
-
-    def __enter__(self) -> Interrupt:
-        self._previous = []
-        for number in (signal.SIGINT, signal.SIGTERM):
-            with contextlib.suppress(ValueError):  # signals can be handled in the main thread only
-                self._previous.append((number, signal.signal(number, self._receive)))
-        return self
-
-    def _receive(self, *_) -> None:
-        if self.received:
-            raise KeyboardInterrupt
-        self.received = True
-
-    def __exit__(self, *_) -> None:
-        for number, handler in self._previous:
-            signal.signal(number, handler)
-
 
 LOG_NAME, MAX_LOG_BYTES = "view.log", 1_000_000  # one older file is kept
 MAX_RECORD = 20_000  # characters of one record in the file

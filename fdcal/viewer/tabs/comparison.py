@@ -15,7 +15,7 @@ from ...model.measurement import Measurement
 from ...model.texts import length_text
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary
 from ..gui import html
-from ..gui.binding import Binding, Tab, Tick
+from ..gui.binding import Binding, Same, Tab, Tick
 from ..gui.legend_html import symbol
 from ..gui.plots import Plot, decades_of
 from .solver import MAX_SEED, STARTS
@@ -98,8 +98,8 @@ class ComparisonTab(Tab):
         if setup != self._setup:
             self._setup, self.far.content = setup, remark_on_start(setup)
         self.far.visible = bool(self.far.content) and not summaries
-        if (id(summaries), worker.error) != self._tabled:
-            self._tabled = id(summaries), worker.error
+        if (Same(summaries), worker.error) != self._tabled:
+            self._tabled = Same(summaries), worker.error
             rows = table(summaries, self._binding.measurement.nominal)
             self.table.content = html.complaint(worker.error) + rows
         if summaries is not self._shown and tick.now - self._updated >= INTERVAL:

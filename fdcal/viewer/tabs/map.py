@@ -13,7 +13,7 @@ from ...model.validation import InputError
 from ..background.cost_map import CostMap, count_label, modes_label, of_take
 from ..background.prepare import PreparedRun
 from ..gui import html
-from ..gui.binding import Binding, Tab, Tick
+from ..gui.binding import Binding, Same, Tab, Tick
 from ..gui.choices import (
     BASINS,
     FLOOR,
@@ -359,7 +359,7 @@ class MapTab(Tab):
             binding.keep(self.microphone, tick.microphone)  # set by the user, who may still be dragging the slider
         binding.send(self.microphone, tick.microphone)
         self.slice.show(drawn)
-        key = id(drawn and (drawn.floor or drawn.volume)), tick.reason, choices.modes_error, choices.shown
+        key = Same(drawn and (drawn.floor or drawn.volume)), tick.reason, choices.modes_error, choices.shown
         if self._shown == key:
             return
         self._shown = key

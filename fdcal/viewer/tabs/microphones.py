@@ -17,7 +17,7 @@ from ...model.measurement import Measurement
 from ...model.texts import mm_text
 from ...session.history import SessionView
 from ..background.verdict import PositionUncertainty
-from ..gui.binding import Binding, Tab, Tick
+from ..gui.binding import Binding, Same, Tab, Tick
 from ..gui.html import CARD, verdict_word
 from ..gui.plots import BLUE, RED, Plot, decades_of, dots
 
@@ -125,7 +125,7 @@ class MicrophonesTab(Tab):
         """Bring plot and tables up to date."""
         view, found, measurement = tick.view, tick.uncertainty, self._binding.measurement
         self.error_by_distance.show(view, tick.now)
-        key = id(view.state), tick.microphone, id(found)
+        key = Same(view.state), tick.microphone, Same(found)
         if key == self._key or tick.now - self._updated <= TABLE_INTERVAL:
             return
         self._key, self._updated = key, tick.now
@@ -162,7 +162,7 @@ class ErrorByDistance:
 
     def show(self, view: SessionView, now: float) -> None:
         """Bring the plot up to date; called by the main loop. The run ends with the state that is shown."""
-        key = id(view.state), view.index
+        key = Same(view.state), view.index
         if self.plot is None or key == self._key or now - self._updated < PLOT_INTERVAL:
             return
         self._key, self._updated = key, now

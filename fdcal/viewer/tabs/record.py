@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import viser
 
 from ...session.worker import Delivery
-from ..background.recorder import Folder, Given, Job, Progress, Recorder
+from ..background.recorder import Card, Folder, Given, Job, Progress, Recorder
 from ..gui import html
-from ..gui.binding import bind
+from ..gui.binding import Same, bind
 
 if TYPE_CHECKING:
     from ...recordings.take import Moment, Take
@@ -27,6 +27,7 @@ REMOTE = (
     " for this machine alone, or use fdcal record."
 )
 REPLAY = "Recordings in {folder} can be replayed or opened: choose one below. Nothing leaves this machine."
+MISSING = 'Nothing to record with: {reason}. After that press "Look for a sound card".'
 LOWEST_DB = -60.0  # level at which a bar begins
 
 
@@ -46,13 +47,18 @@ class RecordTab:
     """Owns the controls of the tab; `recorder`: what they act on, None on a page that other machines can reach."""
 
     def __init__(self, gui: viser.GuiApi, recorder: Recorder | None, folder: str):
-        self._recorder, self._folder, self._number, self._files = recorder, folder, 0, Folder()
+        self._recorder, self._folder, self._number = recorder, folder, 0
+        self._offered: tuple[Folder, Card] | None = None
         self._shown: dict[int, tuple] = {}
         if recorder is None:
             gui.add_html(html.remark(REMOTE))
             return
         (low, high), (least, most), (cold, warm) = RANGES.channels, RANGES.seconds, RANGES.celsius
         self.card = gui.add_html("")
+        self.look = bind(
+            gui.add_button("Look for a sound card", hint="After one has been connected"),
+            lambda _: recorder.look_for_card(),
+        )
         self.source = gui.add_dropdown("Sound from", NOTHING, hint="The sound card, or a file")
         self.channels = gui.add_number(
             "Channels", 0, min=low, max=high, step=1, hint="The first ones; 0 takes all of them"
@@ -104,20 +110,22 @@ class RecordTab:
         recorder = self._recorder
         if recorder is None:
             return
-        files = recorder.files(now)
-        if files is not None and files != self._files:
-            self._files = files
-            self._offer(files)
+        files, card = recorder.files(now), recorder.card
+        if files is not None and card is not None and (files, card) != self._offered:
+            self._offered = files, card
+            self._offer(files, card)
         running, source = recorder.running, self.source.value
+        self.look.disabled = running or recorder.looking
         self.record.label = "Stop" if running else "Record"
         self.record.icon = viser.Icon.PLAYER_STOP if running else viser.Icon.MICROPHONE
-        self.record.disabled = source == NONE and not running
+        self.record.disabled = (source == NONE or recorder.looking) and not running
         self.open_file.visible = source not in (CARD, NONE)
-        self.last.visible = self.show_takes.visible = bool(recorder.takes) and not running
+        self.last.visible = bool(recorder.takes) and not running
         progress, latest, opened = recorder.progress, recorder.recording.latest, recorder.opening.latest
         failed = latest.cause if latest is not None and not running else None
         self._put(self.levels, (running, progress, failed), lambda: _progress_html(progress, running, failed))
         result, error, busy = recorder.result(self._given())
+        self.show_takes.visible = result is not None and not running
         state = recorder.takes, result, error, busy
         self._put(self.takes, state, lambda: _takes_html(*state))
         reading = recorder.opening.busy
@@ -125,21 +133,21 @@ class RecordTab:
 
     def _put(self, place: viser.GuiHtmlHandle, state: tuple, text: Callable[[], str]) -> None:
         """Put a text into its place where what it says has changed."""
-        shown = self._shown.get(id(place))
-        if shown is None or len(shown) != len(state) or any(a is not b for a, b in zip(shown, state, strict=True)):
-            self._shown[id(place)] = state
+        key = tuple(map(Same, state))
+        if self._shown.get(id(place)) != key:
+            self._shown[id(place)] = key
             place.content = text()
 
-    def _offer(self, files: Folder) -> None:
+    def _offer(self, files: Folder, card: Card) -> None:
         """Offer the files of the folder, and the sound card where there is one."""
-        sources = (*([CARD] if files.card else []), *files.recordings) or (NONE,)
+        sources = (*([CARD] if card.name else []), *files.recordings) or (NONE,)
         for control, options in ((self.source, sources), (self.positions, (NONE, *files.lists))):
             chosen = control.value
             control.options = options
             control.value = chosen if chosen in options else options[0]
         replay = REPLAY.format(folder=self._folder)
         self.card.content = html.remark(
-            f"{files.card}. {replay}" if files.card else f"Nothing to record with: {files.missing}. {replay}"
+            f"{card.name}. {replay}" if card.name else f"{MISSING.format(reason=card.missing)} {replay}"
         )
 
 

@@ -22,7 +22,7 @@ from ..background.cost_map import (
 )
 from ..background.mode_sweep import Sweep, SweepRequest, SweepWorker, first_of
 from ..gui import html
-from ..gui.binding import Binding, Tab, Tick
+from ..gui.binding import Binding, Same, Tab, Tick
 from ..gui.choices import FLOOR
 from ..gui.html import CARD
 from ..gui.plots import BLUE, RED, Plot, dots
@@ -286,7 +286,7 @@ class SweepTab(Tab):
         self._plot.visible = sweep is not None
         if sweep is None or not sweep.frames:
             return
-        key = id(sweep), len(sweep.frames), summed
+        key = Same(sweep), len(sweep.frames), summed
         if self._drawn != key:
             self._drawn = key
             self._plot.show(curve(sweep.stops, sweep.counts, summed), limits=(0.0, max(sweep.counts) + 1.0))

@@ -5,13 +5,13 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import threading
 from dataclasses import asdict, replace
 from importlib.metadata import version as fdcal_version
 
 import numpy as np
 import pytest
+from running import FDCAL, done
 
 import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
@@ -342,7 +342,7 @@ def test_a_killed_study_goes_on_and_draws_its_report(tmp_path):
 
     path, folder = tmp_path / "study.toml", tmp_path / "out"
     path.write_text(TEXT.format(draws=6))
-    command = [sys.executable, "-m", "fdcal", "study", str(path), "-o", str(folder)]
+    command = [*FDCAL, "study", str(path), "-o", str(folder), "--workers", "1"]  # with one it lasts long enough
     process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     waited = threading.Event()
     while process.poll() is None and not list(folder.glob(PARTS)):
@@ -352,7 +352,7 @@ def test_a_killed_study_goes_on_and_draws_its_report(tmp_path):
     study = load_study(path)
     before = Results(folder, study, True).done()
     assert before
-    subprocess.run([*command, "--resume"], check=True, capture_output=True)
+    done(*command[len(FDCAL) :], "--resume", folder=tmp_path)
     head, rows = read_results(folder)
     assert sorted(rows["task"]) == list(range(study.count))
     assert len(pandas.read_parquet(folder / "rows")) == study.count, "no calibration was done twice"
