@@ -114,7 +114,7 @@ def _run(show: Show) -> tuple[str, Entry]:
     text = replay_of(inputs, states, show.title, show.microphone, sought, opens_at=show.address)
     chosen = dict(part.split("=") for part in show.address.split("&")).get("modes")
     modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
-    picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes)
+    picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes, sought)
     figures = f"{show.solver}, {_errors(inputs, states[-1], sought)}, {len(text) / 1e6:.2f} MB"
     return text, Entry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)
 

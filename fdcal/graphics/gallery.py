@@ -22,6 +22,7 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from .heatmap import colour_limits, normalise, to_rgb
 from .replay import filled
+from .units import ALL
 
 PAGES = Path(__file__).with_name("replay_page")
 THUMBNAIL = 96  # pixels along the longer edge of the map in a picture of the index
@@ -64,10 +65,13 @@ def race_html(title: str, files: Sequence[str], names: Sequence[str], seconds: S
     return filled((PAGES / "race.html").read_text(encoding="utf-8"), parts)
 
 
-def picture_of(measurement: Measurement, problem: Problem, state, n: int, modes: Sequence[int] | None) -> str:
+def picture_of(
+    measurement: Measurement, problem: Problem, state, n: int, modes: Sequence[int] | None, by: np.ndarray | slice = ALL
+) -> str:
     """Return a picture of the map of microphone `n` with the true and the estimated positions, as SVG.
 
-    `modes`: counted from 1; all that the microphones can carry unless given.
+    `modes`: counted from 1; all that the microphones can carry unless given; `by`: numbers of the microphones by which
+    a blind array is aligned.
     """
     reference_cost, domain = reference_cost_of(problem), problem.search
     if reference_cost is None or domain is None:
@@ -81,7 +85,7 @@ def picture_of(measurement: Measurement, problem: Problem, state, n: int, modes:
     image.save(file, "PNG", optimize=True)
     width, height = image.size
     corner = np.asarray(lattice.origin[:2]) - lattice.step / 2
-    truth = measurement.aligned_truth(state.positions)
+    truth = measurement.aligned_truth(state.positions, by)
 
     def pixels(positions) -> np.ndarray:  # (N, 2), y downwards
         places = (np.asarray(positions, float)[:, :2] - corner) / lattice.step

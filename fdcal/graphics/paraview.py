@@ -8,6 +8,7 @@ from ..cost.basins import basins_of
 from ..model.measurement import Measurement
 from ..model.settings import Search
 from .landscape import LandscapePanels
+from .units import ALL
 
 ESTIMATED, TRUE, KNOWN = 0, 1, 2  # `kind` of a point
 
@@ -42,17 +43,19 @@ def volume(cost: np.ndarray, search: Search, basins: bool = False) -> str:
     return image(cost.shape[::-1], search.origin, [search.step] * 3, fields)
 
 
-def point_cloud(measurement: Measurement, positions, sigma=None, height: float = 0.0) -> str:
+def point_cloud(
+    measurement: Measurement, positions, sigma=None, height: float = 0.0, by: slice | np.ndarray = ALL
+) -> str:
     """Return the text of a .vtp file: estimated, true and known microphones, and lines from true to estimated ones.
 
     Fields of every point: `kind` (0 estimated, 1 true, 2 known), `microphone` (its number), `name`, `error` (3,),
     metres, from the true position to the estimate, `error_length` and `uncertainty` (one sigma), metres; NaN where
     unknown. To see errors as arrows: Threshold by kind 1, Glyph by error without scaling.
 
-    Without any known microphone the true positions are moved as a whole to the estimate (N, D). `sigma` (N,), metres;
-    `height`: of an array in a plane, metres.
+    Without any known microphone the true positions are moved as a whole to the estimate (N, D), `by` the microphones of
+    these numbers. `sigma` (N,), metres; `height`: of an array in a plane, metres.
     """
-    N, truth, known = measurement.count, measurement.aligned_truth(positions), measurement.known
+    N, truth, known = measurement.count, measurement.aligned_truth(positions, by), measurement.known
     everyone = np.arange(N)
     groups = [(ESTIMATED, everyone, positions)]
     groups += [] if truth is None else [(TRUE, everyone, truth)]
@@ -60,7 +63,7 @@ def point_cloud(measurement: Measurement, positions, sigma=None, height: float =
     number = np.concatenate([members for _, members, _ in groups])
     unknown = np.full(N, np.nan)
     error = np.zeros((N, 3)) if truth is None else _in_space(np.subtract(positions, truth), 0.0)
-    distance = measurement.errors(positions)
+    distance = measurement.errors(positions, by)
     fields = {
         "kind": np.concatenate([np.full(len(members), kind) for kind, members, _ in groups]),
         "microphone": number,

@@ -21,6 +21,18 @@ ROUNDS = 100  # at most, until a placed microphone is drawn where it was placed
 NEGLIGIBLE = 1e-12  # m
 
 
+def anchor_of(run: PreparedRun) -> Reals | None:
+    """Return the true positions onto which the page moves each state (N, D), metres; None where it moves none."""
+    moves = run.measurement.blind and not run.solver.TRAITS.needs_room  # a known room determines the frame
+    return run.measurement.positions if moves else None
+
+
+def drawn_truth(run: PreparedRun, positions: Any) -> Reals | None:
+    """Return the true positions beside the `positions` that the page draws; None where they are unknown."""
+    anchor = anchor_of(run)
+    return run.measurement.aligned_truth(positions) if anchor is None else anchor
+
+
 class DisplayFrame:
     """Moves positions (N, D), metres, into the frame of the page and back.
 
@@ -28,10 +40,8 @@ class DisplayFrame:
     """
 
     def __init__(self, run: PreparedRun):
-        self._measurement = measurement = run.measurement  # a known room determines the frame of the estimate
-        moves = measurement.blind and not run.solver.TRAITS.needs_room
-        self._anchor = measurement.positions if moves else None
-        self.by = np.arange(measurement.count)
+        self._run, self._anchor = run, anchor_of(run)
+        self.by = np.arange(run.measurement.count)
         self._last: tuple[Any, ...] = None, None, None  # a state, by what it was moved, and the state moved
 
     def move_by(self, microphones: np.ndarray) -> None:
@@ -46,7 +56,7 @@ class DisplayFrame:
 
     def truth(self, positions: Any) -> Reals | None:
         """Return the true positions beside the `positions` that the page draws; None where they are unknown."""
-        return self._measurement.aligned_truth(positions) if self._anchor is None else self._anchor
+        return drawn_truth(self._run, positions)
 
     def state(self, state: RunState) -> RunState:
         """Return a state with its positions as the page draws them; the same one for the same as last time."""

@@ -1,6 +1,7 @@
 """A blind array on the page: its true positions stand still, and what the user places is drawn where it was placed."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,10 +9,13 @@ from doubles import Recorder, State, view_of
 
 from fdcal.graphics.picture import static_picture
 from fdcal.model.gauge import position_errors
+from fdcal.viewer.background.cost_map import MapStyle, place_of_basin
 from fdcal.viewer.display_frame import DisplayFrame
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.gui.choices import Choices
 from fdcal.viewer.session_view import SessionPicture
+from fdcal.viewer.tabs import maps
+from fdcal.viewer.tabs.cut import CutRequest, cost_along
 
 
 @pytest.fixture
@@ -85,6 +89,28 @@ def test_the_microphones_whose_errors_count_determine_the_motion(blind):
     assert second is not first and frame.state(state) is second
     off = position_errors(second.positions, blind.measurement.positions)
     np.testing.assert_allclose(off, blind.measurement.errors(state.positions, healthy), atol=1e-12)
+
+
+def test_small_maps_cut_and_basins_have_the_true_position_where_the_main_map_has_it(blind, monkeypatch):
+    """Microphone 0 is dead: it is far off, and the others determine the motion."""
+    frame, truth, n = DisplayFrame(blind), blind.measurement.positions, 3
+    state, healthy = blind.session.view.state, np.arange(1, 10)
+    frame.move_by(healthy)
+    shown = frame.state(replace(state, positions=state.positions + np.eye(10, 1) * np.array([0.4, -0.3])))
+    assert np.abs(blind.measurement.aligned_truth(shown.positions)[n] - truth[n]).max() > 0.01
+    np.testing.assert_array_equal(frame.truth(shown.positions), truth)
+
+    request = SimpleNamespace(microphone=n, modes=(1,), take=None, state=shown, style=MapStyle())
+    np.testing.assert_array_equal(place_of_basin(blind, request)[0], truth[n])
+
+    marks = []
+    monkeypatch.setattr(maps, "mosaic", lambda *arguments, **_: marks.append(arguments[3]))
+    panels = SimpleNamespace(modes=(1,), maps=[None], total=None, search=None)
+    maps.panel_image(blind, SimpleNamespace(request=request, panels=panels, fine=True))
+    assert marks[0].true == tuple(truth[n])
+
+    ends = truth[n] - [0.1, 0.0], truth[n] + [0.1, 0.0]
+    assert cost_along(blind, CutRequest(0, n, (1,), 0, ends, shown)).truth == pytest.approx(0.1)
 
 
 def test_nothing_is_moved_where_microphones_are_known_or_the_truth_is_not(work, blind):

@@ -21,6 +21,7 @@ from ...model.measurement import Measurement
 from ...model.settings import Search
 from ...model.validation import InputError
 from ...solvers.interface import RunState
+from ..display_frame import drawn_truth
 from .prepare import PreparedRun
 
 
@@ -290,6 +291,6 @@ def basins_floor(
 def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarray, str]:
     """Return the place whose basin matters most, and its name: the true position if known, or the estimate."""
     positions = np.asarray(request.state.positions)
-    truth = run.measurement.aligned_truth(positions)
+    truth = drawn_truth(run, positions)
     places, name = (positions, "estimate") if truth is None else (truth, f"{run.measurement.reference} position")
     return places[request.microphone], name

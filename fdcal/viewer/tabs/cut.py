@@ -17,6 +17,7 @@ from ...model.measurement import Measurement
 from ...solvers.interface import RunState
 from ..background.cost_map import count_label, map_modes, shown_modes
 from ..background.prepare import PreparedRun
+from ..display_frame import drawn_truth
 from ..gui import html
 from ..gui.binding import Binding, Tab, Tick
 from ..gui.choices import Line
@@ -62,7 +63,7 @@ def cost_along(run: PreparedRun, request: CutRequest) -> Cut:
     points = np.concatenate([points, np.tile(positions[n, 2:], (POINTS, 1))], axis=1)
     costs = eq7_cut(run.problem, positions, n, modes, request.order_offset, points, state.channels)
     drawn = shown_modes(len(modes), MAX_MODES)
-    truth = run.measurement.aligned_truth(positions)
+    truth = drawn_truth(run, positions)
     return Cut(
         request,
         np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), POINTS),

@@ -29,6 +29,7 @@ from ..background.cost_map import CostMap, CostMapRequest, ModePanels, fine_pane
 from ..background.cost_maps import terms_of
 from ..background.prepare import PreparedRun
 from ..background.threads import Threads
+from ..display_frame import drawn_truth
 from ..gui import html
 from ..gui.binding import Binding, Tab
 from ..gui.choices import PICTURE, VIEWS, Choices
@@ -131,7 +132,7 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
     def make(snapshot: ViewSnapshot) -> bytes:
         measurement, n = snapshot.run.measurement, snapshot.microphone
         positions = snapshot.view.state.positions
-        truth = measurement.aligned_truth(positions)
+        truth = drawn_truth(snapshot.run, positions)
         truth = None if truth is None else truth[n][:2]
         request = map_request(snapshot)
         what = "Basins of attraction" if request.style.basins else "Cost"
@@ -167,7 +168,8 @@ def _table(snapshot: ViewSnapshot) -> bytes:
 
 def _points(snapshot: ViewSnapshot) -> bytes:
     positions = snapshot.view.state.positions
-    return paraview.point_cloud(snapshot.run.measurement, positions, snapshot.sigma, snapshot.height).encode()
+    cloud = paraview.point_cloud(snapshot.run.measurement, positions, snapshot.sigma, snapshot.height, snapshot.counted)
+    return cloud.encode()
 
 
 def _replay(snapshot: ViewSnapshot) -> bytes:

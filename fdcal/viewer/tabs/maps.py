@@ -11,6 +11,7 @@ from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ..background.cost_map import CostMap, count_label
 from ..background.prepare import PreparedRun
+from ..display_frame import drawn_truth
 from ..gui.binding import Binding, Tab, Tick
 from ..gui.html import CARD
 
@@ -32,7 +33,7 @@ def panel_image(run: PreparedRun, drawn: CostMap) -> np.ndarray | None:
         f"sum of {len(request.modes)}" if len(request.modes) > 1 else f"sum (one {row_word(run.measurement)})"
     )
     positions = np.asarray(request.state.positions)
-    truth = run.measurement.aligned_truth(positions)
+    truth = drawn_truth(run, positions)
     true = None if truth is None else tuple(truth[n][:2])
     marks = Marks(true, tuple(positions[n][:2]), request.style.minima and drawn.fine)
     return mosaic(
