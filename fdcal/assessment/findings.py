@@ -24,7 +24,7 @@ import numpy as np
 
 from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..acoustics.dictionary import array_f_max
-from ..model.gauge import align, rigid_motions
+from ..model.gauge import align
 from ..model.problem import Problem
 from ..model.texts import length_text
 from ..solvers.estimate import Estimate, RoomEstimate, TriedOptimum
@@ -32,7 +32,10 @@ from .channels import FaultyChannel, channel_faults, healthy_channels
 from .uncertainty import one_sigma, root_mean_square
 
 Evidence = TypeVar("Evidence")
-CAUSES = "a source or an obstacle inside the array, faulty channels, or positions not found yet (try another solver)"
+CAUSES = (
+    "sound from few directions (record another take, the source elsewhere), a source or an obstacle inside the array,"
+    " faulty channels, or positions not found yet (try another solver)"
+)
 ROOM_CAUSES = "another size or shape, objects in the room, several sources, a source within a metre, or faulty channels"
 MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpolate, in a remedy
 MIN_MODES = 8  # with fewer modes below the limit, fewer modes are no remedy
@@ -126,16 +129,6 @@ class Judged:
         before = behind * np.exp(2 * channels.gains[healthy, 0])
         high = np.all([tau > UNEVEN * np.median(tau) for tau in (behind, before)], axis=0)
         return high & (behind * self.noise_fraction > UNEVEN_FRACTION)
-
-    @property
-    def shift(self) -> float:
-        """How far another model of the field, sound from all sides alike, deforms the array, metres.
-
-        A move as a whole, where given positions hold it but loosely, says nothing of the field.
-        """
-        moved, D = self.estimate.spread.shift[self.healthy].ravel(), self.covariance.shape[1]
-        Q = np.linalg.qr(rigid_motions(self.estimate.positions[self.healthy]))[0]
-        return root_mean_square(moved - Q @ (Q.T @ moved)) * float(np.sqrt(D))
 
     @property
     def noisiest(self) -> int | None:
@@ -385,11 +378,6 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"{100 * seen.noise_fraction:.1g} % of the power is left unexplained, though the"
                          f" measurement is said to be free of noise: {CAUSES}",
             "", UNEXPLAINED, "share left unexplained of a measurement said to be free of noise"),
-    Finding("model_mismatch", lambda seen, limit: seen.shift > max(limit * seen.sigma, RIGHT),
-            lambda seen: "the sound does not come from all sides: what is assumed of its directions moves the positions"
-                         f" by {length_text(seen.shift, 2)}",
-            "record another take, with the source elsewhere, and calibrate all takes together",
-            1.4, "root mean square move to the minimum of a field alike from all sides, over one sigma, and 5 mm"),
     Finding("sound_speed", _impossible_speed, _speed_words,
             "", 0.05, "relative difference of the sound speed implied: 5 % are 30 K in air"),
     Finding("scale_undetermined", _loose_scale,

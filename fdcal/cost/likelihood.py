@@ -24,19 +24,6 @@ Where K = W W^H of fewer waves than microphones, with W' = T^-1/2 W, q' = T^-1/2
     A = W'^H W' + mu I = G G^H,    Q = W' G^-H,    P = I - Q Q^H,    C^-1 = T^-1/2 P T^-1/2 / v,
 
 a matrix of r x r takes the place of one of N x N. In space, and for an array of many wavelengths, C is factorised.
-
-The conditional (deterministic) likelihood hardly assumes anything of the field: the noise is random, the field is not
-(Stoica and Nehorai, IEEE Trans. ASSP 38 (1990) 1783).
-
-    B_m  = beta s_m K_m + v_m diag(tau_n),    V_m  = v_m diag(tau_n |g_0n / g_n|^2)
-    cost = sum_m [q_m^H B_m^-1 q_m - tr(B_m^-1 V_m)]  +  weight * cost of a random field
-
-g_0 are the responses behind which the noise is v tau. A room has few waves, and what the random field takes for
-evidence of its isotropy moves the positions: where the noise is low its minimum is many sigmas from the truth. For
-beta -> infinity the first part is the residual of Eq. 7 over the noise; a finite beta keeps waves of high order from
-explaining noise, and the trace is what the noise adds on average, so that the expectation over the noise is least at
-the true positions whatever the field, up to a term that falls as 1 / beta. Without a log-determinant nothing there
-holds the size of an array of few waves, and a small part of the other likelihood does.
 """
 
 from collections.abc import Callable, Sequence
@@ -56,16 +43,6 @@ ZERO = 1e-13  # of the largest eigenvalue: what is below counts as zero
 
 
 @dataclass(frozen=True)
-class Conditional:
-    """A conditional likelihood beside that of a random field."""
-
-    power: float  # beta
-    weight: float  # of the likelihood of a random field beside it
-    damped: bool  # whether the imaginary part of the wavenumbers counts in it
-    reference: Complexes  # (M, N) or (1, N) complex128, log g_0
-
-
-@dataclass(frozen=True)
 class FieldModel:
     """What is assumed of the sound field and of the noise."""
 
@@ -82,7 +59,6 @@ class FieldModel:
     about: Reals | None = None
     # (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.angular_spectrum`)
     directions: Reals | None = None
-    conditional: Conditional | None = None
 
 
 def isotropic_field(pressures: Numbers, wavenumbers: Numbers, noise: Reals, dimension: int) -> FieldModel:
@@ -103,7 +79,6 @@ class Terms:
     weighted: np.ndarray  # (M, N) complex128, u = C^-1 q
     precision: Reals  # (M, N) float64, d, the diagonal of C^-1
     corrected: np.ndarray  # (M, N) complex128, q
-    slopes: Reals | None = None  # (M, N, P) float64, gradient of every mode; None for the cost alone
 
     def newton(self) -> tuple[np.ndarray, np.ndarray]:
         """Return gradient and curvature. Raises ValueError where the cost alone was computed."""
@@ -134,9 +109,6 @@ def likelihood_terms(
     rule = _dense_rule(x, q, field) if waves is None else _low_rank_rule(waves[0], q, field)
     random = _summed(rule, q, by_parameter, _largest(x, field, waves), derivatives)
     random = replace(random, costs=random.costs + np.sum(2 * np.real(log_gain), axis=1))
-    if field.conditional is not None:
-        rule = _conditional_rule(x, q, log_gain, field, field.conditional)
-        random = _joined(_summed(rule, q, by_parameter, len(x) ** 2, derivatives), random, field.conditional.weight)
     return replace(random, cost=float(random.costs.sum()))
 
 
@@ -167,8 +139,8 @@ def log_response(channels: Reals | None, wavenumbers: Reals) -> tuple[np.ndarray
 class _Block:
     """Some modes, factorised. Vectors of a microphone are multiplied by `weight`, so that tau is 1 for all.
 
-    costs (B,); u, weighted u over the weight (B, N) complex128; d (B, N) diagonal of C^-1; gain_log (B, N) or 1, by
-    which the slope of 2 Re log g is multiplied; rows, diagonal : C^-1, as of `weighted_curvature`;
+    costs (B,); u, weighted u over the weight (B, N) complex128; d (B, N) diagonal of C^-1;
+    rows, diagonal : C^-1, as of `weighted_curvature`;
     slopes : returns weight D_a u (D, B, N) complex128 and half the gradient of the log-determinant (D, B, N)
     """
 
@@ -179,7 +151,6 @@ class _Block:
     rows: Callable[[slice, slice], np.ndarray]
     diagonal: np.ndarray | None
     slopes: Callable[[], tuple[np.ndarray, np.ndarray]]
-    gain_log: np.ndarray | float = 1.0
 
 
 Rule = Callable[[slice, bool], _Block]
@@ -198,7 +169,7 @@ def _summed(rule: Rule, q: Complexes, by_parameter: Sequence[np.ndarray], number
         for i, derivative in enumerate(by_parameter, D):
             of_modes = derivative[m] if len(derivative) > 1 else derivative
             along = q[m] * one.weight * of_modes
-            g[i, 0], g[i, 1], logs[i] = np.real(along), np.imag(along), np.real(of_modes) * one.gain_log
+            g[i, 0], g[i, 1], logs[i] = np.real(along), np.imag(along), np.real(of_modes)
         misfit = g[:, 0] * np.real(one.u) + g[:, 1] * np.imag(one.u)
         return one, 2 * (logs - misfit).transpose(1, 2, 0), batches.weighted_curvature(g, one.rows, one.diagonal)
 
@@ -209,9 +180,9 @@ def _summed(rule: Rule, q: Complexes, by_parameter: Sequence[np.ndarray], number
     d = np.concatenate([one.d for one in found])
     if not derivatives:
         return Terms(0.0, costs, None, None, u, d, q)
-    slopes = np.concatenate([each for part in parts for _, each, _ in part])
+    gradient = np.sum([np.sum([each.sum(axis=0) for _, each, _ in part], axis=0) for part in parts], axis=0)
     H = batches.whole_curvature(2 * np.sum([np.sum([matrix for *_, matrix in part], axis=0) for part in parts], axis=0))
-    return Terms(0.0, costs, slopes.sum(axis=0), H, u, d, q, slopes)
+    return Terms(0.0, costs, gradient, H, u, d, q)
 
 
 def few_waves(x: Reals, field: FieldModel) -> FewWaves | None:
@@ -324,31 +295,6 @@ def _sloped_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool)
     return C, lambda u, P: _dense_slopes(x, u, P, D)
 
 
-def _conditional_rule(x: Reals, q: Complexes, log_gain: Complexes, field: FieldModel, assumed: Conditional) -> Rule:
-    """Modes of the conditional likelihood."""
-    k = field.wavenumbers if assumed.damped else np.real(field.wavenumbers)
-    isotropic = replace(field, wavenumbers=k, directions=None, near=False)
-    power, diagonal = assumed.power * field.power, np.arange(len(x))
-    noise = np.multiply.outer(field.noise, field.channel_noise)
-    seen = noise * np.exp(2 * np.real(assumed.reference - log_gain))
-
-    def rule(m: slice, derivatives: bool) -> _Block:
-        B, D = field_covariance(x, isotropic, m, derivatives)
-        B *= power[m, None, None]
-        B[:, diagonal, diagonal] += noise[m]
-        B = batches.hermitian_inverses(B)[0]
-        u, d = batches.applied(B, q[m]), np.ascontiguousarray(np.real(B[:, diagonal, diagonal]))
-        costs = np.sum(np.real(np.conj(q[m]) * u) - d * seen[m], axis=1)
-
-        def slopes():
-            g, logs = _dense_slopes(x, u, (B * seen[m, None, :]) @ B, D)
-            return g * power[m, None], logs * power[m, None]
-
-        return _Block(costs, u, d, 1.0, lambda n, i: B[n, i], None, slopes, seen[m] * d)
-
-    return rule
-
-
 def _dense_slopes(x: Reals, u: Complexes, traced: Numbers, D: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return D_a u (D, M, N) complex128 and Re tr(A dK) (D, M, N), A the Hermitian matrices `traced` (M, N, N)."""
     if D.ndim == 4:
@@ -358,20 +304,6 @@ def _dense_slopes(x: Reals, u: Complexes, traced: Numbers, D: Any) -> tuple[np.n
     Su = np.matmul(D, moments.view(float)).view(complex)
     rows = np.matmul(np.real(traced) * D, np.column_stack([np.ones(len(x)), x]))
     return np.moveaxis(x * Su[..., :1] - Su[..., 1:], 2, 0), np.moveaxis(x * rows[..., :1] - rows[..., 1:], 2, 0)
-
-
-def _joined(conditional: Terms, random: Terms, weight: float) -> Terms:
-    """Return both parts of the cost; u, d and q are those of the random field."""
-    joined = replace(random, costs=conditional.costs + weight * random.costs)
-    if random.gradient is None or random.slopes is None or conditional.slopes is None:
-        return joined
-    (slope, H), (own_slope, own_H) = conditional.newton(), random.newton()
-    return replace(
-        joined,
-        gradient=slope + weight * own_slope,
-        curvature=H + weight * own_H,
-        slopes=conditional.slopes + weight * random.slopes,
-    )
 
 
 def spectra(positions: Reals, corrected: Numbers, field: FieldModel) -> tuple[np.ndarray, np.ndarray]:

@@ -58,9 +58,6 @@ class PositionSpread:
     # step, sigma: (N, D) float64, metres, Newton step that is left, and one sigma of each coordinate
     step: np.ndarray
     sigma: np.ndarray
-    # (N, D) float64, metres, Newton step from here to the minimum of the likelihood of an isotropic random field: how
-    # far the positions depend on what is assumed of the field. It is no part of the covariance
-    shift: Reals
 
     @property
     def covariance(self) -> Reals:

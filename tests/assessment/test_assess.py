@@ -136,12 +136,6 @@ def with_newton(e: Estimate, factor: float) -> Estimate:
     return replace(e, spread=replace(e.spread, newton=factor * e.spread.newton))
 
 
-def with_shift(e: Estimate, metres: float) -> Estimate:
-    """One that another model of the field would stretch, and move as a whole, which does not count."""
-    x = e.positions - e.positions.mean(axis=0)
-    return replace(e, spread=replace(e.spread, shift=metres * x + 1.0))
-
-
 def with_loose_given(e: Estimate) -> Estimate:
     """One given position that nothing but its own prior holds."""
     newton, n, D = np.array(e.spread.newton), e.problem.known[0], e.positions.shape[1]
@@ -167,7 +161,6 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("not_converged", "still moved", lambda e: replace(e, converged=False)),
     ("model_mismatch", "times what the noise explains", lambda e: with_given_noise(with_share(e, 0.01), 0.003)),
     ("model_mismatch", "free of noise", lambda e: with_given_noise(with_share(e, 0.01), 0.0)),
-    ("model_mismatch", "does not come from all sides", lambda e: with_shift(e, 1.0)),
     ("sound_speed", "would be 403 m/s, not 343 m/s", lambda e: replace(e, log_speed=0.16)),
     ("scale_undetermined", "its size is hardly determined", lambda e: with_stretching(e, 0.2)),
     ("ambiguous", "explains the pressures as well", lambda e: with_tried(e, 1.0)),
@@ -177,11 +170,11 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("ambiguous", "nothing would show an error of a given position", with_loose_given),
     ("good", "nothing speaks against these positions", lambda e: e),
 ]
-BLIND = 13  # the row that only an array without given positions reaches
+BLIND = 12  # the row that only an array without given positions reaches
 # Pairs of rows of which the alterations exclude each other.
 EXCLUDED = {
-    (2, 13), (3, 4), (3, 16), (4, 16), (5, 13), (5, 17), (5, 18), (6, 13), (9, 10), (13, 18), (14, 15), (14, 17),
-    (15, 17), (17, 18),
+    (2, 12), (3, 4), (3, 15), (4, 15), (5, 12), (5, 16), (5, 17), (6, 12), (9, 10), (12, 17), (13, 14), (13, 16),
+    (14, 16), (16, 17),
 }  # fmt: skip
 
 
@@ -222,7 +215,7 @@ def test_an_earlier_row_hides_a_later_one(estimate, blind, row):
         (8, lambda e, limit, by: with_step(e, limit * by)),
         (9, lambda e, limit, by: with_given_noise(with_share(e, limit * by * 0.01 + ROOM_RESIDUAL), 0.01)),
         (10, lambda e, limit, by: with_given_noise(with_share(e, limit * by), 0.0)),
-        (12, lambda e, limit, by: replace(e, log_speed=np.log1p(limit * by))),
+        (11, lambda e, limit, by: replace(e, log_speed=np.log1p(limit * by))),
     ],
 )
 def test_a_limit_is_where_the_verdict_changes(estimate, row, altered):
@@ -280,7 +273,7 @@ def test_an_optimum_that_began_at_another_one_confirms_and_contradicts_nothing(e
     apart = with_tried(estimate, 50.0, 60.0)
     assert first_row(with_tried(estimate, 50.0, 60.0, regrouped=True)) == len(FINDINGS) - 1
     same = TriedOptimum(estimate.positions, 1.0, True, True)
-    assert first_row(replace(apart, tried=(*apart.tried, same))) == 15
+    assert first_row(replace(apart, tried=(*apart.tried, same))) == 14
     assert first_row(replace(apart, tried=(*apart.tried, replace(same, regrouped=False)))) == len(FINDINGS) - 1
 
 

@@ -9,7 +9,6 @@ from fields import measured
 from fdcal.cost import batches
 from fdcal.cost.kernels import directions_needed
 from fdcal.cost.likelihood import (
-    Conditional,
     FieldModel,
     few_waves,
     field_covariance,
@@ -48,12 +47,6 @@ def assumed(kernel, x, dimension):
     return replace(field, directions=rng.uniform(0.1, 2.0, (M, directions_needed(x, K, dimension))))
 
 
-def with_conditional(field, channels, weight=0.1):
-    """`field` with a conditional likelihood, whose noise is that behind other gains than those of `channels`."""
-    reference = np.broadcast_to(log_response(channels, K)[0], (M, len(field.channel_noise))) + 0.05
-    return replace(field, conditional=Conditional(50.0, weight, np.iscomplexobj(field.wavenumbers), reference))
-
-
 def covariances(x, field):
     """C (M, N, N) and the slope of s K by every coordinate of its first microphone (D, M, N, N)."""
     matrices, D = field_covariance(x, field, slice(None), True)
@@ -83,7 +76,7 @@ def test_the_terms_are_those_of_the_explicit_covariance(kernel, dimension, D, co
     gradients = np.stack([2 * (log - (u.conj() * one).real) for log, one in zip(logs, J, strict=True)], axis=-1)
     curvature = 2 * np.einsum("ami,mij,bmj->iajb", np.conj(J), P, J).real
     assert found.cost == pytest.approx(costs.sum(), rel=1e-9)
-    expected = {"costs": costs, "gradient": gradients.sum(axis=0), "slopes": gradients, "curvature": curvature}
+    expected = {"costs": costs, "gradient": gradients.sum(axis=0), "curvature": curvature}
     expected |= {"weighted": u, "precision": np.diagonal(P, axis1=1, axis2=2).real, "corrected": q}
     for name, value in expected.items():
         close = 1e-7 * np.abs(value).max()
@@ -93,13 +86,11 @@ def test_the_terms_are_those_of_the_explicit_covariance(kernel, dimension, D, co
         np.testing.assert_array_equal(getattr(without, name), getattr(found, name))
 
 
-@pytest.mark.parametrize("conditioned", [False, True])
 @pytest.mark.parametrize("parameters", [0, 2, 4])
 @pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)
-def test_the_gradient_is_the_limit_of_differences(kernel, dimension, D, count, parameters, conditioned):
+def test_the_gradient_is_the_limit_of_differences(kernel, dimension, D, count, parameters):
     x, p, channels = drawn(D, count)
     field, channels = assumed(kernel, x, dimension), channels[:, :parameters] if parameters else None
-    field = with_conditional(field, channels) if conditioned else field
     gradient, _ = likelihood_terms(x, p, field, channels).newton()
     assert gradient.shape == (count, D + parameters)
     direction, h = np.random.default_rng(1).normal(size=gradient.shape), 1e-5
@@ -122,15 +113,11 @@ def test_terms_without_derivatives_have_no_newton_step():
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (20, 2)) + [2.61, 2.31]
 
 
-@pytest.mark.parametrize("conditioned", [False, True])
 @pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)
-def test_no_rigid_motion_no_mirror_and_no_order_of_the_microphones_changes_the_cost(
-    kernel, dimension, D, count, conditioned
-):
+def test_no_rigid_motion_no_mirror_and_no_order_of_the_microphones_changes_the_cost(kernel, dimension, D, count):
     """Directions are those of the axes, so that their field is only moved. Complex wavenumbers need their centre."""
     x, p, channels = drawn(D, count, seed=4)
     field = assumed(kernel, x, dimension)
-    field = with_conditional(field, channels) if conditioned else field
     cost = likelihood_terms(x, p, field, channels).cost
     Q = np.linalg.qr(np.random.default_rng(1).normal(size=(D, D)))[0]
     Q[:, 0] *= -np.sign(np.linalg.det(Q))
@@ -145,9 +132,6 @@ def test_no_rigid_motion_no_mirror_and_no_order_of_the_microphones_changes_the_c
     turned = replace(field, channel_noise=field.channel_noise[order])
     if turned.about is not None:
         turned = replace(turned, about=turned.about[order])
-    if conditioned:
-        reference = replace(turned.conditional, reference=turned.conditional.reference[:, order])
-        turned = replace(turned, conditional=reference)
     assert likelihood_terms(x[order], p[:, order], turned, channels[order]).cost == pytest.approx(cost, rel=1e-9)
 
 
@@ -200,42 +184,6 @@ def test_a_delay_and_a_high_pass_are_what_they_do_to_a_signal():
     np.testing.assert_allclose(filtered, expected, rtol=1e-12)
 
 
-# The conditional likelihood.
-
-
-@pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)
-def test_the_conditional_cost_is_that_of_the_explicit_covariance(kernel, dimension, D, count):
-    """That of an isotropic field, without near sources, and the given share of the cost of a random field."""
-    x, p, channels = drawn(D, count)
-    random = assumed(kernel, x, dimension)
-    field, weight = with_conditional(random, 0.5 * channels, weight=0.3), 0.3
-    isotropic = replace(random, directions=None, near=False, power=50.0 * POWER)
-    B = np.linalg.inv(covariances(x, isotropic)[0])
-    log_gain = log_response(channels, K)[0]
-    q = p * np.exp(-log_gain)
-    V = NOISE[:, None] * field.channel_noise * np.abs(np.exp(field.conditional.reference - log_gain)) ** 2
-    costs = np.einsum("mi,mij,mj->m", q.conj(), B, q).real - np.einsum("mii,mi->m", B, V).real
-    alone, found = likelihood_terms(x, p, random, channels), likelihood_terms(x, p, field, channels)
-    np.testing.assert_allclose(found.costs, costs + weight * alone.costs, rtol=1e-6)
-    assert found.cost == pytest.approx(found.costs.sum(), rel=1e-12)
-    for name in ("weighted", "precision", "corrected"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
-    none = likelihood_terms(x, p, with_conditional(random, 0.5 * channels, weight=0.0), channels)
-    for name in ("gradient", "curvature", "slopes"):
-        both = getattr(none, name) + weight * getattr(alone, name)
-        np.testing.assert_allclose(getattr(found, name), both, atol=1e-9 * np.abs(both).max())
-
-
-@pytest.mark.parametrize(("dimension", "D"), ARRAYS)
-def test_damping_counts_in_the_conditional_part_only_where_it_is_asked_for(dimension, D):
-    x, p, channels = drawn(D)
-    damped, real = (with_conditional(assumed(kernel, x, dimension), channels, 0.0) for kernel in ("series", "diffuse"))
-    without = replace(damped, conditional=replace(damped.conditional, damped=False))
-    costs = [likelihood_terms(x, p, field, channels).costs for field in (real, without, damped)]
-    np.testing.assert_allclose(costs[1], costs[0], rtol=1e-12)
-    assert not np.allclose(costs[2], costs[0], rtol=1e-6)
-
-
 # Power, noise, spectra, blocks.
 
 
@@ -280,14 +228,10 @@ def test_an_array_of_many_wavelengths_and_one_in_space_have_no_few_waves():
     assert few_waves(drawn(3, MANY)[0], replace(field, dimension=3)) is None
 
 
-@pytest.mark.parametrize("conditioned", [False, True])
 @pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)
-def test_threads_give_the_same_bits_as_one_core_and_blocks_the_same_numbers(
-    kernel, dimension, D, count, conditioned, monkeypatch
-):
+def test_threads_give_the_same_bits_as_one_core_and_blocks_the_same_numbers(kernel, dimension, D, count, monkeypatch):
     x, p, channels = drawn(D, count)
     field = assumed(kernel, x, dimension)
-    field = with_conditional(field, channels) if conditioned else field
     found = []
     for largest, least in ((1.3e5, np.inf), (200, np.inf), (200, 0.0)):
         monkeypatch.setattr(batches, "BLOCK", largest)

@@ -60,7 +60,6 @@ def test_noise_that_is_assumed_lower_is_given_back_in_the_result(ended):
 
 def test_the_covariance_does_not_rest_on_a_field_as_isotropic_as_assumed(ended, monkeypatch):
     problem, state = ended
-    assert not state.model.conditional
     weaker = result.result(problem, state).spread.newton
     monkeypatch.setattr(result, "WEAKER_FIELD", 1.0)
     assert np.trace(weaker) > 1.02 * np.trace(result.result(problem, state).spread.newton)

@@ -117,7 +117,7 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
 def _let_go(problem: Problem, state: State) -> State:
     """`state` with every exact given position free, its channels where they fit, and the noise that is then left."""
     kernel = noise.isotropic_kernel(problem, state)
-    model = replace(state.model, contradicted=np.ones(len(problem.known), bool), kernel=kernel, conditional="")
+    model = replace(state.model, contradicted=np.ones(len(problem.known), bool), kernel=kernel)
     state = replace(state, model=replace(model, directions=None), shape=state.positions)
     used = objectives.used_modes(problem, state)
     state, damping = relocated(problem, state)[0], STAGE_DAMPING
@@ -227,8 +227,8 @@ def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, T
     objective = replace(objective, priors=objective.priors.without_given())
     here = objectives.descend(objectives.unknowns_of(state), objective, steps)[0]
     if terms is None:
-        factor = 1.0 if objective.field.conditional is not None else WEAKER_FIELD
-        weaker = replace(objective, field=replace(objective.field, power=factor * objective.field.power)).evaluate(here)
+        field = replace(objective.field, power=WEAKER_FIELD * objective.field.power)
+        weaker = replace(objective, field=field).evaluate(here)
         own = weaker if steps else objective.evaluate(here)
     else:
         own, weaker = (objective.with_priors(here, one) for one in terms)

@@ -18,14 +18,12 @@ from ...cost.noise import (
 from ...model.problem import Problem
 from ...model.types import Bools, Integers, Reals
 from ...model.validation import frozen_array
-from ..estimate import scale_sigma
 from . import arrivals as direct_sound
 from . import objective as objectives
 from .state import (
     CORNER_SIGMA,
     DELAY_SIGMA,
     DIRECTIONAL,
-    FINAL,
     MIN_NOISE_FRACTION,
     SUSPICIOUS,
     KernelName,
@@ -330,37 +328,3 @@ def with_directions(problem: Problem, state: State, used: Integers, updates: int
     field, count = objectives.field_of(problem, replace(state, model=model), used), DIRECTION_COUNT[problem.dimension]
     learned[used] = learned_powers(state.positions, seen, field, problem.takes[used], updates, count)
     return replace(state, model=replace(model, directions=frozen_array(learned, float)))
-
-
-# one sigma of the least certain stretching of the array, relative, up to which it is minimised
-MAX_STRETCH = 0.05
-# the same without given positions, where nothing else shows that there is no such field
-MAX_BLIND_STRETCH = 0.02
-# noise as a part of the mean power up to which it is minimised: with more, what the noise does to the positions is
-# more than what the room does, and the sharper likelihood is better
-CONDITIONAL_NOISE = 2e-4
-MAX_CONDITIONAL_PRODUCTS = 1e8  # products M N^3 at most, a cap of time
-
-
-def with_conditional(problem: Problem, state: State) -> State:
-    """Return `state`, at the beginning of the last stage, with the conditional likelihood if the array permits it.
-
-    It is free of what the likelihood of a random field supposes of the room, and less sharp. Where the pressures hardly
-    fix the size and shears of the array without that supposition, as of a small array, the array would run off.
-    """
-    used, model = objectives.used_modes(problem, state), state.model
-    without = replace(state, model=replace(model, conditional=""))  # it may be that of a run with other modes
-    slow = len(used) * len(state.positions) ** 3 > MAX_CONDITIONAL_PRODUCTS
-    if model.kernel == "near" or model.share > CONDITIONAL_NOISE or slow:
-        return without
-    kernel = "series" if isotropic_kernel(problem, state) == "series" else "diffuse"
-    chosen = replace(state, model=replace(model, conditional=kernel), progress=replace(state.progress, stage=FINAL))
-    try:
-        covariance = objectives.quadratic(
-            objectives.unknowns_of(chosen), objectives.objective_of(problem, chosen, used)
-        ).covariance
-        sigma = scale_sigma(state.positions, covariance, healthy(state.model))
-    except np.linalg.LinAlgError:
-        return without
-    limit = MAX_STRETCH if len(problem.known) else MAX_BLIND_STRETCH
-    return chosen if sigma < limit else without

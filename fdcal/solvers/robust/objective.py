@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from ...cost.likelihood import Conditional, FieldModel, Terms, likelihood_terms, log_response
+from ...cost.likelihood import FieldModel, Terms, likelihood_terms, log_response
 from ...model.gauge import align, rigid_motions
 from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
@@ -43,7 +43,6 @@ from .state import (
     CORNER_SIGMA,
     DELAY_SIGMA,
     DIRECTIONAL,
-    FINAL,
     GIVEN_SIGMA,
     NEGLIGIBLE_FALL,
     STAGE_DAMPING,
@@ -195,16 +194,13 @@ class Objective:
 
     def of_rows(self, rows: Integers) -> Objective:
         """Return the objective of some rows of the pressures, without arrivals."""
-        field, assumed = self.field, self.field.conditional
-        if assumed is not None and len(assumed.reference) > 1:
-            assumed = replace(assumed, reference=assumed.reference[rows])
+        field = self.field
         field = replace(
             field,
             wavenumbers=field.wavenumbers[rows],
             power=field.power[rows],
             noise=field.noise[rows],
             directions=None if field.directions is None else field.directions[rows],
-            conditional=assumed,
         )
         return replace(self, pressures=self.pressures[rows], field=field, arrivals=None)
 
@@ -416,24 +412,6 @@ def field_of(problem: Problem, state: State, used: Integers) -> FieldModel:
         model.kernel == "near",
         None if model.kernel == "diffuse" else state.shape,
         model.directions[used] if model.kernel in DIRECTIONAL and model.directions is not None else None,
-        _conditional(problem, state, used),
-    )
-
-
-CONDITIONAL_POWER = 50.0  # factor on the power of the field in the conditional likelihood
-# of the likelihood of a random field beside it, by dimension of the field: a plane field has fewer directions, and
-# their power is learned better
-CONDITIONAL_WEIGHT = {2: 0.3, 3: 0.1}
-
-
-def _conditional(problem: Problem, state: State, used: Integers) -> Conditional | None:
-    """The conditional likelihood of the last stage, where the array can do without the other."""
-    model = state.model
-    if not model.conditional or model.kernel == "near" or state.progress.stage != FINAL:
-        return None
-    response = log_response(unknowns_of(state).channels, np.real(wavenumbers(problem, state)[used]))[0]
-    return Conditional(
-        CONDITIONAL_POWER, CONDITIONAL_WEIGHT[problem.dimension], model.conditional == "series", response
     )
 
 

@@ -5,9 +5,8 @@
            H_b its part of H
 
 H takes the field as `WEAKER_FIELD` times as powerful, which weakens the prior of an isotropic field: what becomes
-uncertain rests on that prior and not on the wave equation. A conditional likelihood needs none. Without given
-positions the covariance is that of the array without its rigid motions; in the frame of the least gauge, of the array
-moved into it.
+uncertain rests on that prior and not on the wave equation. Without given positions the covariance is that of the array
+without its rigid motions; in the frame of the least gauge, of the array moved into it.
 
 A room is not the random field of the model, and its blocks disagree by more, or less, than H says. The sandwich of
 their gradients measures it (Huber 1967, White 1980), with the leverage of each block corrected as by leaving it out
@@ -155,9 +154,7 @@ def _with_field(problem: Problem, state: State) -> State:
 
 
 def _weakened(objective: Objective, here: Unknowns, evaluated: Evaluation) -> Evaluation:
-    """The objective with a field of more power; as it is where it is conditional, and where C is then singular."""
-    if objective.field.conditional is not None:
-        return evaluated
+    """The objective with a field of more power; as it is where C is then singular."""
     try:
         return replace(objective, field=replace(objective.field, power=WEAKER_FIELD * objective.field.power)).evaluate(
             here
@@ -178,25 +175,7 @@ def _spread(
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
     own = quadratic(here, objective, evaluated)
-    shift = gauge @ _shift(problem, state, here, objective).ravel()
-    return PositionSpread(newton, data, dispersion, own.step, own.sigma, shift.reshape(own.step.shape))
-
-
-def _shift(problem: Problem, state: State, here: Unknowns, objective: Objective) -> np.ndarray:
-    """How far the minimum of an isotropic random field is (N, D); none where that is what the state assumes.
-
-    The near-field kernel explains what such a field cannot: there is nothing to learn from their difference, and little
-    where the directions were learned, which takes off most of what an isotropic field gets wrong.
-    """
-    model, kernel = state.model, noise.isotropic_kernel(problem, state)
-    if not model.conditional:
-        return np.zeros(state.positions.shape)
-    isotropic = replace(state, model=replace(model, kernel=kernel, directions=None, conditional=""))
-    other = replace(objective_of(problem, isotropic, used_modes(problem, state)), priors=objective.priors)
-    try:
-        return quadratic(here, other).step
-    except np.linalg.LinAlgError:
-        return np.zeros(state.positions.shape)
+    return PositionSpread(newton, data, dispersion, own.step, own.sigma)
 
 
 def _of_data(
@@ -242,10 +221,8 @@ def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals) -> flo
 
 def _weakened_matrix(objective: Objective, here: Unknowns) -> np.ndarray:
     """The Gauss-Newton matrix of the likelihood by all unknowns, as `_weakened` has it."""
-    field = objective.field
-    if field.conditional is None:
-        objective = replace(objective, field=replace(field, power=WEAKER_FIELD * field.power))
-    return objective.likelihood(here)[1]
+    field = replace(objective.field, power=WEAKER_FIELD * objective.field.power)
+    return replace(objective, field=field).likelihood(here)[1]
 
 
 def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndarray, np.ndarray]]:

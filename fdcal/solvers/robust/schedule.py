@@ -241,8 +241,7 @@ def refined(problem: Problem, state: State) -> State:
     begun = begin_stage(problem, fresh, FINAL)
     updates = DIRECTION_UPDATES if begun.model.directions is None else 0
     begun = noise.with_directions(problem, begun, objectives.used_modes(problem, begun), updates)
-    begun = noise.with_filters(problem, begun)
-    return begun if begun.progress.rounds else noise.with_conditional(problem, begun)
+    return noise.with_filters(problem, begun)
 
 
 def finished(problem: Problem, state: State) -> State:

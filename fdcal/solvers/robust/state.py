@@ -104,8 +104,6 @@ class Model:
     log_speed: float = 0.0  # logarithm of the sound speed over that of the measurement
     # (M, Q) float64, power of the field by direction, mean 1; of the directional kernels only
     directions: Reals | None = None
-    # kernel of the conditional likelihood that the last stage minimises; "" for that of a random field
-    conditional: Literal["", "diffuse", "series"] = ""
     deflation: float = 1.0  # of the noise that is assumed, by which the residual is larger
     # (T,) float64, metres, one sigma of the arrivals of each take; None before they count
     arrival_sigma: np.ndarray | None = None
