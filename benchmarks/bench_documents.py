@@ -85,9 +85,9 @@ def planned() -> str:
 
 def doctor_table(lines) -> str:
     """Return the lines of `benchmarks doctor` as a table in Markdown."""
-    rows = [re.fullmatch(r" *(\S.*?) +(\d+) of +(\d+)  .*", line) for line in lines]
-    cells = [f"| {row[1]} | {row[2]} of {row[3]} |" for row in rows if row]
-    return "\n".join(["| injected | named |", "|---|---|", *cells])
+    rows = [re.fullmatch(r" *(\S.*?) +(\d+ of) +(\d+)(?:  +(\d+ of) +(\d+))?  .*", line) for line in lines]
+    cells = [f"| {row[1]} | {row[2]} {row[3]} | {f'{row[4]} {row[5]}' if row[4] else ''} |" for row in rows if row]
+    return "\n".join(["| injected | named | as what it is |", "|---|---|---|", *cells])
 
 
 FIGURES: dict[str, Callable[[], str]] = {

@@ -28,6 +28,7 @@ ARGUMENTS = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--disable-gpu-compositing",  # of the page around the scene: software does both, and without GL in half the time
+    "--webgl-antialiasing-mode=none",  # no test looks at the pixels of an edge
     "--disable-quic",
     "--no-first-run",
 ]

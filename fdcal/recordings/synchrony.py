@@ -134,13 +134,13 @@ def _against(recording: Recording, reference: int, starts: np.ndarray, span: flo
     """Return the delays (N, G), s, against one channel in stretches of a length, samples; NaN where none is found."""
     fs, rules = recording.sample_rate, SYNCHRONY
     length = int(rules.segment * fs)
-    padded = fast_length(length)
+    window, padded = np.hanning(length), fast_length(length)
     kept = np.arange(padded // 2 + 1) * fs / padded <= 0.45 * fs  # below the filter of the converter
     first, delays = np.zeros(0), np.zeros((recording.count, len(starts)))
     for g, begin in enumerate(starts):
         cross, power = np.zeros((recording.count, len(kept)), complex), np.zeros((recording.count, len(kept)))
         for start in np.arange(begin, begin + span - length + 1, length / 2).astype(int):
-            X = rfft(np.hanning(length) * read_samples(recording, start, start + length), padded)
+            X = rfft(window * read_samples(recording, start, start + length), padded)
             cross += X * X[reference].conj()
             power += np.abs(X) ** 2
         coherence = kept * cross / np.maximum(np.sqrt(power * power[reference]), np.finfo(float).tiny)

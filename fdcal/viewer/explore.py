@@ -144,6 +144,7 @@ class Explore:
         sweeps = viewer.tabs.sweep.playing
         row = binding.row.capitalize()
         shown = title or viewer.run.scene.title
+        head, colon, rest = shown.partition(":")
         end = "<button data-do='lecture'>End lecture mode</button>" if binding.choices.lecture else ""
         count, done = viewer.view.count, state.finished and not running
         return (
@@ -153,7 +154,7 @@ class Explore:
             f" value='{viewer.view.index}'{'' if count > 1 else ' disabled'}></div>"
             "<button class='view' data-do='look=top'>Top</button><button class='view' data-do='look=close'>3-D</button>"
             f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'"
-            f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(shown)}</b>"
+            f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(head)}<i>{escape(colon + rest)}</i></b>"
             f"<small>{escape(waiting) or self._status(viewer)}</small></span></button>"
             f"<button class='first' data-do='play'>{label}</button>"
             f"<button data-do='onestep'{' disabled' if done else ''}>Step</button>"

@@ -22,7 +22,7 @@ from fdcal.session.request import OpenRequest, edited
 
 
 @pytest.fixture(scope="module")
-def blind():
+def blind(remembered_runs):
     measurement = fdcal.load("tiny")
     true = float(((measurement.positions[0] - measurement.positions[15]) ** 2).sum() ** 0.5)
 

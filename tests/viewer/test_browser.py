@@ -104,6 +104,7 @@ def test_run_becomes_pause(page):
             window.seen = [];
             window.widths = new Set();
             const measure = () => {
+                if (!window.widths) return;
                 for (const plot of document.querySelectorAll(".uplot"))
                     if (plot.checkVisibility()) window.widths.add(plot.offsetWidth);
                 requestAnimationFrame(measure);
@@ -125,6 +126,7 @@ def test_run_becomes_pause(page):
     assert not page.get_by_role("button", name="Step", exact=True).count()
     assert page.evaluate("window.seen") == ["Run", "Pause", "Run"]
     assert page.evaluate("Math.min(...window.widths)") > 200, "the curves keep their width while they are drawn"
+    page.evaluate("window.widths = null")  # ends `measure`, which would go on in the tests after this one
     assert page.faults == []
     press(page, "Reset")
     page.get_by_text("step 0, sweep 0").wait_for()

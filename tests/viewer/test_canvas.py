@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from browsing import (
     COARSE,
-    EXACT,
     WAIT,
     begin_anew,
     choose,
@@ -41,7 +40,7 @@ def address(kernels):
 @pytest.fixture(scope="module")
 def page(address, browser, request):
     """A page of a size, with its picture and its legend; one at a time."""
-    page = opened_page(browser, address, EXACT, *request.param)
+    page = opened_page(browser, address, COARSE, *request.param)
     page.size = request.param
     legend_of(page).get_by_text("dB").wait_for()
     yield page
@@ -85,17 +84,14 @@ def test_the_legend_stands_on_the_canvas_below_the_map(page):
     assert "px" in numbers.first.evaluate("element => getComputedStyle(element).textShadow"), "outlined"
 
 
-def test_the_map_fits_beside_the_legend_whatever_pixels_the_screen_has(address, browser):
+@ON_A_DESKTOP
+def test_the_map_fits_beside_the_legend_whatever_pixels_the_screen_has(page):
     """viser reports the pixels of the screen, of which a page has a quarter here and twice as many on a telephone."""
     scene = load_scene("tiny")
-    page = opened_page(browser, address, COARSE)
-    assert page.locator("canvas").first.bounding_box()["width"] > 2 * page.evaluate(
-        "document.querySelector('canvas').width"
-    )
+    assert canvas_width(page) > 2 * page.evaluate("document.querySelector('canvas').width")
     assert np.isfinite(on_screen(page, scene, [(*scene.search.origin[:2], 0.0)])).all(), (
         "the camera stands where it fits"
     )
-    page.close()
 
 
 @ON_A_DESKTOP

@@ -45,6 +45,11 @@ SIZES = """() => [...document.querySelectorAll("#root *, #fdcal *, #fdcal-labels
     && [...node.childNodes].some(n => n.nodeType == 3 && n.data.trim())).map(node => getComputedStyle(node).fontSize)"""
 
 
+# How many texts of the bar are cut.
+CUT = """[...document.querySelectorAll("[data-region=bar] :is(b, small, button, label, output)")].filter(node =>
+    node.checkVisibility({visibilityProperty: true}) && node.scrollWidth > node.clientWidth).length"""
+
+
 @pytest.fixture(scope="module")
 def page(browser, kernels):
     with serving_here(load_scene("tiny"), lessons=[load_lesson(LESSON)]) as url:
@@ -67,6 +72,13 @@ def readable(page):
         page.wait_for_function(f"({LOWEST_CONTRAST})()[0] >= {CONTRAST}", timeout=15_000)
 
 
+def uncut(page):
+    """No text of the bar is cut in a window of any size."""
+    for size in ((1440, 900), PHONE, (1280, 720)):
+        page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+        page.wait_for_function(f"innerWidth == {size[0]} && !{CUT}")
+
+
 def test_explore_opens_and_everything_in_it_works(page):
     assert not page.get_by_role("tab", name="Map").is_visible()
     assert len(set(widths(page))) == 1, "the canvas fills the window"
@@ -82,6 +94,7 @@ def test_explore_opens_and_everything_in_it_works(page):
     page.locator("[data-do=play]").click()
     page.locator("[data-do=play]", has_text="Play again").wait_for()
     page.get_by_text(re.compile("Converged, .* off on average")).wait_for()
+    uncut(page)
     assert len(page.locator(".run path").get_attribute("d")) > 20, "the cost along the run"
     assert page.locator("[data-do=onestep]").is_disabled()
     page.locator("[data-do=state]").press("Home")
@@ -104,6 +117,7 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
     page.keyboard.press("h")
     page.get_by_role("button", name="End lecture mode").wait_for()
     assert question.is_visible() and len(set(widths(page))) == 1
+    uncut(page)
     press(page, "End lecture mode")
     page.set_viewport_size(dict(zip(("width", "height"), PHONE, strict=True)))
     page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth == 390")

@@ -50,12 +50,14 @@ class ForeignOriginAccepted(Exception):
 def require_foreign_origin_refused(host: str, port: int) -> None:
     """Raise ForeignOriginAccepted unless the server at this address refuses strangers with status 403.
 
-    Asked are a page of another site, one of another port of this machine, and a program that sends no origin.
+    Asked are a page of another site whose name leads here, one of another port of this machine, and a program that
+    sends no origin.
     """
     name = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
-    for origin in (FOREIGN_ORIGIN, f"http://localhost:{port ^ 1}", ""):
+    own, foreign = f"localhost:{port}", FOREIGN_ORIGIN.partition("//")[2]
+    for asked, origin in ((foreign, FOREIGN_ORIGIN), (own, f"http://localhost:{port ^ 1}"), (own, "")):
         request = (
-            f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            f"GET / HTTP/1.1\r\nHost: {asked}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
             f"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
             f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n"
             + (f"Origin: {origin}\r\n\r\n" if origin else "\r\n")
@@ -71,14 +73,15 @@ def require_foreign_origin_refused(host: str, port: int) -> None:
 
 
 def same_origin(respond: Respond) -> Respond:
-    """Wrap the function that answers requests: a page is served only where it comes from the address that it asks.
+    """Wrap the function that answers requests: a page connects only to the address that it comes from.
 
-    A browser sets both headers itself, and neither depends on a forwarded port.
+    A browser sets both headers itself, and neither depends on a forwarded port. `allowed_origins` has the names.
     """
 
     def answer(connection, request) -> Response | None:
         came_from = [origin.partition("//")[2].lower() for origin in request.headers.get_all("Origin")]
-        if came_from and came_from != [host.lower() for host in request.headers.get_all("Host")]:
+        connects = came_from or "Upgrade" in request.headers
+        if connects and came_from != [host.lower() for host in request.headers.get_all("Host")]:
             return connection.respond(http.HTTPStatus.FORBIDDEN, "This page is for its own address only.\n")
         return respond(connection, request)
 

@@ -27,7 +27,7 @@ REMOTE = (
     " for this machine alone, or use fdcal record."
 )
 REPLAY = "Recordings in {folder} can be replayed or opened: choose one below. Nothing leaves this machine."
-MISSING = 'Nothing to record with: {reason}. After that press "Look for a sound card".'
+MISSING = 'Nothing to record with: {reason}. When a sound card is there, press "Look for a sound card".'
 LOWEST_DB = -60.0  # level at which a bar begins
 
 
