@@ -143,7 +143,7 @@ def plan_lines(plan: Plan) -> list[str]:
     lines = [
         f"{len(request.layout.names)} microphones ({request.layout.name}) in {field},"
         f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB{takes}",
-        f"frequencies: {plan.modes} independent ones from {low:.0f} to {high:.0f} Hz;"
+        f"frequencies: {plan.modes} independent ones{_of_import(request)} from {low:.0f} to {high:.0f} Hz;"
         f" the array interpolates up to {plan.f_max:.0f} Hz{_left_out(request)}",
         *_plane_lines(request),
         f"least error (Cramer-Rao bound): {_mm(bound.rms)} rms, {_mm(bound.sigma[bound.free].max())} at the worst"
@@ -199,6 +199,13 @@ def _moved(request: PlanRequest) -> str:
         return ""
     centre = ", ".join(f"{value:.3g}" for value in places_in_room(request).mean(axis=0))
     return f"; the layout does not lie inside it: the array is moved as a whole, its centre to ({centre}) m"
+
+
+def _of_import(request: PlanRequest) -> str:
+    """Return in words that there are more frequencies than an import takes; "" if there are not."""
+    if request.modes is not None or len(request.frequencies) == request.max_modes:
+        return ""
+    return f" in each take, as many of {request.max_modes} as an import takes by default,"
 
 
 def _left_out(request: PlanRequest) -> str:

@@ -22,6 +22,7 @@ from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_names
 from ...model.validation import InputError, frozen_array, refusal
 from ...recordings.formats.positions import READERS, read_positions
+from ...recordings.frequencies import default_max_rows
 
 FLAT_M = 1e-6  # heights that differ by less are one plane
 FORMS = ("circle", "rectangle", "ball", "box")
@@ -196,7 +197,8 @@ class PlanRequest:
     sound_speed: MetresPerSecond = 343.0
     accuracy: Metres = 0.01  # that is wanted
     seed: Seed = 0  # of sources, noise and gains
-    # the lowest so many independent frequencies of the band; all of them unless given
+    # the lowest so many independent frequencies of the band; unless given all of them, or evenly over the band as many
+    # as an import takes by default
     modes: Annotated[int, within(MIN_FREQUENCIES)] | None = None
     # places of the source, each recorded by itself at `snr_db`; every take has all frequencies
     takes: Annotated[int, within(1, LIMITS.max_takes)] = 1
@@ -261,8 +263,10 @@ class PlanRequest:
 
     @property
     def frequencies(self) -> np.ndarray:
-        """The independent frequencies in use : (M,) float64, Hz."""
-        return self._all_frequencies[: self.modes]
+        """The independent frequencies in use : (M,) float64, Hz. Unless their number is given, as many as an import."""
+        if self.modes is not None:
+            return self._all_frequencies[: self.modes]
+        return _evenly(self._all_frequencies, default_max_rows(len(self.layout.names), self.takes))
 
     @property
     def max_modes(self) -> int:
@@ -286,5 +290,9 @@ class PlanRequest:
 
     def spaced(self, most: int) -> np.ndarray:
         """Return at most so many of the frequencies, evenly taken : float64, Hz."""
-        f = self.frequencies
-        return f[np.unique(np.linspace(0, len(f) - 1, min(len(f), most)).round().astype(int))]
+        return _evenly(self.frequencies, most)
+
+
+def _evenly(f: np.ndarray, most: int) -> np.ndarray:
+    """At most so many of some frequencies, evenly taken."""
+    return f[np.unique(np.linspace(0, len(f) - 1, min(len(f), most)).round().astype(int))]

@@ -10,6 +10,7 @@ import pytest
 from fdcal.acoustics.dictionary import dictionary
 from fdcal.graphics.plan_figure import draw_plan, plan_html
 from fdcal.model.validation import InputError, StorageError
+from fdcal.recordings.frequencies import default_max_rows
 from fdcal.session.planning.bounds import field_of, places_in_room, request_information, wavenumbers_of
 from fdcal.session.planning.plan import make_plan, plan_dict, plan_lines
 from fdcal.session.planning.request import PlanRequest, read_layout
@@ -320,6 +321,17 @@ def test_takes_are_independent_so_that_the_bound_falls_with_the_root_of_their_nu
         assert case.rms == pytest.approx(first.rms / np.sqrt(case.takes))
         assert case.rms < case.shared < first.rms, "divided time costs noise, and still another field is worth more"
         assert case.rms < case.longer < first.rms, "the same time at one place"
+
+
+def test_several_takes_of_a_large_array_have_the_frequencies_that_an_import_takes():
+    few, every = (request_of("ball 64 0.4", takes=4, reverberation_time=0.4, modes=modes) for modes in (None, 100))
+    count = default_max_rows(64, 4)
+    assert len(few.frequencies) == count < len(every.frequencies) == 100 <= few.max_modes
+    width = few.limits[1] - few.limits[0]
+    assert np.ptp(few.frequencies) > 0.95 * width > np.ptp(every.frequencies), "over the band, and the lowest 100"
+    fewer, all_of_them = (make_plan(one, with_advice=False) for one in (few, every))
+    assert fewer.bound.rms == pytest.approx(all_of_them.bound.rms * np.sqrt(100 / count), rel=0.15)
+    assert f"{count} independent ones in each take, as many of {few.max_modes} as an import" in plan_lines(fewer)[1]
 
 
 def test_a_longer_recording_brings_ever_less_where_noise_is_low_and_another_place_as_much_as_before():
