@@ -219,7 +219,7 @@ def _empty(browser) -> float:
 def _while_it_runs(page) -> float:
     """Let the solver run and move sliders; frames a second of the browser before they are moved."""
     page.get_by_role("button", name="Run", exact=True).click()
-    page.get_by_text("Running").first.wait_for()
+    page.get_by_text("Running", exact=True).first.wait_for()
     frames = page.evaluate(FRAMES, SECONDS)
     page.get_by_text("Settings", exact=True).click()
     for label in SLIDERS:
@@ -278,7 +278,7 @@ def _mouse(page) -> float:
 def _answers(log) -> list[Figure]:
     """Of each slider the times from its message to its effect."""
     figures = []
-    for _, label in SLIDERS:
+    for label in SLIDERS:
         times, received = [], None
         for at, what, value in log:
             if value == label and what == "received":
