@@ -66,6 +66,11 @@ def thumbnail(name: str) -> tuple[str, str]:
     return scene.title, drawing(points if isinstance(scene, MeasuredScene) else positions_of(scene)[:, :2])
 
 
+def _first_bar(title: str, waiting: str) -> str:
+    """Return the bar before there is a session: what is prepared, and how far it is."""
+    return f"<span class='scene'><span><b>{escape(title)}</b><small>{escape(waiting)}</small></span></span>"
+
+
 class Explore:
     """Fills the regions `bar` and `sheet`, and carries out what is pressed there.
 
@@ -130,6 +135,7 @@ class Explore:
         error = error_message(self._page.switcher.error)
         waiting = error if progress is None else progress.text
         if viewer is None:
+            overlay.show("bar", _first_bar(self._page.switcher.title, waiting) if waiting else "")
             return
         overlay.show("bar", self._bar(viewer, self._page.switcher.title if waiting else "", waiting))
         overlay.show("sheet", self._sheet(viewer))
