@@ -24,7 +24,7 @@ CAMERA = {
 
 def connect(address: str, version: str = viser.__version__) -> ClientConnection:
     """Connect to the page at `address`, http:// or ws://, as a page of a version of viser."""
-    address = address.partition("//")[2]
+    address = address.partition("//")[2].rstrip("/")  # an origin has no path
     return open_connection(
         f"ws://{address}", origin=Origin(f"http://{address}"), subprotocols=[Subprotocol(f"viser-v{version}")],
         open_timeout=TIMEOUT, close_timeout=1, max_size=None,
