@@ -177,7 +177,6 @@ UNEVEN_FRACTION = 1e-4  # of the power
 # microphones predict each other to -27 to -32 dB. Simulated living rooms leave 1e-5 to 1e-3.
 ROOM_RESIDUAL = 1e-3
 UNEXPLAINED = 1e-4  # of the power of a measurement without noise
-RIGHT = 5e-3  # metres, an error that no use of an array minds
 ROOM_FRACTION = 2e-4  # of the power: below, a healthy channel may leave several times what the others leave
 RIVAL_DISTANCE = 1e-3  # metres within which two optima are one, or three sigmas where these are more
 RIVAL_COST = 8.0  # nats within which another optimum counts: its evidence is good to a few nats

@@ -42,9 +42,7 @@ This page is written by
 {commands}
 ```
 
-from the rows in [{stem}.csv]({stem}.csv). The one constant of the covariance, how much of a dispersion over 1 counts,
-was chosen on 192 other draws, but of 24 of the same settings of `studies/calibration.toml`:
-[Uncertainty](uncertainty.md) says how it does on draws and on settings that did not choose it.
+from the rows in [{stem}.csv]({stem}.csv). [Uncertainty](uncertainty.md) says how the covariance is computed.
 {about}
 
 ## Error bars

@@ -133,7 +133,9 @@ def examine(
             wraps = isinstance(error, WrapsRound)
             state: State = "fault" if wraps or isinstance(error, NothingAboveNoise) else "unknown"
             question = "wrapped" if wraps else "field"
-            yield Finding(question, state, str(error), charts=levels, found=((question, ""),) * (state == "fault"))
+            yield Finding(
+                question, state, str(error), charts=levels, found=((question, ""),) if state == "fault" else ()
+            )
             return
         stationary = (report.takes or (report,))[0].kind == "stationary"
         if not stationary:
@@ -217,7 +219,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | N
         rows = len(measurement.frequencies)
         few = stationary and rows < RULES.rows  # of a stationary source those at which the channels are coherent
         text = f"the channels are coherent at {rows} frequencies only" if few else str(error)
-        yield Finding("field", "fault" if few else "unknown", text, found=(("field", ""),) * few)
+        yield Finding("field", "fault" if few else "unknown", text, found=(("field", ""),) if few else ())
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
     if check is not None and result.verdict != "good":
@@ -285,7 +287,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
     text += f" field, to {mean_db:.1f} dB by their mean"
     if not one:
         text += ": no sound field, but several recordings, moving microphones, or no measurement"
-    field = Finding("field", "fine" if one else "fault", text, overall, "dB", (chart,), (("field", ""),) * (not one))
+    field = Finding("field", "fine" if one else "fault", text, overall, "dB", (chart,), () if one else (("field", ""),))
     problem = measurement.problem("unit", "none")
     arrivals = arrivals_of(problem, None)
     if arrivals is None:
@@ -305,7 +307,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
     rays = median < RULES.arrivals and low_db > RULES.field_db
     if rays:
         text += ": a simulation by rays, which has no sound field at low frequencies"
-    found = (("rays", ""),) * rays
+    found = (("rays", ""),) if rays else ()
     return [field, Finding("measured", "fault" if rays else "fine", text, low_db, "dB", (times,), found)]
 
 
@@ -375,7 +377,7 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
     if not check.fits:
         text = "the list fits the array found in no order: it is of another array, or most positions are far off"
         text += "" if sure else f"; {result.verdict_text}"
-        return Finding("list", "fault" if sure else "unknown", text, found=(("other", ""),) * sure)
+        return Finding("list", "fault" if sure else "unknown", text, found=(("other", ""),) if sure else ())
     own = np.asarray(result.positions)
     fit = fit_list(check, own, listed, result.uncertainty, result.verdict != "scale_undetermined")
     if check.scale == 1:
@@ -388,7 +390,7 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
     faults = [*check.exchanges(names), *replace(fit, poor=off).faults(names)]
     moved = np.flatnonzero(check.order != np.arange(len(own)))
     kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
-    kinds += [("off", "")] * off + [("size", "")] * fit.sized
+    kinds += ([("off", "")] if off else []) + ([("size", "")] if fit.sized else [])
     rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if fit.poor else "fine"
     text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
     text += "" if faults or not fit.poor else f"; {result.verdict_text}"

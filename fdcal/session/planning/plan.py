@@ -203,9 +203,10 @@ def _moved(request: PlanRequest) -> str:
 
 def _of_import(request: PlanRequest) -> str:
     """Return in words that there are more frequencies than an import takes; "" if there are not."""
-    if request.modes is not None or len(request.frequencies) == request.max_modes:
+    wanted = min(request.modes or request.max_modes, request.max_modes)
+    if len(request.frequencies) == wanted:
         return ""
-    return f" in each take, as many of {request.max_modes} as an import takes by default,"
+    return f" in each take, as many of {wanted} as an import takes by default,"
 
 
 def _left_out(request: PlanRequest) -> str:

@@ -197,8 +197,7 @@ class PlanRequest:
     sound_speed: MetresPerSecond = 343.0
     accuracy: Metres = 0.01  # that is wanted
     seed: Seed = 0  # of sources, noise and gains
-    # the lowest so many independent frequencies of the band; unless given all of them, or evenly over the band as many
-    # as an import takes by default
+    # the lowest so many independent frequencies of the band, evenly over these at most as many as an import takes
     modes: Annotated[int, within(MIN_FREQUENCIES)] | None = None
     # places of the source, each recorded by itself at `snr_db`; every take has all frequencies
     takes: Annotated[int, within(1, LIMITS.max_takes)] = 1
@@ -263,10 +262,8 @@ class PlanRequest:
 
     @property
     def frequencies(self) -> np.ndarray:
-        """The independent frequencies in use : (M,) float64, Hz. Unless their number is given, as many as an import."""
-        if self.modes is not None:
-            return self._all_frequencies[: self.modes]
-        return _evenly(self._all_frequencies, default_max_rows(len(self.layout.names), self.takes))
+        """The independent frequencies in use : (M,) float64, Hz, at most as many as an import takes."""
+        return _evenly(self._all_frequencies[: self.modes], default_max_rows(len(self.layout.names), self.takes))
 
     @property
     def max_modes(self) -> int:

@@ -5,9 +5,8 @@ field suite shows (482 cases, or those of the families that the number serves). 
 
 - numbers without which 10 to 27 arrays were the same, too few to remove them: CONVERGED_SIGMAS, MAX_RESTARTS,
   MAX_ROUNDS, SAME_PLACE, LOW_NOISE, NOISE_TOLERANCE, NEAR_NOISE, DAMPED, SUSPICIOUS, GROSS_GAIN_SIGMA, MAX_SIGMA;
-- numbers that were not ablated alone: STAGE_DAMPING, MIN_EIGENVALUE, MAX_DIRECTION_PRODUCTS, CONDITIONAL_POWER,
-  SPACING, CANDIDATES, GIVEN_SIGMA, those of delays and corners, and the columns max_steps, lowest, gains and learns of
-  STAGES.
+- numbers that were not ablated alone: STAGE_DAMPING, MIN_EIGENVALUE, MAX_DIRECTION_PRODUCTS, SPACING, CANDIDATES,
+  GIVEN_SIGMA, those of delays and corners, and the columns max_steps, lowest, gains and learns of STAGES.
 """
 
 from dataclasses import dataclass
