@@ -15,11 +15,10 @@ from PIL import Image
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.basins import basins_of
-from fdcal.cost.descent_path import descent_path
+from fdcal.cost.basins import basins_of, descent_path
+from fdcal.cost.expansion import ORDER_OFFSET
 from fdcal.cost.maps import map_minima, partial_sums
-from fdcal.cost.reference_cost import ORDER_OFFSET
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import save_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer import app, opening
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..cost.reference_cost import reference_cost_of
+from ..cost.expansion import reference_cost_of
 from ..graphics.gallery import Entry, index_html, picture_of, race_html
 from ..graphics.replay import replay_html
-from ..model.texts import parse_modes
+from ..model.validation import parse_modes
 from ..session.calibration_run import problem_of, states_of
 from ..session.comparison import timed_states
 from ..session.history import recorded

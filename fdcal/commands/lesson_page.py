@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..acoustics.measure import cached_measurement
-from ..cost.reference_cost import reference_cost_of
+from ..cost.expansion import reference_cost_of
 from ..graphics.gallery import picture_of
 from ..graphics.replay import replay_html
 from ..model.measurement import Measurement
 from ..model.problem import Problem
-from ..model.texts import parse_modes
-from ..model.validation import InputError
+from ..model.validation import InputError, parse_modes
 from ..session.lesson import IN_USE, Lesson, Setting, Step, states_of_lesson
 
 CAMERAS = {"top": "top", "3d": "3d", "close": "3d"}

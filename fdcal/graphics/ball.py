@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..model.types import Reals
-from ..model.validation import frozen_array
+from ..model.validation import Reals, frozen_array
 from . import glyphs
 from .markers import ESTIMATE, Layer, drape, layer_height, lines, mesh
 from .primitives import Colour, Floor, Picture

@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..cost.expansion import expansion_of
+from ..cost.expansion import expansion_of, reference_cost_of
 from ..cost.maps import eq7_maps, refined
-from ..cost.reference_cost import reference_cost_of
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from .heatmap import colour_limits, normalise, to_rgb

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.scene import Scene
-from ..model.types import Reals
+from ..model.validation import Reals
 from . import glyphs
 from .heatmap import relief_sides
 from .markers import (

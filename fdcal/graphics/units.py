@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..model.measurement import Measurement
-from ..model.texts import format_mm
+from ..model.validation import format_mm
 
 ALL = slice(None)
 

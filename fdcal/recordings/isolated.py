@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..model import isolated as process
+from ..model import libraries as process
 from ..model.validation import InputError
 from .recording import Recording
 

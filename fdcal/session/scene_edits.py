@@ -10,11 +10,10 @@ from typing import Annotated
 
 import numpy as np
 
-from ..model.array_layout import Array, Gauge
 from ..model.arrays import positions_of
 from ..model.declared import Count, Metres, Seed, check, within
 from ..model.room import WALLS
-from ..model.scene import Scene
+from ..model.scene import Array, Gauge, Scene
 from ..model.settings import Search
 from ..model.validation import InputError, require_choice
 

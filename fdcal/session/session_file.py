@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from ..model.declared import build
-from ..model.measurement_file import load_measurement, save_measurement
-from ..model.reading import parse_json, read_archive, require_regular
+from ..model.measurement import load_measurement, save_measurement
 from ..model.scene import Scene
 from ..model.scene_file import MeasuredScene
+from ..model.storage import parse_json, read_archive, require_regular
 from ..model.validation import InputError, StorageError, shown
 from .history import MAX_STATES
 from .request import OpenRequest, plain, table_of

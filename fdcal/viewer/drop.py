@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cost.basins import Basins, basins_of
-from ..cost.descent_path import DescentPath, descent_path
+from ..cost.basins import Basins, DescentPath, basins_of, descent_path
 from ..cost.maps import cost_maps, lattice_of
 from ..graphics.ball import along
 from ..model.settings import Search
-from ..model.types import Reals
+from ..model.validation import Reals
 from ..session.history import SessionView
 from .background.cost_map import CostMap
 from .gui.binding import Binding

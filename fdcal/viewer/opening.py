@@ -22,8 +22,7 @@ from ..graphics.camera import camera_for
 from ..graphics.heatmap import cost_floor
 from ..graphics.picture import compose
 from ..graphics.primitives import Floor, Picture
-from ..model.measurement import Measurement
-from ..model.measurement_file import load_measurement
+from ..model.measurement import Measurement, load_measurement
 from ..model.scene_file import load_scene
 from ..session.request import OpenRequest
 from .gui.words import CanvasWords

@@ -29,7 +29,7 @@ from ..graphics.picture import static_picture, with_estimate, with_floor
 from ..graphics.primitives import Floor, Picture
 from ..graphics.surroundings import with_display_domain
 from ..graphics.volume import Volume, faded
-from ..model.texts import length_text
+from ..model.validation import length_text
 from ..session.calibration_run import Assessment
 from ..session.history import SessionView
 from ..session.request import OpenRequest

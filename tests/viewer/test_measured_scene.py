@@ -11,8 +11,7 @@ from fdcal.commands.options import open_request_of
 from fdcal.graphics.legend import legend_of
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.graphics.units import error_summary
-from fdcal.model.measurement import Measurement
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.scene_file import MeasuredScene, load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.session.calibration_run import with_estimated_domain

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...model.given_positions import MicrophonePositions
-from ...model.reading import require_regular
+from ...model.storage import require_regular
 from ...model.validation import InputError, StorageError
 from ..recording import Recording
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.extras import needs
 from ...model.given_positions import MicrophonePositions
+from ...model.libraries import needs
 from ...model.validation import InputError, StorageError
 from ..isolated import call, isolated
 from ..recording import ZERO_CELSIUS, Recording, sound_speed

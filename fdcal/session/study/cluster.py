@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from ...model.extras import missing_library
+from ...model.libraries import missing_library
 from ...model.validation import InputError
 from .definition import Study
 from .results import Results

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from ...assessment.study_statistics import SCORES
-from ...model.extras import needs
+from ...model.libraries import needs
 from ...model.storage import write_atomically
 from ...model.validation import InputError, StorageError, shown
 from .definition import Study, code_version, describe, version_text

@@ -16,8 +16,8 @@ import numpy as np
 
 from ...acoustics.box_field import point_source_pressures
 from ...acoustics.dictionary import array_f_max
+from ...model.arrays import ball, circle, encloses, random_source
 from ...model.declared import Count, Hertz, Metres, check, within
-from ...model.geometry import ball, circle, encloses, random_source
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
 from ...model.room import Room

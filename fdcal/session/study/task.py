@@ -10,10 +10,9 @@ import numpy as np
 
 from ...acoustics.measure import cached_recordings, measured, sound_field
 from ...acoustics.spectrum import ModalPressures
-from ...assessment.bound import Prior, diffuse_information, position_bound
 from ...assessment.study_statistics import scored
-from ...model.arrays import positions_of
-from ...model.geometry import random_source
+from ...assessment.uncertainty import Prior, diffuse_information, position_bound
+from ...model.arrays import positions_of, random_source
 from ...model.scene import Scene
 from ...model.settings import SolverSettings
 from ...model.storage import cache_key

@@ -44,7 +44,7 @@ class RunSummary:
     largest_error: float | None
     times: np.ndarray  # (P,) float64, s, of the points of the curves
     mean_errors: np.ndarray | None  # (P,) float64, mm, or None
-    costs: np.ndarray  # (P,) float64, dB, of `fdcal.cost.reference_cost`
+    costs: np.ndarray  # (P,) float64, dB, of `fdcal.cost.expansion`
     cost: float | None = None  # dB, of the positions themselves; None until it is computed
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...cost.basins import Basins, basins_of
+from ...cost.expansion import ORDER_OFFSET
 from ...cost.maps import (
     VOLUME_NEGLIGIBLE,
     CostVolume,
@@ -24,7 +25,6 @@ from ...cost.maps import (
     minima_of,
     mode_shape,
 )
-from ...cost.reference_cost import ORDER_OFFSET
 from ...cost.scale import Minima
 from ...graphics.basin_map import basin_slice, descent_text
 from ...graphics.heatmap import field_floor

@@ -1,6 +1,7 @@
 """From a request for a scene to a session that can be shown, on a thread that can be cancelled.
 
-What `fdcal.solvers.warmup` names is compiled on a thread of its own, beside the simulation and then beside the page.
+What `fdcal.solvers.warmup_calls` names is compiled on a thread of its own, beside the simulation and then beside the
+page.
 """
 
 import time
@@ -11,7 +12,7 @@ import numpy as np
 
 from ... import solvers
 from ...acoustics.measure import cached_measurement
-from ...cost.reference_cost import ReferenceCost, reference_cost_of
+from ...cost.expansion import ReferenceCost, reference_cost_of
 from ...model.given_positions import with_search_domain
 from ...model.measurement import Measurement
 from ...model.problem import Problem
@@ -23,8 +24,8 @@ from ...session.calibration_run import with_estimated_domain
 from ...session.request import OpenRequest, as_given
 from ...session.session import Session
 from ...session.worker import LatestWorker
+from ...solvers import warmup_calls
 from ...solvers.interface import RunState, Solver
-from ...solvers.warmup import warmup_calls
 
 POLL_INTERVAL = 0.05  # s between two looks at the progress
 COMPILE_TIME = 1.0  # s; a piece that takes longer is compiled, a faster one is read from the disk

@@ -15,7 +15,7 @@ import viser
 
 from ...graphics.primitives import Picture
 from ...graphics.units import row_word
-from ...model.types import Reals
+from ...model.validation import Reals
 from ...session.calibration_run import Assessment
 from ...session.history import SessionView
 from ...session.request import OpenRequest

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...cost.reference_cost import ORDER_OFFSET
+from ...cost.expansion import ORDER_OFFSET
 from ...model.measurement import Measurement
 from ...model.validation import InputError
 from ...session.lesson import MAX_ORDER_OFFSET

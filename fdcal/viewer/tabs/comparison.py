@@ -12,7 +12,7 @@ from ...graphics.legend import COMPARED, compared_entry
 from ...graphics.markers import solver_mark
 from ...graphics.units import cost_title
 from ...model.measurement import Measurement
-from ...model.texts import length_text
+from ...model.validation import length_text
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary
 from ..gui import html
 from ..gui.binding import Binding, Same, Tab, Tick

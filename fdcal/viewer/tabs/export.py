@@ -20,7 +20,7 @@ from ...graphics.snapshot import render_png
 from ...graphics.surroundings import z_range_of
 from ...graphics.units import error_summary
 from ...graphics.volume import Volume, sampled_volume
-from ...model.isolated import call
+from ...model.libraries import call
 from ...model.validation import InputError
 from ...session import session_file
 from ...session.history import SessionView

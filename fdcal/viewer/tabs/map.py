@@ -3,13 +3,12 @@
 import numpy as np
 
 from ...acoustics.dictionary import max_order
-from ...cost.reference_cost import decibels
+from ...cost.expansion import decibels
 from ...graphics.primitives import format_number
 from ...graphics.units import row_word
 from ...graphics.volume import AXES
 from ...model.measurement import Measurement
-from ...model.texts import modes_text, parse_modes
-from ...model.validation import InputError
+from ...model.validation import InputError, modes_text, parse_modes
 from ..background.cost_map import CostMap, count_label, modes_label, of_take
 from ..background.prepare import PreparedRun
 from ..gui import html

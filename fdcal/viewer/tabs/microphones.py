@@ -14,7 +14,7 @@ from viser import uplot
 from ...graphics.units import ALL
 from ...model.gauge import position_errors
 from ...model.measurement import Measurement
-from ...model.texts import mm_text
+from ...model.validation import mm_text
 from ...session.history import SessionView
 from ..background.verdict import PositionUncertainty
 from ..gui.binding import Binding, Same, Tab, Tick

@@ -9,8 +9,7 @@ from html import escape
 import numpy as np
 import viser
 
-from ...assessment.bound import position_bound
-from ...assessment.uncertainty import confidence_factor, ellipse_axes
+from ...assessment.uncertainty import confidence_factor, ellipse_axes, position_bound
 from ...model.scene import Scene
 from ...session.blas_threads import one_blas_thread
 from ...session.planning.bounds import request_information, takes_cases
