@@ -47,8 +47,8 @@ FRAMES = """seconds => new Promise(resolve => {
 PAINTED = """
 window.painted = {map: 0, relief: 0};
 new PerformanceObserver(list => {
-    for (const entry of list.getEntries())
-        if (entry.name == "first-contentful-paint" && document.getElementById("fdcal-film")) painted.map ||= entry.startTime;
+    for (const {name, startTime} of list.getEntries())
+        if (name == "first-contentful-paint" && document.getElementById("fdcal-film")) painted.map ||= startTime;
 }).observe({type: "paint", buffered: true});
 const look = () => {
     if (window.__viserMutable?.nodeRefFromName?.["/relief"]?.children.length) painted.relief = performance.now();
