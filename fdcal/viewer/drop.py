@@ -13,7 +13,7 @@ import numpy as np
 
 from ..cost.basins import Basins, DescentPath, basins_of, descent_path
 from ..cost.maps import cost_maps, lattice_of
-from ..graphics.ball import along
+from ..graphics.overlays import along
 from ..model.settings import Search
 from ..model.validation import Reals
 from ..session.history import SessionView
