@@ -26,7 +26,7 @@ from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
 from ..model.scene_file import load_scene
 from ..session.request import OpenRequest
-from .gui.words import CanvasWords
+from .gui.overlay import CanvasWords
 from .scene3d.nodes import SceneNodes
 
 SCENE, MICROPHONE = "fig1_square", 16

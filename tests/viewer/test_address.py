@@ -13,7 +13,7 @@ from fdcal.session.lesson import load_lesson
 from fdcal.session.request import OpenRequest
 from fdcal.viewer import address
 from fdcal.viewer.address import address_of, parse_address
-from fdcal.viewer.gui.choices import MAP_KINDS
+from fdcal.viewer.gui.binding import MAP_KINDS
 from fdcal.viewer.opening import Opening
 from fdcal.viewer.page import Page
 from fdcal.viewer.scene3d.nodes import SceneNodes

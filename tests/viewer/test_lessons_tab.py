@@ -11,7 +11,7 @@ from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import MAPS, Frame, Lesson, Setting, Step, load_lesson
 from fdcal.session.request import edited
 from fdcal.session.session import Session
-from fdcal.viewer.gui.choices import MAP_KINDS
+from fdcal.viewer.gui.binding import MAP_KINDS
 from fdcal.viewer.lesson_settings import apply_setting, show_frame
 from fdcal.viewer.panels import Panels
 from fdcal.viewer.server.hardening import open_server

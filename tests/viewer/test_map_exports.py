@@ -20,9 +20,9 @@ from fdcal.graphics.markers import ESTIMATE, LOWEST
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
-from fdcal.viewer.background.threads import Threads
-from fdcal.viewer.gui.choices import Choices
-from fdcal.viewer.tabs import export as exports
+from fdcal.viewer.background.prepare import Threads
+from fdcal.viewer.gui.binding import Choices
+from fdcal.viewer.tabs import view as exports
 
 MICROPHONE, MODES = 9, (7, 9, 20)
 

@@ -17,8 +17,7 @@ from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer import app, opening
-from fdcal.viewer.gui.overlay import Overlay
-from fdcal.viewer.gui.words import CanvasWords
+from fdcal.viewer.gui.overlay import CanvasWords, Overlay
 from fdcal.viewer.page import Page
 from fdcal.viewer.scene3d.nodes import SceneNodes
 

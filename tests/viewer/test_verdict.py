@@ -23,9 +23,9 @@ from fdcal.session.history import History
 from fdcal.session.request import OpenRequest
 from fdcal.session.sources import CalibrationInput, scene_input
 from fdcal.viewer.background import prepare
-from fdcal.viewer.background.verdict import IDLE_TIME, VerdictWorker, uncertainty_of
 from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, verdict_html
 from fdcal.viewer.server.hardening import STYLE
+from fdcal.viewer.session_view import IDLE_TIME, VerdictWorker, uncertainty_of
 from fdcal.viewer.tabs.microphones import channel_table, given_table
 
 
