@@ -362,7 +362,7 @@ def test_a_client_that_asks_for_answers_and_reads_none_is_disconnected(server, m
 
 
 def test_nothing_is_printed_on_the_event_loop(tmp_path):
-    """Neither output is read; each stranger's text alone would fill a pipe after 16 hardening."""
+    """Neither output is read; each stranger's text alone would fill a pipe after 16 connections."""
     environment = {**os.environ, "FDCAL_CACHE": str(tmp_path)}
     command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", "0", "--no-browser"]
     served = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
