@@ -264,7 +264,7 @@ def test_a_setting_that_fails_is_shown_as_an_error(page):
     assert "1 to 20" in text_of(lessons)
 
 
-def test_a_frame_is_shown_or_run_to():
+def test_a_frame_is_shown_or_run_to(kernels):
     scene = edited(load_scene("tiny"), {"solver.name": "descent"})
     session = Session(cached_measurement(scene).problem(), scene.solver, 0)
     session.step(6)

@@ -28,7 +28,7 @@ MICROPHONE, MODES = 9, (7, 9, 20)
 
 
 @pytest.fixture(scope="module")
-def snapshot(scene):
+def snapshot(scene, kernels):
     """The page on `tiny` with the map of a few modes, the array a little off the truth."""
     measurement, solver = cached_measurement(scene), solvers.load("joint")
     problem = measurement.problem()
