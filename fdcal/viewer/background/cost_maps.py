@@ -34,9 +34,8 @@ from ...cost.reference_cost import ORDER_OFFSET
 from ...cost.scale import Minima
 from ...graphics.basin_map import basin_floor, basin_slice, descent_text
 from ...graphics.heatmap import cost_floor, cost_label, field_floor
+from ...graphics.picture import row_word, z_range_of
 from ...graphics.primitives import Area, ColourBar, Floor
-from ...graphics.surroundings import z_range_of
-from ...graphics.units import row_word
 from ...graphics.volume import AXES, PIXELS, POINTS, SampledVolume, Volume, drawn_volume, sampled_volume, sliced
 from ...model.measurement import Measurement
 from ...model.problem import Problem

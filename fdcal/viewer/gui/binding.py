@@ -20,8 +20,8 @@ import viser
 
 from ...assessment.calibration import Channels
 from ...cost.reference_cost import ORDER_OFFSET
+from ...graphics.picture import row_word
 from ...graphics.primitives import Picture
-from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ...model.types import Reals
 from ...model.validation import InputError

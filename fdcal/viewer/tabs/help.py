@@ -11,7 +11,7 @@ from html import escape
 import viser
 from viser._messages import HotkeyKey, KeyModifier
 
-from ...graphics.legend import MARKS as DRAWN
+from ...graphics.annotations import MARKS as DRAWN
 from ...model.room import MEASURED_AND_MODELLED
 from ..gui.html import CARD, legend
 from .lessons import BACK, NEXT
@@ -148,7 +148,6 @@ def _add(gui: viser.GuiApi, page, key: Key) -> None:
     @command.on_trigger
     async def _(event) -> None:
         if event.client is not None:
-            page.end_opening()
             key.act(page, event.client)
 
 
