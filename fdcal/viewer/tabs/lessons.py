@@ -22,9 +22,9 @@ from ..gui.overlay import whole
 from ..lesson_settings import PageBefore, apply_setting, plain_choices
 
 if TYPE_CHECKING:
+    from ..background.prepare import SessionSwitcher
     from ..panels import Panels
     from ..scene3d.nodes import SceneNodes
-    from ..session_switch import SessionSwitcher
     from ..session_view import Viewer
 
 INTRODUCTION = (

@@ -15,8 +15,7 @@ from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
 from ...session.history import SessionView
-from ..background.verdict import PositionUncertainty
-from ..gui.binding import Binding, Same, Tab, Tick
+from ..gui.binding import Binding, PositionUncertainty, Same, Tab, Tick
 from ..gui.html import CARD, verdict_word
 from ..gui.plots import BLUE, RED, Plot, decades_of, dots
 
