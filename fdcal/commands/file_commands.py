@@ -47,8 +47,7 @@ def import_(sources, output, files, number, dimension, array_dimension, force, *
     path = output_path(output, ".npz", force, *sources, options["reference"])
     from ..model.measurement_file import save_measurement
     from ..model.storage import write_atomically
-    from ..recordings.import_report import import_summary
-    from ..recordings.importer import import_recording
+    from ..recordings.importer import import_recording, import_summary
 
     asked = ImportOptions(source=number, files=files or "auto", dimension=int(dimension), **options)
     asked = replace(asked, array_dimension=int(array_dimension) if array_dimension else None)
@@ -113,7 +112,7 @@ def correct(recording, result, output, force):
     """
     from ..assessment.result_file import load_result
     from ..recordings import formats
-    from ..recordings.correction import SUFFIXES, correction_of, correction_summary, write_corrected
+    from ..recordings.export import SUFFIXES, correction_of, correction_summary, write_corrected
 
     path = output_path(output, SUFFIXES, force, recording, result)
     recorded = formats.read(recording)

@@ -11,8 +11,8 @@ from ..graphics.replay import replay_html
 from ..model.texts import parse_modes
 from ..session.calibration_run import problem_of, states_of
 from ..session.comparison import timed_states
-from ..session.history import recorded
 from ..session.lesson import load_lesson
+from ..session.session import recorded
 from ..session.sources import CalibrationInput, with_settings
 from .lesson_page import lesson_html
 from .options import scene_of

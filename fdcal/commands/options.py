@@ -19,8 +19,7 @@ from . import parameter_types as types
 
 if TYPE_CHECKING:
     from ..assessment.calibration import Calibration
-    from ..session.request import OpenRequest
-    from ..session.sources import CalibrationInput, Progress
+    from ..session.sources import CalibrationInput, OpenRequest, Progress
 
 
 def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: str | None) -> Path:
@@ -259,7 +258,7 @@ def open_request_of(text: str) -> OpenRequest:
 
         return read(text)
     from ..model.scene_file import load_scene, scene_names
-    from ..session.request import OpenRequest, measurement_request
+    from ..session.sources import OpenRequest, measurement_request
 
     if text in scene_names():  # every one of these is tested
         return OpenRequest(load_scene(text))

@@ -132,7 +132,7 @@ def _exit_code(found: TakesResult | None) -> int:
 
 def _record(record_take, stream: SoundStream, path: Path, seconds: float, day: Day, force: bool) -> Take:
     """Record one take with a view of its channels; Ctrl-C, SIGTERM and SIGHUP end it."""
-    from ..session.interrupts import Interrupt
+    from ..session.process import Interrupt
     from ..session.takes import EarlyCheck
 
     view, early = LiveView(stream.names), EarlyCheck(day, stream, wait=not stream.live)

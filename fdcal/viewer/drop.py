@@ -17,7 +17,7 @@ from ..cost.maps import cost_maps, lattice_of
 from ..graphics.ball import along
 from ..model.settings import Search
 from ..model.types import Reals
-from ..session.history import SessionView
+from ..session.session import SessionView
 from .background.cost_map import CostMap
 from .gui.binding import Binding
 from .gui.words import NO_BUTTONS, CanvasWords

@@ -10,8 +10,8 @@ import viser
 
 from ..model.texts import parse_modes
 from ..session.lesson import IN_USE, Frame, Setting, parse_frame, run_target
-from ..session.request import OpenRequest
 from ..session.session import Session
+from ..session.sources import OpenRequest
 from .background.comparison import ComparisonWorker
 from .gui.choices import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
 from .panels import Tabs
@@ -20,7 +20,7 @@ from .server.client_values import fits
 from .tabs.map import EQ7, LINEAR, LOG, OBJECTIVE
 
 if TYPE_CHECKING:
-    from ..session.history import SessionView
+    from ..session.session import SessionView
     from .background.prepare import PreparedRun
     from .session_view import Viewer
 

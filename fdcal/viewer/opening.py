@@ -25,7 +25,7 @@ from ..graphics.primitives import Floor, Picture
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
 from ..model.scene_file import load_scene
-from ..session.request import OpenRequest
+from ..session.sources import OpenRequest
 from .gui.words import CanvasWords
 from .scene3d.nodes import SceneNodes
 

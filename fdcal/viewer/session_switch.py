@@ -12,7 +12,7 @@ import viser
 
 from ..model.measurement import Measurement
 from ..model.validation import InputError, StorageError
-from ..session.request import OpenRequest
+from ..session.sources import OpenRequest
 from ..session.worker import LatestWorker
 from .background.prepare import Cancelled, PreparationProgress, PreparedRun, prepare_run
 from .gui import html

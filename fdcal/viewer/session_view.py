@@ -31,8 +31,8 @@ from ..graphics.surroundings import with_display_domain
 from ..graphics.volume import Volume, faded
 from ..model.texts import length_text
 from ..session.calibration_run import Assessment
-from ..session.history import SessionView
-from ..session.request import OpenRequest
+from ..session.session import SessionView
+from ..session.sources import OpenRequest
 from .background.comparison import RunSummary
 from .background.cost_map import CostMap, CostMapRequest, MapStyle, map_modes
 from .background.cost_maps import CostMapWorker

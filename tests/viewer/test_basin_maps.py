@@ -14,7 +14,7 @@ from fdcal.graphics.heatmap import marks_of
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.legend import legend_of
 from fdcal.model.settings import Search
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.gui.choices import BASINS, FLOOR
 from fdcal.viewer.tabs import export as exports
 from fdcal.viewer.tabs.export import map_request

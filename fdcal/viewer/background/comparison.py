@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...session.comparison import Comparison, ComparisonRun
-from ...session.history import SessionView
+from ...session.session import SessionView
 from ...solvers.interface import RunState
 from ..gui.html import error_message
 from .prepare import PreparedRun

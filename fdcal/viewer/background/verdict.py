@@ -9,9 +9,9 @@ import numpy as np
 
 from ...assessment.calibration import Channels
 from ...assessment.uncertainty import confidence_factor, ellipse_axes
-from ...session.blas_threads import one_blas_thread
 from ...session.calibration_run import Assessment, assess_state, healthy_microphones
-from ...session.history import SessionView
+from ...session.process import one_blas_thread
+from ...session.session import SessionView
 from ...session.sources import CalibrationInput
 from ...solvers.interface import RunState
 from ..gui.html import CONTROLS

@@ -17,8 +17,8 @@ from ...graphics.primitives import Picture
 from ...graphics.units import row_word
 from ...model.types import Reals
 from ...session.calibration_run import Assessment
-from ...session.history import SessionView
-from ...session.request import OpenRequest
+from ...session.session import SessionView
+from ...session.sources import OpenRequest
 from ..background.comparison import RunSummary
 from ..background.cost_map import CostMap
 from ..background.prepare import PreparedRun

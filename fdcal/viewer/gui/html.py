@@ -11,7 +11,7 @@ from ...model.measurement import Measurement
 from ...model.texts import length_text
 from ...model.validation import InputError
 from ...session.calibration_run import Assessment
-from ...session.history import SessionView
+from ...session.session import SessionView
 from ..server.process import log_location
 
 CARD = "padding: 0.15em 0.75em; font-size: var(--text); line-height: 1.5;"

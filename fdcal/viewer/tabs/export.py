@@ -23,8 +23,8 @@ from ...graphics.volume import Volume, sampled_volume
 from ...model.isolated import call
 from ...model.validation import InputError
 from ...session import session_file
-from ...session.history import SessionView
-from ...session.request import OpenRequest
+from ...session.session import SessionView
+from ...session.sources import OpenRequest
 from ..background.cost_map import CostMap, CostMapRequest, ModePanels, fine_panels, map_label, map_modes, shown_modes
 from ..background.cost_maps import terms_of
 from ..background.prepare import PreparedRun

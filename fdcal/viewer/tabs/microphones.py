@@ -15,7 +15,7 @@ from ...graphics.units import ALL
 from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.texts import mm_text
-from ...session.history import SessionView
+from ...session.session import SessionView
 from ..background.verdict import PositionUncertainty
 from ..gui.binding import Binding, Same, Tab, Tick
 from ..gui.html import CARD, verdict_word

@@ -9,7 +9,7 @@ import viser
 from viser import uplot
 
 from ...model.measurement import Measurement
-from ...session.history import SessionView
+from ...session.session import SessionView
 from ..background.cost_map import (
     CostMap,
     CostMapRequest,
