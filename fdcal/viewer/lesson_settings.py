@@ -12,11 +12,11 @@ from ..model.texts import parse_modes
 from ..session.lesson import IN_USE, Frame, Setting, parse_frame, run_target
 from ..session.session import Session
 from ..session.sources import OpenRequest
-from .background.comparison import ComparisonWorker
-from .gui.choices import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
+from .gui.binding import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
 from .panels import Tabs
 from .scene3d.cameras import Cameras, KeptView
 from .server.client_values import fits
+from .tabs.comparison import ComparisonWorker
 from .tabs.map import EQ7, LINEAR, LOG, OBJECTIVE
 
 if TYPE_CHECKING:

@@ -21,11 +21,10 @@ from fdcal.session import session_file
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background import prepare as preparing
-from fdcal.viewer.background import prepare as warmup
+from fdcal.viewer.background.prepare import SessionSwitcher
 from fdcal.viewer.preview import show_cached
 from fdcal.viewer.scene3d.nodes import SceneNodes
-from fdcal.viewer.session_switch import SessionSwitcher
-from fdcal.viewer.tabs import export as exports
+from fdcal.viewer.tabs import view as exports
 
 
 def test_the_page_shows_the_progress_of_the_simulation(page_of, scene, monkeypatch, progress_texts):
@@ -286,7 +285,7 @@ def test_scene_switches_leave_no_thread(page_of, scene):
 def test_a_compilation_is_waited_for(scene, monkeypatch, stop):
     """It cannot be interrupted: a cancelled opening ends its thread after it, and closing waits for that."""
     begun, go_on, before = threading.Event(), threading.Event(), names()["fdcal-warmup"]
-    monkeypatch.setattr(warmup, "warmup_calls", lambda _: [("", lambda: begun.set() or go_on.wait(WAIT))])
+    monkeypatch.setattr(preparing, "warmup_calls", lambda _: [("", lambda: begun.set() or go_on.wait(WAIT))])
     switcher = SessionSwitcher()
     switcher.open(OpenRequest(scene))
     switcher.poll()

@@ -22,9 +22,9 @@ from ..gui.overlay import whole
 from ..lesson_settings import PageBefore, apply_setting, plain_choices
 
 if TYPE_CHECKING:
+    from ..background.prepare import SessionSwitcher
     from ..panels import Panels
     from ..scene3d.nodes import SceneNodes
-    from ..session_switch import SessionSwitcher
     from ..session_view import Viewer
 
 INTRODUCTION = (
@@ -115,10 +115,6 @@ class LessonPage(Protocol):
 
     def open(self, request: OpenRequest) -> None:
         """Show something else as soon as it is ready."""
-        ...
-
-    def end_opening(self) -> None:
-        """End the opening where it plays."""
         ...
 
 

@@ -18,8 +18,7 @@ from ...session.planning.request import Layout, PlanRequest
 from ...session.process import one_blas_thread
 from ..background.prepare import PreparedRun
 from ..gui import html
-from ..gui.binding import Binding, Tab, Tick
-from ..gui.choices import PlanChoices
+from ..gui.binding import Binding, PlanChoices, Tab, Tick
 from ..gui.html import error_message
 
 DETERMINED = "pressures and given positions determine all directions"

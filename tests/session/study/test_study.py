@@ -16,8 +16,7 @@ from running import FDCAL, done
 import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.assessment.study_statistics import clustered, judged, selected, share_grid
-from fdcal.graphics.calibration_report import write_page
-from fdcal.graphics.study_report import write_report
+from fdcal.graphics.study_report import write_page, write_report
 from fdcal.model.room import Room
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.study import CodeVersion, Study, code_version, load_study, scene_at, source_hash
@@ -549,10 +548,13 @@ def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
     (tmp_path / "docs").mkdir()
     (tmp_path / "pictures").mkdir()
     page = tmp_path / "docs" / "study-settings.md"
+    case = 'text = "All others are right."\n[[cases]]\nsetting = "flat"\nseed = 6\nwhy = "another basin"\n'
+    page.with_suffix(".cases.toml").write_text(case)
     write_page(page, *read_results(tmp_path / "out"), "settings.toml", "fdcal study settings.toml")
     text = page.read_text()
     assert "4 draws, 1 to 3 of each setting, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
-    assert "Good and wrong: 1 of 4 draws" in text and "- flat, seed 6" in text and "7.0 sigma off" in text
+    assert "Good and wrong: 1 of 4 draws" in text and "| flat | 6 |" in text
+    assert "| 7.0 | another basin |" in text and text.endswith("\n\nAll others are right.\n")
     assert "Refused: 1 of 4 draws" in text and "- flat, seed 5: no room for a source" in text
     assert "| flat | 3 | 1 |" in text and "| all | 4 | 1 |" in text
     assert code_version().source in text and (tmp_path / "pictures" / "study-settings.png").stat().st_size > 5000
