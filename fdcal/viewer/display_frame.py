@@ -12,7 +12,7 @@ import numpy as np
 
 from ..model.gauge import align, rigid_motion
 from ..model.validation import Reals, frozen_array
-from ..session.history import SessionView
+from ..session.session import SessionView
 from ..solvers.interface import RunState
 from .background.prepare import PreparedRun
 

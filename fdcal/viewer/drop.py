@@ -16,7 +16,7 @@ from ..cost.maps import cost_maps, lattice_of
 from ..graphics.overlays import along
 from ..model.settings import Search
 from ..model.validation import Reals
-from ..session.history import SessionView
+from ..session.session import SessionView
 from .background.cost_maps import CostMap
 from .gui.binding import Binding
 from .gui.overlay import NO_BUTTONS, CanvasWords

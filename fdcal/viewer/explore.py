@@ -14,8 +14,8 @@ from ..graphics.camera import VIEWS
 from ..model.arrays import positions_of
 from ..model.scene_file import MeasuredScene, load_scene, scene_names
 from ..model.validation import InputError, StorageError, length_text, modes_text, require_choice
-from ..session.history import SessionView
-from ..session.request import OpenRequest
+from ..session.session import SessionView
+from ..session.sources import OpenRequest
 from .gui.html import error_message, state_word
 from .gui.overlay import whole
 from .session_view import Viewer

@@ -30,11 +30,10 @@ from ..graphics.picture import static_picture, with_display_domain, with_estimat
 from ..graphics.primitives import Floor, Picture
 from ..graphics.volume import Volume, faded
 from ..model.validation import length_text
-from ..session.blas_threads import one_blas_thread
 from ..session.calibration_run import Assessment, assess_state, healthy_microphones
-from ..session.history import SessionView
-from ..session.request import OpenRequest
-from ..session.sources import CalibrationInput
+from ..session.process import one_blas_thread
+from ..session.session import SessionView
+from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
 from .background.cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, map_modes
 from .background.prepare import PreparedRun, Threads

@@ -14,7 +14,7 @@ from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, de
 from fdcal.graphics.heatmap import marks_of
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.model.settings import Search
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.gui.binding import BASINS, FLOOR
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import EQ7

@@ -7,7 +7,7 @@ from browsing import WAIT
 from doubles import State, set_by_client, view_of
 
 from fdcal.cost.maps import eq7_maps
-from fdcal.session.history import History
+from fdcal.session.session import History
 from fdcal.viewer.background import cost_maps
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import map

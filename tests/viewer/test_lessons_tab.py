@@ -9,7 +9,7 @@ from browsing import WAIT
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import MAPS, Frame, Lesson, Setting, Step, load_lesson
-from fdcal.session.request import edited
+from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.viewer.gui.binding import MAP_KINDS
 from fdcal.viewer.lesson_settings import apply_setting, show_frame

@@ -18,7 +18,8 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
-from fdcal.session.request import OpenRequest, edited
+from fdcal.session.scene_edits import edited
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background import prepare as preparing
 from fdcal.viewer.background.prepare import SessionSwitcher
 from fdcal.viewer.preview import show_cached
@@ -320,7 +321,7 @@ def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
 
 ENDING = """
 import os, signal, sys, threading, time
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer import serve
 def ready(url):

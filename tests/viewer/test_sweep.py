@@ -8,7 +8,7 @@ from doubles import set_by_client
 
 from fdcal.cost.basins import local_minima
 from fdcal.cost.maps import cost_maps, refined
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.tabs.sweep import DOWN, Playback, SweepWorker
 
 

@@ -26,8 +26,8 @@ from ...model.scene_file import MeasuredScene
 from ...model.settings import ALL_MODES
 from ...model.validation import InputError, StorageError
 from ...session.calibration_run import with_estimated_domain
-from ...session.request import OpenRequest, as_given
 from ...session.session import Session
+from ...session.sources import OpenRequest, as_given
 from ...session.worker import Delivery, LatestWorker
 from ...solvers import warmup_calls
 from ...solvers.interface import RunState, Solver

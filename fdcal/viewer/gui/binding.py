@@ -25,9 +25,9 @@ from ...graphics.primitives import Picture
 from ...model.measurement import Measurement
 from ...model.validation import InputError, Reals
 from ...session.calibration_run import Assessment
-from ...session.history import SessionView
 from ...session.lesson import MAX_ORDER_OFFSET
-from ...session.request import OpenRequest
+from ...session.session import SessionView
+from ...session.sources import OpenRequest
 from ..background.cost_maps import CostMap, MapStyle
 from ..background.prepare import PreparedRun, Threads
 from ..display_frame import DisplayFrame

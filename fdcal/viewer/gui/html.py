@@ -13,7 +13,7 @@ from ...graphics.primitives import ColourBar, format_number
 from ...model.measurement import Measurement
 from ...model.validation import InputError, length_text
 from ...session.calibration_run import Assessment
-from ...session.history import SessionView
+from ...session.session import SessionView
 from ..server.process import log_location
 
 CARD = "padding: 0.15em 0.75em; font-size: var(--text); line-height: 1.5;"

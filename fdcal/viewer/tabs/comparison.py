@@ -23,7 +23,7 @@ from ...graphics.picture import cost_title
 from ...model.measurement import Measurement
 from ...model.validation import length_text
 from ...session.comparison import Comparison, ComparisonRun
-from ...session.history import SessionView
+from ...session.session import SessionView
 from ...solvers.interface import RunState
 from ..background.prepare import PreparedRun, Threads
 from ..gui import html
