@@ -9,9 +9,8 @@ import pytest
 from PIL import Image
 
 from fdcal.cost.scale import Minima
-from fdcal.graphics.annotations import annotate, legend_height, margins
+from fdcal.graphics.annotations import MARKS, annotate, legend_height, legend_of, margins, symbol
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.legend import MARKS, legend_of, symbol
 from fdcal.graphics.overlays import (
     ellipse_scale,
     with_comparison,
@@ -27,7 +26,7 @@ from fdcal.graphics.volume import slice_of, volume_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Search
-from fdcal.viewer.gui.legend_html import canvas_legend
+from fdcal.viewer.gui.html import canvas_legend
 
 SIZE = (1280, 800)
 PLANE = [name for name in MARKS if name not in ("isosurfaces", "slice")]  # marks of a plane array
