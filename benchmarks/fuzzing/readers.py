@@ -64,7 +64,7 @@ def measurement(count: int = 8, modes: int = 6) -> Measurement:
 def _make_session(path: Path) -> None:
     from fdcal import solvers
     from fdcal.model.scene_file import placeholder_scene
-    from fdcal.session.request import OpenRequest
+    from fdcal.session.sources import OpenRequest
 
     settings = SolverSettings(modes=6, name="descent", start="random", first_modes=2)
     own = measurement(count=24)

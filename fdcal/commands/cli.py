@@ -23,7 +23,7 @@ import click
 
 from ..model.extras import missing_library
 from ..model.validation import InputError
-from ..session.blas_threads import one_blas_thread_for_command
+from ..session.process import one_blas_thread_for_command
 from . import file_commands, plan_commands, plot_commands
 from . import options as opt
 
@@ -120,7 +120,7 @@ def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> N
     """Print the version, and the commit where fdcal runs from a checkout, and end."""
     if not asked:
         return
-    from ..session.study.definition import code_version
+    from ..session.study import code_version
 
     code = code_version()
     click.echo(f"fdcal {code.version}" + (f", commit {code.commit}" if code.commit else ""))

@@ -21,8 +21,8 @@ from ..model.texts import parse_modes
 from ..model.validation import InputError
 from ..session.calibration_run import problem_of, states_of
 from ..session.comparison import timed_states
-from ..session.history import recorded
 from ..session.lesson import IN_USE, Lesson, Setting, Step, load_lesson, states_of_lesson
+from ..session.session import recorded
 from ..session.sources import CalibrationInput, with_settings
 from .options import scene_of
 from .plotting import counted_microphones

@@ -20,7 +20,7 @@ from ..model.problem import Problem
 from ..model.settings import Search, SolverSettings
 from ..model.validation import InputError, frozen_array, shown_literal
 from ..session.api import mode_numbers, require_measurement, require_settings
-from ..session.blas_threads import one_blas_thread
+from ..session.process import one_blas_thread
 from .basin_map import TABLE, basin_image
 from .markers import ESTIMATE, LOWEST
 from .primitives import COLOUR_MAP, fractions

@@ -25,7 +25,7 @@ from ..model.validation import InputError, frozen_array
 from ..solvers import load, run
 from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
 from ..solvers.requirements import check_solvable
-from .blas_threads import one_blas_thread
+from .process import one_blas_thread
 from .sources import CalibrationInput, Progress
 
 

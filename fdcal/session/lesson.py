@@ -27,7 +27,7 @@ from ..model.settings import SolverSettings
 from ..model.texts import parse_modes
 from ..model.validation import InputError, StorageError, shown
 from ..solvers.interface import RunState
-from .request import edited
+from .scene_edits import edited
 
 # A frame stands after # in the address of a replay, as "step=12&microphone=9&modes=1-20":
 #

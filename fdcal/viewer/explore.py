@@ -15,8 +15,8 @@ from ..model.arrays import positions_of
 from ..model.scene_file import MeasuredScene, load_scene, scene_names
 from ..model.texts import length_text, modes_text
 from ..model.validation import InputError, StorageError, require_choice
-from ..session.history import SessionView
-from ..session.request import OpenRequest
+from ..session.session import SessionView
+from ..session.sources import OpenRequest
 from .gui.html import error_message, state_word
 from .gui.overlay import whole
 from .session_view import Viewer

@@ -32,8 +32,8 @@ from fdcal.session.planning.bounds import request_information
 from fdcal.solvers import load
 from fdcal.solvers.estimate import Estimate, TriedOptimum
 from fdcal.solvers.robust.result import estimate_at, sandwich
-from fdcal.viewer.background.verdict import uncertainty_of
-from fdcal.viewer.gui.choices import PlanChoices
+from fdcal.viewer.gui.binding import PlanChoices
+from fdcal.viewer.session_view import uncertainty_of
 from fdcal.viewer.tabs.plan import plan_request, planned_array
 
 TRUTH = np.random.default_rng(5).uniform(-0.5, 0.5, (9, 2)) + [2.6, 2.3]

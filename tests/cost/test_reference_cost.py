@@ -14,7 +14,7 @@ from fdcal.cost.maps import eq7_maps, mode_shape, power_shares
 from fdcal.cost.reference_cost import ReferenceCost, decibels, reference_cost_of
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
-from fdcal.session.request import edited
+from fdcal.session.scene_edits import edited
 
 SHIFT = 0.05  # m
 FAULTY = (9, 3)  # inverted, dead

@@ -27,7 +27,7 @@ from fdcal.graphics.volume import slice_of, volume_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Search
-from fdcal.viewer.gui.legend_html import canvas_legend
+from fdcal.viewer.gui.html import canvas_legend
 
 SIZE = (1280, 800)
 PLANE = [name for name in MARKS if name not in ("isosurfaces", "slice")]  # marks of a plane array

@@ -14,8 +14,7 @@ from fdcal.model.room import MEASURED_AND_MODELLED, response_path
 from fdcal.model.sdm_response import load_sdm_response, read_arrays
 from fdcal.model.validation import InputError
 from fdcal.recordings.import_options import ImportOptions
-from fdcal.recordings.import_report import import_summary
-from fdcal.recordings.importer import import_recording
+from fdcal.recordings.importer import import_recording, import_summary
 
 PLACES = np.random.default_rng(0).uniform(-0.3, 0.3, (24, 3))
 ROOM = str(response_path("listening_lab"))

@@ -18,7 +18,8 @@ from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
 from fdcal.session.planning.request import read_layout
-from fdcal.session.request import OpenRequest, edited
+from fdcal.session.scene_edits import edited
+from fdcal.session.sources import OpenRequest
 
 
 @pytest.fixture(scope="module")

@@ -39,8 +39,8 @@ from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.session import session_file
-from fdcal.viewer.background import verdict
-from fdcal.viewer.tabs import export as exports
+from fdcal.viewer import session_view as verdict
+from fdcal.viewer.tabs import view as exports
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +133,7 @@ def test_run_becomes_pause(page):
 
 
 def test_a_button_that_is_pressed_as_the_verdict_comes_stays_below_the_pointer(page, monkeypatch):
-    monkeypatch.setattr(verdict, "IDLE_TIME", 1.5)  # s, in which the mouse is pressed
+    monkeypatch.setattr(verdict, "VERDICT_DELAY", 1.5)  # s, in which the mouse is pressed
     press(page, "Run")
     page.get_by_text("Assessing the result").wait_for()
     button = page.get_by_role("button", name="Reset", exact=True)

@@ -6,7 +6,7 @@ import pytest
 from fdcal.cost.basins import basins_of, local_minima
 from fdcal.cost.maps import cost_maps, map_positions, refined
 from fdcal.model.scene_file import load_scene
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer import drop as drop_module
 
 MODE = 20  # of `tiny`, whose map has several minima

@@ -16,7 +16,7 @@ from fdcal.model.scene_file import MeasuredScene, load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.session.calibration_run import with_estimated_domain
 from fdcal.session.sources import scene_input
-from fdcal.viewer.background.cost_map import map_modes
+from fdcal.viewer.background.cost_maps import map_modes
 from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
 from fdcal.viewer.gui import html
 from fdcal.viewer.gui.binding import Binding

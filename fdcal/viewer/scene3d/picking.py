@@ -16,8 +16,7 @@ from ...graphics.glyphs import annuli, lift
 from ...graphics.markers import drape
 from ...graphics.overlays import CUT_RADIUS
 from ...graphics.primitives import Floor, Picture
-from ..gui.binding import Binding
-from ..gui.choices import Line
+from ..gui.binding import Binding, Line
 
 DISC_RADIUS = 1.7  # in radii of a marker
 FIXED = 0.9  # size of the discs of microphones that cannot be dragged, of the others: a finger rather takes those
