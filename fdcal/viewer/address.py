@@ -20,11 +20,10 @@ import viser
 
 from ..graphics.camera import Camera
 from ..model.scene_file import load_scene, scene_names
-from ..model.texts import modes_text, parse_modes
-from ..model.validation import InputError, shown
+from ..model.validation import InputError, modes_text, parse_modes, shown
 from ..session.lesson import IN_USE, MAPS, Map, Setting
-from ..session.request import OpenRequest
-from .gui.choices import kind_of
+from ..session.sources import OpenRequest
+from .gui.binding import kind_of
 from .lesson_settings import KINDS, apply_setting, plain_choices
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 from .session_view import Viewer
@@ -124,7 +123,6 @@ class AddressBar:
         viewer, lessons = self._page.viewer, self._lessons
         if viewer is None:
             self._asked = client, asked
-            self._page.end_opening()
             return
         name = viewer.run.scene.name
         if asked.lesson:

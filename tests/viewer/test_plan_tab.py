@@ -9,14 +9,13 @@ from browsing import WAIT
 from doubles import INVALID_VALUES, set_by_client
 
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.graphics.legend import legend_of
+from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.overlays import with_bound
 from fdcal.graphics.picture import static_picture
 from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.session.planning.plan import make_plan, plan_dict
 from fdcal.session.planning.request import PlanRequest, read_layout
-from fdcal.viewer.gui.binding import Binding, Tick
-from fdcal.viewer.gui.choices import PlanChoices
+from fdcal.viewer.gui.binding import Binding, PlanChoices, Tick
 from fdcal.viewer.tabs.plan import PlanTab, planned_array
 
 

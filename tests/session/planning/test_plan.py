@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fdcal.acoustics.dictionary import dictionary
-from fdcal.assessment.bound import position_bound
-from fdcal.graphics.plan_figure import draw_plan, plan_html
+from fdcal.assessment.uncertainty import position_bound
+from fdcal.graphics.reports import draw_plan, plan_html
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings.frequencies import default_max_rows
 from fdcal.session.planning.bounds import field_of, forecast, places_in_room, request_information, wavenumbers_of
