@@ -1,7 +1,7 @@
 """One fixed array over draws of source and noise: squared error over claimed variance, where 1 is right.
 
-24 microphones in a disc of 0.5 m in a room of 6 x 5 m, and 32 in a ball of 0.4 m in one of 4.6 x 3.8 x 2.7 m, six given,
-rigid walls, the noise reported. The ratio is the mean over draws of the mean over the microphones that are sought; with
+24 microphones in a disc of 0.5 m in a room of 6 x 5 m, and 32 in a ball of 0.4 m in one of 4.6 x 3.8 x 2.7 m, six given
+each, rigid walls, the noise reported. The ratio is the mean over draws of the mean over the microphones that are sought; with
 one standard error. FDCAL_BENCH_DRAWS draws of each line, 25 unless given.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.assessment.uncertainty import confidence_factor
-from fdcal.model.geometry import ball, random_source
+from fdcal.model.arrays import ball, random_source
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
 from fdcal.model.room import Room
