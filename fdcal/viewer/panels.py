@@ -137,34 +137,25 @@ class RunBar:
     """
 
     def __init__(self, binding: Binding, restart: Callable[[], None]):
-        self._binding, self._restart, gui, on = binding, restart, binding.gui, binding.on
+        self._binding, self._restart, gui = binding, restart, binding.gui
         self._watched = binding.run.solver.TRAITS.moves_all  # whether a run begins slowly
         self._since, self._paced = -1.0, float(self._rate)  # when the run began, s, or below 0; its steps per second
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
-        self.run = on(
-            gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused"),
-            lambda _: self.toggle(),
+        self.run = binding.button(
+            "Run", lambda _: self.toggle(), icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused"
         )
-        self.steps = on(
-            gui.add_button_group(
-                "Solve", STEPS,
-                hint="Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
-                " until a mode is added or the objective changes. Reset: return to the start",
-            ),
-            self.press,
+        self.steps = binding.button_group(
+            "Solve", STEPS, self.press,
+            hint="Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
+            " until a mode is added or the objective changes. Reset: return to the start",
         )  # fmt: skip
-        self.time = on(
-            gui.add_slider(
-                "State", 0, 1, 1, 0, disabled=True, hint="Rewind to an earlier state; the solver continues from there"
-            ),
-            binding.session.seek,
-        )
-        self.speed = on(
-            gui.add_slider(
-                "Steps per second", 1, MAX_RATE, 1, self._rate,
-                hint=f"Of Run; {MAX_RATE}: as fast as the machine can",
-            ),
-            self.limit_rate,
+        self.time = binding.slider(
+            "State", 0, 1, 1, 0, binding.session.seek, disabled=True,
+            hint="Rewind to an earlier state; the solver continues from there",
+        )  # fmt: skip
+        self.speed = binding.slider(
+            "Steps per second", 1, MAX_RATE, 1, self._rate, self.limit_rate,
+            hint=f"Of Run; {MAX_RATE}: as fast as the machine can",
         )  # fmt: skip
 
     @property

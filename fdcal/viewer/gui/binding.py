@@ -2,7 +2,7 @@
 
 The choices, apart from those that belong to the session, are saved with it.
 
-A control, its bounds and its effect are declared together: `binding.on(gui.add_slider("SNR (dB)", 1, 60, 1, 30), act)`.
+A control, its bounds and its effect are declared together: `binding.slider("SNR (dB)", 1, 60, 1, 30, act)`.
 A value that the control cannot have never arrives; `server.hardening` drops it. Callbacks are `async`, so that viser
 runs them in order on its own event loop. None of them blocks. viser sends a property only where it differs from what
 the browsers have; so a tab assigns all that it shows at each tick.
@@ -367,6 +367,29 @@ class Binding:
                     raise
 
         return bind(handle, respond)
+
+    # Controls of viser, with their bounds and their effect.
+
+    def slider(self, label: str, low, high, step, value, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_slider(label, low, high, step, value, **options), act)
+
+    def number(self, label: str, value, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_number(label, value, **options), act)
+
+    def checkbox(self, label: str, value: bool, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_checkbox(label, value, **options), act)
+
+    def dropdown(self, label: str, names: tuple[str, ...], value: str, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_dropdown(label, names, initial_value=value, **options), act)
+
+    def text(self, label: str, value: str, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_text(label, value, **options), act)
+
+    def button(self, label: str, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_button(label, **options), act)
+
+    def button_group(self, label: str, names: tuple[str, ...], act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_button_group(label, names, **options), act)
 
     def on_client(self, handle: Control, act: Callable[[viser.ClientHandle, Any], object]) -> Control:
         """Call `act(client, value)` when a client has pressed a button; return the button."""

@@ -285,22 +285,22 @@ class ComparisonTab(Tab):
             binding.gui.add_html(html.remark(NO_SEARCH))
 
     def _add_controls(self) -> None:
-        gui, on, worker = self._binding.gui, self._binding.on, self.worker
+        binding, gui, worker = self._binding, self._binding.gui, self.worker
         self._combinations = combinations()
         self.solvers = gui.add_dropdown("Solvers", tuple(self._combinations), initial_value=ALL)
         self.start = gui.add_dropdown("Start from", STARTS, initial_value="random", hint="The same for all solvers")
         self.seed = gui.add_number(
-            "Random seed", self._binding.choices.seed, min=0, max=MAX_SEED, step=1,
+            "Random seed", binding.choices.seed, min=0, max=MAX_SEED, step=1,
             hint="Of the random start, and of the order in which descent moves the microphones",
         )  # fmt: skip
-        self.run = on(
-            gui.add_button("Start", icon=viser.Icon.FLAG, hint="Start; press again to pause and to resume"),
-            lambda _: worker.toggle(self.setup),
-        )
-        self.restart = on(
-            gui.add_button_group("", ("Reset", "Clear"), visible=False, hint="Restart or clear the race"),
-            lambda value: (worker.reset if value == "Reset" else worker.stop)(),
-        )
+        self.run = binding.button(
+            "Start", lambda _: worker.toggle(self.setup), icon=viser.Icon.FLAG,
+            hint="Start; press again to pause and to resume",
+        )  # fmt: skip
+        self.restart = binding.button_group(
+            "", ("Reset", "Clear"), lambda value: (worker.reset if value == "Reset" else worker.stop)(), visible=False,
+            hint="Restart or clear the race",
+        )  # fmt: skip
         self.far = gui.add_html("", visible=False)
         self.marks = gui.add_checkbox("Show marks", True, hint="Mark the estimates of each solver")
         self.table = gui.add_html("")

@@ -264,31 +264,27 @@ class SweepTab(Tab):
         self._drawn: tuple = ()  # what the curve shows
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
         with binding.gui.add_folder(f"Add {binding.row}s"):
-            self._add_controls()
+            self._add_controls(binding, binding.modes, binding.row)
             self._plot = Plot(
                 binding.gui, "Local minima of the sum", curve_series(), f"{binding.row}s summed",
                 height=140, whole=True, legend=False,
             )  # fmt: skip
 
-    def _add_controls(self) -> None:
-        gui, on, modes, row = self._binding.gui, self._binding.on, self._binding.modes, self._binding.row
-        self.play = on(
-            gui.add_button("Play", icon=viser.Icon.PLUS, hint=f"Add one {row} after the other to the map"),
-            lambda _: self.toggle(),
+    def _add_controls(self, binding: Binding, modes: int, row: str) -> None:
+        self.play = binding.button(
+            "Play", lambda _: self.toggle(), icon=viser.Icon.PLUS, hint=f"Add one {row} after the other to the map"
         )
-        self.summed = on(
-            gui.add_slider(f"{row.title()}s summed", 1, modes, 1, modes, hint=f"How many {row}s the map is the sum of"),
-            self.sum_modes,
+        self.summed = binding.slider(
+            f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes, hint=f"How many {row}s the map is the sum of"
         )
-        with gui.add_folder("Order and speed", expand_by_default=False):
+        with binding.gui.add_folder("Order and speed", expand_by_default=False):
             hint = f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down"
-            self.order = on(gui.add_dropdown("Order", ORDERS, initial_value=UP, hint=hint), lambda _: self._restart())
-            self.highest = on(
-                gui.add_slider(f"Highest {row}", 1, modes, 1, modes, hint="Of the whole sum"),
-                lambda _: self._restart(),
+            self.order = binding.dropdown("Order", ORDERS, UP, lambda _: self._restart(), hint=hint)
+            self.highest = binding.slider(
+                f"Highest {row}", 1, modes, 1, modes, lambda _: self._restart(), hint="Of the whole sum"
             )
-            self.rate = on(gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE), self._set_rate)
-        self.text = gui.add_html(html.remark(ADVICE.format(row)))
+            self.rate = binding.slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE, self._set_rate)
+        self.text = binding.gui.add_html(html.remark(ADVICE.format(row)))
 
     @property
     def playing(self) -> bool:

@@ -50,41 +50,33 @@ class ViewTab(Tab):
     """
 
     def __init__(self, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
-        self._binding, gui, on, choices = binding, binding.gui, binding.on, binding.choices
+        self._binding, gui, choices = binding, binding.gui, binding.choices
         self.camera = binding.on_client(
             gui.add_button_group("Camera", tuple(VIEWS)),  # a hint would cover the tabs above
             lambda client, value: place(client, VIEWS[value]),
         )
         gui.add_html(html.remark("Of this window only: plan view, whole room, array."))
-        self.dark = on(gui.add_checkbox("Dark page", choices.style.dark), self.darken)
-        self.lecture = on(
-            gui.add_checkbox(
-                "Lecture mode", choices.lecture, hint="Large type, the panels folded away; key H ends it, too"
-            ),
-            self.lecture_mode,
+        self.dark = binding.checkbox("Dark page", choices.style.dark, self.darken)
+        self.lecture = binding.checkbox(
+            "Lecture mode", choices.lecture, self.lecture_mode,
+            hint="Large type, the panels folded away; key H ends it, too",
+        )  # fmt: skip
+        self.trails = binding.checkbox(
+            "Trails", choices.trails, lambda value: self.draw(trails=value),
+            hint="Path of each estimate over the last 200 states",
+        )  # fmt: skip
+        self.ellipses = binding.checkbox(
+            "Error ellipses (95 %)", choices.ellipses, lambda value: self.draw(ellipses=value), hint=ELLIPSES_LATER
         )
-        self.trails = on(
-            gui.add_checkbox("Trails", choices.trails, hint="Path of each estimate over the last 200 states"),
-            lambda value: self.draw(trails=value),
-        )
-        self.ellipses = on(
-            gui.add_checkbox("Error ellipses (95 %)", choices.ellipses, hint=ELLIPSES_LATER),
-            lambda value: self.draw(ellipses=value),
-        )
-        self.scale = on(
-            gui.add_dropdown(
-                "Ellipse size", tuple(ELLIPSE_SCALES), initial_value=_label_of(choices.ellipse_scale),
-                visible=choices.ellipses, hint="Automatic enlarges ellipses that are too small to be seen",
-            ),
-            lambda value: binding.choose(ellipse_scale=ELLIPSE_SCALES[value]),
+        self.scale = binding.dropdown(
+            "Ellipse size", tuple(ELLIPSE_SCALES), _label(ELLIPSE_SCALES, choices.ellipse_scale),
+            lambda value: binding.choose(ellipse_scale=ELLIPSE_SCALES[value]), visible=choices.ellipses,
+            hint="Automatic enlarges ellipses that are too small to be seen",
         )  # fmt: skip
         self.ellipses_text = gui.add_html("", visible=False)
-        self.release = on(
-            gui.add_checkbox(
-                "Release known", choices.release, hint="Known microphones can be dragged, too",
-                visible=bool(len(binding.run.problem.known)),
-            ),
-            lambda value: binding.choose(release=value),
+        self.release = binding.checkbox(
+            "Release known", choices.release, lambda value: binding.choose(release=value),
+            visible=bool(len(binding.run.problem.known)), hint="Known microphones can be dragged, too",
         )  # fmt: skip
         self.refresh()
 
@@ -118,10 +110,6 @@ class ViewTab(Tab):
             text = "" if tick.picture is None else dict(tick.picture.captions).get("ellipses", "")
         self.scale.visible, self.ellipses_text.content = wanted, html.remark(text)
         self.ellipses_text.visible = wanted and bool(text)
-
-
-def _label_of(scale: int) -> str:
-    return next(label for label, factor in ELLIPSE_SCALES.items() if factor == scale)
 
 
 @dataclass(frozen=True)
@@ -372,27 +360,23 @@ class ExportTab(Tab):
     """
 
     def __init__(self, binding: Binding, export: Callable[[viser.ClientHandle, str], None]):
-        self._binding, gui = binding, binding.gui
+        self._binding, gui, choices = binding, binding.gui, binding.choices
         with gui.add_folder("Save a file"):
-            self._add_controls(export)
+            self.kind = binding.dropdown("File", tuple(KINDS), choices.export_kind, self.choose)
+            self.description = gui.add_html("")
+            self.view = binding.dropdown(
+                "Camera view", tuple(VIEWS), _label(VIEWS, choices.export_view),
+                lambda value: binding.choose(export_view=VIEWS[value]),
+            )  # fmt: skip
+            self.size = binding.dropdown(
+                "Size (pixels)", tuple(SIZES), _label(SIZES, choices.export_size),
+                lambda value: binding.choose(export_size=SIZES[value]),
+            )  # fmt: skip
+            self.button = binding.on_client(
+                gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now"),
+                lambda client, _: export(client, binding.choices.export_kind),
+            )
         self.refresh()
-
-    def _add_controls(self, export: Callable[[viser.ClientHandle, str], None]) -> None:
-        binding, gui, on, choices = self._binding, self._binding.gui, self._binding.on, self._binding.choices
-        self.kind = on(gui.add_dropdown("File", tuple(KINDS), initial_value=choices.export_kind), self.choose)
-        self.description = gui.add_html("")
-        self.view = on(
-            gui.add_dropdown("Camera view", tuple(VIEWS), initial_value=_label(VIEWS, choices.export_view)),
-            lambda value: binding.choose(export_view=VIEWS[value]),
-        )
-        self.size = on(
-            gui.add_dropdown("Size (pixels)", tuple(SIZES), initial_value=_label(SIZES, choices.export_size)),
-            lambda value: binding.choose(export_size=SIZES[value]),
-        )
-        self.button = binding.on_client(
-            gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now"),
-            lambda client, _: export(client, binding.choices.export_kind),
-        )
 
     def choose(self, kind: str) -> None:
         """Choose a kind of file."""
