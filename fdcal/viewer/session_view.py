@@ -36,11 +36,11 @@ from ..session.history import SessionView
 from ..session.request import OpenRequest
 from ..session.sources import CalibrationInput
 from ..solvers.interface import RunState
-from .background.cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, map_modes
-from .background.prepare import PreparedRun, Threads
+from .background.cost_maps import CostMap, CostMapWorker, MapStyle
+from .background.prepare import Last, PreparedRun, Same, Threads
 from .display_frame import DisplayFrame
 from .drop import Drop, Dropped
-from .gui.binding import Binding, Choices, PositionUncertainty, RunSummary, Same, Tick
+from .gui.binding import Binding, Choices, PositionUncertainty, RunSummary, Tick
 from .gui.html import CONTROLS, canvas_legend
 from .gui.overlay import CanvasWords
 from .panels import SessionFolders, Tabs
@@ -127,8 +127,7 @@ class SessionPicture:
         self._measurement = with_display_domain(run.measurement, start)
         self.places = start
         self._static: dict[tuple, Picture] = {}  # by whether the page is dark, and for a projector, and by the take
-        self._faded: tuple[Floor, Floor] | None = None  # a map, and the same with another opacity
-        self._faded_volume: tuple[Volume, float, bool, Volume] | None = None  # likewise, on a dark page or not
+        self._floor, self._volume = Last(), Last()  # with the opacity that was chosen
 
     def draw(
         self,
@@ -210,26 +209,18 @@ class SessionPicture:
             self._static[key] = static_picture(scene, measurement, dark, None, lecture, take)
         return self._static[key]
 
-    def faded(self, floor: Floor, opacity: float) -> Floor:
-        """Return a map with an opacity, 0 to 1; the same object for the same arguments as last time."""
-        if self._faded is None or self._faded[0] is not floor or self._faded[1].opacity != opacity:
-            self._faded = floor, replace(floor, opacity=opacity)
-        return self._faded[1]
-
     def faded_parts(self, drawn: CostMap | None, style: MapStyle) -> tuple[Floor | None, Volume | None]:
-        """Return the map on the floor and the volume in space with the opacity of a style; None for what is missing."""
-        floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
-        return (
-            None if floor is None else self.faded(floor, style.opacity),
-            None if volume is None else self.faded_volume(volume, style.opacity, style.dark),
-        )
+        """Return the map on the floor and the volume in space with the opacity of a style; None for what is missing.
 
-    def faded_volume(self, volume: Volume, opacity: float, dark: bool) -> Volume:
-        """Return a volume with an opacity, 0 to 1; the same object for the same arguments as last time."""
-        last = self._faded_volume
-        if last is None or last[0] is not volume or last[1:3] != (opacity, dark):
-            self._faded_volume = last = volume, opacity, dark, faded(volume, opacity, dark)
-        return last[3]
+        They are the same objects for the same arguments as last time.
+        """
+        floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
+        opacity, dark = style.opacity, style.dark
+        if floor is not None:
+            floor = self._floor.of(lambda: replace(floor, opacity=opacity), Same(floor), opacity)
+        if volume is not None:
+            volume = self._volume.of(lambda: faded(volume, opacity, dark), Same(volume), opacity, dark)
+        return floor, volume
 
 
 RUN_INTERVAL = 0.15  # s at least between two states that are shown while the solver runs
@@ -413,19 +404,8 @@ class Viewer:
     ) -> tuple[CostMap | None, str]:
         if not choices.shown or self.run.problem.search is None:
             return None, ""
-        state, order_offset = view.state, choices.map_order
-        wanted = CostMapRequest(
-            revision=self._revision,
-            microphone=state.moved if following and state.moved >= 0 else self._selected,
-            modes=map_modes(self.run, state, choices.modes, order_offset, choices.take),
-            order_offset=order_offset,
-            custom_modes=choices.modes is not None,
-            style=replace(choices.style, opacity=1.0),  # another opacity needs no other map
-            follow=following,
-            state=state,
-            lineage=view.history.lineage,
-            take=choices.take,
-        )
+        microphone = view.state.moved if following and view.state.moved >= 0 else self._selected
+        wanted = choices.map_request(self.run, view, microphone, self._revision, following)
         drawn, reason = self.maps.newest(wanted, view.running, now)
         return self.tabs.sweep.map_for(wanted, drawn, reason)
 

@@ -29,7 +29,7 @@ from ...session.calibration_run import Assessment
 from ...session.history import SessionView
 from ...session.lesson import MAX_ORDER_OFFSET
 from ...session.request import OpenRequest
-from ..background.cost_maps import CostMap, MapStyle
+from ..background.cost_maps import CostMap, CostMapRequest, MapStyle, map_modes
 from ..background.prepare import PreparedRun, Threads
 from ..display_frame import DisplayFrame
 
@@ -116,6 +116,20 @@ class Choices:
     def map_order(self) -> int | None:
         """What is added to ceil(k R) in the map; None for the solver's objective, which no volume shows."""
         return None if self.objective and not self.style.volume else self.order_offset
+
+    def map_request(
+        self, run: PreparedRun, view: SessionView, microphone: int, revision: int = 0, follow: bool = False
+    ) -> CostMapRequest:
+        """Return the request for the map of a microphone, counted from 0, in the state that is shown.
+
+        `revision`: counts the states on the screen; `follow`: whether the map of any microphone will do. Another
+        opacity needs no other map.
+        """
+        state, order = view.state, self.map_order
+        return CostMapRequest(
+            revision, microphone, map_modes(run, state, self.modes, order, self.take), order, self.modes is not None,
+            replace(self.style, opacity=1.0), follow, state, view.history.lineage, self.take,
+        )  # fmt: skip
 
     def with_values(self, values: Mapping[str, Any]) -> Choices:
         """Return the choices with some values changed, by the names of the fields of Choices and of MapStyle."""
@@ -289,17 +303,18 @@ class Tick:
     sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
 
 
-@dataclass(frozen=True, eq=False)
-class Same:
-    """An object in a key: equal to the same object alone, which it holds, for an id is given again to another one."""
+class Due:
+    """Tells when something is to be brought up to date: what it shows has changed, and `interval`, s, has passed."""
 
-    value: object
+    def __init__(self, interval: float = 0.0):
+        self._interval, self._key, self._since = interval, None, -math.inf
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same) and other.value is self.value
-
-    def __hash__(self) -> int:
-        return id(self.value)
+    def __call__(self, now: float, *key) -> bool:
+        """Whether it is due at the time `now`, s, to show `key`; then it counts as shown."""
+        if key == self._key or now - self._since < self._interval:
+            return False
+        self._key, self._since = key, now
+        return True
 
 
 def bind(handle: Control, act: Callable[[Any], object]) -> Control:
@@ -348,7 +363,7 @@ class Binding:
         call: Callable[[Callable[[], object]], object] = lambda function: function(),
     ):
         self.gui, self.run, self.session, self.measurement = gui, run, run.session, run.measurement
-        self.modes, self.weights, self.open, self.call = modes, run.scene.solver.weights, open_other, call
+        self.modes, self.open, self.call = modes, open_other, call
         self.row, self.frame = row_word(run.measurement), DisplayFrame(run)
         self.choices, self._wake = initial_choices(run, modes, before), wake
         self.threads = Threads(wake)

@@ -31,7 +31,6 @@ from ..background.cost_maps import (
     ModePanels,
     fine_panels,
     map_label,
-    map_modes,
     shown_modes,
     terms_of,
 )
@@ -133,7 +132,7 @@ class ViewSnapshot:
 
     def fine_panels(self, count: int) -> ModePanels | None:
         """Return the maps that are on the screen, `count` single modes at most; None where they are coarse."""
-        drawn, wanted = self.drawn, map_request(self)
+        drawn, wanted = self.drawn, self.map_request
         if drawn is None or drawn.panels is None or not drawn.fine or drawn.request.style.shape:
             return None
         shown = drawn.request
@@ -142,6 +141,11 @@ class ViewSnapshot:
             return None
         kept, modes = shown_modes(len(drawn.panels.modes), count), drawn.panels.modes
         return replace(drawn.panels, modes=tuple(modes[i] for i in kept), maps=drawn.panels.maps[kept])
+
+    @property
+    def map_request(self) -> CostMapRequest:
+        """The request for the map that the choices ask for."""
+        return self.choices.map_request(self.run, self.view, self.microphone)
 
     @property
     def caption(self) -> str:
@@ -154,24 +158,6 @@ class ViewSnapshot:
     def height(self) -> float:
         """Height of a plane array, metres."""
         return z_range_of(self.run.known_scene, self.run.measurement)[0]
-
-
-def map_request(snapshot: ViewSnapshot) -> CostMapRequest:
-    """Return the request for the map on the page."""
-    state, choices = snapshot.view.state, snapshot.choices
-    order_offset = choices.map_order
-    return CostMapRequest(
-        revision=0,
-        microphone=snapshot.microphone,
-        modes=map_modes(snapshot.run, state, choices.modes, order_offset, choices.take),
-        order_offset=order_offset,
-        custom_modes=choices.modes is not None,
-        style=choices.style,
-        follow=False,
-        state=state,
-        lineage=snapshot.view.history.lineage,
-        take=choices.take,
-    )
 
 
 MAX_WAITING = 8  # files that may wait to be made
@@ -197,7 +183,7 @@ def _errors(snapshot: ViewSnapshot) -> str:
 
 def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
     """Maps as fine as the screen, of the modes of the map on the page, `count` of them at most, and their sum."""
-    run, request = snapshot.run, map_request(snapshot)
+    run, request = snapshot.run, snapshot.map_request
     panels = snapshot.fine_panels(count) or fine_panels(run, request, max_count=count)
     if panels is None:
         raise ValueError("maps that nobody cancels are complete")
@@ -211,7 +197,7 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
         positions = snapshot.view.state.positions
         truth = drawn_truth(snapshot.run, positions)
         truth = None if truth is None else truth[n][:2]
-        request = map_request(snapshot)
+        request = snapshot.map_request
         what = "Basins of attraction" if request.style.basins else "Cost"
         heading = f"{what} of moving microphone {measurement.names[n]}\n{snapshot.caption}"
         decibels = request.order_offset is not None  # of Eq. 7, as on the page
@@ -226,7 +212,7 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
 
 def _map(snapshot: ViewSnapshot) -> bytes:
     if snapshot.choices.style.volume:
-        terms = terms_of(snapshot.run.problem, map_request(snapshot))
+        terms = terms_of(snapshot.run.problem, snapshot.map_request)
         sampled = None if terms is None else sampled_volume(terms)
         if sampled is None:
             raise ValueError("a volume that nobody cancels is complete")
