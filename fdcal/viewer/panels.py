@@ -12,9 +12,9 @@ from contextlib import AbstractContextManager, contextmanager
 import numpy as np
 import viser
 
-from .background.prepare import SessionSwitcher
+from .background.prepare import Same, SessionSwitcher
 from .gui import html
-from .gui.binding import MAX_RATE, Binding, Same, Tab, Tick
+from .gui.binding import MAX_RATE, Binding, Due, Tab, Tick
 from .gui.overlay import Overlay
 from .tabs.comparison import ComparisonTab
 from .tabs.curves import CurvesTab
@@ -62,7 +62,7 @@ class StatusBar:
     """Owns the line above the panel while a session is prepared, or after a request was refused."""
 
     def __init__(self, panels: Panels, switcher: SessionSwitcher):
-        self._switcher, self._shown, gui = switcher, (), panels.gui
+        self._switcher, self._due, gui = switcher, Due(), panels.gui
         with panels.top:
             self.line = gui.add_html("", visible=False)
             self.bar = gui.add_progress_bar(0.0, visible=False)
@@ -80,10 +80,9 @@ class StatusBar:
         """
         progress, error, title = self._switcher.progress, self._switcher.error, self._switcher.title
         text, percent = ("", 0) if progress is None else (progress.text, round(100 * progress.done))
-        shown = title, text, percent, Same(error), first
-        if shown == self._shown:
+        if not self._due(0.0, title, text, percent, Same(error), first):
             return
-        self._shown, busy = shown, progress is not None
+        busy = progress is not None
         self.line.content = html.waiting(title, text) if busy else html.complaint(html.error_message(error))
         self.line.visible = busy or error is not None
         self.bar.value, self.bar.visible = float(percent), busy

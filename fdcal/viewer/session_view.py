@@ -216,11 +216,10 @@ class SessionPicture:
         """
         floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
         opacity, dark = style.opacity, style.dark
-        if floor is not None:
-            floor = self._floor.of(lambda: replace(floor, opacity=opacity), Same(floor), opacity)
-        if volume is not None:
-            volume = self._volume.of(lambda: faded(volume, opacity, dark), Same(volume), opacity, dark)
-        return floor, volume
+        return (
+            floor and self._floor.of(lambda: replace(floor, opacity=opacity), Same(floor), opacity),
+            volume and self._volume.of(lambda: faded(volume, opacity, dark), Same(volume), opacity, dark),
+        )
 
 
 RUN_INTERVAL = 0.15  # s at least between two states that are shown while the solver runs
@@ -236,7 +235,7 @@ class Viewer:
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
     function that makes the main loop update the page at once; `words`: on the canvas, or None. Raises InputError: the
     request of the run has choices that are not possible. `view`: the states as they are shown; `snapshot`: what is on
-    the screen; `call`: runs a function on viser's event loop.
+    the screen; `fault`: the last exception of the page, as long as the status lines show it.
     """
 
     def __init__(
@@ -251,10 +250,10 @@ class Viewer:
         words: CanvasWords | None = None,
     ):
         self.run, self.nodes, self._folders = run, nodes, folders
-        self.call = server.get_event_loop().call_soon_threadsafe
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
-        self.binding = Binding(folders.gui, run, modes, open_other, before, wake, self.call)
-        self._fault, self._fault_time = "", 0.0
+        call = server.get_event_loop().call_soon_threadsafe
+        self.binding = Binding(folders.gui, run, modes, open_other, before, wake, call)
+        self.fault, self._fault_time = "", 0.0
         self.view, self._viewed = run.session.view, 0.0
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
@@ -289,11 +288,6 @@ class Viewer:
         """The picture on the screen."""
         return self.snapshot.picture
 
-    @property
-    def fault(self) -> str:
-        """The last exception of the page, as long as the status lines show it."""
-        return self._fault
-
     def redraw(self) -> None:
         """Draw everything again with the next tick."""
         self._key = ()
@@ -322,14 +316,14 @@ class Viewer:
             self.tick(now)
         except Exception as error:
             text = f"{type(error).__name__}: {error}"
-            if text != self._fault:
+            if text != self.fault:
                 log.exception("the page could not be updated")
-            self._fault, self._fault_time = text, now
+            self.fault, self._fault_time = text, now
             with contextlib.suppress(Exception):
                 self.tabs.run_bar.show_status(Tick(self.run.session.view, fault=text))
         else:
             if now - self._fault_time > FAULT_TIME:
-                self._fault = ""
+                self.fault = ""
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date at the time `now`, s."""
@@ -347,7 +341,7 @@ class Viewer:
                 uncertainty = replace(uncertainty, axes=frame.axes(newest.state.positions, uncertainty.axes))
             self._assessed = found, uncertainty
         tick = Tick(
-            view, now, self._revision, self._selected, drawn, reason, fault=self._fault,
+            view, now, self._revision, self._selected, drawn, reason, fault=self.fault,
             note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._assessed[1],
             assessing=self._verdict.pending(newest), runs=tabs.comparison.worker.update(now), sought=sought,
         )  # fmt: skip

@@ -98,7 +98,7 @@ def snapshot(scene, kernels):
 @pytest.fixture(scope="module")
 def drawn(snapshot, threads):
     """The map as the page shows it once nothing changes."""
-    worker, wanted, began = CostMapWorker(snapshot.run, threads), exports.map_request(snapshot), time.monotonic()
+    worker, wanted, began = CostMapWorker(snapshot.run, threads), snapshot.map_request, time.monotonic()
     while time.monotonic() - began < WAIT:
         found, error = worker.newest(wanted, False, time.monotonic())
         assert not error
@@ -114,7 +114,7 @@ def test_the_fine_map_is_begun_only_after_the_one_on_the_lattice_of_the_solver(s
     coarse, fine = CostMapWorker._compute, CostMapWorker._compute_fine
     monkeypatch.setattr(CostMapWorker, "_compute", lambda *args: (gate.wait(WAIT), coarse(*args))[1])
     monkeypatch.setattr(CostMapWorker, "_compute_fine", lambda *args: (begun.append(True), fine(*args))[1])
-    worker, wanted = CostMapWorker(snapshot.run, threads), exports.map_request(snapshot)
+    worker, wanted = CostMapWorker(snapshot.run, threads), snapshot.map_request
     for now in (0.0, 2 * IDLE_TIME, 9 * IDLE_TIME):
         worker.newest(wanted, False, now)
     assert not worker._fine_worker.busy and not begun

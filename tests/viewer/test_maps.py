@@ -21,7 +21,6 @@ from fdcal.viewer.gui.binding import BASINS, FLOOR, Binding
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import EQ7
-from fdcal.viewer.tabs.view import map_request
 
 
 def mapped(viewer):
@@ -187,7 +186,7 @@ def shown_basins(viewer, turn_until, n, modes):
 
     def ready():
         drawn = viewer.snapshot.picture.floor
-        alike = viewer.snapshot.microphone == n and map_request(viewer.snapshot).modes == modes
+        alike = viewer.snapshot.microphone == n and viewer.snapshot.map_request.modes == modes
         there = alike and drawn is not None and drawn.areas and f"microphone {n}," in tab.caption.content
         return there and drawn.lowest + drawn.minima == fine
 

@@ -15,7 +15,7 @@ from ...model.measurement import Measurement
 from ...model.texts import modes_text, parse_modes
 from ...model.validation import InputError
 from ..background.cost_maps import CostMap, count_label, modes_label, of_take
-from ..background.prepare import PreparedRun
+from ..background.prepare import PreparedRun, Same
 from ..display_frame import drawn_truth
 from ..gui import html
 from ..gui.binding import (
@@ -28,7 +28,7 @@ from ..gui.binding import (
     VOLUME,
     Binding,
     Choices,
-    Same,
+    Due,
     Tab,
     Tick,
     kind_of,
@@ -161,7 +161,7 @@ class MapTab(Tab):
     def __init__(self, binding: Binding):
         self._binding = binding
         self._possible = binding.run.problem.search is not None
-        self._shown: tuple = ()  # what the caption is of
+        self._due = Due()  # the caption
         self.kinds = kinds_of(binding.measurement)
         self._add_controls(binding, binding.choices, binding.row)
         self.caption = binding.gui.add_html("")
@@ -325,10 +325,9 @@ class MapTab(Tab):
             binding.keep(self.microphone, tick.microphone)  # set by the user, who may still be dragging the slider
         binding.send(self.microphone, tick.microphone)
         self.slice.show(drawn)
-        key = Same(drawn and (drawn.floor or drawn.volume)), tick.reason, choices.modes_error, choices.shown
-        if self._shown == key:
+        shown = Same(drawn and (drawn.floor or drawn.volume))
+        if not self._due(tick.now, shown, tick.reason, choices.modes_error, choices.shown):
             return
-        self._shown = key
         reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map"
         words = caption(drawn, binding.measurement, orders_text(binding.run, drawn))
         words = words or html.remark(tick.reason or reason)

@@ -34,9 +34,9 @@ from ..background.cost_maps import (
     modes_label,
     of_take,
 )
-from ..background.prepare import PreparedRun, Threads
+from ..background.prepare import Last, PreparedRun, Same, Threads
 from ..gui import html
-from ..gui.binding import FLOOR, Binding, Same, Tab, Tick
+from ..gui.binding import FLOOR, Binding, Due, Tab, Tick
 from ..gui.html import CARD
 from ..gui.plots import BLUE, RED, Plot, dots
 from .map import MapTab
@@ -104,7 +104,7 @@ class SweepWorker:
     def __init__(self, run: PreparedRun, threads: Threads):
         self._run = run
         self._sweep: Sweep | None = None
-        self._drawn: tuple[SweepFrame, bool, CostMap] | None = None
+        self._drawn = Last()
         self.worker = threads.start(self._compute, "fdcal-sweep")
 
     def sweep(self, wanted: SweepRequest) -> Sweep | None:
@@ -133,11 +133,12 @@ class SweepWorker:
         return None if frame is None or sweep.of_first(count) != wanted.modes else self._image(frame, wanted)
 
     def _image(self, frame: SweepFrame, wanted: CostMapRequest) -> CostMap:
-        if self._drawn is None or self._drawn[0] is not frame or self._drawn[1] != wanted.style.minima:
+        def draw() -> CostMap:
             image = TABLE[frame.numbers] if frame.floor.areas else of_colour_numbers(frame.numbers)
             floor = replace(frame.floor, rgb=image, show_minima=wanted.style.minima)
-            self._drawn = frame, wanted.style.minima, replace(frame.map, request=wanted, floor=floor, fine=True)
-        return self._drawn[2]
+            return replace(frame.map, request=wanted, floor=floor, fine=True)
+
+        return self._drawn.of(draw, Same(frame), wanted.style.minima)
 
     def _compute(self, request: SweepRequest) -> None:
         """On the thread: map after map, until another sweep is requested."""
@@ -261,7 +262,7 @@ class SweepTab(Tab):
         self._playing: Playback | None = None
         self._wanted: SweepRequest | None = None  # of the last sweep that was asked for
         self._revision, self._updated = NOT_ASKED, -1e9
-        self._drawn: tuple = ()  # what the curve shows
+        self._due = Due()  # the curve
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
         with binding.gui.add_folder(f"Add {binding.row}s"):
             self._add_controls(binding, binding.modes, binding.row)
@@ -424,9 +425,7 @@ class SweepTab(Tab):
         self._plot.visible = sweep is not None
         if sweep is None or not sweep.frames:
             return
-        key = Same(sweep), len(sweep.frames), summed
-        if self._drawn != key:
-            self._drawn = key
+        if self._due(0.0, Same(sweep), len(sweep.frames), summed):
             self._plot.show(curve(sweep.stops, sweep.counts, summed), limits=(0.0, max(sweep.counts) + 1.0))
 
     def _caption(self) -> str:
