@@ -13,7 +13,7 @@ import numpy as np
 from fdcal.model.problem import Problem
 from fdcal.model.settings import SolverSettings
 from fdcal.model.storage import cache_key, load_or_make
-from fdcal.session.study.definition import code_version
+from fdcal.session.study import code_version
 from fdcal.solvers import load
 
 DIGITS = 6  # of the inputs of a solver, relative to the greatest

@@ -173,8 +173,8 @@ def study(file, output, workers, scheduler, resume, dry_run, report, axes, at, p
     _require(
         workers is None or scheduler is None, "scheduler", "--scheduler has its own workers", "leave out --workers"
     )
-    from ..session.study.cluster import expected_seconds
-    from ..session.study.definition import load_study
+    from ..session.study import load_study
+    from ..session.study.run import expected_seconds
 
     found = load_study(file)
     if dry_run:
@@ -187,8 +187,7 @@ def study(file, output, workers, scheduler, resume, dry_run, report, axes, at, p
 
 
 def _run(found, output: str, workers: int, scheduler: str | None, resume: bool) -> int:
-    from ..session.study.cluster import connected, run_study
-    from ..session.study.results import Results
+    from ..session.study.run import Results, connected, run_study
 
     results = Results(output, found, resume)
     with connected(workers, scheduler) as client:
@@ -202,7 +201,7 @@ def _run(found, output: str, workers: int, scheduler: str | None, resume: bool) 
 def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:
     _require(Path(folder).is_dir(), "report", f"{folder} is no folder", "give the folder that a study has written")
     from ..graphics.study_report import write_report
-    from ..session.study.results import read_results
+    from ..session.study.run import read_results
 
     names = None
     if axes is not None:
@@ -219,7 +218,7 @@ def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:
 def _page(folder: str, page: str) -> int:
     _require(page.endswith(".md"), "page", f"{page} is no page", "give FILE.md")
     from ..graphics.study_report import write_page
-    from ..session.study.results import read_results
+    from ..session.study.run import read_results
 
     head, rows = read_results(Path(folder))
     stem = Path(page).stem

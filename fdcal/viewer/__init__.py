@@ -15,7 +15,7 @@ scene3d          the scene: nodes, cameras, picking
 server           who may connect, which values are accepted, the error log
 """
 
-from ..session.request import OpenRequest
+from ..session.sources import OpenRequest
 from .app import serve
 
 __all__ = ["OpenRequest", "serve"]

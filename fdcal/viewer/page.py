@@ -14,9 +14,9 @@ from pathlib import Path
 
 import viser
 
-from ..session.interrupts import Interrupt
 from ..session.lesson import Lesson
-from ..session.request import OpenRequest
+from ..session.process import Interrupt
+from ..session.sources import OpenRequest
 from ..session.worker import WakeEvent
 from .address import AddressBar
 from .background.prepare import PreparedRun, SessionSwitcher, Threads

@@ -23,7 +23,7 @@ from websockets.exceptions import ConnectionClosed
 from benchmarks.protocol import CAMERA, connect, send
 from fdcal.graphics.camera import camera_for
 from fdcal.graphics.picture import compose
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.scene3d import cameras
 from fdcal.viewer.server import client_values, hardening
 from fdcal.viewer.server import process as error_log

@@ -15,8 +15,8 @@ from viser import _messages
 from fdcal.graphics.picture import static_picture
 from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.model.validation import InputError
-from fdcal.session.history import StateCosts
 from fdcal.session.scene_edits import parameters_of
+from fdcal.session.session import StateCosts
 from fdcal.viewer.background.cost_maps import CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, Explore, run_curve
 from fdcal.viewer.gui.binding import FLOOR, MAP_KINDS, NOTHING, RELIEF, Binding, Tick, kind_of

@@ -19,7 +19,7 @@ from fdcal.cost.maps import map_positions, minima_of
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.markers import ESTIMATE, LOWEST
 from fdcal.model.validation import InputError
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
 from fdcal.viewer.background.prepare import Threads

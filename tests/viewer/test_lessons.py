@@ -12,8 +12,9 @@ from doubles import CallRecorder, set_by_client
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import MAPS, Frame, Lesson, Setting, Step, lesson_names, load_lesson
-from fdcal.session.request import OpenRequest, edited
+from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.gui.binding import MAP_KINDS, Choices
 from fdcal.viewer.lesson_settings import apply_setting, control_values, show_frame
 from fdcal.viewer.panels import Panels

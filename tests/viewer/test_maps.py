@@ -15,7 +15,7 @@ from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, de
 from fdcal.graphics.heatmap import marks_of
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.model.settings import Search
-from fdcal.session.history import History
+from fdcal.session.session import History
 from fdcal.viewer.background.cost_maps import map_modes
 from fdcal.viewer.gui.binding import BASINS, FLOOR, Binding
 from fdcal.viewer.tabs import map

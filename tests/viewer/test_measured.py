@@ -12,14 +12,12 @@ from fdcal.assessment.result_file import position_table
 from fdcal.commands.options import open_request_of
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.picture import error_summary, static_picture, with_estimate
-from fdcal.model.measurement import Measurement
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.scene_file import MeasuredScene, load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import with_estimated_domain
-from fdcal.session.request import OpenRequest
-from fdcal.session.sources import scene_input
+from fdcal.session.sources import OpenRequest, scene_input
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.cost_maps import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.background.prepare import PreparationProgress, prepare_run

@@ -11,8 +11,9 @@ from viser import uplot
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.session.history import StateCosts
-from fdcal.session.request import OpenRequest, edited
+from fdcal.session.scene_edits import edited
+from fdcal.session.session import StateCosts
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background.cost_maps import modes_label
 from fdcal.viewer.gui import html, plots
 from fdcal.viewer.gui.binding import Binding, Tick

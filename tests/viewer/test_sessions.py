@@ -21,7 +21,8 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
-from fdcal.session.request import OpenRequest, edited
+from fdcal.session.scene_edits import edited
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer import page as page_module
 from fdcal.viewer.background import prepare as preparing
 from fdcal.viewer.background.prepare import SessionSwitcher
@@ -324,7 +325,7 @@ def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
 
 ENDING = """
 import os, signal, sys, threading, time
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer import serve
 def ready(url):
@@ -335,6 +336,9 @@ def ready(url):
         os.kill(os.getpid(), signal.SIGINT)
     threading.Thread(target=interrupt, daemon=True, name="finger").start()
 serve(OpenRequest(load_scene(sys.argv[1]), play=True), "127.0.0.1", 0, ready)
+end = time.monotonic() + 60  # the search for a sound card is not waited for
+while time.monotonic() < end and any(thread.name == "fdcal-cards" for thread in threading.enumerate()):
+    time.sleep(0.05)
 print(*(thread.name for thread in threading.enumerate() if thread is not threading.main_thread()), sep="|")
 """
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fdcal.cost.basins import local_minima
+from fdcal.cost.expansion import ReferenceCost
 from fdcal.cost.maps import cost_maps, refined
-from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.viewer.scene3d.picking import LineHandles
 from fdcal.viewer.tabs.cut import MAX_MODES, POINTS, SPAN, cut_series, foot, line_across
 from fdcal.viewer.tabs.sweep import DOWN, Playback, SweepWorker

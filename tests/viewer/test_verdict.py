@@ -17,11 +17,10 @@ from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.graphics.overlays import with_faulty_channels
 from fdcal.graphics.picture import static_picture
 from fdcal.model.settings import SolverSettings
-from fdcal.session.blas_threads import one_blas_thread
 from fdcal.session.calibration_run import assess_state, healthy_microphones, solve
-from fdcal.session.history import History
-from fdcal.session.request import OpenRequest
-from fdcal.session.sources import CalibrationInput, scene_input
+from fdcal.session.process import one_blas_thread
+from fdcal.session.session import History
+from fdcal.session.sources import CalibrationInput, OpenRequest, scene_input
 from fdcal.viewer.background import prepare
 from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, verdict_html
 from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, uncertainty_of

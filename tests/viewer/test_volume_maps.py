@@ -15,7 +15,7 @@ from fdcal.graphics.overlays import with_volume
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker, MapStyle
 from fdcal.viewer.gui.binding import VOLUME, Binding, Choices, initial_choices, kind_of

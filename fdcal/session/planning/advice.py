@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...assessment.bound import Information, Prior, aligned_rms, position_bound
+from ...assessment.uncertainty import Information, Prior, aligned_rms, position_bound
 from ...model.gauge import fixes_gauge
 from ...model.validation import InputError
 from .bounds import rms_at, sparse_information

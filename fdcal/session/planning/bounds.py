@@ -10,9 +10,9 @@ import numpy as np
 
 from ...acoustics.box_field import point_source_pressures
 from ...acoustics.room_modes import PointSourceModel, decay_rate, point_source_model, room_pressures
-from ...assessment.bound import Information, diffuse_information, position_bound
+from ...assessment.uncertainty import Information, diffuse_information, position_bound
 from ...cost.kernels import diffuse_kernel
-from ...model.geometry import WALL_DISTANCE_M, encloses, random_source
+from ...model.arrays import WALL_DISTANCE_M, encloses, random_source
 from ...model.problem import mode_power
 from ...model.room import Room
 from ...model.validation import InputError

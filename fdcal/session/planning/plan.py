@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...assessment.bound import Bound, Information, field_information, position_bound
+from ...assessment.uncertainty import Bound, Information, field_information, position_bound
 from ...model.gauge import fixes_gauge
 from ...model.validation import InputError
-from ..blas_threads import one_blas_thread
+from ..process import one_blas_thread
 from .advice import AccuracyAdvice, Advice, advise
 from .bounds import TakesCase, field_of, is_moved, places_in_room, request_information, takes_cases, wavenumbers_of
 from .request import ASSUMED, LIMITS, PlanRequest

@@ -12,13 +12,11 @@ import numpy as np
 from ...acoustics.dictionary import array_f_max
 from ...acoustics.measure import cached_measurement
 from ...acoustics.room_modes import independent_frequencies
-from ...assessment.bound import Prior
+from ...assessment.uncertainty import Prior
 from ...model import measurement_checks
-from ...model.array_layout import Array
-from ...model.arrays import positions_of
+from ...model.arrays import ball, box, circle, positions_of, rectangle
 from ...model.declared import Metres, MetresPerSecond, Seconds, Seed, check, within
-from ...model.geometry import ball, box, circle, rectangle
-from ...model.scene import Scene
+from ...model.scene import Array, Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_names
 from ...model.validation import InputError, frozen_array, refusal
 from ...recordings.formats.positions import READERS, read_positions

@@ -86,15 +86,19 @@ class CanvasWords:
 
     def __init__(self, overlay: Overlay):
         self._overlay, self._buttons = overlay, NO_BUTTONS
-        overlay.on("words", lambda client, label: self._buttons.get(label, lambda: None)())
+        overlay.on("words", lambda client, label: self.press(label))
         overlay.on("dismiss", lambda client, value: self.show(""))
 
+    def press(self, label: str) -> None:
+        """Do what a button does; nothing for a button that has been removed."""
+        self._buttons.get(label, lambda: None)()
+
     def show(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS) -> None:
-        """Show words, a smaller line below them, and buttons; nothing for ""."""
+        """Show words, a smaller line below them, and buttons, which with that line invite; nothing for ""."""
         self._buttons = buttons
         text = f"<div>{escape(words)}</div>" if words else ""
         text += f"<p>{escape(detail)}</p>" if detail else ""
-        kind = 'class="first"' if detail else ""
         labels = [escape(label, quote=True) for label in buttons]
+        kind = 'class="first"' if detail else ""
         text += "".join(f'<button {kind} data-do="words={label}">{label}</button>' for label in labels)
         self._overlay.show("words", text)

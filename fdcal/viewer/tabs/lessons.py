@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 from ...model.scene import Scene
 from ...model.validation import InputError, StorageError, shown
 from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, Setting, Step
-from ...session.request import OpenRequest
+from ...session.sources import OpenRequest
 from ..gui.html import complaint, error_message
 from ..gui.overlay import whole
 from ..lesson_settings import PageBefore, apply_setting, plain_choices

@@ -13,8 +13,8 @@ from viser import uplot
 
 from ...model.gauge import position_errors
 from ...model.measurement import Measurement
-from ...model.texts import mm_text
-from ...session.history import SessionView
+from ...model.validation import mm_text
+from ...session.session import SessionView
 from ..background.prepare import Same
 from ..gui.binding import Binding, Due, PositionUncertainty, Tab, Tick
 from ..gui.html import CARD, verdict_word

@@ -9,13 +9,12 @@ from html import escape
 import numpy as np
 import viser
 
-from ...assessment.bound import position_bound
-from ...assessment.uncertainty import confidence_factor, ellipse_axes
+from ...assessment.uncertainty import confidence_factor, ellipse_axes, position_bound
 from ...model.scene import Scene
-from ...session.blas_threads import one_blas_thread
 from ...session.planning.bounds import request_information, takes_cases
 from ...session.planning.plan import bound_lines, degeneracies, takes_lines
 from ...session.planning.request import Layout, PlanRequest
+from ...session.process import one_blas_thread
 from ..background.prepare import PreparedRun
 from ..gui import html
 from ..gui.binding import Binding, PlanChoices, Tab, Tick

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import viser
 
 from ...model.validation import InputError
-from ...session.request import OpenRequest, measurement_request
+from ...session.sources import OpenRequest, measurement_request
 from ...session.worker import Delivery
 from ..background.prepare import Same, Threads
 from ..gui import html
@@ -227,8 +227,7 @@ class Recorder:
 
     def _open(self, job: Job) -> str:
         """Show a file as a session, and return the report of its import."""
-        from ...recordings.import_report import import_summary
-        from ...recordings.importer import import_recording
+        from ...recordings.importer import import_recording, import_summary
         from ...session.sources import compared_with_file, measurement_input
 
         day = self._day(job.given)

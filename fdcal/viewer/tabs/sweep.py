@@ -20,7 +20,7 @@ from ...graphics.basin_map import TABLE, table_numbers
 from ...graphics.heatmap import colour_limits, colour_numbers, normalise, of_colour_numbers
 from ...graphics.primitives import Floor
 from ...model.measurement import Measurement
-from ...session.history import SessionView
+from ...session.session import SessionView
 from ...solvers.interface import RunState
 from ..background.cost_maps import (
     CostMap,

@@ -20,11 +20,11 @@ from ...graphics.primitives import Picture
 from ...graphics.replay import replay_html
 from ...graphics.snapshot import render_png
 from ...graphics.volume import Volume, sampled_volume
-from ...model.isolated import call
+from ...model.libraries import call
 from ...model.validation import InputError
 from ...session import session_file
-from ...session.history import SessionView
-from ...session.request import OpenRequest
+from ...session.session import SessionView
+from ...session.sources import OpenRequest
 from ..background.cost_maps import (
     CostMap,
     CostMapRequest,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fdcal.assessment.bound import field_information, position_bound
+from fdcal.assessment.uncertainty import field_information, position_bound
 from fdcal.model.gauge import fixes_gauge
 from fdcal.session.planning.advice import accuracy_advice, best_addition, best_tape, resized
 from fdcal.session.planning.bounds import field_of, request_information, rms_at, wavenumbers_of
