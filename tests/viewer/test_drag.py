@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from browsing import WAIT
 from doubles import Recorder, State, finish, view_of
 
 from fdcal.cost.basins import basins_of, local_minima
@@ -173,6 +174,7 @@ MODE = 20  # of `tiny`, whose map has several minima
 def opened(page_of, monkeypatch):
     """The page of `tiny` with the map of one mode, and a function that ticks it until something happens."""
     monkeypatch.setattr(drop_module, "ROLL_TIME", 0.3)
+    monkeypatch.setattr(drop_module, "PATIENCE", WAIT)  # no path comes too late
     page, turn_until = page_of
     page.open(OpenRequest(load_scene("tiny"), choices={"microphone": 9, "follow": False, "modes": [MODE]}))
     turn_until(lambda: page.viewer is not None and page.viewer.snapshot.picture.floor is not None)
@@ -275,6 +277,7 @@ def test_without_a_cost_the_microphone_follows_the_pointer(opened):
 
 def test_in_space_it_falls_along_its_path_to_a_lower_cost(page_of, monkeypatch):
     monkeypatch.setattr(drop_module, "ROLL_TIME", 0.3)
+    monkeypatch.setattr(drop_module, "PATIENCE", WAIT)  # no path comes too late
     page, turn_until = page_of
     choices = {"microphone": 9, "follow": False, "modes": [9], "volume": True}
     page.open(OpenRequest(load_scene("ball3d"), choices=choices))
