@@ -346,7 +346,7 @@ print(*(thread.name for thread in threading.enumerate() if thread is not threadi
 def test_ctrl_c_leaves_no_thread(edited):
     """Of a solver whose steps are short; one that is in the middle of a long one ends with the process."""
     command = [sys.executable, "-c", ENDING, str(edited({"solver.name": '"descent"'}))]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT, env=os.environ)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=3 * WAIT, env=os.environ)
     assert run.returncode == 0 and "Traceback" not in run.stderr, run.stderr
     left = [name for name in run.stdout.strip().split("|") if name]
     assert not [name for name in left if name.startswith("fdcal")], left
