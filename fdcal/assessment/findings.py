@@ -26,7 +26,7 @@ from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..acoustics.dictionary import array_f_max
 from ..model.gauge import align
 from ..model.problem import Problem
-from ..model.texts import length_text
+from ..model.validation import length_text
 from ..solvers.estimate import Estimate, RoomEstimate, TriedOptimum
 from .channels import FaultyChannel, channel_faults, healthy_channels
 from .uncertainty import one_sigma, root_mean_square

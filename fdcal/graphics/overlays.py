@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..model.types import Reals
-from ..model.validation import frozen_array
+from ..model.validation import Reals, frozen_array
 from . import glyphs
 from .markers import (
     CUT,

@@ -29,7 +29,7 @@ from ..graphics.overlays import (
 from ..graphics.picture import static_picture, with_display_domain, with_estimate, with_floor
 from ..graphics.primitives import Floor, Picture
 from ..graphics.volume import Volume, faded
-from ..model.texts import length_text
+from ..model.validation import length_text
 from ..session.calibration_run import Assessment, assess_state, healthy_microphones
 from ..session.process import one_blas_thread
 from ..session.session import SessionView

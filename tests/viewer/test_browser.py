@@ -34,8 +34,8 @@ from websockets.sync.client import connect
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
+from fdcal.cost.expansion import ORDER_OFFSET
 from fdcal.cost.maps import cost_maps, map_positions, refined
-from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.session import session_file

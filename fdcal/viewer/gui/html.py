@@ -11,8 +11,7 @@ from ...graphics.heatmap import to_rgb
 from ...graphics.picture import row_word
 from ...graphics.primitives import ColourBar, format_number
 from ...model.measurement import Measurement
-from ...model.texts import length_text
-from ...model.validation import InputError
+from ...model.validation import InputError, length_text
 from ...session.calibration_run import Assessment
 from ...session.session import SessionView
 from ..server.process import log_location
@@ -110,7 +109,7 @@ def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarr
 
 
 def cost_text(cost: float, corrected: bool = False, row: str = "mode") -> str:
-    """Return a cost of `fdcal.cost.reference_cost`, dB, and what it is, with gains `corrected`; "unknown" for NaN.
+    """Return a cost of `fdcal.cost.expansion`, dB, and what it is, with gains `corrected`; "unknown" for NaN.
 
     It is that of all modes, or of all rows of several takes, as `row` says.
     """
