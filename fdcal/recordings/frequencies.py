@@ -20,9 +20,8 @@ import numpy as np
 from ..acoustics.coherence import array_radius
 from ..acoustics.dictionary import f_max
 from ..acoustics.spectrum import fast_length
-from ..model.declared import require_positive
 from ..model.validation import InputError
-from .import_options import IMPORT_LIMITS, ImportOptions
+from .import_options import IMPORT_LIMITS, ImportOptions, refused_option
 from .recording import Recording, channel_groups
 
 MIN_SNR = 10.0  # decibels, of a frequency that is used
@@ -177,7 +176,6 @@ def _stated_radius(
 ) -> tuple[float, str]:
     """Return the radius, metres, that is given or follows from positions, and where it is from; 0 without one."""
     if options.array_radius is not None:
-        require_positive("array_radius", options.array_radius, "m")
         return options.array_radius, "for the radius given"
     complete = recording.positions is not None
     positions = recording.positions if complete else known_positions
@@ -227,8 +225,7 @@ def frequency_band(
             low, high = (float(part) for part in options.frequencies.split(":"))
         except ValueError:
             problem = f'frequencies = "{options.frequencies}" is no band'
-            remedy = "write auto or LO:HI, as 20:300"
-            raise InputError(problem, remedy, key="frequencies", value=options.frequencies) from None
+            raise refused_option(options, "frequencies", problem, "write auto or LO:HI, as 20:300") from None
     if found.limit is not None and found.limit <= low and not found.estimated:
         problem = f"{recording.path}: an array of {found.radius:.3g} m radius is too large for {recording.count}"
         problem += f" microphones: they interpolate up to {found.limit:.3g} Hz, and the band begins at {low:g} Hz"
@@ -236,7 +233,7 @@ def frequency_band(
         raise InputError(problem, remedy, key="frequencies")
     if not 0 < low < high <= top:
         problem = f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold"
-        raise InputError(problem, f"use 0 < LO < HI <= {top:g} Hz", key="frequencies", value=options.frequencies)
+        raise refused_option(options, "frequencies", problem, f"use 0 < LO < HI <= {top:g} Hz")
     return low, high
 
 

@@ -20,7 +20,7 @@ from ..model.validation import InputError, StorageError
 from . import formats
 from .channels import ChannelHealth, ChannelWatch
 from .formats.sound import open_for_writing, require_whole_rate
-from .recording import MIN_SAMPLES, read_samples, select_channels
+from .recording import MIN_SAMPLES, ranges, read_samples, select_channels
 
 SUFFIXES = (".wav", ".w64")  # of files that a take is written to
 WAV_BYTES = 4e9  # that a WAV file can hold
@@ -157,9 +157,7 @@ def replayed(
     recording = select_channels(recording, np.arange(channels or recording.count))
 
     def blocks() -> Generator[Block, None, None]:
-        size = max(1, round(BLOCK * recording.sample_rate))
-        for start in range(0, recording.samples, size):
-            stop = min(start + size, recording.samples)
+        for start, stop in ranges(recording.samples, round(BLOCK * recording.sample_rate)):
             wait((stop - start) / recording.sample_rate)
             yield read_samples(recording, start, stop), False
 

@@ -18,6 +18,7 @@ import sofar
 import soundfile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from recorded import too_large
 from sofar.io import _write_sofa
 
 from fdcal.assessment.calibration import Calibration
@@ -134,14 +135,20 @@ def test_a_file_of_positions_is_no_recording(tmp_path):
     assert formats.reader_of(tmp_path / "a.xyz") is formats.reader_of(tmp_path / "a.csv") is None
 
 
-def test_sofa_in_degrees_and_with_a_temperature(tmp_path):
+@pytest.fixture
+def here(monkeypatch) -> None:
+    """Read in this process what would take one of its own: the files are in order, and other tests have the process."""
+    monkeypatch.setattr(process, "call", lambda function, *arguments, **limits: function(*arguments))
+
+
+def test_sofa_in_degrees_and_with_a_temperature(tmp_path, here):
     recording = formats.read(write_sofa(tmp_path / "a.sofa", spherical=True, kelvin=303.15))
     assert np.allclose(recording.positions, PLACES)
     assert recording.sound_speed == pytest.approx(349.0, abs=0.1)
     assert formats.read(write_sofa(tmp_path / "b.sofa", kelvin=0.0)).sound_speed is None
 
 
-def test_sofa_of_one_receiver_that_is_moved_and_of_two_sources(tmp_path):
+def test_sofa_of_one_receiver_that_is_moved_and_of_two_sources(tmp_path, here):
     sofa = room_sofa()
     sofa.Data_IR, sofa.Data_SamplingRate = np.concatenate([SAMPLES, -SAMPLES])[:, None], RATE
     sofa.ListenerPosition = np.concatenate([PLACES, PLACES])
@@ -180,7 +187,7 @@ def damaged_sofa(path: Path, change) -> Path:
         (lambda f: f.variables["ListenerView"].__setitem__(slice(None), [0, 0, 1.0]), "not two directions"),
     ],
 )
-def test_a_damaged_sofa_field_is_named(change, words, tmp_path):
+def test_a_damaged_sofa_field_is_named(change, words, tmp_path, here):
     with pytest.raises(InputError, match=words):
         formats.read(damaged_sofa(tmp_path / "a.sofa", change))
 
@@ -266,14 +273,6 @@ def test_an_hdf5_file_of_another_structure_is_refused_in_one_line(change, words,
     assert "a.sofa" in said and words in said
 
 
-def too_large() -> None:
-    """A reader that says of any error that the file is damaged."""
-    try:
-        bytearray(10**12)
-    except MemoryError as error:
-        raise InputError("the file is damaged") from error
-
-
 @pytest.mark.parametrize(
     ("function", "words"),
     [
@@ -285,7 +284,7 @@ def too_large() -> None:
     ],
 )
 def test_a_reader_that_crashes_hangs_or_takes_all_memory_ends_in_one_line(function, words, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", os.path.dirname(__file__), prepend=os.pathsep)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]), prepend=os.pathsep)
     if function is signal.pause:
         monkeypatch.setattr(formats, "SECONDS", 1.0)
     arguments = {bytearray: (10**12,), int: ("x",)}.get(function, ())
@@ -396,23 +395,18 @@ def test_a_bad_channel_is_named_with_the_remedy(samples, words, tmp_path):
 # What is damaged: a clear error, or what the file still says; never another exception, never a crash or a hang.
 
 
-HEADER = {"a.h5": 3000, "a.sofa": 20_000, "a.npz": 600}  # bytes that say how to read the rest, where more than 200
+HEADER = {"a.npz": 600}  # bytes that say how to read the rest, where more than 200
 
 
-@pytest.fixture(scope="module")
-def originals(tmp_path_factory) -> dict[str, bytes]:
-    folder = tmp_path_factory.mktemp("originals")
-    return {name: WRITERS[name](folder / name).read_bytes() for name in WRITERS if name != "mesh"}
+@pytest.mark.parametrize("name", [name for name in WRITERS if name not in ("mesh", "a.sofa", "a.h5")])
+def test_damage_gives_an_error_or_an_answer(name, tmp_path):
+    """Files of SOFA and HDF5, each of which a process reads, are broken in tests/fuzz."""
+    original = WRITERS[name](tmp_path / name).read_bytes()
 
-
-@pytest.mark.parametrize("name", [name for name in WRITERS if name != "mesh"])
-def test_damage_gives_an_error_or_an_answer(name, originals, tmp_path):
-    few = name in ("a.sofa", "a.h5")  # each reading is a process; tests/fuzz and the benchmark break hundreds in one
-
-    @settings(max_examples=6 if few else 25, deadline=None, derandomize=True)
+    @settings(max_examples=25, deadline=None, derandomize=True)
     @given(st.data())
     def damaged(data):
-        content = bytearray(originals[name])
+        content = bytearray(original)
         if data.draw(st.booleans(), "truncated"):
             del content[data.draw(st.integers(0, len(content) - 1), "length") :]
         else:
@@ -503,7 +497,7 @@ def test_pyroomacoustics_array_is_written(placed, tmp_path):
     assert np.array_equal(np.load(tmp_path / "p.npy"), placed.positions.T)
 
 
-def test_sofa_is_written_as_a_new_file_and_into_a_copy(placed, tmp_path):
+def test_sofa_is_written_as_a_new_file_and_into_a_copy(placed, tmp_path, here):
     formats.write(tmp_path / "p.sofa", "p.sofa", placed)
     back = sofar.read_sofa(str(tmp_path / "p.sofa"), verbose=False)
     assert np.allclose(
@@ -626,23 +620,9 @@ def written(path: Path, convention: str, moved: bool = False, in_degrees: bool =
     return path
 
 
-@pytest.fixture
-def read_here(monkeypatch) -> None:
-    """Run in this process what needs one of its own: the files are in order, and other tests have the process."""
-    monkeypatch.setattr(process, "call", lambda function, *arguments, **limits: function(*arguments))
-
-
+@pytest.mark.parametrize("moved", [False, True], ids=["receivers side by side", "one that is moved"])
 @pytest.mark.parametrize("convention", CONVENTIONS)
-def test_every_convention_is_read_and_its_positions_are_filled_in(convention, tmp_path, capfd):
-    written_and_read(convention, False, tmp_path, capfd)
-
-
-@pytest.mark.parametrize("convention", CONVENTIONS)
-def test_every_convention_may_have_one_receiver_that_is_moved(convention, tmp_path, capfd, read_here):
-    written_and_read(convention, True, tmp_path, capfd)
-
-
-def written_and_read(convention: str, moved: bool, tmp_path: Path, capfd) -> None:
+def test_every_convention_is_read_and_its_positions_are_filled_in(convention, moved, tmp_path, capfd, here):
     path = written(tmp_path / "a.sofa", convention, moved, in_degrees=True)
     recording = formats.read(path)
     assert np.allclose(recording.positions, SOFA_PLACES)
@@ -657,29 +637,23 @@ def written_and_read(convention: str, moved: bool, tmp_path: Path, capfd) -> Non
 
 
 @pytest.mark.parametrize("convention", EMITTERS)
-def test_every_source_is_a_take_when_all_are_asked_for(convention, tmp_path, read_here):
+def test_the_emitter_asked_for_is_read_and_each_is_a_take_when_all_are(convention, tmp_path, here):
     path = written(tmp_path / "a.sofa", convention, emitters=3)
     takes = read_takes([path], ImportOptions(source="all"))
     assert [one.path for one in takes] == [f"{path}, source {n}" for n in range(3)]
-    for number, one in enumerate(takes):
-        assert np.allclose(read_samples(one, 0, T), SOFA_SAMPLES * (number + 1))
+    for source, take in enumerate(takes):
+        recording = formats.read(path, source)
+        assert (recording.count, recording.samples) == (N, T)
+        assert np.allclose(read_samples(recording, 7, 50, [3, 1]), (source + 1) * SOFA_SAMPLES[[3, 1], 7:50])
+        assert np.allclose(read_samples(take, 0, T), SOFA_SAMPLES * (source + 1))
+    with pytest.raises(InputError, match="sources 0 to 2"):
+        formats.read(path, 3)
     single = written(tmp_path / "b.sofa", "GeneralFIR")
     assert len(read_takes([single], ImportOptions(source="all"))) == 1
 
 
-@pytest.mark.parametrize("convention", EMITTERS)
-def test_the_emitter_asked_for_is_read(convention, tmp_path, read_here):
-    path = written(tmp_path / "a.sofa", convention, emitters=3)
-    for source in range(3):
-        recording = formats.read(path, source)
-        assert (recording.count, recording.samples) == (N, T)
-        assert np.allclose(read_samples(recording, 7, 50, [3, 1]), (source + 1) * SOFA_SAMPLES[[3, 1], 7:50])
-    with pytest.raises(InputError, match="sources 0 to 2"):
-        formats.read(path, 3)
-
-
 @pytest.mark.parametrize("order", [1, -1], ids=["same order", "reverse order"])
-def test_positions_of_one_source_s_measurements_are_given_to_another_s_only_in_the_same_order(order, tmp_path):
+def test_positions_of_one_source_s_measurements_are_given_to_another_s_only_in_the_same_order(order, tmp_path, here):
     path = written(tmp_path / "a.sofa", "GeneralFIR", moved=True)
     sofa = sofar.read_sofa(str(path), verbose=False)
     sofa.Data_IR = np.concatenate([SOFA_SAMPLES, SOFA_SAMPLES[::order]])[:, None]
@@ -696,7 +670,7 @@ def test_positions_of_one_source_s_measurements_are_given_to_another_s_only_in_t
         assert np.allclose(formats.read(tmp_path / "b.sofa", source).positions, FOUND)
 
 
-def test_a_delay_is_applied_and_one_that_is_no_sample_is_refused(tmp_path):
+def test_a_delay_is_applied_and_one_that_is_no_sample_is_refused(tmp_path, here):
     delay = np.array([103.0, 100, 101, 107, 100])
     recording = formats.read(written(tmp_path / "a.sofa", "SingleRoomSRIR", delay=delay))
     assert recording.samples == T + 7

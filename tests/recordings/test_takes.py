@@ -1,12 +1,12 @@
 """Several files, sources or parts of a recording: takes of one array, or the channels of one take."""
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+import recorded
 import soundfile
-from recorded import CENTRE, FS, ROOM, SPEED, mismatch_db, noisy, places
+from recorded import FS, SPEED, mismatch_db, noisy, places
 from running import exit_code
 from scipy.signal import butter, fftconvolve, resample_poly, sosfilt
 
@@ -27,18 +27,9 @@ FEW = 100  # rows of a calibration: the time grows with their number, and the la
 ASKED = ImportOptions(sound_speed=SPEED, array_radius=0.5)
 
 
-@cache
 def responses(source: int) -> np.ndarray:
     """Impulse responses (COUNT, 2400) of one place of the source."""
-    import pyroomacoustics
-
-    pyroomacoustics.constants.set("c", SPEED)
-    room = pyroomacoustics.ShoeBox(ROOM, fs=FS, materials=pyroomacoustics.Material(0.45), max_order=22)
-    room.add_source(SOURCES[source])
-    room.add_microphone_array((places(COUNT) + CENTRE).T)
-    room.compute_rir()
-    rows = [np.asarray(row[0], dtype=float) for row in room.rir]
-    return np.array([np.pad(row, (0, max(0, 2400 - len(row))))[:2400] for row in rows])
+    return recorded.responses(COUNT, SOURCES[source])
 
 
 def playing(source: int, seconds: float, seed: int) -> np.ndarray:
@@ -243,8 +234,7 @@ def test_every_source_of_a_folder_is_a_take(tmp_path):
 @pytest.mark.parametrize("sources", [1, 2])
 def test_each_independent_source_gives_a_row(sources):
     samples = sum(level * playing(s, 30, 20 + s) for s, level in zip(range(sources), (1.0, 0.5), strict=False))
-    recorded = recording_of("room.wav", "stationary", FS, noisy(samples, 40))
-    taken = stationary_pressures(recorded, (40.0, 380.0), SPEED)
+    taken = stationary_pressures(recording_of("room.wav", "stationary", FS, noisy(samples, 40)), (40.0, 380.0), SPEED)
     f, rows = np.unique(taken.frequencies, return_counts=True)
     assert rows.max() <= sources
     assert np.mean(rows == sources) > 0.9

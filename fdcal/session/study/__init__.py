@@ -21,7 +21,7 @@ from ...model.room import Room
 from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_table
 from ...model.validation import InputError, shown
-from ..scene_edits import SceneParameters, parameters_of, with_parameters
+from ..scene_edits import SceneParameters, change, parameters_of, with_parameters
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
     table = _table_of(values.pop(SCENE, study.scene))
     for key, value in values.items():
         if "." in key:
-            _put(table, key, value)
+            change(table, key, value)
     scene = build(Scene, {**table, "seed": seed})
     changed = {key: value for key, value in values.items() if "." not in key}
     parameters = asdict(parameters_of(scene)) | changed
@@ -289,15 +289,6 @@ def _table_of(scene: str) -> dict:
         problem = f"{loaded.name} is a measurement, and a study simulates"
         raise InputError(problem, "give a scene that is simulated", key="scene", value=scene)
     return scene_table(scene)
-
-
-def _put(table: dict, key: str, value: Any) -> None:
-    *groups, last = key.split(".")
-    for group in groups:
-        table = table.setdefault(group, {})
-        if not isinstance(table, dict):
-            raise InputError(f'no scene has the key "{shown(key)}"', "correct the axis", key=f"axes.{key}")
-    table[last] = value
 
 
 RIGID_DECAY = 3.0  # 1/s, of the sound between rigid walls
