@@ -6,7 +6,7 @@ import json
 import math
 import subprocess
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -55,10 +55,10 @@ class Setting:
     known_sigma: Annotated[float, within(0, 1, "m")] | None = None
     sound_speed_sigma: Annotated[float, within(1e-6, 0.1)] | None = None
 
-    OPTIONAL = tuple(
-        "low high snr_db noise takes known known_error misplaced gain_db phase_deg inverted dead absorption cardioid"
-        " sound_speed_error known_sigma sound_speed_sigma".split()
-    )
+    @staticmethod
+    def optional(table: dict) -> list[str]:
+        """Return the keys that may be missing: those that have a default."""
+        return [one.name for one in fields(Setting) if one.default is not MISSING]
 
     def __post_init__(self):
         check(self, f"settings.{self.name}.")
@@ -131,8 +131,11 @@ class Study:
             if key in OWN or ("." not in key and key not in PARAMETERS):
                 remedy = f"use a key of the scene, such as solver.modes, or one of {', '.join(PARAMETERS)}"
                 raise InputError(f'no scene has the key "{shown(key)}"', remedy, key=f"axes.{shown(key)}")
+        self._require_few("axes")
+
+    def _require_few(self, key: str) -> None:
         if self.count > MAX_TASKS:
-            raise InputError(f"the study has {self.count:.3g} calibrations", f"use at most {MAX_TASKS:.0e}", key="axes")
+            raise InputError(f"the study has {self.count:.3g} calibrations", f"use at most {MAX_TASKS:.0e}", key=key)
 
     def _check_settings(self) -> None:
         names = [setting.name for setting in self.settings]
@@ -143,10 +146,7 @@ class Study:
             if name in names[:i]:
                 raise InputError(f'two settings have the name "{shown(name)}"', "rename one", key="settings")
         object.__setattr__(self, "axes", {SETTING: names})
-        if self.count > MAX_TASKS:
-            raise InputError(
-                f"the study has {self.count:.3g} calibrations", f"use at most {MAX_TASKS:.0e}", key="draws"
-            )
+        self._require_few("draws")
 
     def setting(self, name: str) -> Setting:
         """Return the setting of a name."""

@@ -240,8 +240,12 @@ def _run(study: Study, results: Results, client: Client, progress) -> int:
     threads: Any = client.nthreads()
     width = max(1, sum(threads.values()))
     completed = as_completed(with_results=True)
-    for batch in _batches(tasks, size, PACE.ahead * width):
-        completed.add(client.submit(run_batch, study, batch, pure=False))
+
+    def submit(count: int) -> None:
+        for batch in filter(None, (list(islice(tasks, size)) for _ in range(count))):
+            completed.add(client.submit(run_batch, study, batch, pure=False))
+
+    submit(PACE.ahead * width)
     try:
         for future, (batch_rows, seconds) in completed:
             future.release()
@@ -249,8 +253,7 @@ def _run(study: Study, results: Results, client: Client, progress) -> int:
             finished += len(batch_rows)
             wanted = PACE.batch_seconds * len(batch_rows) / max(seconds, 1e-6)
             size = int(min(max(1, wanted), 2 * len(batch_rows), PACE.max_batch))
-            for batch in _batches(tasks, size, 1):
-                completed.add(client.submit(run_batch, study, batch, pure=False))
+            submit(1)
             if len(rows) >= PACE.write_rows or time.monotonic() - written > PACE.write_seconds:
                 results.append(rows)
                 rows, written = [], time.monotonic()
@@ -259,14 +262,6 @@ def _run(study: Study, results: Results, client: Client, progress) -> int:
     finally:
         results.append(rows)
     return finished
-
-
-def _batches(tasks: Iterator[int], size: int, count: int) -> Iterator[list[int]]:
-    for _ in range(count):
-        batch = list(islice(tasks, size))
-        if not batch:
-            return
-        yield batch
 
 
 def run_batch(study: Study, numbers: list[int]) -> tuple[list[dict[str, Any]], float]:
