@@ -141,11 +141,11 @@ def measurement_of_takes(
     takes = [_flattened(one, options) for one in recordings]
     if options.split is not None:
         takes = [part for one in takes for part in _split(one, options.split, options)]
-    most = max(1, options.most // len(takes)) if options.most else default_max_rows(takes[0].count, len(takes))
+    max_rows = max(1, options.most // len(takes)) if options.most else default_max_rows(takes[0].count, len(takes))
     done, skipped = [], []
     for one in takes:
         try:
-            done.append(_measurement_of_take(one, options, most, left_out))
+            done.append(_measurement_of_take(one, options, max_rows, left_out))
         except NothingAboveNoise as error:
             skipped.append(one.path)
             if options.split is None or len(skipped) == len(takes):  # of parts, some may be pauses
@@ -166,9 +166,9 @@ def _split(recording: Recording, seconds: float, options: ImportOptions) -> list
 
 
 def _measurement_of_take(
-    recording: Recording, options: ImportOptions, most: int, left_out: dict[str, str]
+    recording: Recording, options: ImportOptions, max_rows: int, left_out: dict[str, str]
 ) -> tuple[Measurement, ImportReport]:
-    """Return the measurement of one take of at most `most` rows, and a report on it."""
+    """Return the measurement of one take of at most `max_rows` rows, and a report on it."""
     known, known_positions = np.zeros(0, int), None
     if options.known is not None:
         known, known_positions = select.known_microphones(recording, options.known)
@@ -179,9 +179,11 @@ def _measurement_of_take(
     taken = recording
     recording, kind, noise = _classified(taken, options, band)
     if kind == "stationary":
-        pressures = stationary_pressures(recording, band, speed, most, _reference_channel(recording, options))
+        pressures = stationary_pressures(recording, band, speed, max_rows, _reference_channel(recording, options))
     else:
-        pressures = impulse_response_pressures(recording, band, speed, _window_rate(recording, options), most, noise)
+        pressures = impulse_response_pressures(
+            recording, band, speed, _window_rate(recording, options), max_rows, noise
+        )
     axes = coordinate_count(recording, options, known_positions)
     if known_positions is not None and known_positions.shape[1] != axes:
         problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
@@ -317,9 +319,9 @@ def _window_rate(recording: Recording, options: ImportOptions) -> float | None:
         return None if options.window == "auto" else 0.0
     rate = number_in(options.window)
     if not 0 <= rate * recording.duration <= MAX_WINDOW_NEPERS:
-        most = f"{MAX_WINDOW_NEPERS / recording.duration:.3g} per second"
+        limit = f"{MAX_WINDOW_NEPERS / recording.duration:.3g} per second"
         raise refused_option(
-            options, "window", f'window = "{options.window}" must be auto, none or a rate up to {most}'
+            options, "window", f'window = "{options.window}" must be auto, none or a rate up to {limit}'
         )
     return rate
 

@@ -135,9 +135,9 @@ def ranges(count: int, step: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + max(1, step), count)
 
 
-def in_memory(recording: Recording, most: int = 4 * GROUP_SAMPLES) -> Recording:
-    """Return the recording held in memory as float32 if it has at most `most` samples, else as it is."""
-    if recording.count * recording.samples > most:
+def in_memory(recording: Recording, max_samples: int = 4 * GROUP_SAMPLES) -> Recording:
+    """Return the recording held in memory as float32 if it has at most `max_samples`, else as it is."""
+    if recording.count * recording.samples > max_samples:
         return recording
     values = np.empty((recording.count, recording.samples), dtype=np.float32)
     for start, stop in ranges(recording.samples, BLOCK_SAMPLES // recording.count):
@@ -205,19 +205,19 @@ def _names(files: Sequence[Recording]) -> tuple[str, ...]:
     return tuple(stem if one.count == 1 else f"{stem}.{name}" for one, stem in pairs for name in one.names)
 
 
-def split(recording: Recording, seconds: float, least: float) -> list[Recording]:
-    """Return parts of a recording, of `least` seconds; a remainder shorter than half a part is joined to the last."""
-    if seconds < least:
+def split(recording: Recording, seconds: float, min_seconds: float) -> list[Recording]:
+    """Return parts of `seconds`, not less than `min_seconds`; a remainder below half a part is joined to the last."""
+    if seconds < min_seconds:
         problem = f"split = {seconds:.3g} s is too short for a mean over segments of {recording.path}"
-        raise InputError(problem, f"use {least:.3g} s or more", key="split", value=seconds)
+        raise InputError(problem, f"use {min_seconds:.3g} s or more", key="split", value=seconds)
     length = int(seconds * recording.sample_rate)
     starts = list(range(0, recording.samples, length))
-    if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, least * recording.sample_rate):
+    if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, min_seconds * recording.sample_rate):
         starts.pop()
     if len(starts) < 2:
         problem = f"split = {seconds:.3g} s leaves {recording.path}, {recording.duration:.3g} s, in one part"
         longest = recording.duration / 1.5
-        remedy = f"use {longest:.3g} s or less" if longest >= least else "leave out <split>"
+        remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
         raise InputError(problem, remedy, key="split", value=seconds)
     return [_part(recording, a, b) for a, b in zip(starts, [*starts[1:], recording.samples], strict=True)]
 

@@ -203,7 +203,7 @@ def record_take(
 
     `watch`: called after each block, returns whether to go on. What was recorded is kept, also where the stream fails.
     """
-    path, most, count = Path(path), round(seconds * stream.sample_rate), len(stream.names)
+    path, wanted, count = Path(path), round(seconds * stream.sample_rate), len(stream.names)
     check_take(stream, path, seconds)
     channels, done, gaps, stopped, fault = ChannelWatch(count), 0, 0, False, ""
 
@@ -216,12 +216,12 @@ def record_take(
         ):
             try:
                 for samples, lost in blocks:
-                    block = np.asarray(samples[:, : most - done], float)
+                    block = np.asarray(samples[:, : wanted - done], float)
                     file.write(block.T)
                     channels.add(block)
                     done, gaps = done + block.shape[1], gaps + lost
                     stopped = not watch(_moment(stream, done, block, channels))
-                    if stopped or done >= most:
+                    if stopped or done >= wanted:
                         break
             except KeyboardInterrupt:
                 stopped = True
@@ -234,7 +234,7 @@ def record_take(
     write_atomically(path, write, force)
     return Take(
         path, done / stream.sample_rate, stream.sample_rate, stream.names, channels.health(stream.full_scale), gaps,
-        stopped and done < most, fault,
+        stopped and done < wanted, fault,
     )  # fmt: skip
 
 

@@ -205,10 +205,10 @@ def _gauge(scene: Scene, parameters: SceneParameters, before: SceneParameters) -
     count = scene.array.number
     if (parameters.known, count) == (before.known, before.microphones):
         return scene.gauge
-    least, known = min_known(scene), parameters.known
-    if not least <= known < count:
+    lowest, known = min_known(scene), parameters.known
+    if not lowest <= known < count:
         problem = f"known = {known} of {count} microphones is impossible"
-        raise InputError(problem, f"use {least} to {count - 1}", key="known", value=known)
+        raise InputError(problem, f"use {lowest} to {count - 1}", key="known", value=known)
     positions = positions_of(replace(scene, gauge=Gauge(free=(0,))))
     return Gauge(known=spread_out(positions, parameters.known))
 

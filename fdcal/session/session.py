@@ -70,7 +70,7 @@ class StateCosts:
         return self._reference_cost is None or (found is not None and found[0]() is state)
 
     def compute_in_passing(self, state: RunState, spent: float) -> None:
-        """Compute the cost of a state after a step of `spent` s, unless costs have had their share."""
+        """Compute the cost of a state after a step of `spent` s, unless costs have taken COST_TIME already."""
         self._credit = min(self._credit + COST_TIME * spent, 2 * self._duration + COST_TIME * spent)
         if self._credit >= self._duration:
             self.compute(state)
@@ -276,7 +276,7 @@ class SolverRun:
     """The states of a run and the commands that change them; for one thread.
 
     Parameters as of `Session`; `on_change`: called after `view`, frozen, which any thread may read, has changed;
-    `pause_between_steps`: least time between two steps, s.
+    `pause_between_steps`: minimum time between two steps, s.
     """
 
     def __init__(
@@ -494,7 +494,7 @@ class Session:
 
     @property
     def step_time(self) -> float:
-        """Processor time of a step, s: the least of the last three, since one may have been compiled meanwhile."""
+        """Processor time of a step, s: the minimum of the last three, since one may have been compiled meanwhile."""
         return min(self._run.spent.copy())
 
     def play(self) -> None:

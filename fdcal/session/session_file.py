@@ -152,10 +152,10 @@ def _opening(table: dict, packed: bytes) -> OpenRequest:
 def kept_states(run, index: int | None) -> list[int]:
     """Return the indices of the states to keep: all, or so many that the file stays small, state `index` among them."""
     largest = max(state_bytes(state) for state in (run[0], run[len(run) // 2], run[-1]))
-    most = min(MAX_STATES, max(2, WRITTEN_BYTES // largest))
-    if len(run) <= most:
+    max_count = min(MAX_STATES, max(2, WRITTEN_BYTES // largest))
+    if len(run) <= max_count:
         return list(range(len(run)))
-    even = np.linspace(0, len(run) - 1, most - 1).round().astype(int).tolist()
+    even = np.linspace(0, len(run) - 1, max_count - 1).round().astype(int).tolist()
     return sorted({*even, len(run) - 1 if index is None else index})
 
 
@@ -342,16 +342,16 @@ def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray
 
 
 def read_states(
-    table: Any, arrays: Mapping[str, np.ndarray], problem: Problem, solver: str, most: int
+    table: Any, arrays: Mapping[str, np.ndarray], problem: Problem, solver: str, max_count: int
 ) -> tuple[RunState, ...]:
-    """Return the states, `most` at most, of a table of `write_states` out of JSON and its arrays.
+    """Return the states, `max_count` at most, of a table of `write_states` out of JSON and its arrays.
 
     InputError for what is not of the type, the shape and the range that a state of `problem` has. Of a chain, states of
     each of its members are possible.
     """
     order, kinds, settings = (_list(table, key) for key in ("order", "kinds", "settings"))
-    if not 1 <= len(order) <= most:
-        remedy = f"a session holds 1 to {most} states"
+    if not 1 <= len(order) <= max_count:
+        remedy = f"a session holds 1 to {max_count} states"
         raise InputError(f"states.order has {len(order)} entries", remedy, key="states.order", value=len(order))
     read_settings = [build(SolverSettings, one if isinstance(one, dict) else {}, "settings.") for one in settings]
     reader = StateReader(arrays, read_settings, problem)

@@ -187,10 +187,10 @@ def isolated(read: Read) -> Read:
     return read_apart
 
 
-def _content(read: Read, path: Path, source: int | None, most: int) -> tuple[dict[str, Any], np.ndarray | None]:
-    """Return the fields of a recording, except for its block, and its samples (N, T) if at `most` so many."""
+def _content(read: Read, path: Path, source: int | None, max_held: int) -> tuple[dict[str, Any], np.ndarray | None]:
+    """Return the fields of a recording, except for its block, and its samples (N, T) if they are at most `max_held`."""
     found = read(path, source)
-    held = found.count * found.samples <= most
+    held = found.count * found.samples <= max_held
     values = found.block(0, found.samples, np.arange(found.count)) if held else None
     return {key: value for key, value in vars(found).items() if key != "block"}, values
 

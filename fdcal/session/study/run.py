@@ -73,12 +73,12 @@ class Results:
             self._require_own(_head(head), own, resume)
         elif any(path.name != ROWS for path in self.folder.iterdir()):
             raise InputError(f"{folder} is not empty", "choose another folder", key="output", value=str(folder))
-        if not any(self.folder.glob(PARTS)):  # whoever writes the first row has begun the folder
+        if not any(self.folder.glob(PARTS)):  # the first row makes the folder that of its study
             text = json.dumps(own, indent=1) + "\n"
             write_atomically(head, lambda file: file.write_text(text, encoding="utf-8"), force=True)
 
     def _require_own(self, head: dict, own: dict, resume: bool) -> None:
-        """Raise InputError unless the folder was begun by this study and this code, and may be gone on with."""
+        """Raise InputError unless the folder holds this study, computed by this code, and may be continued."""
 
         def refuse(problem: str, remedy: str) -> NoReturn:
             raise InputError(f"{self.folder} {problem}", remedy, key="output", value=str(self.folder))
