@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import save_measurement
 from fdcal.session.study import Setting, Study, load_study
 from fdcal.session.study.rows import draw
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from fdcal import Calibration
 from fdcal.assessment.result_file import load_result, save_result
-from fdcal.model.measurement import Measurement
-from fdcal.model.measurement_file import load_measurement, save_measurement
+from fdcal.model.measurement import Measurement, load_measurement, save_measurement
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.settings import Search, SolverSettings

@@ -66,7 +66,7 @@ def import_(sources, output, files, number, dimension, array_dimension, force, *
     channels of one take.
     """
     path = output_path(output, ".npz", force, *sources, options["reference"])
-    from ..model.measurement_file import save_measurement
+    from ..model.measurement import save_measurement
     from ..model.storage import write_atomically
     from ..recordings.importer import import_recording, import_summary
 

@@ -168,7 +168,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
     """
     path = opt.output_path(output, ".html", force)
-    from ..cost.reference_cost import reference_cost_of
+    from ..cost.expansion import reference_cost_of
     from ..graphics.replay import replay_html
     from ..model.given_positions import with_search_domain
     from ..model.storage import write_atomically

@@ -66,9 +66,8 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
 
     `modes`: how many are summed, from the lowest up, of those that the microphones can carry.
     """
-    from ..cost.expansion import expansion_of
+    from ..cost.expansion import ORDER_OFFSET, expansion_of
     from ..cost.maps import cost_volume
-    from ..cost.reference_cost import ORDER_OFFSET
     from ..graphics.volume import sampled_volume
 
     problem = inputs.measurement.problem(inputs.settings.weights)

@@ -30,8 +30,7 @@ from ..assessment.study_statistics import (
     selected,
     share_grid,
 )
-from ..model.reading import parse_toml, read_bytes
-from ..model.storage import write_atomically
+from ..model.storage import parse_toml, read_bytes, write_atomically
 from ..model.validation import InputError
 from ..session.study import version_text
 from .calibration_figure import html_table

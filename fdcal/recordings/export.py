@@ -19,8 +19,8 @@ import numpy as np
 
 from ..assessment.calibration import Calibration, placed_in_frame
 from ..assessment.result_file import channel_table
-from ..model.extras import needs
 from ..model.given_positions import MicrophonePositions
+from ..model.libraries import needs
 from ..model.measurement import Measurement
 from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice

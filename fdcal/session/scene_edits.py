@@ -11,11 +11,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ..model.array_layout import Array, Gauge
 from ..model.arrays import positions_of
 from ..model.declared import Count, Metres, Seed, build, check, within
 from ..model.room import WALLS
-from ..model.scene import Scene
+from ..model.scene import Array, Gauge, Scene
 from ..model.scene_file import MeasuredScene
 from ..model.settings import ALL_MODES, Search
 from ..model.validation import InputError, require_choice

@@ -23,12 +23,12 @@ import numpy as np
 
 from .. import solvers
 from ..model.declared import build, convert
-from ..model.measurement_file import load_measurement, save_measurement
+from ..model.measurement import load_measurement, save_measurement
 from ..model.problem import Problem
-from ..model.reading import parse_json, read_archive, require_regular
 from ..model.scene import Scene
 from ..model.scene_file import MeasuredScene
 from ..model.settings import SolverSettings
+from ..model.storage import parse_json, read_archive, require_regular
 from ..model.validation import LIMITS, InputError, StorageError, frozen_array, shown, shown_literal
 from ..solvers.interface import RunState
 from .scene_edits import plain, table_of

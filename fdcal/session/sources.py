@@ -11,10 +11,9 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..model.channels import exclude_microphones
 from ..model.declared import Count, Seed, convert, declaration
-from ..model.measurement import Measurement
-from ..model.measurement_file import load_measurement
+from ..model.measurement import Measurement, load_measurement
+from ..model.measurement_checks import exclude_microphones
 from ..model.scene_file import MeasuredScene, placeholder_scene
 from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import InputError, refusal

@@ -20,8 +20,7 @@ import viser
 
 from ..graphics.camera import Camera
 from ..model.scene_file import load_scene, scene_names
-from ..model.texts import modes_text, parse_modes
-from ..model.validation import InputError, shown
+from ..model.validation import InputError, modes_text, parse_modes, shown
 from ..session.lesson import IN_USE, MAPS, Map, Setting
 from ..session.sources import OpenRequest
 from .gui.binding import kind_of

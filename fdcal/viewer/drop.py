@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cost.basins import Basins, basins_of
-from ..cost.descent_path import DescentPath, descent_path
+from ..cost.basins import Basins, DescentPath, basins_of, descent_path
 from ..cost.maps import cost_maps, lattice_of
 from ..graphics.overlays import along
 from ..model.settings import Search
-from ..model.types import Reals
+from ..model.validation import Reals
 from ..session.session import SessionView
 from .background.cost_maps import CostMap
 from .gui.binding import Binding

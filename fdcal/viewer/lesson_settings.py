@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import viser
 
-from ..model.texts import parse_modes
+from ..model.validation import parse_modes
 from ..session.lesson import IN_USE, Frame, Setting, parse_frame, run_target
 from ..session.session import Session
 from ..session.sources import OpenRequest

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..model.measurement_file import load_measurement
+from ..model.measurement import load_measurement
 from ..model.scene_file import load_scene
 from ..session.sources import OpenRequest
 

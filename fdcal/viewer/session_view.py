@@ -29,7 +29,7 @@ from ..graphics.overlays import (
 from ..graphics.picture import static_picture, with_display_domain, with_estimate, with_floor
 from ..graphics.primitives import Floor, Picture
 from ..graphics.volume import Volume, faded
-from ..model.texts import length_text
+from ..model.validation import length_text
 from ..session.calibration_run import Assessment, assess_state, healthy_microphones
 from ..session.process import one_blas_thread
 from ..session.session import SessionView
@@ -157,6 +157,8 @@ class SessionPicture:
         picture = with_volume(picture, volume)
         if dropped is not None and dropped.microphone == microphone:
             picture = with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
+        elif (floor or volume) and (choices.release or microphone not in self._run.problem.known):
+            picture = with_ball(picture, positions[microphone], floor)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
             picture = with_trails(picture, np.array([self._frame.positions(state.positions) for state in past]), floor)
@@ -385,11 +387,18 @@ class Viewer:
             self.run, picture, tick.view, choices, tick.microphone, sigma, volume, sought, tick.drawn
         )
         self.nodes.show(picture)
-        self._folders.overlay.show("legend", canvas_legend(picture.bar, legend_of(picture)))
+        self._folders.overlay.show("legend", canvas_legend(picture.bar, legend_of(picture), self._hint(picture)))
         across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
         self._picker.show(self._picture.places, picture.floor, across if across >= 0 else 2)
         self._line_handles.show(choices.cut, floor)
         self._key = key
+
+    def _hint(self, picture: Picture) -> str:
+        """Return how to read the map of a cost, in words; "" for anything else."""
+        if picture.bar is None or not picture.bar.label.startswith("cost"):
+            return ""
+        low = "low and dark" if picture.floor is not None and picture.floor.heights is not None else "dark"
+        return f"Where the map is {low}, the recording of this microphone fits."
 
     def _select_map(self, view: SessionView, choices: Choices, now: float) -> tuple[CostMap | None, str]:
         """Select the microphone of the map; return the map, or None and the reason why there is none.

@@ -12,13 +12,16 @@ from scipy.special import j0, jv
 
 from fdcal.acoustics.room_modes import independent_frequencies, mode_count
 from fdcal.assessment.assess import assess
-from fdcal.assessment.bound import Prior, diffuse_information, field_information, position_bound
 from fdcal.assessment.uncertainty import (
+    Prior,
     confidence_factor,
     covariance_of,
     curvature_of,
+    diffuse_information,
     ellipse_axes,
+    field_information,
     one_sigma,
+    position_bound,
     scale_sigma_of,
     search_spread_of,
 )

@@ -24,7 +24,7 @@ from sofar.io import _write_sofa
 from fdcal.assessment.calibration import Calibration
 from fdcal.assessment.result_file import save_result
 from fdcal.commands.cli import main
-from fdcal.model import isolated as process
+from fdcal.model import libraries as process
 from fdcal.model.given_positions import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats

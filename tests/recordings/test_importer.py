@@ -19,7 +19,7 @@ from scipy.signal import chirp, fftconvolve
 from fdcal.acoustics.dictionary import f_max
 from fdcal.commands.file_commands import import_
 from fdcal.commands.options import OPTIONS
-from fdcal.model.measurement_file import load_measurement
+from fdcal.model.measurement import load_measurement
 from fdcal.model.validation import InputError
 from fdcal.recordings import frequencies
 from fdcal.recordings.channels import exclude_channels, known_microphones, select_plane, select_subset

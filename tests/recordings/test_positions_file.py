@@ -80,10 +80,9 @@ def exchanged(tmp_path):
 
 
 def test_exchanged_channels_are_found_with_the_positions_of_a_file_also_of_a_part_of_them(exchanged, capsys):
-    exit_code("calibrate", "tiny", "--check", "--positions", exchanged)
-    assert "channels 3 and 10 are swapped" in capsys.readouterr().out
-    exit_code("calibrate", "tiny", "--exclude", "1,2", "--check", "--positions", exchanged)
-    assert "channels 3 and 10 are swapped" in capsys.readouterr().out
+    for part in ((), ("--exclude", "1,2")):
+        exit_code("calibrate", "tiny", *part, "--check", "--positions", exchanged)
+        assert "3 (Point 3) and 10 (Point 10) are swapped" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

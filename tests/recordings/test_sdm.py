@@ -9,7 +9,7 @@ from running import exit_code
 from scipy.io import loadmat, savemat
 
 from fdcal.acoustics.plane_waves import plane_wave_pressures
-from fdcal.model.measurement_file import load_measurement
+from fdcal.model.measurement import load_measurement
 from fdcal.model.room import MEASURED_AND_MODELLED, response_path
 from fdcal.model.sdm_response import load_sdm_response, read_arrays
 from fdcal.model.validation import InputError

@@ -12,7 +12,7 @@ from scipy.signal import butter, fftconvolve, resample_poly, sosfilt
 
 import fdcal
 from fdcal.model.gauge import align
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import save_measurement
 from fdcal.model.validation import InputError
 from fdcal.recordings.cross_spectra import room_spacing, stationary_pressures
 from fdcal.recordings.frequencies import default_max_rows

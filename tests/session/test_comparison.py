@@ -10,7 +10,7 @@ import pytest
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.reference_cost import ReferenceCost
+from fdcal.cost.expansion import ReferenceCost
 from fdcal.model.scene_file import load_scene
 from fdcal.session.comparison import Comparison, same_start
 from fdcal.viewer.background import prepare

@@ -6,8 +6,8 @@ import pytest
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.uncertainty import confidence_factor, ellipse_axes
+from fdcal.cost.expansion import ReferenceCost
 from fdcal.cost.maps import cost_maps, map_minima, map_positions, minima_of, refined
-from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
 from fdcal.model.gauge import position_errors

@@ -12,7 +12,7 @@ from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.session.session_file import read_states, write_states
-from fdcal.solvers.robust.groups import groups, other_poses
+from fdcal.solvers.robust.outliers import groups, other_poses
 
 FREQUENCIES = np.linspace(40.0, 300.0, 30)
 K = 2 * np.pi * FREQUENCIES / 343.0

@@ -7,8 +7,7 @@ import pytest
 from doubles import finish
 
 from fdcal.model.settings import Search
-from fdcal.model.texts import modes_text, parse_modes
-from fdcal.model.validation import InputError
+from fdcal.model.validation import InputError, modes_text, parse_modes
 from fdcal.viewer.gui.binding import PlanChoices
 from fdcal.viewer.scene3d.picking import MicrophonePicker
 

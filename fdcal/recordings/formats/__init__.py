@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ...model import isolated as process
+from ...model import libraries as process
 from ...model.given_positions import MicrophonePositions
-from ...model.reading import require_regular
+from ...model.storage import require_regular
 from ...model.validation import InputError, StorageError
 from ..recording import Recording, block_of
 

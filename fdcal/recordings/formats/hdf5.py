@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ...model.extras import needs
+from ...model.libraries import needs
 from ...model.validation import InputError, shown
 from ..recording import RANGE_SAMPLES, Recording, ranges
 from . import Format, damaged, isolated

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.extras import needs
 from ...model.given_positions import MicrophonePositions
+from ...model.libraries import needs
 from ...model.validation import InputError, StorageError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
 from . import Format, damaged, isolated, isolated_call, wanted_source

@@ -16,10 +16,10 @@ import numpy as np
 
 from ...acoustics.spectrum import SPECTRUM
 from ...model.declared import Count, Hertz, Metres, Seconds, Seed, build, check, within
-from ...model.reading import parse_toml, read_bytes
 from ...model.room import Room
 from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_table
+from ...model.storage import parse_toml, read_bytes
 from ...model.validation import InputError, shown
 from ..scene_edits import SceneParameters, change, parameters_of, with_parameters
 

@@ -19,10 +19,9 @@ from ...acoustics.box_field import point_source_pressures
 from ...acoustics.dictionary import array_f_max
 from ...acoustics.measure import cached_recordings, measured, sound_field
 from ...acoustics.spectrum import ModalPressures
-from ...assessment.bound import Prior, diffuse_information, position_bound
 from ...assessment.study_statistics import scored
-from ...model.arrays import positions_of
-from ...model.geometry import ball, circle, encloses, random_source
+from ...assessment.uncertainty import Prior, diffuse_information, position_bound
+from ...model.arrays import ball, circle, encloses, positions_of, random_source
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
 from ...model.room import Room

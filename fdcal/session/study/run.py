@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from ...assessment.study_statistics import SCORES
-from ...model.extras import missing_library, needs
+from ...model.libraries import missing_library, needs
 from ...model.storage import write_atomically
 from ...model.validation import InputError, StorageError, shown
 from . import Study, code_version, describe, version_text

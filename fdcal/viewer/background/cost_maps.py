@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...cost.basins import Basins, basins_of
-from ...cost.expansion import expansion_of
+from ...cost.expansion import ORDER_OFFSET, expansion_of
 from ...cost.maps import (
     VOLUME_NEGLIGIBLE,
     CostVolume,
@@ -30,7 +30,6 @@ from ...cost.maps import (
     power_shares,
     refined,
 )
-from ...cost.reference_cost import ORDER_OFFSET
 from ...cost.scale import Minima
 from ...graphics.basin_map import basin_floor, basin_slice, descent_text
 from ...graphics.heatmap import cost_floor, cost_label, field_floor

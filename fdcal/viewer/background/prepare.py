@@ -17,7 +17,7 @@ import numpy as np
 
 from ... import solvers
 from ...acoustics.measure import cached_measurement
-from ...cost.reference_cost import ReferenceCost, reference_cost_of
+from ...cost.expansion import ReferenceCost, reference_cost_of
 from ...model.given_positions import with_search_domain
 from ...model.measurement import Measurement
 from ...model.problem import Problem
@@ -29,8 +29,8 @@ from ...session.calibration_run import with_estimated_domain
 from ...session.session import Session
 from ...session.sources import OpenRequest, as_given
 from ...session.worker import Delivery, LatestWorker
+from ...solvers import warmup_calls
 from ...solvers.interface import RunState, Solver
-from ...solvers.warmup import warmup_calls
 
 
 class Closable(Protocol):

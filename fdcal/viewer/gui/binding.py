@@ -19,12 +19,11 @@ import numpy as np
 import viser
 
 from ...assessment.calibration import Channels
-from ...cost.reference_cost import ORDER_OFFSET
+from ...cost.expansion import ORDER_OFFSET
 from ...graphics.picture import row_word
 from ...graphics.primitives import Picture
 from ...model.measurement import Measurement
-from ...model.types import Reals
-from ...model.validation import InputError
+from ...model.validation import InputError, Reals
 from ...session.calibration_run import Assessment
 from ...session.lesson import MAX_ORDER_OFFSET
 from ...session.session import SessionView
@@ -265,7 +264,7 @@ class RunSummary:
     largest_error: float | None
     times: np.ndarray  # (P,) float64, s, of the points of the curves
     mean_errors: np.ndarray | None  # (P,) float64, mm, or None
-    costs: np.ndarray  # (P,) float64, dB, of `fdcal.cost.reference_cost`
+    costs: np.ndarray  # (P,) float64, dB, of `fdcal.cost.expansion`
     cost: float | None = None  # dB, of the positions themselves; None until it is computed
 
 

@@ -11,8 +11,7 @@ from ...graphics.heatmap import to_rgb
 from ...graphics.picture import row_word
 from ...graphics.primitives import ColourBar, format_number
 from ...model.measurement import Measurement
-from ...model.texts import length_text
-from ...model.validation import InputError
+from ...model.validation import InputError, length_text
 from ...session.calibration_run import Assessment
 from ...session.session import SessionView
 from ..server.process import log_location
@@ -110,7 +109,7 @@ def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarr
 
 
 def cost_text(cost: float, corrected: bool = False, row: str = "mode") -> str:
-    """Return a cost of `fdcal.cost.reference_cost`, dB, and what it is, with gains `corrected`; "unknown" for NaN.
+    """Return a cost of `fdcal.cost.expansion`, dB, and what it is, with gains `corrected`; "unknown" for NaN.
 
     It is that of all modes, or of all rows of several takes, as `row` says.
     """
@@ -273,7 +272,8 @@ def colour_bar(bar: ColourBar) -> str:
         for share, text in bar.ticks
     )
     ends = (("below", bar.low, bar.clipped), ("above", bar.high, bar.capped))
-    beyond = " and ".join(f"{side} {format_number(value, 3)}" for side, value, there in ends if there)
+    unit = " dB" if "(dB)" in bar.label else ""
+    beyond = " and ".join(f"{side} {format_number(value, 3)}{unit}" for side, value, there in ends if there)
     note = f"values {beyond} are clipped" if beyond else ""
     words = "<br>".join(filter(None, (escape(bar.label), note)))
     layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
@@ -289,7 +289,8 @@ def _css(colour) -> str:
     return f"rgb({int(colour[0])},{int(colour[1])},{int(colour[2])})"
 
 
-def canvas_legend(bar: ColourBar | None, entries: Iterable[Entry]) -> str:
-    """Return what stands on the canvas: the colour bar of the map, if there is one, and the marks that are drawn."""
+def canvas_legend(bar: ColourBar | None, entries: Iterable[Entry], hint: str = "") -> str:
+    """Return what stands on the canvas: how to read the map, its colour bar, if there is one, and the marks drawn."""
     scale = "" if bar is None else colour_bar(bar)
-    return f"<div class='fdcal-legend'>{scale}{legend(entries)}</div>"
+    words = f"<p>{escape(hint)}</p>" if hint else ""
+    return f"<div class='fdcal-legend'>{words}{scale}{legend(entries)}</div>"

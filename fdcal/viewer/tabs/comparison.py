@@ -21,7 +21,7 @@ from ...graphics.annotations import COMPARED, compared_entry
 from ...graphics.markers import solver_mark
 from ...graphics.picture import cost_title
 from ...model.measurement import Measurement
-from ...model.texts import length_text
+from ...model.validation import length_text
 from ...session.comparison import Comparison, ComparisonRun
 from ...session.session import SessionView
 from ...solvers.interface import RunState

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.colors import to_hex
 from viser import uplot
 
+from ...cost.expansion import LOWEST
 from ...cost.maps import eq7_cut
-from ...cost.reference_cost import LOWEST
 from ...graphics.picture import row_word
 from ...model.measurement import Measurement
 from ...solvers.interface import RunState

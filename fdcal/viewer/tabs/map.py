@@ -6,14 +6,13 @@ Those are one image, drawn on a thread of its own: a drag does not wait for it.
 import numpy as np
 
 from ...acoustics.dictionary import max_order
-from ...cost.reference_cost import decibels
+from ...cost.expansion import decibels
 from ...graphics.panels import Marks, mosaic
 from ...graphics.picture import row_word
 from ...graphics.primitives import DARK, LIGHT, format_number
 from ...graphics.volume import AXES
 from ...model.measurement import Measurement
-from ...model.texts import modes_text, parse_modes
-from ...model.validation import InputError
+from ...model.validation import InputError, modes_text, parse_modes
 from ..background.cost_maps import CostMap, count_label, modes_label, of_take
 from ..background.prepare import PreparedRun
 from ..display_frame import drawn_truth

@@ -13,7 +13,7 @@ from viser import uplot
 
 from ...model.gauge import position_errors
 from ...model.measurement import Measurement
-from ...model.texts import mm_text
+from ...model.validation import mm_text
 from ...session.session import SessionView
 from ..gui.binding import Binding, PositionUncertainty, Same, Tab, Tick
 from ..gui.html import CARD, verdict_word

@@ -20,7 +20,7 @@ from ...graphics.primitives import Picture
 from ...graphics.replay import replay_html
 from ...graphics.snapshot import render_png
 from ...graphics.volume import Volume, sampled_volume
-from ...model.isolated import call
+from ...model.libraries import call
 from ...model.validation import InputError
 from ...session import session_file
 from ...session.session import SessionView
