@@ -8,8 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import fdcal
-from fdcal.commands.gallery_pages import OPENING, replay_of
-from fdcal.commands.lesson_page import lesson_html
+from fdcal.commands.gallery_pages import OPENING, lesson_html, replay_of
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.session.calibration_run import states_of

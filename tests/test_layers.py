@@ -38,7 +38,7 @@ HOMES = {
     "viser": {"viewer"},
     "pyvista": {"graphics.snapshot"},
     "vtk": {"graphics.snapshot"},
-    "vtkmodules": {"graphics.paraview", "graphics.volume"},
+    "vtkmodules": {"graphics.exports", "graphics.volume"},
     "threading": {"session"},
     "_thread": {"session"},
     "concurrent": {"session", "acoustics.compiled"},

@@ -8,7 +8,11 @@ imported by the command that needs them.
 """
 
 import contextlib
+import errno
+import ipaddress
 import os
+import re
+import socket
 import sys
 import time
 import traceback
@@ -20,9 +24,8 @@ import click
 from ..model.extras import missing_library
 from ..model.validation import InputError
 from ..session.blas_threads import one_blas_thread_for_command
-from . import file_commands, plan_command, plot_commands, record_command, study_command
+from . import file_commands, plan_commands, plot_commands
 from . import options as opt
-from . import parameter_types as types
 
 INTERRUPTED = "interrupted; nothing is left half-written"
 NO_MEMORY = "there is not enough memory for this; use fewer microphones, frequencies or candidate positions"
@@ -139,6 +142,58 @@ def commands(context):
         click.echo(context.get_help())
 
 
+PORTS = "use 1024 to 65535, or 0"  # that may be served without being the administrator
+
+
+def check_address(host: str, port: int) -> bool:
+    """Return whether an address can be reached from this machine only (a loopback address).
+
+    The port is bound once, because a viewer with an address that cannot be served would wait indefinitely.
+    """
+    if not 0 <= port <= 65535:
+        raise InputError(f"--port {port} is out of range", f"{PORTS} for a free one", key="port", value=port)
+    try:
+        if not host or re.search(r"\s", host):
+            raise ValueError
+        family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except (OSError, ValueError):
+        remedy = "use 127.0.0.1 for this machine alone"
+        raise InputError(f'--host "{host}" is an unknown address', remedy, key="host", value=host) from None
+    try:
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(place)
+            probe.listen(1)
+    except PermissionError:
+        problem = f"--port {port} may only be used by the administrator"
+        raise InputError(problem, PORTS, key="port", value=port) from None
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            remedy = "use another one, or --port 0 for a free one"
+            raise InputError(f"--port {port} is in use", remedy, key="port", value=port) from None
+        problem = f'--host "{host}" cannot be served here ({error.strerror})'
+        raise InputError(problem, "use 127.0.0.1", key="host", value=host) from None
+    return ipaddress.ip_address(str(place[0]).split("%")[0]).is_loopback
+
+
+def address_warning(host: str, port: int) -> str:
+    """Return a warning for an address that other machines can reach, with a safer way."""
+    port = port or 8080
+    return (
+        f"The page at {host} can be opened and used by anyone who reaches this machine: there is no password.\n"
+        f"Safer: leave out --host, and on the other machine run  ssh -L {port}:127.0.0.1:{port} USER@THIS-MACHINE"
+    )
+
+
+def open_page(url: str) -> None:
+    """Open `url` in a browser; do nothing without a screen, where a text browser would start."""
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return
+    import webbrowser
+
+    webbrowser.open(url)
+
+
 @commands.command()
 @click.argument("scene", required=False, metavar="[SCENE|FILE|SESSION]")
 @click.option("--lesson", "own", multiple=True, metavar="FILE.toml", help="A lesson of your own, started at once.")
@@ -152,13 +207,12 @@ def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_brows
     `fdcal import` reads, SESSION a session saved by the page.
     """
     from ..session.lesson import lesson_names, load_lesson
-    from .serving import check_address, open_page, warning
 
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
     request = None if scene is None else opt.open_request_of(scene)
     only_here = check_address(host, port)
     if not only_here:
-        print(warning(host, port), file=sys.stderr)
+        print(address_warning(host, port), file=sys.stderr)
 
     def on_ready(url: str) -> None:
         print(url, flush=True)
@@ -196,7 +250,7 @@ def simulate(scene: str, output: str, force: bool):
 @opt.solver_options
 @click.option(
     "--gain-sigma",
-    type=types.gain_sigma,
+    type=opt.gain_sigma,
     metavar="DB,DEG",
     help="Spread of the channels for solver robust, as 1dB,5deg.  [default: estimated]",
 )
@@ -204,26 +258,26 @@ def simulate(scene: str, output: str, force: bool):
 @opt.seed_option
 @click.option(
     "--exclude",
-    type=types.microphone_names,
+    type=opt.microphone_names,
     default=(),
     metavar="NAME,...",
     help="Microphones to leave out, by name or number.",
 )
 @click.option("--estimate-sound-speed", is_flag=True, help="Also estimate it: from known microphones, or --distance.")
 @click.option(
-    "--distance", type=types.distance, metavar="I,J,METRES", help="Distance of two microphones, where none is known."
+    "--distance", type=opt.distance, metavar="I,J,METRES", help="Distance of two microphones, where none is known."
 )
 @click.option(
-    "--room", type=types.room_size, metavar="LxW[xH]", help="Size of a rectangular room, metres; implies solver room."
+    "--room", type=opt.room_size, metavar="LxW[xH]", help="Size of a rectangular room, metres; implies solver room."
 )
 @click.option(
     "--time-limit",
-    type=types.Number(),
+    type=opt.Number(),
     metavar="SECONDS",
     help="Of processor time, after which the best positions so far are written; Ctrl-C does the same."
     "  [default: 45, more for large arrays]",
 )
-@click.option("--temperature", type=types.Number(), metavar="C", help="Of the air, degrees Celsius; of recordings.")
+@click.option("--temperature", type=opt.Number(), metavar="C", help="Of the air, degrees Celsius; of recordings.")
 @click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane; of recordings.")
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @click.option(
@@ -257,7 +311,7 @@ def calibrate(
     if settings["known"] not in (None, *opt.KNOWN):
         recorded["known"] = opt.known_of_recordings(sources, settings.pop("known"))
     inputs = opt.input_of(sources, search, radius, exclude, positions, **recorded)
-    solver = types.room_solver(room, solver)
+    solver = opt.room_solver(room, solver)
     settings |= dict(zip(("gain_sigma_db", "phase_sigma_deg"), gain_sigma or (), strict=False))
     inputs = with_settings(inputs, solver, modes, seed, room=room, **settings)
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
@@ -322,6 +376,6 @@ def _simulate() -> None:
         fdtd.simulate(Room(size=(0.4, height), walls="rigid", cell=0.04), source, np.array([[0.3, 0.3]]))
 
 
-PARTS = (file_commands, record_command, plan_command, plot_commands, study_command)
+PARTS = (file_commands, plan_commands, plot_commands)
 for command in (command for part in PARTS for command in part.COMMANDS):
     commands.add_command(command)

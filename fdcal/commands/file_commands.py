@@ -1,14 +1,35 @@
-"""Commands for files of other programs: `import`, `export`, `correct` and `doctor`."""
+"""Commands for recordings and files of other programs: `import`, `export`, `correct`, `doctor` and `record`."""
 
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sys
 import typing
+from collections.abc import Sequence
 from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from ..model.validation import InputError
+from ..model.validation import InputError, StorageError
 from ..recordings.import_options import ImportOptions
-from .options import OPTIONS, files_options, force_option, output_option, output_path, progress_bar
-from .parameter_types import Number, RecordingKind
+from .options import (
+    OPTIONS,
+    Number,
+    NumberInRange,
+    RecordingKind,
+    files_options,
+    force_option,
+    output_option,
+    output_path,
+    progress_bar,
+)
+
+if TYPE_CHECKING:
+    from ..recordings.take import Moment, SoundStream, Take
+    from ..session.takes import Day, TakesResult
 
 
 def _import_options(command):
@@ -153,7 +174,7 @@ def doctor(sources, positions, files, split, number, kind, temperature, output, 
     with progress_bar("examining") as progress:
         findings = list(examine(sources, positions, ImportOptions(**given), progress))
     if path is not None:
-        from ..graphics.doctor_page import doctor_page
+        from ..graphics.reports import doctor_page
         from ..model.storage import write_atomically
 
         page = doctor_page(f"{sources[0]}{f' and {len(sources) - 1} more' if len(sources) > 1 else ''}", findings)
@@ -163,4 +184,190 @@ def doctor(sources, positions, files, split, number, kind, temperature, output, 
     return 5 if "list" in at_fault else 4 if at_fault else 0
 
 
-COMMANDS = (import_, export, correct, doctor)
+INTERRUPTED = 130  # exit code
+LOWEST_DB, BAR = -60, 12  # level at which a bar begins, and its characters
+REDRAWN = 0.15  # s of sound between two views at least
+
+
+@click.command()
+@click.argument("earlier", nargs=-1, metavar="[EARLIER...]")
+@output_option("TAKE.wav|w64")
+@click.option("--channels", "inputs", type=click.IntRange(1), metavar="N", help="The first N inputs.  [default: all]")
+@click.option("--seconds", type=NumberInRange(1, 86_400), default=30.0, show_default=True, help="Length of each take.")
+@click.option("--rate", type=NumberInRange(min=1000), metavar="HZ", help="Sampling rate.  [default: the card's]")
+@click.option("--device", metavar="NAME|NUMBER", help="Sound card: python -m sounddevice lists them.")
+@click.option(
+    "--replay", multiple=True, metavar="FILE", help="Replay a recording in place of a sound card: a take each."
+)
+@click.option("--positions", metavar="FILE.xml|csv", help="List of the positions: names swapped channels.")
+@click.option("--known", metavar="NAMES|FILE.csv", help="Known microphones, as of import.")
+@click.option("--temperature", type=Number(), metavar="C", help="Of the air, degrees Celsius.")
+@click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane.")
+@click.option("--result", metavar="RESULT.json", help="File that the result is written to after each take.")
+@force_option
+def record(earlier, output, inputs, seconds, rate, device, replay, positions, known, temperature, array_dimension,
+           result, force: bool):  # fmt: skip
+    """Record takes, and see after each where the microphones are.
+
+    EARLIER are takes recorded before, of the same array. The next take has the next free number: take1.wav, take2.wav.
+    While a take is recorded, silent, clipped and duplicated channels are named, and after 15 s inverted, dead and, with
+    --positions, swapped ones. Ctrl-C ends a take and keeps what was recorded.
+
+    The exit code is that of calibrate with all takes, 4 if they give no result, 130 after Ctrl-C.
+    """
+    from ..recordings import formats
+    from ..recordings.formats.positions import read_positions
+    from ..recordings.import_options import ImportOptions, check_options
+    from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
+    from ..session.takes import Day
+
+    if replay and (device is not None or rate is not None):
+        key = "rate" if device is None else "device"
+        raise InputError("a file is replayed, not a sound card", f"leave out <{key}>", key=key)
+    options = ImportOptions(
+        leave_out="bad", files="takes", known=known, temperature=temperature, array_dimension=array_dimension
+    )
+    check_options(options)
+    # What is wrong with a file is said before anything is recorded.
+    if positions is not None:
+        read_positions(positions)
+    path = output_path(output, SUFFIXES, force, *earlier, *replay)
+    found_path = output_path(result, ".json", force, *earlier, *replay) if result else None
+    for file in earlier:
+        formats.read(file)
+    for file in replay:
+        check_take(replayed(file, inputs), path, seconds)
+    day, paths, written = Day(positions, options, OPTIONS), list(earlier), 0
+    while True:
+        stream = replayed(replay[written], inputs) if replay else sound_card(inputs, rate, device)
+        take = _record(record_take, stream, path, seconds, day, force)
+        print(f"take {len(paths) + 1}  {take.text}", flush=True)
+        if take.stopped:
+            return INTERRUPTED
+        paths, written = [*paths, str(path)], written + 1
+        found = _result(paths, day, found_path)
+        if replay and written == len(replay):
+            return _exit_code(found)
+        following = next_take(path)
+        answer = "" if replay else _answer(path.name, following.name)
+        if answer == "q":
+            return _exit_code(found)
+        if answer == "r":
+            force, paths = True, paths[:-1]
+        else:
+            path, force = following, False
+
+
+def _result(paths: Sequence[str], day: Day, path: Path | None) -> TakesResult | None:
+    """Return what takes say together, after printing it and writing it to a file; None where they say nothing."""
+    from ..assessment.result_file import save_result
+    from ..session.takes import takes_result
+
+    try:
+        found = takes_result(paths, day)
+    except (InputError, StorageError) as error:
+        words = error.worded(OPTIONS) if isinstance(error, InputError) else error
+        print(f"result  none: {words}", flush=True)
+        return None
+    print("\n".join([*found.lines, *found.table]), flush=True)
+    if path is not None:
+        save_result(found.result, path, force=True, check=found.check)
+    return found
+
+
+def _answer(this: str, following: str) -> str:
+    """Return what its user wants next: "" another take, "r" this one again, "q" the end, as where nobody is asked."""
+    question = f"Move the loudspeaker. Enter records {following}, r {this} again, q ends: "
+    try:
+        while (answer := input(question).strip().lower()) not in ("", "r", "q"):
+            pass
+        return answer
+    except EOFError:
+        print()
+        return "q"
+
+
+def _exit_code(found: TakesResult | None) -> int:
+    if found is None:
+        return 4
+    if found.of_list or (found.check is not None and not found.check.agrees):
+        return 5
+    return 0 if found.result.verdict == "good" else 4
+
+
+def _record(record_take, stream: SoundStream, path: Path, seconds: float, day: Day, force: bool) -> Take:
+    """Record one take with a view of its channels; Ctrl-C, SIGTERM and SIGHUP end it."""
+    from ..session.interrupts import Interrupt
+    from ..session.takes import EarlyCheck
+
+    view, early = LiveView(stream.names), EarlyCheck(day, stream, wait=not stream.live)
+    with Interrupt(urgent=False) as interrupt, contextlib.closing(early), contextlib.closing(view):
+
+        def watch(moment: Moment) -> bool:
+            view.show(moment)
+            if said := early.add(moment):
+                view.say(said)
+            return not interrupt.received
+
+        return record_take(stream, path, seconds, watch, force)
+
+
+class LiveView:
+    """Levels of all channels on a terminal, redrawn in place, and below each other what is wrong with one.
+
+    The levels stand on standard error, where that is a terminal; what is found goes to standard output.
+    """
+
+    def __init__(self, names: Sequence[str]):
+        self._names, self._terminal = names, sys.stderr.isatty()
+        self._drawn, self._next, self._known = 0, 0.0, dict[int, str]()
+
+    def show(self, moment: Moment) -> None:
+        """Draw the levels, and say what is newly wrong with a channel."""
+        health, names = moment.health, self._names
+        faults = {int(n): health.fault(n, names) for n in health.bad} if moment.seconds >= 1 else {}
+        newly: dict[str, list[str]] = {}
+        for n, fault in faults.items():
+            if self._known.get(n) != fault:
+                newly.setdefault(fault, []).append(names[n])
+        for fault, found in newly.items():
+            who = f"channel {found[0]} is" if len(found) == 1 else f"channels {', '.join(found)} are"
+            self.say(f"after {moment.seconds:.1f} s: {who} {fault}")
+        self._known |= faults
+        if self._terminal and moment.seconds >= self._next:
+            self._next = moment.seconds + REDRAWN
+            self._draw(moment, faults)
+
+    def _draw(self, moment: Moment, faults: dict[int, str]) -> None:
+        wide = max(map(len, self._names))
+        cells = [
+            f"{name:>{wide}} {bar(level):{BAR}} {level:4.0f} dB {faults.get(n, ''):14.14}"
+            for n, (name, level) in enumerate(zip(self._names, moment.level_db, strict=True))
+        ]
+        across = max(1, shutil.get_terminal_size().columns // (len(cells[0]) + 1))
+        down = -(-len(cells) // across)
+        rows = [" ".join(cells[row::down]).rstrip() for row in range(down)] + [f"{moment.seconds:.0f} s"]
+        self.close()
+        sys.stderr.write("\n".join(rows) + "\n")
+        sys.stderr.flush()
+        self._drawn = len(rows)
+
+    def say(self, line: str) -> None:
+        """Print a line above the levels."""
+        self.close()
+        print(line, flush=True)
+
+    def close(self) -> None:
+        """Take the levels away."""
+        if self._drawn:
+            sys.stderr.write(f"\x1b[{self._drawn}A\x1b[J")
+            sys.stderr.flush()
+            self._drawn = 0
+
+
+def bar(level_db: float) -> str:
+    """Return a bar for a level, decibels of full scale."""
+    return "#" * round(BAR * min(max(1 - level_db / LOWEST_DB, 0.0), 1.0))
+
+
+COMMANDS = (import_, export, correct, doctor, record)

@@ -1,20 +1,29 @@
-"""What a gallery shows: runs of scenes that come with fdcal, and the race of two solvers, as pages of files."""
+"""What a gallery shows: runs of scenes that come with fdcal, the race of two solvers, and lessons, as pages of files.
+
+Of a lesson the page has text, question and reveal beside the run that each step shows. The runs of all steps are states
+of one replay, one after the other; each part of a step, before and after its answer, shows some of them
+(`replay_page/lesson.js`). So the lesson must have one scene.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..acoustics.measure import cached_measurement
 from ..cost.reference_cost import reference_cost_of
-from ..graphics.gallery import Entry, index_html, picture_of, race_html
-from ..graphics.replay import replay_html
+from ..graphics.replay import GalleryEntry, index_html, picture_of, race_html, replay_html
+from ..model.measurement import Measurement
+from ..model.problem import Problem
 from ..model.texts import parse_modes
+from ..model.validation import InputError
 from ..session.calibration_run import problem_of, states_of
 from ..session.comparison import timed_states
 from ..session.history import recorded
-from ..session.lesson import load_lesson
+from ..session.lesson import IN_USE, Lesson, Setting, Step, load_lesson, states_of_lesson
 from ..session.sources import CalibrationInput, with_settings
-from .lesson_page import lesson_html
 from .options import scene_of
 from .plotting import counted_microphones
 
@@ -90,7 +99,7 @@ def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
         lesson = load_lesson(name)
         page, picture = lesson_html(lesson, files[i + 1] if i + 1 < len(files) else "")
         figures = f"lesson, {len(lesson.steps)} steps, {len(page) / 1e6:.2f} MB"
-        entries.append(Entry(files[i], f"Lesson {lesson.title}", text, figures, picture))
+        entries.append(GalleryEntry(files[i], f"Lesson {lesson.title}", text, figures, picture))
         yield files[i], page
     for i, show in enumerate(SHOWS, len(LESSONS)):
         progress(i / count, show.scene)
@@ -107,7 +116,7 @@ def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
     progress(1.0, "written")
 
 
-def _run(show: Show) -> tuple[str, Entry]:
+def _run(show: Show) -> tuple[str, GalleryEntry]:
     inputs = with_settings(scene_of(show.scene), show.solver, None, None)
     states, problem = recorded(states_of(inputs)), problem_of(inputs)
     sought = counted_microphones(inputs, states[-1])
@@ -116,7 +125,7 @@ def _run(show: Show) -> tuple[str, Entry]:
     modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
     picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes, sought)
     figures = f"{show.solver}, {_errors(inputs, states[-1], sought)}, {len(text) / 1e6:.2f} MB"
-    return text, Entry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)
+    return text, GalleryEntry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)
 
 
 def replay_of(
@@ -130,7 +139,7 @@ def replay_of(
     )  # fmt: skip
 
 
-def _race(entries: list[Entry]) -> Iterator[tuple[str, str]]:
+def _race(entries: list[GalleryEntry]) -> Iterator[tuple[str, str]]:
     """Yield two replays and the page that shows them side by side, and append the entry of the index."""
     inputs = scene_of(RACE)
     problem = problem_of(inputs)
@@ -144,7 +153,7 @@ def _race(entries: list[Entry]) -> Iterator[tuple[str, str]]:
         figures.append(f"{name}: {_errors(inputs, states[-1], problem.free)}, {seconds[-1]:.2g} s")
     yield "race.html", race_html(RACE_TITLE, files, tuple(runs), [np.asarray(seconds) for _, seconds in runs.values()])
     picture = f'<div class="pair">{"".join(pictures)}</div>'
-    entries.append(Entry("race.html", RACE_TITLE, RACE_TEXT, "; ".join(figures), picture))
+    entries.append(GalleryEntry("race.html", RACE_TITLE, RACE_TEXT, "; ".join(figures), picture))
 
 
 def _errors(inputs: CalibrationInput, state, sought) -> str:
@@ -154,3 +163,77 @@ def _errors(inputs: CalibrationInput, state, sought) -> str:
         return ""
     mean = 1e3 * float(errors[sought].mean())
     return f"mean error {mean:.2g} mm" if mean >= MIN_ERROR else f"mean error below {MIN_ERROR:g} mm"
+
+
+CAMERAS = {"top": "top", "3d": "3d", "close": "3d"}
+
+
+MAX_LESSON_BYTES = 2_000_000
+
+
+def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | None = None) -> tuple[str, str]:
+    """Return the page of a lesson and a picture of its first map; `following`: address of the next lesson's page.
+
+    `measurement`: of the lesson's scene, which is simulated unless it is given.
+    Raises InputError: the lesson has several scenes.
+    """
+    start = lesson.start(0)
+    settings = [setting for step in lesson.steps for setting in (step.page, step.then)]
+    if start is None or any(setting.begins for setting in settings[1:]):
+        raise InputError(f'the lesson "{lesson.title}" has several scenes', "choose one that keeps its scene")
+    scene, seed = start
+    measurement = cached_measurement(scene) if measurement is None else measurement
+    problem, states, steps = measurement.problem(scene.solver.weights, scene.solver.known), [], []
+    runs = iter(states_of_lesson(lesson, problem, scene.solver, seed))
+    for step in lesson.steps:
+        parts = []
+        for setting in (step.page, step.then) if step.question else (step.page,):
+            run = next(runs)
+            parts.append(_part(setting.unfolded(), problem) | {"range": [len(states), len(states) + len(run) - 1]})
+            states += run
+        steps.append(_texts(step) | {"parts": parts})
+    page = replay_html(
+        scene, measurement, states, lesson.title, reference_cost_of(problem), problem=problem,
+        max_bytes=MAX_LESSON_BYTES, lesson={"steps": steps, "following": following},
+    )  # fmt: skip
+    first = lesson.steps[0].page.unfolded()
+    n = int(problem.free[0]) if first.microphone is None else first.microphone
+    chosen = parse_modes(first.map_modes, len(problem.frequencies)) if first.map_modes not in (None, IN_USE) else None
+    return page, picture_of(measurement, problem, states[0], n, chosen)
+
+
+def _texts(step: Step) -> dict:
+    return {
+        "text": _paragraphs(step.text),
+        "question": step.question,
+        "choices": list(step.choices),
+        "answer": step.answer - 1,
+        "reveal": _paragraphs(step.reveal),
+    }
+
+
+def _paragraphs(text: str) -> Sequence[str]:
+    return [" ".join(part.split()) for part in text.split("\n\n") if part.strip()]
+
+
+def _part(setting: Setting, problem: Problem) -> dict:
+    """What a part of a step sets, by the names of the replay; what it leaves out stays."""
+    values: dict = {
+        "microphone": -1 if setting.follow else setting.microphone,
+        "objective": None if setting.quantity is None else setting.quantity == "objective",
+        "map": None if setting.map is None else setting.map != "none",
+        "minima": setting.minima,
+        "trails": setting.trails,
+        "view": None if setting.view is None else CAMERAS[setting.view],
+    }
+    part = {name: value for name, value in values.items() if value is not None}
+    if setting.map_modes is not None:
+        part["modes"] = None if setting.map_modes == IN_USE else _range(setting.map_modes, problem)
+    return part
+
+
+def _range(text: str, problem: Problem) -> list[int]:
+    modes = parse_modes(text, len(problem.frequencies))
+    if modes != tuple(range(modes[0], modes[-1] + 1)):
+        raise InputError(f'map_modes = "{text}" has gaps', "give one range, as 1-20", key="map_modes", value=text)
+    return [modes[0], modes[-1]]

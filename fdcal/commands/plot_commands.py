@@ -4,8 +4,7 @@ import click
 
 from ..model.validation import InputError
 from . import options as opt
-from . import parameter_types as types
-from .parameter_types import microphone_number, mode_numbers
+from .options import microphone_number, mode_numbers
 
 
 @click.command()
@@ -14,7 +13,7 @@ from .parameter_types import microphone_number, mode_numbers
 @click.option(
     "--mode-numbers",
     "numbers",
-    type=types.whole_numbers,
+    type=opt.whole_numbers,
     metavar="M,M,...",
     help="Modes to draw, counted from 1.  [default: 1,5,9]",
 )
@@ -58,9 +57,9 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
 def _landscape_bytes(suffix: str, panels, measurement, basins: bool) -> bytes:
     """Return panels in the format of a suffix."""
     if suffix == ".vti":
-        from ..graphics.paraview import landscape
+        from ..graphics.exports import landscape_vti
 
-        return landscape(panels, basins=basins).encode()
+        return landscape_vti(panels, basins=basins).encode()
     from ..graphics.landscape import draw_landscape, figure_bytes
 
     truth = None if measurement.positions is None else measurement.positions[panels.microphone]
@@ -72,12 +71,12 @@ def _landscape_bytes(suffix: str, panels, measurement, basins: bool) -> bytes:
 @opt.result_option
 @click.option(
     "--frequencies",
-    type=types.numbers,
+    type=opt.numbers,
     metavar="HZ,HZ,...",
     help="Measured frequencies.  [default: lowest, middle and highest]",
 )
 @click.option(
-    "--step", type=types.Number(), metavar="METRES", help="Lattice step.  [default: a 60th of the longest side]"
+    "--step", type=opt.Number(), metavar="METRES", help="Lattice step.  [default: a 60th of the longest side]"
 )
 @opt.output_option("FILE.npz|csv|png|vti")
 @opt.force_option
@@ -86,15 +85,15 @@ def field(source, result, frequencies, step, output, force):
 
     The positions are those of a result (--result), or those in the input.
     """
-    from ..graphics import field_files
+    from ..graphics.exports import FIELD_WRITERS, write_field
     from ..model.storage import write_atomically
     from .plotting import field_inside
 
-    path = opt.output_path(output, sorted(field_files.WRITERS), force, source, result)
+    path = opt.output_path(output, sorted(FIELD_WRITERS), force, source, result)
     found = opt.result_of(result)
     inputs = opt.input_of(source, excluded=found.excluded if found else ())
     mapped = field_inside(inputs.measurement, found, frequencies, step)
-    write_atomically(path, lambda file: field_files.write(file, path, mapped), force)
+    write_atomically(path, lambda file: write_field(file, path, mapped), force)
     listed = ", ".join(f"{f:.1f}" for f in mapped.frequencies)
     print(f"{path}: pressure at {listed} Hz, {len(mapped.points)} points inside {inputs.measurement.count} microphones")
 
@@ -112,7 +111,7 @@ def field(source, result, frequencies, step, output, force):
 @click.option(
     "--slice",
     "plane",
-    type=types.slice_plane,
+    type=opt.slice_plane,
     default="z",
     show_default=True,
     metavar="x|y|z[=METRES]|none",
@@ -121,7 +120,7 @@ def field(source, result, frequencies, step, output, force):
 @click.option(
     "--view", type=click.Choice(["top", "3d", "close"]), default="top", show_default=True, help="Camera position."
 )
-@click.option("--size", type=types.picture_size, default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
+@click.option("--size", type=opt.picture_size, default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
 @opt.output_option("FILE.png")
 @opt.force_option
 def snapshot(scene, result, microphone, basins, plane, view, size, output, force):

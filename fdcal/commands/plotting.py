@@ -9,7 +9,7 @@ import numpy as np
 from ..assessment.calibration import Calibration
 from ..assessment.field import FieldMap, field_map
 from ..cost.expansion import require_modes, require_plane_field
-from ..graphics.units import errors_in_words
+from ..graphics.picture import errors_in_words
 from ..model.measurement import Measurement
 from ..model.validation import InputError
 from ..session.calibration_run import assess_state, healthy_microphones, problem_of
@@ -138,11 +138,11 @@ def write_volume(
     path: Path, inputs: CalibrationInput, positions: np.ndarray, n: int, force: bool, basins: bool
 ) -> None:
     """Write the cost of moving a microphone in space, and its basins, summed over all modes, for ParaView."""
-    from ..graphics.paraview import volume
+    from ..graphics.exports import volume_vti
     from ..model.storage import write_atomically
 
     sampled = volume_around(inputs, positions, n, len(inputs.measurement.frequencies))
-    text = volume(sampled.cost, sampled.search, basins)
+    text = volume_vti(sampled.cost, sampled.search, basins)
     write_atomically(path, lambda file: file.write_text(text, encoding="ascii"), force)
     place = ", ".join(f"{x:.4g}" for x in sampled.minima.lowest[0])
     print(f"{path}: microphone {n}, least cost {sampled.cost.min():.3g} of the power at ({place}) m")

@@ -1,5 +1,11 @@
-"""Title, labels, legend and colour bar of a picture, written over the image of its scene."""
+"""Title, labels, legend and colour bar of a picture, written over the image of its scene.
 
+The legend has exactly the marks that are drawn, in one order, for every renderer: the page, the PNG and the test of
+both read the same entries. A symbol is drawn in a square from -1 to 1, y upwards.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib
@@ -7,8 +13,178 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, project
-from .legend import ROW, Entry, draw_legend, legend_of, legend_rows
-from .primitives import ColourBar, Label, Picture, Theme, by_rank, halo_of
+from .glyphs import polygons, stars
+from .markers import CUT, ELLIPSE, ESTIMATE, FAULTY, KNOWN, LOWEST, TRAIL, TRUE, solver_mark
+from .overlays import ELLIPSE_TEXT
+from .primitives import Colour, ColourBar, Label, Lines, Mesh, Picture, Theme, by_rank, halo_of
+
+CIRCLE_SIDES = 24
+OUTLINE: Colour = (128, 128, 128)  # of an area, which may be as light as the page
+LOW_COST: Colour = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
+COMPARED = "comparison/"  # begins the names of the parts of compared solvers
+HALO_SUFFIX = "_halo"  # ends the names of the parts below a mark
+
+Curve = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One mark of a legend."""
+
+    name: str  # of the part of the picture that it explains
+    text: str  # what the mark stands for
+    paths: tuple[Curve, ...]  # its lines, each a sequence of corners from -1 to 1
+    colour: Colour
+    width: float = 0.26  # of its lines, in halves of the symbol's edge
+    filled: bool = False  # whether the first path is filled
+    halo: bool = True  # whether it has a halo, as in the scene
+    halo_colour: Colour = (255, 255, 255)
+
+
+def _path(points: np.ndarray) -> Curve:
+    return tuple((float(x), float(y)) for x, y in points[:, :2])
+
+
+def _ring(radius: float, squeezed: float = 1.0) -> Curve:
+    angles = 2 * np.pi * np.arange(CIRCLE_SIDES + 1) / CIRCLE_SIDES
+    return _path(radius * np.column_stack([np.cos(angles), squeezed * np.sin(angles)]))
+
+
+def _star(radius: float, turn: float = np.pi / 4) -> tuple[Curve, ...]:
+    return tuple(_path(pair) for pair in stars(np.zeros((1, 3)), radius, turn=turn))
+
+
+def _diamond(radius: float) -> Curve:
+    return ((radius, 0.0), (0.0, radius), (-radius, 0.0), (0.0, -radius), (radius, 0.0))
+
+
+def _square(half: float) -> Curve:
+    return ((-half, -half), (half, -half), (half, half), (-half, half), (-half, -half))
+
+
+LEVEL: Curve = ((-0.9, 0.0), (0.9, 0.0))
+MARKS = {
+    entry.name: entry
+    for entry in (
+        Entry("microphones/true", "true", (_ring(0.58),), TRUE, 0.22),
+        Entry("microphones/estimate", "estimate", _star(0.75), ESTIMATE, 0.28),
+        Entry("microphones/known", "known", (_square(0.5),), KNOWN, 0.1, filled=True),
+        Entry("microphones/error", "error", (LEVEL,), TRUE, 0.14),
+        Entry("lowest", "lowest cost", (_diamond(0.56),), LOWEST),
+        Entry("minima", "other minimum", (_diamond(0.38),), LOWEST, 0.2),
+        Entry("isosurfaces", "isosurface", (_ring(0.75), _ring(0.35)), LOW_COST, 0.2, halo=False),
+        Entry("slice", "slice", (_square(0.6),), LOW_COST, 0.1, filled=True, halo=False),
+        Entry("trails", "trail", (LEVEL,), TRAIL, 0.24, halo=False),
+        Entry("ellipses", ELLIPSE_TEXT, (_ring(0.8, 0.5),), ELLIPSE, 0.24, halo=False),
+        Entry("cut", "cut from A to B", (LEVEL,), CUT, 0.24, halo=False),
+        Entry("microphones/faulty", "faulty channel", (_ring(0.66), ((-0.47, 0.47), (0.47, -0.47))), FAULTY, 0.2),
+    )
+}
+
+
+def legend_of(picture: Picture) -> tuple[Entry, ...]:
+    """Return the entries of a picture: areas of its map, the marks that can be seen in the order of MARKS, solvers."""
+    seen = {part.name for part in (*picture.meshes, *picture.lines) if _is_visible(part, picture)}
+    seen |= {"isosurfaces"} if picture.surfaces else set()
+    seen |= {plate.name for plate in picture.plates}
+    captions = dict(picture.captions)
+    entries = [entry for name, entry in MARKS.items() if name in seen]
+    names = [name for part in picture.meshes if (name := part.name).startswith(COMPARED)]
+    names = [name for name in names if not name.endswith(HALO_SUFFIX)]
+    entries += [compared_entry(name, captions.get(name, name.removeprefix(COMPARED))) for name in names]
+    if picture.areas:  # the slice has the colours of the areas
+        entries = [replace(entry, filled=False) if entry.name == "slice" else entry for entry in entries]
+    named = tuple(replace(entry, text=captions.get(entry.name, entry.text)) for entry in entries)
+    square = (_square(0.75),)  # an area has a colour and no mark
+    areas = (Entry(a.name, a.text, square, a.colour, 0.1, True, halo_colour=OUTLINE) for a in picture.areas)
+    return (*areas, *named)
+
+
+def compared_entry(name: str, solver: str) -> Entry:
+    """Return the entry of a compared solver, whose marks are the part `name`."""
+    mark = solver_mark(solver)
+    if mark.corners:
+        sides = polygons(np.zeros((1, 3)), 0.7, mark.corners)
+        paths: tuple[Curve, ...] = (_path(np.concatenate([sides[:, 0], sides[:1, 0]])),)
+    else:
+        paths = _star(0.8, turn=0.0)
+    return Entry(name, solver, paths, mark.rgb, 0.24)
+
+
+def _is_visible(part: Mesh | Lines, picture: Picture) -> bool:
+    """Whether a part has anything to be seen: an error line shorter than a marker lies below its marks."""
+    if isinstance(part, Lines):
+        return bool(len(part.segments))
+    if part.name != "microphones/error":
+        return bool(len(part.faces))
+    corners = part.vertices.reshape(-1, 4, 3)  # a bar each, from its first corner to its second
+    return bool((np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1) > picture.marker_radius).any())
+
+
+SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
+FINER = 4  # times finer than the image, for smooth edges
+HALO_WIDTH = 0.3  # by how much a halo is wider than its line, in halves of a symbol's edge
+
+
+def legend_rows(
+    entries: Sequence[Entry], width: float, letters: ImageFont.FreeTypeFont
+) -> tuple[tuple[Entry, ...], ...]:
+    """Return the entries in rows that fit into `width` pixels."""
+    rows: list[list[Entry]] = []
+    used = 0.0
+    for entry in entries:
+        length = entry_width(entry, letters)
+        if not rows or used + length > width:
+            rows.append([])
+            used = 0.0
+        rows[-1].append(entry)
+        used += length
+    return tuple(tuple(row) for row in rows)
+
+
+def entry_width(entry: Entry, letters: ImageFont.FreeTypeFont) -> float:
+    """Return the pixels that an entry takes, with the space to the next one."""
+    return (SYMBOL * 1.35 + GAP) * letters.size / 16 + letters.getlength(entry.text)
+
+
+def draw_legend(
+    image: Image.Image,
+    rows: Sequence[Sequence[Entry]],
+    corner: tuple[float, float],
+    letters: ImageFont.FreeTypeFont,
+    theme: Theme,
+) -> None:
+    """Write rows of entries, of `legend_rows`, over an image; `corner`: left and top of the first row, pixels."""
+    draw, scale = ImageDraw.Draw(image), letters.size / 16
+    left, top = corner
+    for i, row in enumerate(rows):
+        x, middle = left, top + (i + 0.5) * ROW * scale
+        for entry in row:
+            edge = round(SYMBOL * scale)
+            stamp = symbol(entry, edge)
+            image.paste(stamp, (round(x), round(middle - edge / 2)), stamp)
+            draw.text((x + 1.35 * edge, middle), entry.text, fill=theme.foreground, font=letters, anchor="lm")
+            x += entry_width(entry, letters)
+
+
+def symbol(entry: Entry, edge: int) -> Image.Image:
+    """Return the symbol of an entry on a transparent square of `edge` pixels."""
+    size = FINER * edge
+    image = Image.new("RGBA", (size, size))
+    draw = ImageDraw.Draw(image)
+    if entry.halo:
+        _draw_paths(draw, entry, entry.halo_colour, entry.width + HALO_WIDTH, size)
+    _draw_paths(draw, entry, entry.colour, entry.width, size)
+    return image.resize((edge, edge), Image.Resampling.LANCZOS)
+
+
+def _draw_paths(draw: ImageDraw.ImageDraw, entry: Entry, colour: Colour, width: float, size: int) -> None:
+    for i, path in enumerate(entry.paths):
+        pixels = [(float(x), float(y)) for x, y in size / 2 * (1 + np.array(path) * [1.0, -1.0])]
+        if entry.filled and i == 0:
+            draw.polygon(pixels, fill=colour)
+        draw.line(pixels, fill=colour, width=max(round(width * size / 2), 1), joint="curve")
+
 
 ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label, to Pillow's
 SMALLEST_FONT = 6  # pixels

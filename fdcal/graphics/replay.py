@@ -15,17 +15,20 @@ map_data   what the browser needs to compute the cost of moving any microphone, 
 """
 
 import base64
+import io
 import json
 import re
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
-from ..cost.expansion import CarriedModes, carried_modes
+from ..cost.expansion import CarriedModes, carried_modes, expansion_of
+from ..cost.maps import eq7_maps, refined
 from ..cost.reference_cost import ReferenceCost, reference_cost_of
 from ..cost.scale import DECADES, DEPTH, FEW_MODES
 from ..model.gauge import align, fixes_gauge
@@ -33,8 +36,8 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.settings import SolverSettings, search_round
-from .heatmap import to_rgb
-from .surroundings import focus_of, wall_height, z_range_of
+from .heatmap import colour_limits, normalise, to_rgb
+from .picture import focus_of, wall_height, z_range_of
 
 
 def packed(arrays: Mapping[str, np.ndarray]) -> dict:
@@ -175,7 +178,7 @@ def replay_html(
     Beyond `max_bytes` fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown, without
     `problem` no map. `sought`: numbers of the microphones whose errors count; `microphone`: whose map is shown first,
     otherwise the one that the step moved; `seconds` (T,), processor time from the start to each state, s; `lesson`: its
-    steps, each with parts that show a range of the states (`fdcal.commands.lesson_page`); `opens_at`: what it shows
+    steps, each with parts that show a range of the states (`fdcal.commands.gallery_pages`); `opens_at`: what it shows
     where nothing stands after # in its address, as it would stand there.
     """
     measurement, problem = _with_domain(measurement, problem, states[-1].positions)
@@ -339,3 +342,88 @@ def _costs(states: Sequence, reference_cost: ReferenceCost, ends: Sequence[int])
     costs = np.array([reference_cost.of(states[i]) for i in computed])
     finite = np.isfinite(costs)
     return np.interp(np.arange(len(states)), computed[finite], costs[finite]) if finite.any() else np.zeros(len(states))
+
+
+THUMBNAIL = 96  # pixels along the longer edge of the map in a picture of the index
+
+
+@dataclass(frozen=True)
+class GalleryEntry:
+    """One entry of the index."""
+
+    file: str  # of the page, with what it shows after #
+    # title, text: what there is to be seen
+    title: str
+    text: str
+    figures: str  # one line: solver, mean error, size
+    picture: str  # HTML of its picture
+
+
+def index_html(title: str, introduction: str, entries: Sequence[GalleryEntry], opening: str) -> str:
+    """Return the index page of a gallery; `opening`: the page beside it that plays above the entries."""
+    cards = "\n".join(
+        f'<a href="{escape(entry.file)}">{entry.picture}<h2>{escape(entry.title)}</h2><p>{escape(entry.text)}</p>'
+        f"<p class='figures'>{escape(entry.figures)}</p></a>"
+        for entry in entries
+    )
+    parts = {"TITLE": escape(title), "INTRODUCTION": escape(introduction), "CARDS": cards, "OPENING": escape(opening)}
+    return filled((PAGE / "index.html").read_text(encoding="utf-8"), parts)
+
+
+def race_html(title: str, files: Sequence[str], names: Sequence[str], seconds: Sequence[np.ndarray]) -> str:
+    """Return the page of a race of two replays beside the page; `seconds`: for each, times (T,) of its states, s."""
+    ends = [float(times[-1]) for times in seconds]
+    firsts = [float(times[times > 0].min(initial=1.0)) for times in seconds]
+    data = {"files": list(files), "names": list(names), "ends": ends, "first": min(firsts)}
+    frames = "\n".join(
+        f'<iframe src="{escape(file)}" title="{escape(name)}"></iframe>'
+        for file, name in zip(files, names, strict=True)
+    )
+    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+    parts = {"TITLE": escape(title), "FRAMES": frames, "DATA": text}
+    return filled((PAGE / "race.html").read_text(encoding="utf-8"), parts)
+
+
+def picture_of(
+    measurement: Measurement,
+    problem: Problem,
+    state,
+    n: int,
+    modes: Sequence[int] | None,
+    by: np.ndarray | slice = slice(None),
+) -> str:
+    """Return a picture of the map of microphone `n` with the true and the estimated positions, as SVG.
+
+    `modes`: counted from 1; all that the microphones can carry unless given; `by`: numbers of the microphones by which
+    a blind array is aligned.
+    """
+    reference_cost, domain = reference_cost_of(problem), problem.search
+    if reference_cost is None or domain is None:
+        return ""
+    lattice, offset = refined(domain, THUMBNAIL), reference_cost.order_offset
+    chosen = modes or tuple(expansion_of(problem, offset).carried.modes + 1)
+    cost = eq7_maps(problem, state.positions, n, chosen, offset, lattice, state.channels).sum(axis=0)
+    low, high, _ = colour_limits(cost, True)
+    image = Image.fromarray(to_rgb(normalise(cost, low, high, True))[::-1])
+    file = io.BytesIO()
+    image.save(file, "PNG", optimize=True)
+    width, height = image.size
+    corner = np.asarray(lattice.origin[:2]) - lattice.step / 2
+    truth = measurement.aligned_truth(state.positions, by)
+
+    def pixels(positions) -> np.ndarray:  # (N, 2), y downwards
+        places = (np.asarray(positions, float)[:, :2] - corner) / lattice.step
+        return np.column_stack([places[:, 0], height - places[:, 1]])
+
+    marks = ""
+    if truth is not None:
+        circles = (f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.7"/>' for x, y in pixels(truth))
+        marks = f'<g fill="none" stroke="#000" stroke-width="0.7">{"".join(circles)}</g>'
+    path = "".join(f"M{x - 1:.1f} {y - 1:.1f}l2 2m0-2l-2 2" for x, y in pixels(state.positions))
+    marks += f'<path d="{path}" stroke="#fff" stroke-width="1.3"/>'
+    marks += f'<path d="{path}" stroke="#d61828" stroke-width="0.7"/>'
+    coded = base64.b64encode(file.getvalue()).decode("ascii")
+    return (
+        f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="Map with the microphones">'
+        f'<image href="data:image/png;base64,{coded}" width="{width}" height="{height}"/>{marks}</svg>'
+    )

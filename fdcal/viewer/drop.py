@@ -14,7 +14,7 @@ import numpy as np
 from ..cost.basins import Basins, basins_of
 from ..cost.descent_path import DescentPath, descent_path
 from ..cost.maps import cost_maps, lattice_of
-from ..graphics.ball import along
+from ..graphics.overlays import along
 from ..model.settings import Search
 from ..model.types import Reals
 from ..session.history import SessionView

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from ..cost.scale import Minima
-from ..graphics.ball import along, with_ball
 from ..graphics.camera import camera_for
 from ..graphics.heatmap import cost_floor
+from ..graphics.overlays import along, with_ball
 from ..graphics.picture import compose
 from ..graphics.primitives import Floor, Picture
 from ..model.measurement import Measurement

@@ -13,10 +13,10 @@ import numpy as np
 import viser
 
 from ..assessment.findings import root_mean_square
-from ..graphics.ball import with_ball
-from ..graphics.legend import legend_of
+from ..graphics.annotations import legend_of
 from ..graphics.overlays import (
     ellipse_scale,
+    with_ball,
     with_bound,
     with_comparison,
     with_cut,
@@ -25,9 +25,8 @@ from ..graphics.overlays import (
     with_trails,
     with_volume,
 )
-from ..graphics.picture import static_picture, with_estimate, with_floor
+from ..graphics.picture import static_picture, with_display_domain, with_estimate, with_floor
 from ..graphics.primitives import Floor, Picture
-from ..graphics.surroundings import with_display_domain
 from ..graphics.volume import Volume, faded
 from ..model.texts import length_text
 from ..session.calibration_run import Assessment

@@ -20,7 +20,7 @@ from fdcal.assessment.field import (
     leave_one_out_errors,
 )
 from fdcal.commands.cli import main
-from fdcal.graphics import field_files
+from fdcal.graphics import exports
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.room import Room
@@ -140,8 +140,8 @@ def test_every_format_holds_the_same_map(measurement, tmp_path):
     import pyvista
 
     found = field_map(measurement, measurement.positions, measurement.frequencies[:2], 0.1)
-    for suffix in set(field_files.WRITERS) - {".png"}:
-        field_files.write(tmp_path / "anything", f"map{suffix}", found)
+    for suffix in set(exports.FIELD_WRITERS) - {".png"}:
+        exports.write_field(tmp_path / "anything", f"map{suffix}", found)
         (tmp_path / "anything").rename(tmp_path / f"map{suffix}")
     with np.load(tmp_path / "map.npz") as archive:
         assert np.array_equal(archive["pressure"], found.pressure, equal_nan=True)
@@ -158,7 +158,7 @@ def test_every_format_holds_the_same_map(measurement, tmp_path):
 
 
 def test_the_picture_is_white_outside_the_array(tmp_path):
-    field_files.write(tmp_path / "map.png", "map.png", field_map(space(), SPACE, [130.0], 0.1))
+    exports.write_field(tmp_path / "map.png", "map.png", field_map(space(), SPACE, [130.0], 0.1))
     pixels = np.asarray(Image.open(tmp_path / "map.png").convert("RGB"))
     assert pixels.shape[1] > 1000
     assert 0.4 < np.mean(np.all(pixels == 255, axis=-1)) < 0.95

@@ -11,7 +11,7 @@ from PIL import Image
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.result_file import position_table
-from fdcal.graphics import paraview
+from fdcal.graphics import exports
 from fdcal.graphics.landscape import draw_landscape, figure_bytes, landscape_panels, panels_of
 from fdcal.graphics.study_report import MAX_PANELS, study_panels
 from fdcal.model.gauge import position_errors
@@ -48,7 +48,7 @@ def opened(text, name, tmp_path):
 def test_a_landscape_for_paraview(measured, tmp_path):
     measurement, problem = measured
     panels = landscape_panels(problem, measurement.positions, 9, [2, 5], 2)
-    grid = opened(paraview.landscape(panels, 0.7), "map.vti", tmp_path)
+    grid = opened(exports.landscape_vti(panels, 0.7), "map.vti", tmp_path)
     search = problem.search
     assert grid.dimensions == (*search.shape, 1) and np.allclose(grid.origin, (*search.origin, 0.7))
     assert set(grid.point_data) == {*(f"mode {m}, {problem.frequencies[m - 1]:.2f} Hz" for m in (2, 5)), "sum"}
@@ -65,7 +65,7 @@ def test_microphones_for_paraview(measured, scored, tmp_path):
         measurement.frequencies, measurement.pressures, 343.0, known=measurement.known,
         known_positions=measurement.known_positions,
     )  # fmt: skip
-    cloud = opened(paraview.point_cloud(given, estimate, sigma, 0.5), "mics.vtp", tmp_path)
+    cloud = opened(exports.microphones_vtp(given, estimate, sigma, 0.5), "mics.vtp", tmp_path)
     kinds = cloud["kind"]
     assert np.allclose(cloud.points[kinds == 0], np.column_stack([estimate, np.full(16, 0.5)]))
     assert np.allclose(cloud.points[kinds == 2][:, :2], measurement.known_positions)
@@ -81,7 +81,7 @@ def test_microphones_for_paraview(measured, scored, tmp_path):
 
 
 def test_names_of_microphones_pass_through_paraview(solid, tmp_path):
-    cloud = opened(paraview.point_cloud(solid, solid.positions), "mics.vtp", tmp_path)
+    cloud = opened(exports.microphones_vtp(solid, solid.positions), "mics.vtp", tmp_path)
     assert list(cloud["name"][:9]) == list(solid.names)
     assert np.array_equal(cloud.points[9:18], solid.positions) and np.isnan(cloud["uncertainty"]).all()
 

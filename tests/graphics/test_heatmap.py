@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from fdcal.graphics import basin_map, legend, markers
+from fdcal.graphics import annotations, basin_map, markers
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.picture import with_floor
 from fdcal.graphics.primitives import (
@@ -207,5 +207,5 @@ def test_texts_stand_out_from_their_ground(theme):
 
 
 def test_every_mark_has_a_shape_of_its_own():
-    shapes = [(entry.paths, entry.filled) for entry in legend.MARKS.values() if entry.halo]
+    shapes = [(entry.paths, entry.filled) for entry in annotations.MARKS.values() if entry.halo]
     assert len(shapes) == len(set(shapes)) == 7

@@ -9,9 +9,8 @@ import pytest
 from PIL import Image
 
 from fdcal.cost.scale import Minima
-from fdcal.graphics.annotations import annotate, legend_height, margins
+from fdcal.graphics.annotations import MARKS, annotate, legend_height, legend_of, margins, symbol
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.legend import MARKS, legend_of, symbol
 from fdcal.graphics.overlays import (
     ellipse_scale,
     with_comparison,

@@ -20,10 +20,18 @@ from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE, solver_mark
 from fdcal.graphics.overlays import with_comparison, with_ellipses, with_trails
-from fdcal.graphics.picture import HEIGHT, LETTER, compose, name_place, static_picture, with_estimate
+from fdcal.graphics.picture import (
+    HEIGHT,
+    LETTER,
+    compose,
+    error_summary,
+    name_place,
+    static_picture,
+    with_display_domain,
+    with_estimate,
+    z_range_of,
+)
 from fdcal.graphics.primitives import Mesh
-from fdcal.graphics.surroundings import with_display_domain, z_range_of
-from fdcal.graphics.units import error_summary
 from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene

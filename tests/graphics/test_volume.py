@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fdcal.cost.scale import Minima
-from fdcal.graphics import paraview, snapshot
+from fdcal.graphics import exports, snapshot
 from fdcal.graphics.camera import project
 from fdcal.graphics.heatmap import to_rgb
 from fdcal.graphics.overlays import with_volume
@@ -143,7 +143,7 @@ def test_the_png_shows_surfaces_slice_and_the_lowest_cost_in_their_places(pictur
 
 
 def test_the_vti_file_holds_the_cost_of_every_point():
-    text = paraview.volume(cost(), SEARCH)
+    text = exports.volume_vti(cost(), SEARCH)
     nx, ny, nz = SEARCH.shape
     assert f'WholeExtent="0 {nx - 1} 0 {ny - 1} 0 {nz - 1}"' in text
     assert 'Name="cost"' in text and 'Name="cost_dB"' in text

@@ -16,10 +16,9 @@ import pytest
 from replays import contents
 
 from fdcal.assessment.result_file import position_table
-from fdcal.graphics import paraview
-from fdcal.graphics.picture import static_picture, with_estimate
+from fdcal.graphics import exports
+from fdcal.graphics.picture import error_summary, static_picture, with_estimate
 from fdcal.graphics.replay import replay_html
-from fdcal.graphics.units import error_summary
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.viewer.gui import html
@@ -92,7 +91,7 @@ def test_files_say_so(blind, estimate):
     np.testing.assert_allclose(reported, best(estimate), atol=1e-12)
     assert np.array_equal([[float(row["x_m"]), float(row["y_m"])] for row in rows], estimate)
     for by in (np.arange(12), np.arange(3, 12)):
-        cloud = paraview.point_cloud(blind, estimate, by=by)
+        cloud = exports.microphones_vtp(blind, estimate, by=by)
         coded = re.search(r'Name="error_length".*?>(.*?)<', cloud, re.S)[1].strip()
         lengths = np.frombuffer(zlib.decompress(base64.b64decode(coded.partition("==")[2])))
         np.testing.assert_allclose(lengths[:12], blind.errors(estimate, by), atol=1e-12)

@@ -9,10 +9,10 @@ from doubles import set_by_client
 from fdcal.cost.basins import basins_of
 from fdcal.cost.maps import cost_maps, minima_of, power_shares, refined
 from fdcal.cost.scale import Minima
+from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, descent_text, table_numbers
 from fdcal.graphics.heatmap import marks_of
 from fdcal.graphics.landscape import draw_landscape
-from fdcal.graphics.legend import legend_of
 from fdcal.model.settings import Search
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.gui.choices import BASINS, FLOOR

@@ -8,9 +8,8 @@ import pytest
 from fdcal import solvers
 from fdcal.assessment.result_file import position_table
 from fdcal.commands.options import open_request_of
-from fdcal.graphics.legend import legend_of
-from fdcal.graphics.picture import static_picture, with_estimate
-from fdcal.graphics.units import error_summary
+from fdcal.graphics.annotations import legend_of
+from fdcal.graphics.picture import error_summary, static_picture, with_estimate
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import MeasuredScene, load_scene, placeholder_scene

@@ -9,7 +9,7 @@ from browsing import WAIT
 from doubles import INVALID_VALUES, set_by_client
 
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.graphics.legend import legend_of
+from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.overlays import with_bound
 from fdcal.graphics.picture import static_picture
 from fdcal.model.scene_file import load_scene, placeholder_scene

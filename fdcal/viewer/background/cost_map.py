@@ -13,9 +13,8 @@ from ...cost.maps import cost_maps, interpolate, power_shares, refined
 from ...cost.scale import Minima
 from ...graphics.basin_map import basin_floor, descent_text
 from ...graphics.heatmap import cost_floor, cost_label
+from ...graphics.picture import row_word, z_range_of
 from ...graphics.primitives import Area, ColourBar, Floor
-from ...graphics.surroundings import z_range_of
-from ...graphics.units import row_word
 from ...graphics.volume import SampledVolume, Volume
 from ...model.measurement import Measurement
 from ...model.settings import Search

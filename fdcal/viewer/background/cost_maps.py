@@ -28,7 +28,7 @@ from ...cost.reference_cost import ORDER_OFFSET
 from ...cost.scale import Minima
 from ...graphics.basin_map import basin_slice, descent_text
 from ...graphics.heatmap import field_floor
-from ...graphics.surroundings import z_range_of
+from ...graphics.picture import z_range_of
 from ...graphics.volume import AXES, PIXELS, POINTS, SampledVolume, Volume, drawn_volume, sampled_volume, sliced
 from ...model.problem import Problem
 from ...model.settings import Search

@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 import numpy as np
 import viser
 
+from ...graphics.picture import row_word
 from ...graphics.primitives import Picture
-from ...graphics.units import row_word
 from ...model.types import Reals
 from ...session.calibration_run import Assessment
 from ...session.history import SessionView

@@ -6,7 +6,7 @@ from html import escape
 
 import numpy as np
 
-from ...graphics.units import ALL, row_word
+from ...graphics.picture import row_word
 from ...model.measurement import Measurement
 from ...model.texts import length_text
 from ...model.validation import InputError
@@ -89,7 +89,7 @@ def modes_text(measurement: Measurement, first: int, last: int) -> str:
     return f"modes {first} to {last}, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
 
 
-def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = ALL) -> str:
+def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = slice(None)) -> str:
     """Return the mean and largest error of (N, D) positions, in metres, over the microphones `sought`.
 
     What the positions are compared with stands in a line of its own where they are moved as a whole, or are nominal.
@@ -121,7 +121,7 @@ def status(
     measurement: Measurement,
     fault: str = "",
     note: str = "",
-    sought: np.ndarray | slice = ALL,
+    sought: np.ndarray | slice = slice(None),
     trusted: bool = False,
     left_out: Sequence[str] = (),
 ) -> str:

@@ -5,8 +5,8 @@ from html import escape
 
 import numpy as np
 
+from ...graphics.annotations import HALO_WIDTH, Entry
 from ...graphics.heatmap import to_rgb
-from ...graphics.legend import HALO_WIDTH, Entry
 from ...graphics.primitives import ColourBar, format_number
 from .html import CARD
 

@@ -8,9 +8,9 @@ import viser
 from viser import uplot
 
 from ... import solvers
-from ...graphics.legend import COMPARED, compared_entry
+from ...graphics.annotations import COMPARED, compared_entry
 from ...graphics.markers import solver_mark
-from ...graphics.units import cost_title
+from ...graphics.picture import cost_title
 from ...model.measurement import Measurement
 from ...model.texts import length_text
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary

@@ -11,7 +11,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ...graphics.units import cost_title
+from ...graphics.picture import cost_title
 from ...model.measurement import Measurement
 from ..gui.binding import Tab, Tick
 from ..gui.plots import BLUE, GREY, ORANGE, PURPLE, RED, Plot, decades_of

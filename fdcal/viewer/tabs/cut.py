@@ -12,7 +12,7 @@ from viser import uplot
 
 from ...cost.maps import eq7_cut
 from ...cost.reference_cost import LOWEST
-from ...graphics.units import row_word
+from ...graphics.picture import row_word
 from ...model.measurement import Measurement
 from ...solvers.interface import RunState
 from ..background.cost_map import count_label, map_modes, shown_modes

@@ -12,13 +12,12 @@ import numpy as np
 import viser
 
 from ...assessment.result_file import position_table
-from ...graphics import paraview
+from ...graphics import exports
 from ...graphics.landscape import LandscapePanels, landscape_bytes, panels_of
+from ...graphics.picture import error_summary, z_range_of
 from ...graphics.primitives import Picture
 from ...graphics.replay import replay_html
 from ...graphics.snapshot import render_png
-from ...graphics.surroundings import z_range_of
-from ...graphics.units import error_summary
 from ...graphics.volume import Volume, sampled_volume
 from ...model.isolated import call
 from ...model.validation import InputError
@@ -153,12 +152,12 @@ def _map(snapshot: ViewSnapshot) -> bytes:
         sampled = None if terms is None else sampled_volume(terms)
         if sampled is None:
             raise ValueError("a volume that nobody cancels is complete")
-        return paraview.volume(sampled.cost, sampled.search, snapshot.choices.style.basins).encode()
+        return exports.volume_vti(sampled.cost, sampled.search, snapshot.choices.style.basins).encode()
     place = snapshot.view.state.positions[snapshot.microphone]
     height = float(place[2]) if len(place) == 3 else snapshot.height
     panels = _panels(snapshot, MAX_PANELS)
     panels = replace(panels, maps=panels.maps.astype(np.float32))
-    return paraview.landscape(panels, height, snapshot.choices.style.basins).encode()
+    return exports.landscape_vti(panels, height, snapshot.choices.style.basins).encode()
 
 
 def _table(snapshot: ViewSnapshot) -> bytes:
@@ -168,7 +167,9 @@ def _table(snapshot: ViewSnapshot) -> bytes:
 
 def _points(snapshot: ViewSnapshot) -> bytes:
     positions = snapshot.view.state.positions
-    cloud = paraview.point_cloud(snapshot.run.measurement, positions, snapshot.sigma, snapshot.height, snapshot.counted)
+    cloud = exports.microphones_vtp(
+        snapshot.run.measurement, positions, snapshot.sigma, snapshot.height, snapshot.counted
+    )
     return cloud.encode()
 
 

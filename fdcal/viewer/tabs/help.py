@@ -4,7 +4,7 @@ from html import escape
 
 import viser
 
-from ...graphics.legend import MARKS as DRAWN
+from ...graphics.annotations import MARKS as DRAWN
 from ...model.room import MEASURED_AND_MODELLED
 from ..gui.html import CARD
 from ..gui.legend_html import legend

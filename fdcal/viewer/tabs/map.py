@@ -4,8 +4,8 @@ import numpy as np
 
 from ...acoustics.dictionary import max_order
 from ...cost.reference_cost import decibels
+from ...graphics.picture import row_word
 from ...graphics.primitives import format_number
-from ...graphics.units import row_word
 from ...graphics.volume import AXES
 from ...model.measurement import Measurement
 from ...model.texts import modes_text, parse_modes

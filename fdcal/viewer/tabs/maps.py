@@ -6,8 +6,8 @@ They are one image, drawn on a thread of its own: a drag does not wait for it.
 import numpy as np
 
 from ...graphics.panels import Marks, mosaic
+from ...graphics.picture import row_word
 from ...graphics.primitives import DARK, LIGHT
-from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ..background.cost_map import CostMap, count_label
 from ..background.prepare import PreparedRun

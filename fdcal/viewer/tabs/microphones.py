@@ -11,7 +11,6 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ...graphics.units import ALL
 from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.texts import mm_text
@@ -88,7 +87,7 @@ def table(
     positions: np.ndarray,
     sigma: np.ndarray | None,
     selected: int,
-    sought: np.ndarray | slice = ALL,
+    sought: np.ndarray | slice = slice(None),
 ) -> str:
     """Return a table of the microphones, those with the largest errors first and the known ones last.
 
@@ -130,7 +129,7 @@ class MicrophonesTab(Tab):
             return
         self._key, self._updated = key, tick.now
         sigma = None if found is None else found.sigma
-        sought = ALL if tick.sought is None else tick.sought
+        sought = slice(None) if tick.sought is None else tick.sought
         self.table.content = table(measurement, np.asarray(view.state.positions), sigma, tick.microphone, sought)
         self.channels.content, self.given.content = channel_table(measurement, found), given_table(found)
 

@@ -8,7 +8,7 @@ import viser
 from viser import uplot
 
 from ...acoustics.dictionary import array_f_max, max_order
-from ...graphics.units import row_word
+from ...graphics.picture import row_word
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
 from ..background.cost_map import map_modes, row_label

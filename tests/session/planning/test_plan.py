@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fdcal.acoustics.dictionary import dictionary
-from fdcal.graphics.plan_figure import draw_plan, plan_html
+from fdcal.graphics.reports import draw_plan, plan_html
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings.frequencies import default_max_rows
 from fdcal.session.planning.bounds import field_of, places_in_room, request_information, wavenumbers_of

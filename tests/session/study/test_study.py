@@ -16,8 +16,7 @@ from running import FDCAL, done
 import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.assessment.study_statistics import clustered, judged, selected, share_grid
-from fdcal.graphics.calibration_report import write_page
-from fdcal.graphics.study_report import write_report
+from fdcal.graphics.study_report import write_page, write_report
 from fdcal.model.room import Room
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.study import cluster, task

@@ -1,12 +1,14 @@
-"""A plan as a figure of bounds, maps and trials, and as one page of HTML with a table of the microphones."""
+"""One page of HTML each: the findings about a recording, and a plan; with tables and figures, without network."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..session.doctor import Chart, Finding
 from ..session.planning.plan import Plan, plan_lines
 from .calibration_figure import enlarged_ellipses, html_table, png_uri
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
@@ -14,6 +16,68 @@ from .primitives import fractions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+TITLES = {
+    "samples": "Samples of each channel",
+    "wrapped": "Do the responses wrap round?",
+    "synchronous": "Do the channels share one clock?",
+    "field": "Is this one sound field?",
+    "measured": "Are the low frequencies measured?",
+    "channels": "Which channels differ?",
+    "list": "Does the list fit?",
+}
+STATES = {"fine": "fine", "differs": "differs, harmless", "fault": "fault", "unknown": "not known"}
+FINDINGS_STYLE = (
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}"
+    "td,th{text-align:left;vertical-align:top;padding:.2rem .8rem .2rem 0}"
+)
+MANY = 24  # microphones whose names an axis holds; curves with names of their own
+
+
+def doctor_page(title: str, findings: Sequence[Finding]) -> str:
+    """Return the page."""
+    rows = [[TITLES[one.question], STATES[one.state], _figure_text(one), one.text] for one in findings]
+    parts = [
+        f"<h2>{escape(TITLES[one.question])}</h2><p><b>{STATES[one.state]}</b>: {escape(one.text)}</p>"
+        f'<img src="{png_uri(draw_finding(one))}" alt="{escape(TITLES[one.question])}">'
+        for one in findings
+        if one.charts
+    ]
+    table = html_table(["question", "answer", "figure", "in words"], rows)
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
+        f"<style>{FINDINGS_STYLE}</style><h1>{escape(title)}</h1>{table}{''.join(parts)}</html>\n"
+    )
+
+
+def _figure_text(one: Finding) -> str:
+    return "" if one.value is None else f"{one.value:.3g} {one.unit}"
+
+
+def draw_finding(finding: Finding) -> Figure:
+    """Return the charts of a finding, side by side."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5 * len(finding.charts), 3.4), dpi=100, layout="constrained")
+    for chart, panel in zip(finding.charts, figure.subplots(1, len(finding.charts), squeeze=False)[0], strict=True):
+        _draw(chart, panel)
+    return figure
+
+
+def _draw(chart: Chart, panel) -> None:
+    for number, curve in enumerate(chart.curves):
+        label = curve.label if len(chart.curves) <= MANY else None
+        panel.plot(curve.x, curve.y, "osD^v"[number % 5] if curve.marks else "-", markersize=4, alpha=0.8, label=label)
+    if chart.limit is not None:
+        panel.axhline(chart.limit, color="grey", linestyle="--", linewidth=1)
+    if chart.names and len(chart.names) <= MANY:
+        panel.set_xticks(range(len(chart.names)), chart.names, rotation=90 if max(map(len, chart.names)) > 2 else 0)
+    if chart.equal:
+        panel.set_aspect("equal", adjustable="datalim")
+    panel.set(xlabel=chart.x, ylabel=chart.y)
+    panel.grid(alpha=0.3)
+    if 1 < len(chart.curves) <= MANY:
+        panel.legend(fontsize="x-small", ncols=2 if len(chart.curves) > 6 else 1)
 
 
 BINS = 24  # of the histogram of the trials' errors
@@ -133,7 +197,7 @@ def _finish(panel: Any, legend: bool = True) -> None:
         panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize="small", frameon=False)
 
 
-STYLE = (
+PLAN_STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color-scheme:light dark}"
     "img{max-width:100%;background:#fff}table{border-collapse:collapse}td,th{padding:.2rem .8rem;text-align:right;"
     "border-bottom:1px solid #8884}"
@@ -145,7 +209,7 @@ def plan_html(plan: Plan) -> str:
     name = escape(plan.request.layout.name)
     lines = "".join(f"<li>{escape(line)}</li>" for line in plan_lines(plan))
     return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Plan: {name}</title><style>{STYLE}</style>'
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Plan: {name}</title><style>{PLAN_STYLE}</style>'
         f"<h1>Plan: {name}</h1><ul>{lines}</ul>"
         f'<img alt="bound of each microphone, maps and trials" src="{png_uri(draw_plan(plan))}">'
         f"{_table(plan)}</html>\n"
