@@ -1,14 +1,15 @@
 """Arrays, rooms and faults that were not drawn for the solver: `benchmarks.field`, through the command line.
 
 FDCAL_BENCH_DRAWS cases of each family (8 unless given), FDCAL_BENCH_FAMILIES of them (all unless given, separated by
-commas), by FDCAL_BENCH_SOLVER (the solver that fdcal uses by itself unless given). FDCAL_BENCH_CSV names a file for one
-row a case.
+commas), by FDCAL_BENCH_SOLVER (the solver that fdcal uses by itself unless given). FDCAL_BENCH_SEED is added to the
+seed of every case, 0 unless given: arrays, rooms and noise that no number was chosen on. FDCAL_BENCH_CSV names a file
+for one row a case.
 """
 
 import csv
 import os
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ ALONE = True
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "8"))
 WANTED = [name for name in os.environ.get("FDCAL_BENCH_FAMILIES", "").split(",") if name] or list(FAMILIES)
 SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "")
+SEED = int(os.environ.get("FDCAL_BENCH_SEED", "0"))
 RIGHT = {  # part of the cases of a family that have to come out right
     "clean2d": 0.95,
     "clean3d": 0.85,
@@ -61,7 +63,9 @@ def _scores(name: str, rows: list[dict]) -> Iterator[Score]:
     folder = Path(cache_folder()) / "field"
     for number, spec in enumerate(FAMILIES[name](DRAWS)):
         try:
-            score = run_case(build(spec, folder), arguments=("--solver", SOLVER) if SOLVER else ())
+            score = run_case(
+                build(replace(spec, seed=spec.seed + SEED), folder), arguments=("--solver", SOLVER) if SOLVER else ()
+            )
         except NoCaseError:
             continue
         rows.append({"family": name, "case": number, "fault": spec.fault, **asdict(score)})

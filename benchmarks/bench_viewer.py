@@ -47,8 +47,9 @@ FRAMES = """seconds => new Promise(resolve => {
 PAINTED = """
 window.painted = {map: 0, relief: 0};
 new PerformanceObserver(list => {
-    for (const entry of list.getEntries()) if (entry.element?.tagName == "IMG") painted.map ||= entry.startTime;
-}).observe({type: "largest-contentful-paint", buffered: true});
+    for (const {name, startTime} of list.getEntries())
+        if (name == "first-contentful-paint" && document.getElementById("fdcal-film")) painted.map ||= startTime;
+}).observe({type: "paint", buffered: true});
 const look = () => {
     if (window.__viserMutable?.nodeRefFromName?.["/relief"]?.children.length) painted.relief = performance.now();
     else requestAnimationFrame(look);

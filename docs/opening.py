@@ -1,17 +1,15 @@
 """Write the files with which the page opens before anything is computed: `python docs/opening.py`.
 
-They are the measurement of the scene of the opening, its maps, and the first picture of its film as a part of the
-page's HTML (`fdcal.viewer.opening`). Run it again whenever the simulation, the cost, the rule for local minima or the
-look of a relief changes; tests/viewer/test_opening.py compares all with computation. `--still` writes the picture
-alone.
+They are the measurement of the scene of the opening, and the data of its film as a part of the page's HTML: maps of the
+sums of more and more modes, and the way of the microphone downhill over the last of them (`fdcal.viewer.opening`). Run
+it again whenever the simulation, the cost, the rule for local minima or the look of a relief changes;
+tests/viewer/test_opening.py compares the maps with computation.
 """
 
 import base64
-import io
-import sys
+import json
 
 import numpy as np
-from PIL import Image
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -19,66 +17,122 @@ from fdcal.cost.basins import basins_of
 from fdcal.cost.descent_path import descent_path
 from fdcal.cost.maps import map_minima, partial_sums
 from fdcal.cost.reference_cost import ORDER_OFFSET
+from fdcal.graphics import camera, heatmap, markers
+from fdcal.graphics.picture import compose
+from fdcal.graphics.primitives import DARK, LIGHT
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.viewer import app, opening
+from fdcal.viewer import opening
+from fdcal.viewer.scene3d import cameras
 
-FIRST = 92  # the mode whose map has most local minima that a finer lattice has, too; lower modes are added to it
+# Lower modes are added to the first one, whose map has most local minima that a finer lattice has, too.
 SUMMED = (1, 2, 3, 4, 6, 9, 14, 22, 37, 60, 92)
+EVERY = 2  # of the points of the lattice of a map, along each axis
+FEW_TIME, ONE_TIME = 10.0, 2.0  # s that all maps with several minima are shown, and those with one
+CHANGE_TIME, ROLL_TIME = 1.2, 1.4  # s that one map takes to become the next, at most, and that the microphone rolls
+NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
+ABOUT = "Where is the red microphone? Its recording fits where the map is low and dark. Blue ones are known."
+FOUND, INVITATION = "The microphone is found", "Drag it away, and let it go."
+MARGINS = (24, 24, 24, 128)  # pixels left, bottom, right and top of the map, for the words above it
+NEAR = 1e-6  # metres
 
 
 def main() -> None:
     """Write the files."""
-    if "--still" not in sys.argv:
-        write_maps()
-    write_still()
-
-
-def write_still() -> None:
-    """Write the first picture of the film, light and dark, and its words, as a part of the page's HTML."""
-    measurement = opening.opening_request().measurement
-    if measurement is None:
-        raise ValueError("the opening has a measurement")
-    projector, parts = opening.Projector(measurement), []
-    for dark in (False, True):
-        pixels, file = opening.still(projector, dark), io.BytesIO()
-        drawn = np.any(pixels != pixels[0, 0], axis=-1, keepdims=True)  # the page is seen around it
-        image = Image.fromarray(np.concatenate([pixels, np.uint8(255) * drawn.astype(np.uint8)], axis=-1))
-        image.save(file, "WEBP", quality=opening.STILL_QUALITY, method=6)
-        print(f"{'dark' if dark else 'light'}: {image.size[0]} x {image.size[1]} pixels, {len(file.getvalue())} bytes")
-        parts.append(f"data:image/webp;base64,{base64.b64encode(file.getvalue()).decode()}")
-    light, dark = parts
-    app.STILL.write_text(
-        f'<div id="fdcal-still" data-words="{projector.film.at(0.0).words}"><picture>'
-        f'<source srcset="{dark}" media="(prefers-color-scheme: dark)"><img src="{light}" alt=""></picture></div>\n',
-        encoding="utf-8",
-    )
-
-
-def write_maps() -> None:
-    """Write the measurement and the maps."""
-    scene = load_scene(opening.SCENE)
-    measurement, n = cached_measurement(scene), opening.MICROPHONE
+    scene, n = load_scene(opening.SCENE), opening.MICROPHONE
+    measurement = cached_measurement(scene)
     problem, solver = measurement.problem(), solvers.load(scene.solver.name)
     state = solver.init(problem, solvers.with_mode_count(problem, scene.solver), scene.seed)
-    modes = tuple(range(FIRST, 0, -1))
+    modes = tuple(range(opening.MODE, 0, -1))
     sums = list(partial_sums(problem, solver, state, n, modes, ORDER_OFFSET, counts=SUMMED))
-    costs = np.stack([one.cost for one in sums])
-    last, search = costs[-1], problem.search
+    last, search = sums[-1].cost, problem.search
     minima = [map_minima(problem, solver, state, n, one.modes, ORDER_OFFSET, one.cost, search) for one in sums]
     # it begins in the false minimum of the first map from which the way to the last one is longest
     ways = [descent_path(np.log10(last), search, basins_of(last), place) for place in minima[0].lowest]
-    path = max((way for way in ways if way.basin == 0), key=lambda way: len(way.points))
-    film = opening.Film(
-        modes=np.array(modes), summed=np.array(SUMMED), decibels=10 * np.log10(costs),
-        minima=tuple(minima), path=path.points,
-    )  # fmt: skip
+    path = max((way for way in ways if way.basin == 0), key=lambda way: len(way.points)).points
+    counts = [one.count for one in minima]
+    data = {
+        "scale": [heatmap.colour_limits(one.cost, True)[:2] for one in sums],
+        "summed": SUMMED, "starts": times(counts), "change": CHANGE_TIME, "roll": ROLL_TIME,
+        "words": [words(*both) for both in zip(SUMMED, counts, strict=True)],
+        "found": FOUND, "about": ABOUT, "invitation": INVITATION,
+        "minima": [{"lowest": listed(one.lowest, 3), "others": listed(one.others, 3)} for one in minima],
+        "path": listed(path, 3),
+        **look(measurement, heatmap.cost_floor(last, search, True, relief=True, relief_height=opening.RELIEF_HEIGHT)),
+    }  # fmt: skip
+    levels = [heatmap.normalise(one.cost, *limits, True) for one, limits in zip(sums, data["scale"], strict=True)]
+    coarse = np.stack(levels)[:, ::EVERY, ::EVERY]
+    data |= {
+        "n": coarse.shape[1], "origin": list(search.origin[:2]), "size": list(search.size[:2]),
+        "levels": coded(255 * coarse), "colours": coded(heatmap.to_rgb(np.arange(256) / 255)),
+    }  # fmt: skip
     with open(opening.MEASUREMENT, "wb") as file:
         save_measurement(measurement, file)
-    film.save()
-    for file in (opening.MEASUREMENT, opening.MAPS):
-        print(f"{file.name}: {file.stat().st_size} bytes")
-    print("local minima:", [one.count for one in minima], "from", path.points[0], "to", path.points[-1])
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    parts = 3 * "<canvas></canvas>" + "<h1></h1><p></p><button></button>"
+    script = f'<script type="application/json">{text}</script>'
+    opening.FILM.write_text(f'<div id="fdcal-film">{parts}{script}</div>\n', encoding="utf-8")
+    for path in (opening.MEASUREMENT, opening.FILM):
+        print(f"{path.name}: {path.stat().st_size} bytes")
+    print("local minima:", counts)
+
+
+def times(counts: list[int]) -> list[float]:
+    """Return when each map begins and the last one ends, s; those with several minima take most of the time."""
+    several = sum(count > 1 for count in counts)
+    stays = [FEW_TIME / several] * several + [ONE_TIME / (len(counts) - several)] * (len(counts) - several)
+    return np.cumsum([0.0, *stays]).round(3).tolist()
+
+
+def words(modes: int, places: int) -> str:
+    """Return what is said of a map of the sum of `modes` modes with so many local minima."""
+    many = NUMBERS[modes] if modes < len(NUMBERS) else str(modes)
+    return f"{many} frequenc{'y' if modes == 1 else 'ies'}: {places} place{'s fit' if places > 1 else ' fits'}"
+
+
+def look(measurement, floor) -> dict:
+    """Return what a picture of the relief `floor` has beside it: camera, rulers, marks and colours."""
+    picture = compose(None, measurement, measurement.positions, opening.MICROPHONE, floor)
+    (x0, y0, x1, y1), base, radius = picture.focus, picture.z_range[0], picture.marker_radius
+    rulers = next(part for part in picture.lines if part.name == "frame").segments
+    behind = (rulers[:, :, 0] > x1 - NEAR).all(axis=1) | (rulers[:, :, 1] > y1 - NEAR).all(axis=1)  # by the block
+    labels = [label for label in picture.labels if label.name.startswith("frame/")]
+    labels.sort(key=lambda label: label.name[-1].isdigit())  # a number gives way to the name of its axis
+    height = opening.RELIEF_HEIGHT * max(measurement.search.size[:2])
+    corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (base, base + height)]
+    return {
+        "height": height, "middle": [(x0 + x1) / 2, (y0 + y1) / 2, base], "marker": radius,
+        "frame": listed(rulers[~behind], 4), "known": listed(measurement.known_positions, 4),
+        "labels": [
+            {"text": one.text, "at": listed(one.position, 4), "anchor": one.anchor} for one in labels
+        ],
+        "corners": listed([*corners, *(one.position for one in labels)], 4), "name": "microphone 16",
+        "direction": camera.OBLIQUE, "fov": float(np.radians(camera.FOV_3D)), "margin": camera.MARGIN["close"],
+        "margins": MARGINS,
+        # of the session, whose bar and legend stand beside the map: on a broad canvas, on another one, on a phone
+        "after": [cameras.BROAD_MARGINS, cameras.MARGINS, [*cameras.PHONE_MARGINS, cameras.PHONE_PANEL]],
+        "broad": [cameras.BROAD, cameras.BROAD_RATIO, cameras.PHONE_WIDTH],
+        "light": heatmap.TOWARDS_LIGHT.tolist(), "darkest": heatmap.DARKEST,
+        "brightest": heatmap.BRIGHTEST, "known_colour": markers.KNOWN, "minimum_colour": markers.LOWEST,
+        "ball_colour": markers.ESTIMATE,
+        "themes": [
+            {
+                "background": theme.background, "foreground": theme.foreground,
+                "sides": [part.colour for part in heatmap.relief_sides(floor, theme)],
+            }
+            for theme in (LIGHT, DARK)
+        ],
+    }  # fmt: skip
+
+
+def listed(values, digits: int) -> list:
+    """Return numbers as JSON has them, rounded."""
+    return np.asarray(values, float).round(digits).tolist()
+
+
+def coded(numbers) -> str:
+    """Return numbers from 0 to 255 as text."""
+    return base64.b64encode(np.rint(numbers).astype(np.uint8).tobytes()).decode("ascii")
 
 
 if __name__ == "__main__":

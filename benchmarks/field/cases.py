@@ -10,7 +10,7 @@ import numpy as np
 
 from fdcal.model.measurement_file import save_measurement
 from fdcal.session.study.definition import Study, load_study
-from fdcal.session.study.setting import draw
+from fdcal.session.study.setting import Setting, draw
 
 from .boxes import image_source_field, pyroomacoustics_field
 from .constants import SOUND_SPEED
@@ -46,8 +46,8 @@ class NoCaseError(RuntimeError):
 
 def build(spec: Spec, folder: Path) -> Case:
     """Return the case of `spec`; `folder` keeps the solutions of the finite-element rooms. Raises NoCaseError."""
-    if spec.setting:
-        return _of_setting(spec)
+    if spec.setting is not None:
+        return _of_setting(spec, spec.setting)
     rng = np.random.default_rng([77, spec.seed])
     array = geometry(spec.geometry, spec.count, spec.size, rng, spec.dimension)
     room = solved_room(spec.room, folder) if spec.room in SHAPES else None
@@ -90,9 +90,9 @@ def calibration_study() -> Study:
     return load_study(Path(__file__).parents[2] / "studies" / "calibration.toml")
 
 
-def _of_setting(spec: Spec) -> Case:
+def _of_setting(spec: Spec, setting: Setting) -> Case:
     """The draw of a setting, as `fdcal study` calibrates it."""
-    drawn, file = draw(calibration_study().setting(spec.setting), spec.seed), io.BytesIO()
+    drawn, file = draw(setting, spec.seed), io.BytesIO()
     measurement = drawn.measurement
     save_measurement(measurement, file)
     file.seek(0)

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from fdcal.session.study.setting import Setting
+
 
 @dataclass(frozen=True)
 class Spec:
@@ -32,7 +34,7 @@ class Spec:
     scatterer_offset : from the array's middle, as a part of its radius
     reflection : range of the walls' pressure reflection factors in three dimensions
     order : of the image sources
-    setting : name of a setting of `studies/calibration.toml` that draws the whole case, or ""
+    setting : setting as of `studies/calibration.toml` that draws the whole case, or None
     """
 
     seed: int
@@ -60,7 +62,7 @@ class Spec:
     scatterer_offset: float = 0.0
     reflection: tuple[float, float] = (0.75, 0.95)
     order: int = 8
-    setting: str = ""
+    setting: Setting | None = None
 
     @property
     def blind(self) -> bool:

@@ -21,6 +21,7 @@ from scipy.stats import binomtest
 
 from ..assessment import study_statistics as statistics
 from ..assessment.study_statistics import BINS, COLUMNS, LEVELS
+from ..model.reading import parse_toml, read_bytes
 from ..model.storage import write_atomically
 from ..model.validation import InputError
 from ..session.study.definition import version_text
@@ -375,8 +376,11 @@ named. *Refused*: draws that are not calibrated, but for a reason that is said; 
 """
 
 
-def calibration_page(head: dict, rows: Any, name: str, stem: str, commands: str) -> str:
-    """Return the page of a study's file `name`; `rows` as of `read_results`, `stem`: of the page's file name."""
+def calibration_page(head: dict, rows: Any, name: str, stem: str, commands: str, cases: dict | None = None) -> str:
+    """Return the page of a study's file `name`; `rows` as of `read_results`, `stem`: of the page's file name.
+
+    `cases`: why draws are good and wrong: "cases", each with "setting", "seed" and "why", and a "text" on them all.
+    """
     every, rows, key = rows, _scored(rows), next(iter(head["axes"]))
     names = [value for value in head["axes"][key] if np.any(every[key] == value)]
     counts = every.groupby(key).size()
@@ -407,12 +411,27 @@ def calibration_page(head: dict, rows: Any, name: str, stem: str, commands: str)
     for row in refused.to_dict("records"):
         text += f"\n- {row[key]}, seed {row['seed']}: {row['reason']}"
     text += "\n" * bool(len(refused)) + _counted("Good and wrong", len(wrong), len(every))
+    text += _one_by_one(wrong, key, cases or {}) if len(wrong) else ""
+    return text.rstrip("\n") + "\n"
+
+
+WRONG = """
+| setting | seed | error mm | claim mm | the worst microphone, sigma | why |
+|---|---|---|---|---|---|
+"""
+UNEXPLAINED = "not examined yet"
+
+
+def _one_by_one(wrong: Any, key: str, cases: dict) -> str:
+    """The table of the draws that are good and wrong, with why each is, and what the `cases` have in common."""
+    why = {(one["setting"], one["seed"]): one["why"] for one in cases.get("cases", ())}
+    text = WRONG
     for row in wrong.to_dict("records"):
         text += (
-            f"\n- {row[key]}, seed {row['seed']}: error {1e3 * row['rms_error_m']:.2g} mm,"
-            f" {1e3 * row['claimed_sigma_m']:.2g} mm claimed, the worst microphone {row['worst_sigmas']:.1f} sigma off"
+            f"| {row[key]} | {row['seed']} | {1e3 * row['rms_error_m']:.2g} | {1e3 * row['claimed_sigma_m']:.2g} |"
+            f" {row['worst_sigmas']:.1f} | {why.get((row[key], row['seed']), UNEXPLAINED)} |\n"
         )
-    return text.rstrip("\n") + "\n"
+    return f"{text}\n{cases.get('text', '')}"
 
 
 def _counted(what: str, count: int, draws: int) -> str:
@@ -488,12 +507,17 @@ def _stepped(values: np.ndarray) -> np.ndarray:
 
 
 def write_page(page: Path, head: dict, rows: Any, name: str, commands: str) -> None:
-    """Write the page, its rows as CSV beside it, and its figure into the folder `pictures` beside that of the page."""
+    """Write the page, its rows as CSV beside it, and its figure into the folder `pictures` beside that of the page.
+
+    Why a draw is good and wrong nobody can compute: the page takes it from a file beside it that ends in .cases.toml.
+    """
     pictures = page.resolve().parent.parent / "pictures"
     if not pictures.is_dir():
         problem = f"{page} has no folder pictures beside its own"
         raise InputError(problem, "give a page in a folder of the documentation", key="page", value=str(page))
-    text, key = calibration_page(head, rows, name, page.stem, commands), next(iter(head["axes"]))
+    written = page.with_suffix(".cases.toml")
+    cases = parse_toml(read_bytes(written), written) if written.exists() else None
+    text, key = calibration_page(head, rows, name, page.stem, commands, cases), next(iter(head["axes"]))
     picture = figure_bytes(draw_ranks(head, rows), "png")
     table = rows[[key, *KEPT]].sort_values(["draw", key]).to_csv(index=False, float_format="%.4g")
     write_atomically(page, lambda file: file.write_text(text, encoding="utf-8"), True)

@@ -124,7 +124,6 @@ class AddressBar:
         viewer, lessons = self._page.viewer, self._lessons
         if viewer is None:
             self._asked = client, asked
-            self._page.end_opening()
             return
         name = viewer.run.scene.name
         if asked.lesson:

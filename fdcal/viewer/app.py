@@ -6,10 +6,9 @@ from pathlib import Path
 from ..session.interrupts import Interrupt
 from ..session.lesson import Lesson
 from ..session.request import OpenRequest
+from .opening import film_html, opening_request
 from .server.hardening import is_loopback, open_server, without_output
 from .server.process import error_log, share_one_heap
-
-STILL = Path(__file__).with_name("opening.html")  # the first picture of the opening
 
 
 def serve(
@@ -32,30 +31,26 @@ def serve(
     """
     share_one_heap()
     with Interrupt() as interrupt, error_log():
-        page = opening = None
-        film = request is None and begin is None
-        begins = lambda: film and (opening is None or opening.begins)  # noqa: E731
-        server = open_server(host, port, lambda: STILL.read_text(encoding="utf-8") if begins() else "")
+        page, opens = None, request is None and begin is None
+        server = open_server(host, port, film_html() if opens else "")
         try:
             server.gui.configure_theme(show_share_button=False, show_logo=False)
             server.gui.set_panel_label("fdcal")
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
-            from .opening import Opening
             from .preview import show_cached
             from .scene3d.nodes import SceneNodes
 
             nodes = SceneNodes(server)
-            opening = Opening(nodes) if film else None
             if request is not None and begin is None:
                 show_cached(nodes, request)
             from .page import Page
 
-            page = Page(server, nodes, lessons, on_progress, opening, Path.cwd() if is_loopback(host) else None)
+            page = Page(server, nodes, lessons, on_progress, Path.cwd() if is_loopback(host) else None)
             if begin is not None:
                 page.lessons.start(begin.title)
-            elif (first := request if opening is None else opening.request) is not None:
-                page.open(first)
+            else:
+                page.open(request or opening_request())
             page.run(interrupt)
         finally:
             if page is not None:

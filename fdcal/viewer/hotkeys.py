@@ -144,5 +144,4 @@ def _add(gui: viser.GuiApi, page, key: Key) -> None:
     @command.on_trigger
     async def _(event) -> None:
         if event.client is not None:
-            page.end_opening()
             key.act(page, event.client)

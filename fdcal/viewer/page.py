@@ -26,7 +26,6 @@ from .explore import Explore
 from .gui.binding import Binding
 from .gui.words import CanvasWords
 from .hotkeys import add_keys
-from .opening import Opening
 from .panels import Panels, SessionFolders
 from .preview import show_room
 from .scene3d.cameras import Room
@@ -51,10 +50,9 @@ log = logging.getLogger(__name__)
 class Page:
     """Owns the panels, the scene, and the session that is shown.
 
-    `lessons`: offered in this order; `on_progress`: called with the progress of the first session
-    in words, and with "" when it is ready or refused; `opening`: that plays first; no session is shown meanwhile.
-    `folder`: in which it records and whose files it opens; None where other machines can reach the page.
-    `viewer`: Viewer of the session that is shown, or None; `words`: on the canvas.
+    `lessons`: offered in this order; `on_progress`: called with the progress of the first session in words, and with ""
+    when it is ready or refused; `folder`: in which it records and whose files it opens; None where other machines can
+    reach the page. `viewer`: Viewer of the session that is shown, or None; `words`: on the canvas.
     """
 
     def __init__(
@@ -63,14 +61,13 @@ class Page:
         nodes: SceneNodes,
         lessons: Sequence[Lesson] = (),
         on_progress: Callable[[str], None] = lambda text: None,
-        opening: Opening | None = None,
         folder: Path | None = None,
     ):
         self._server, self.nodes, self.switcher = server, nodes, SessionSwitcher()
         self.panels = Panels(server.gui)
         self.status_bar = StatusBar(self.panels, self.switcher)
         self.viewer: Viewer | None = None
-        self.words, self._opening = CanvasWords(self.panels.overlay), opening
+        self.words = CanvasWords(self.panels.overlay)
         self.lessons = LessonsTab(self, lessons)
         with self.panels.tab("Help"):
             add_help(server.gui)
@@ -81,7 +78,8 @@ class Page:
         add_keys(server.gui, self)
         self.explore = Explore(self, self.lessons)
         self.address, self._dark = AddressBar(self, self.lessons), False
-        self.panels.overlay.on("dark", lambda client, value: self._prefer(value == "on"))
+        self._first: viser.ClientHandle | None = None  # the browser whose preference the page follows
+        self.panels.overlay.on("dark", lambda client, value: self._prefer(client, value == "on"))
         self.panels.overlay.on("face", lambda client, value: nodes.cameras.show_face(client, value == "expert"))
         self._progress, self._on_progress, self._faults = "", on_progress, dict[str, str]()
         self._canvases_checked, self._wake = 0.0, WakeEvent()
@@ -90,22 +88,18 @@ class Page:
 
     def open(self, request: OpenRequest) -> None:
         """Show something else as soon as it is ready. Any thread; the last request counts."""
-        if self._opening is not None and request is not self._opening.request:
-            self._opening.end()
         self.switcher.open(request)
 
-    def end_opening(self) -> None:
-        """End the opening where it plays: somebody has touched something."""
-        if self._opening is not None:
-            self._opening.end()
+    def _prefer(self, client: viser.ClientHandle | None, dark: bool) -> None:
+        """Follow a browser's preference for a dark page, unless a user has chosen; on viser's event loop.
 
-    def _prefer(self, dark: bool) -> None:
-        """Follow a browser's preference for a dark page, unless a user has chosen; on viser's event loop."""
-        self._dark = dark
+        All browsers share the theme: it is that of the one that came first, so that nobody else turns it.
+        """
+        if client is not self._first and self._first in self._server.get_clients().values():
+            return
+        self._first, self._dark = client, dark
         if self.viewer is None:
             self.panels.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
-            if self._opening is not None:
-                self._opening.dark = dark
         elif not self.viewer.binding.choices.themed:
             self.viewer.tabs.view.darken(dark, preferred=True)
 
@@ -148,8 +142,7 @@ class Page:
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date once, at the time `now`, s."""
-        plays = self._opening is not None and self._opening.playing
-        prepared = self.switcher.poll(wait=plays)
+        prepared = self.switcher.poll()
         first = self.viewer is None
         self.nodes.settle(now)
         if first:
@@ -159,8 +152,6 @@ class Page:
         if prepared is not None:
             self._replace_session(prepared)
         self.status_bar.show(first)
-        if self._opening is not None:
-            self._opening.tick(self.words, now)
         if self.viewer is not None:
             self.viewer.tabs.run_bar.wait(self.switcher.progress is not None)
             self.nodes.cameras.room = Room(self.viewer.binding.choices.lecture, self.lessons.active)
@@ -198,12 +189,7 @@ class Page:
         try:
             with self._server.atomic():
                 before = old and old.binding.choices
-                opening = self._opening
-                goes_on = opening is not None and old is None and prepared.opening is opening.request
-                floor = opening.floor if opening is not None and goes_on else None
-                new = Viewer(
-                    self._server, prepared, folders, self.nodes, self.open, before, self._wake.set, floor, self.words
-                )
+                new = Viewer(self._server, prepared, folders, self.nodes, self.open, before, self._wake.set, self.words)
                 if old is not None:
                     old.take_down()
         except Exception as error:
@@ -219,12 +205,13 @@ class Page:
         if old is not None:
             old.close()
         elif self._dark:
-            self._server.get_event_loop().call_soon_threadsafe(self._prefer, True)
-        if floor is None and (old is None or old.picture.focus != new.picture.focus):
-            self.nodes.cameras.view = "top"
+            self._server.get_event_loop().call_soon_threadsafe(self._prefer, self._first, True)
+        if old is None or old.picture.focus != new.picture.focus:
+            in_relief = old is None and new.binding.choices.style.relief
+            self.nodes.cameras.view = view = "close" if in_relief else "top"
             self.nodes.cameras.set_initial(new.picture)
             for client in self._server.get_clients().values():
-                self.nodes.cameras.place(client, "top")
+                self.nodes.cameras.place(client, view)
         self._releases.append(time.perf_counter() + RELEASE_DELAY)
 
     def _report_progress(self, text: str | None = None) -> None:

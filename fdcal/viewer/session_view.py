@@ -180,10 +180,9 @@ class Viewer:
 
     `folders`: SessionFolders for the controls; `nodes`: SceneNodes that show the picture; `open_other`: function that
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
-    function that makes the main loop update the page at once; `floor`: the map that is shown until there is one of this
-    session, or None; `words`: on the canvas, or None. Raises InputError: the request of the run has choices that are
-    not possible. `view`: the states as they are shown; `snapshot`: what is on the screen; `call`: runs a function on
-    viser's event loop.
+    function that makes the main loop update the page at once; `words`: on the canvas, or None. Raises InputError: the
+    request of the run has choices that are not possible. `view`: the states as they are shown; `snapshot`: what is on
+    the screen; `call`: runs a function on viser's event loop.
     """
 
     def __init__(
@@ -195,7 +194,6 @@ class Viewer:
         open_other: Callable[[OpenRequest], None] = lambda request: None,
         before: Choices | None = None,
         wake: Callable[[], None] = lambda: None,
-        floor: Floor | None = None,
         words: CanvasWords | None = None,
     ):
         self.run, self.nodes, self._folders = run, nodes, folders
@@ -207,7 +205,6 @@ class Viewer:
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
         self._key: tuple = ()  # of what is drawn
-        self._first_floor = floor
         self._assessed: tuple[Assessment | None, PositionUncertainty | None] = None, None  # of the last verdict
         try:
             self._build(server, words)
@@ -219,7 +216,7 @@ class Viewer:
         run, binding, folders, nodes = self.run, self.binding, self._folders, self.nodes
         self._picture = SessionPicture(run, binding.frame)
         view = binding.frame.view(run.session.view)
-        picture = self._picture.draw(view, binding.choices, self._selected, self._first_floor)
+        picture = self._picture.draw(view, binding.choices, self._selected)
         self.snapshot = ViewSnapshot(run, picture, view, binding.choices, self._selected, None)
         self.tabs = Tabs(folders, binding, nodes.cameras.request, self.export)
         self.maps, self._verdict = CostMapWorker(run, binding.threads), VerdictWorker(run, binding.threads)
@@ -314,9 +311,6 @@ class Viewer:
     def _draw(self, tick: Tick, choices: Choices, dropped: Dropped | None) -> None:
         """Draw the picture again where anything of it has changed."""
         floor, volume = self._picture.faded_parts(tick.drawn, choices.style)
-        if tick.drawn is not None or tick.reason or not choices.shown:
-            self._first_floor = None
-        floor = floor or self._first_floor
         marked, planned = self.tabs.comparison.marked(tick.runs), self.tabs.plan.planned
         parts = floor, volume, tick.uncertainty, marked, planned
         key = tick.revision, choices, tick.microphone, dropped, *map(Same, parts)

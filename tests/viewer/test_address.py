@@ -1,10 +1,8 @@
 """The view in the page's address, and the commands of what is on the canvas."""
 
-import time
 from types import SimpleNamespace
 
 import pytest
-from browsing import WAIT
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,9 +12,6 @@ from fdcal.session.request import OpenRequest
 from fdcal.viewer import address
 from fdcal.viewer.address import address_of, parse_address
 from fdcal.viewer.gui.choices import MAP_KINDS
-from fdcal.viewer.opening import Opening
-from fdcal.viewer.page import Page
-from fdcal.viewer.scene3d.nodes import SceneNodes
 
 CAMERA = "1,2,30,1,2,0,0,1,0,0.02"
 
@@ -125,23 +120,6 @@ def test_what_no_address_has_is_refused_in_one_line(shown, part):
     command(page, f"open={part}", client)
     assert len(client.told) == 1 and "\n" not in client.told[0]
     assert page.viewer.binding.choices is before and page.switcher.idle
-
-
-def test_a_link_that_ends_the_film_opens_with_its_own_camera_and_map(server, scene, kernels):
-    """The film's relief is of its own scene alone."""
-    nodes = SceneNodes(server)
-    page = Page(server, nodes, opening=Opening(nodes))
-    page.open(OpenRequest(scene, choices={"shown": False}))
-    for _ in range(round(WAIT / 0.02)):
-        page.tick(time.perf_counter())
-        if page.viewer is not None:
-            break
-        time.sleep(0.02)
-    assert page.viewer._first_floor is None and "relief" not in nodes.parts
-    assert nodes.cameras.view == "top"
-    page.close()
-    server.gui.reset()
-    server.scene.reset()
 
 
 def test_an_address_is_decoded_once(shown):

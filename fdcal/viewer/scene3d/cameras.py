@@ -44,7 +44,6 @@ class Placement:
     view: str = "top"  # as in graphics.camera.VIEWS
     size: tuple[int, int] | None = None  # (width, height) of the canvas at that time, pixels, or None
     room: Room = Room()  # that was left at that time
-    margins: tuple[int, int, int, int] | None = None  # in place of it, pixels
     expert: bool = False  # whether the page showed the panels
     relief: float = 0.0  # height of the map, metres, that a view from the side has to hold
     camera: Camera | None = None  # that was commanded, or None
@@ -123,27 +122,18 @@ class Cameras:
     """Owns the last commands to the pages' cameras.
 
     `picture`: what there is to be seen, or None; `view`: of a page that opens, as in graphics.camera.VIEWS;
-    `margins`: pixels left, bottom, right and top of what is looked at; None for those that rulers and legend need;
-    `room`: what stands beside the picture; `user_moves`: how many times a user has moved a camera away from where it
-    was placed.
+    `room`: what stands beside the picture.
     """
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
         self.picture: Picture | None = None
         self.view = "top"
-        self.margins: tuple[int, int, int, int] | None = None
-        self.room, self.user_moves = Room(), 0
-        self._at_rest: set[int] = set()  # pages whose camera is where it was placed
+        self.room = Room()
         self._experts: set[int] = set()  # pages that show the panels
         self._placements: dict[int, Placement] = {}
         self._looks: dict[int, int] = {}  # by page: looks since its camera was placed
         self._requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = collections.deque()
-
-    @property
-    def placed(self) -> bool:
-        """Whether a page draws the scene with the camera that it was given."""
-        return bool(self._at_rest)
 
     def request(self, client: viser.ClientHandle, view: str | Camera | None = None) -> None:
         """Have the main loop place a page's camera or, without a view, check whether its canvas has changed.
@@ -192,7 +182,7 @@ class Cameras:
         with self._guarded(client):
             if isinstance(view, Camera):
                 expert = client.client_id in self._experts
-                placed = Placement("", canvas(client.camera), self.room, self.margins, expert, 0.0, view)
+                placed = Placement("", canvas(client.camera), self.room, expert, 0.0, view)
                 self._command(client, view, placed)
             else:
                 self._place(client, view)
@@ -211,14 +201,15 @@ class Cameras:
             return
         camera = client.camera
         size, room, expert = canvas(camera), self.room, client.client_id in self._experts
-        margins = self.margins or _margins(size, room, expert)
-        wanted = camera_for(self.picture, size, view, margins, fov=TOP_FOV if view == "top" else None)
+        wanted = camera_for(
+            self.picture, size, view, _margins(size, room, expert), fov=TOP_FOV if view == "top" else None
+        )
         x, y, z = self._server.initial_camera.position
         before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
         before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
         positions = (*before, wanted.position)[-KEPT_POSITIONS:]
         relief = self._relief(view)
-        self._command(client, wanted, Placement(view, size, room, self.margins, expert, relief, wanted, positions))
+        self._command(client, wanted, Placement(view, size, room, expert, relief, wanted, positions))
 
     def _relief(self, view: str) -> float:
         """Return the height of the map in a view from the side, to the centimetre; it comes later than the view."""
@@ -263,15 +254,11 @@ class Cameras:
             self._place(client, placement.view)
             return
         expert = client.client_id in self._experts
-        now = canvas(camera), self.room, self.margins, expert, self._relief(placement.view)
-        fits = now == (placement.size, placement.room, placement.margins, placement.expert, placement.relief)
-        if fits and is_at(camera, placement.camera):
-            self._at_rest.add(client.client_id)
-        elif any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):
+        now = canvas(camera), self.room, expert, self._relief(placement.view)
+        fits = now == (placement.size, placement.room, placement.expert, placement.relief)
+        fits = fits and is_at(camera, placement.camera)
+        if not fits and any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):
             self._place(client, placement.view)
-        elif client.client_id in self._at_rest and not stands_at(camera, placement.camera.position):
-            self._at_rest.discard(client.client_id)
-            self.user_moves += 1
 
     def follow_all(self, clients) -> None:
         """`follow` pages whose canvas has changed without a report; called by the main loop now and then."""
@@ -292,7 +279,6 @@ class Cameras:
         """Drop what belongs to a page that has closed."""
         self._placements.pop(client.client_id, None)
         self._looks.pop(client.client_id, None)
-        self._at_rest.discard(client.client_id)
         self._experts.discard(client.client_id)
 
     def set_initial(self, picture: Picture, size: tuple[int, int] = (680, 720)) -> None:
@@ -301,8 +287,8 @@ class Cameras:
         `picture`: what there is to be seen; `size` (width, height) that is assumed, pixels.
         """
         fov = TOP_FOV if self.view == "top" else None
-        first, margins = self._server.initial_camera, self.margins or MARGINS
-        wanted = camera_for(picture, size, self.view, margins, fov=fov)
+        first = self._server.initial_camera
+        wanted = camera_for(picture, size, self.view, MARGINS, fov=fov)
         first.near, first.far = planes(wanted)
         first.fov, first.up, first.position, first.look_at = wanted.fov, wanted.up, wanted.position, wanted.look_at
 

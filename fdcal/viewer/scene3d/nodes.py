@@ -88,7 +88,7 @@ def same_frame(one: Plate, other: Plate) -> bool:
     return (one.axis, one.origin, one.size) == (other.axis, other.origin, other.size)
 
 
-REPLACING_TIME = 0.3  # s that a relief stays beside the one that replaces it
+REPLACING_TIME = 3.0  # s that a relief stays below the one that replaces it; `server/page.js` shows one of them
 
 Part = Lines | Mesh | Floor | Surface | Plate
 
@@ -135,6 +135,8 @@ class SceneNodes:
         with self._server.atomic():
             for name in sorted(self._handles.keys() - parts.keys(), reverse=True):  # a child before its parent
                 self._handles.pop(name).remove()
+            if "relief" not in parts:
+                self._remove_replaced(math.inf)
             for name, part in parts.items():
                 old = self._parts.get(name)
                 if old is None or not (old is part or _looks_same(old, part)):
@@ -149,7 +151,11 @@ class SceneNodes:
         A page takes a moment to read a surface, and shows none meanwhile.
         """
         self._replaced = [(now if since is None else since, handle) for since, handle in self._replaced]
-        while self._replaced and now - (self._replaced[0][0] or now) > REPLACING_TIME:
+        self._remove_replaced(now - REPLACING_TIME)
+
+    def _remove_replaced(self, before: float) -> None:
+        """Remove the reliefs that others have replaced before a time, s."""
+        while self._replaced and (self._replaced[0][0] or 0.0) < before:
             self._replaced.pop(0)[1].remove()
 
     def _send(self, name: str, old: Part | None, handle, part: Part):

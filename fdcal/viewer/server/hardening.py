@@ -93,17 +93,17 @@ OF_VISER = b"<title>Viser</title>"
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 
 
-def titled(respond: Respond, still: Callable[[], str] = str) -> Respond:
+def titled(respond: Respond, film: str = "") -> Respond:
     """Wrap the function that answers requests for files: its page has the title TITLE, our style and our script.
 
-    `still`: as in `open_server`.
+    `film`: as in `open_server`.
     """
 
     def answer(connection, request) -> Response | None:
         response = respond(connection, request)
         if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
             zipped = response.headers.get("Content-Encoding") == "gzip"
-            response.body = with_title(bytes(response.body), zipped, still())
+            response.body = with_title(bytes(response.body), zipped, film)
             del response.headers["Content-Length"]
             response.headers["Content-Length"] = str(len(response.body))
             response.headers["Content-Security-Policy"] = (
@@ -115,10 +115,10 @@ def titled(respond: Respond, still: Callable[[], str] = str) -> Respond:
 
 
 @functools.lru_cache(maxsize=4)
-def with_title(body: bytes, zipped: bool, still: str = "") -> bytes:
+def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
     """Return a page with the title TITLE in place of viser's, and page.css and page.js; a page of others as it is.
 
-    `body`: of the page; `zipped`: whether gzip has compressed it; `still`: HTML at the begin of its body.
+    `body`: of the page; `zipped`: whether gzip has compressed it; `film`: HTML at the begin of its body.
     """
     plain = gzip.decompress(body) if zipped else body
     style, script = STYLE.read_text(encoding="utf-8"), SCRIPT.read_text(encoding="utf-8")
@@ -127,7 +127,7 @@ def with_title(body: bytes, zipped: bool, still: str = "") -> bytes:
     if renamed == plain:
         return body
     before, tag, after = renamed.rpartition(b"<body>")
-    renamed = before + tag + still.encode() + after
+    renamed = before + tag + film.encode() + after
     return gzip.compress(renamed, 1) if zipped else renamed
 
 
@@ -204,15 +204,15 @@ Handler = Callable[..., Any]  # a coroutine function
 Result = TypeVar("Result")
 
 
-def open_server(host: str, port: int, still: Callable[[], str] = str) -> viser.ViserServer:
+def open_server(host: str, port: int, film: str = "") -> viser.ViserServer:
     """Open a server that only its own page can use.
 
-    `host`: address to listen at; `port`: 0 to 65535; 0 takes a free port; `still`: called for each page that a browser
-    loads; it returns HTML that the page shows before its scene, or "". Raises InputError: the address cannot be
+    `host`: address to listen at; `port`: 0 to 65535; 0 takes a free port; `film`: HTML that the
+    page shows before its scene, or "". Raises InputError: the address cannot be
     used, the port is in use, or viser can no longer be restricted.
     """
     _require_address(host, port)
-    server = _open_restricted(host, port, still)
+    server = _open_restricted(host, port, film)
     if port and server.get_port() != port:  # viser takes the next free port without a message
         without_output(server.stop)
         raise InputError(f"port = {port} is in use", "give another <port>, or 0 for a free one", key="port", value=port)
@@ -220,7 +220,7 @@ def open_server(host: str, port: int, still: Callable[[], str] = str) -> viser.V
 
 
 @contextlib.contextmanager
-def _restricted_listening(host: str, still: Callable[[], str]) -> Iterator[None]:
+def _restricted_listening(host: str, film: str) -> Iterator[None]:
     """Give the sockets that are opened meanwhile a list of allowed origins and bounds of what a client may send."""
     module = websockets.asyncio.server
     serve = module.serve
@@ -236,7 +236,7 @@ def _restricted_listening(host: str, still: Callable[[], str]) -> Iterator[None]
 
     def restricted(handler: Handler, *arguments, **given):
         if given.get("process_request") is not None:
-            given["process_request"] = same_origin(titled(given["process_request"], still))
+            given["process_request"] = same_origin(titled(given["process_request"], film))
         return serve(version_checked(handler), *arguments, **(given | options))
 
     module.serve = restricted
@@ -246,13 +246,13 @@ def _restricted_listening(host: str, still: Callable[[], str]) -> Iterator[None]
         module.serve = serve
 
 
-def _open_restricted(host: str, port: int, still: Callable[[], str]) -> viser.ViserServer:
+def _open_restricted(host: str, port: int, film: str) -> viser.ViserServer:
     """Open a server, or refuse where viser or websockets no longer have what the restrictions hang on."""
     server = None
     try:
         use_safe_buffers()
         use_quick_encoding()
-        with _restricted_listening(host, still):
+        with _restricted_listening(host, film):
             server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
         for message in BLOCKED_MESSAGES:
             server._websock_server.unregister_handler(message)

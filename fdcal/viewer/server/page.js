@@ -9,14 +9,13 @@
 //   theme       the browser's preference, when the page opens and when it changes
 //   connection  viser tries to reconnect every second; Chromium delays each attempt by up to 5 s after some have failed,
 //               so that every attempt is ended by the next one. Here the page waits until the server answers, and reloads.
-//   still       the first picture of the film, in the page's HTML, until the browser has drawn the scene itself
-//   keys        arrows on a slider move the slider alone, not the camera; any key skips the film, Escape closes words
+//   keys        arrows on a slider move the slider alone, not the camera; Escape closes words
 //   camera      a drag does not turn it below the floor
 (() => {
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
 const MAX_COMMAND = 190;  // characters
-const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000, STILL_DELAY = 200;
+const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000;
 const LEVEL = 1.54;  // rad from the zenith, just above the floor  // ms
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
 let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
@@ -176,7 +175,7 @@ function followScene() {
   const {scene, camera} = window.__viserMutable ?? {};
   if (!scene || !camera) { setTimeout(followScene, 50); return; }
   scene.onAfterRender = (renderer, from, by) => { if (by == window.__viserMutable.camera) placeLabels(by); };
-  scene.onBeforeRender = hideHandles;
+  scene.onBeforeRender = () => { hideHandles(); showNewest(); };
   placeLabels(camera);
 }
 
@@ -185,6 +184,14 @@ function hideHandles() {
   for (const [name, node] of Object.entries(window.__viserMutable.nodeRefFromName))
     if (/^\/(picking|cut_handles)\//.test(name))
       node?.traverse(part => { for (const material of [part.material ?? []].flat()) material.depthWrite = false; });
+}
+
+// A relief stays until its successor is drawn, which takes a slow browser seconds: only the newest that is drawn shows.
+function showNewest() {
+  const reliefs = Object.entries(window.__viserMutable.nodeRefFromName).filter(([name, node]) => node && /^\/relief\/\d+$/.test(name));
+  const drawn = reliefs.filter(([, node]) => { let found = false; node.traverse(part => { found ||= Boolean(part.isMesh); }); return found; });
+  const newest = Math.max(...drawn.map(([name]) => Number(name.slice(8))));
+  for (const [name, node] of drawn) node.visible = Number(name.slice(8)) == newest;
 }
 
 function placeLabels(camera) {
@@ -270,13 +277,10 @@ overlay.insertAdjacentHTML("beforeend", '<div id="fdcal-slow">No graphics card i
   + '<button aria-label="Hide this line">&#10005;</button></div>');
 overlay.querySelector("#fdcal-slow button").addEventListener("click", event => event.target.parentNode.remove());
 
-const MODIFIERS = ["Shift", "Control", "Alt", "AltGraph", "Meta", "Tab"];
 document.addEventListener("keydown", event => {
-  const words = overlay.querySelector("[data-region=words]"), pressed = event.target.closest?.("button, input, textarea");
-  const any = words.querySelector("[data-any]");
-  if (event.key == "Escape") delete root.dataset.sheet;
-  else if (!any || pressed || event.ctrlKey || event.altKey || event.metaKey || MODIFIERS.includes(event.key)) return;
-  if (!words.innerText) return;
+  if (event.key != "Escape") return;
+  delete root.dataset.sheet;
+  if (!overlay.querySelector("[data-region=words]").innerText) return;
   send("dismiss");
   event.stopPropagation();
 }, true);
@@ -309,25 +313,12 @@ function write() {
   clearTimeout(writing);
   if (!introduced || lost || !shared) return;
   writing = setTimeout(() => {
+    if (root.hasAttribute("data-film")) { write(); return; }  // a page that is loaded again begins with the film
     asked = addressNow().slice(1);
     setAddress({fdcal: {server, address: asked}}, `#${asked}`);
   }, WRITE_DELAY);
 }
 addEventListener("hashchange", () => open(location.hash.slice(1)));
-
-// --- the first picture
-
-// It goes once the map is drawn, as the camera stands that the server has placed.
-function fade(still) {
-  const nodes = () => window.__viserMutable?.nodeRefFromName ?? {};
-  const drawn = () => shared || (placed && ["/relief", "/floor"].some(name => nodes()[name]?.children.length));
-  const look = () => {
-    if (!drawn()) { requestAnimationFrame(look); return; }
-    setTimeout(() => still.classList.add("drawn"), STILL_DELAY);
-    setTimeout(() => still.remove(), STILL_DELAY + 400);
-  };
-  look();
-}
 
 // --- connection
 
@@ -360,12 +351,6 @@ face(new URLSearchParams(asked).get("face"));
 root.toggleAttribute("data-linked", Boolean(asked));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", event => send(`dark=${event.matches ? "on" : "off"}`));
 addEventListener("DOMContentLoaded", () => {
-  const still = document.getElementById("fdcal-still");
-  if (still) {
-    overlay.querySelector("[data-region=words]").append(document.createElement("div"));
-    overlay.querySelector("[data-region=words] div").textContent = asked ? "" : still.dataset.words;
-    fade(still);
-  }
   document.body.append(layer, overlay, line);
   document.body.addEventListener("keydown", event => {
     const slider = event.target.closest?.("[role=slider], [type=range], [role=radiogroup]");

@@ -117,10 +117,6 @@ class LessonPage(Protocol):
         """Show something else as soon as it is ready."""
         ...
 
-    def end_opening(self) -> None:
-        """End the opening where it plays."""
-        ...
-
 
 class LessonsTab:
     """Owns the caption, the settings that wait for a scene, and what the page showed before.

@@ -550,10 +550,13 @@ def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
     (tmp_path / "docs").mkdir()
     (tmp_path / "pictures").mkdir()
     page = tmp_path / "docs" / "study-settings.md"
+    case = 'text = "All others are right."\n[[cases]]\nsetting = "flat"\nseed = 6\nwhy = "another basin"\n'
+    page.with_suffix(".cases.toml").write_text(case)
     write_page(page, *read_results(tmp_path / "out"), "settings.toml", "fdcal study settings.toml")
     text = page.read_text()
     assert "4 draws, 1 to 3 of each setting, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
-    assert "Good and wrong: 1 of 4 draws" in text and "- flat, seed 6" in text and "7.0 sigma off" in text
+    assert "Good and wrong: 1 of 4 draws" in text and "| flat | 6 |" in text
+    assert "| 7.0 | another basin |" in text and text.endswith("\n\nAll others are right.\n")
     assert "Refused: 1 of 4 draws" in text and "- flat, seed 5: no room for a source" in text
     assert "| flat | 3 | 1 |" in text and "| all | 4 | 1 |" in text
     assert code_version().source in text and (tmp_path / "pictures" / "study-settings.png").stat().st_size > 5000
