@@ -76,7 +76,7 @@ def test_the_table_holds_the_results_of_the_runs(folder, array, run):
 
 @pytest.mark.parametrize("name", paper.ARRAYS)
 def test_what_the_paper_prints_stands_beside_ours(name, array):
-    printed = paper.printed.PRINTED[name]
+    printed = paper.study.PRINTED[name]
     ours = study.Outcome("descent", None, 57, 274.3, 0, 3, 3, 0.046, 329.5, 157.3)
     text = table.markdown([replace(array, name=name)], [(ours,)])
     assert f"| modes needed for exact positions | {printed.modes} | not reached with 57 |" in text

@@ -24,8 +24,7 @@ from fdcal.session import session_file
 from fdcal.session.lesson import lesson_folder, load_lesson
 from fdcal.session.sources import check_scene
 
-from .hdf5 import broken_structure
-from .mutations import broken
+from .mutations import broken, broken_structure
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,8 @@ def test_solver_joint_takes_given_positions_as_exact(calibrated, made):
 
 
 def test_calibrate_of_scene_and_of_its_file_agree(made, tmp_path, capsys):
-    assert exit_code("calibrate", "tiny", "--modes", 12, "--seed", 1, "-o", tmp_path / "again.json") == 0
+    options = ("--modes", 12, "--seed", 1, "--time-limit", 60)  # a run with a limit of time is not a remembered one
+    assert exit_code("calibrate", "tiny", *options, "-o", tmp_path / "again.json") == 0
     printed = capsys.readouterr()
     assert "13 of 16 microphones" in printed.out and "calibrating" in printed.err
     one, two = (json.loads(path.read_text()) for path in (made / "result.json", tmp_path / "again.json"))
