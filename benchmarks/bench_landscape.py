@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.report import Figure, best_time
-from fdcal.acoustics.lattice_dictionary import LatticeDictionary
+from fdcal.acoustics.dictionary import LatticeDictionary
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.lattice import best_candidate, search_lattice
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.fft import irfft, rfft
 
 from fdcal.model.gauge import align
-from fdcal.model.measurement_file import load_measurement
+from fdcal.model.measurement import load_measurement
 
 from .report import Figure
 

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import save_measurement
 from fdcal.model.scene_file import load_scene
 
 from .report import Figure

@@ -9,11 +9,10 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from fdcal.session.blas_threads import one_blas_thread
-from fdcal.session.study.cluster import connected, run_study
-from fdcal.session.study.definition import Study, load_study
-from fdcal.session.study.results import Results
-from fdcal.session.study.task import run_task
+from fdcal.session.process import one_blas_thread
+from fdcal.session.study import Study, load_study
+from fdcal.session.study.rows import run_task
+from fdcal.session.study.run import Results, connected, run_study
 
 from .report import Figure
 

@@ -13,14 +13,13 @@ import numpy as np
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.basins import basins_of
-from fdcal.cost.descent_path import descent_path
+from fdcal.cost.basins import basins_of, descent_path
+from fdcal.cost.expansion import ORDER_OFFSET
 from fdcal.cost.maps import map_minima, partial_sums
-from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.graphics import camera, heatmap, markers
 from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import DARK, LIGHT
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import save_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer import opening
 from fdcal.viewer.scene3d import cameras

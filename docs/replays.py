@@ -9,11 +9,11 @@ from pathlib import Path
 
 import fdcal
 from fdcal.commands.gallery_pages import OPENING, lesson_html, replay_of
-from fdcal.model.measurement_file import load_measurement
+from fdcal.model.measurement import load_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.session.calibration_run import states_of
-from fdcal.session.history import recorded
 from fdcal.session.lesson import load_lesson
+from fdcal.session.session import recorded
 from fdcal.session.sources import CalibrationInput
 from fdcal.viewer.opening import MEASUREMENT
 

@@ -99,7 +99,7 @@ def _resolved(target: str) -> Any:
     try:
         return getattr(importlib.import_module(f".{module}", __name__), attribute)
     except ModuleNotFoundError as error:
-        from .model.extras import missing_library
+        from .model.libraries import missing_library
 
         raise missing_library(error) or error from error
 

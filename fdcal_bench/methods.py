@@ -190,7 +190,7 @@ def diffuse_bound(case) -> float:
 
     NaN of impulses, whose arrival times say more than their field.
     """
-    from fdcal.assessment.bound import Prior, diffuse_information, position_bound
+    from fdcal.assessment.uncertainty import Prior, diffuse_information, position_bound
     from fdcal.model.problem import mode_power
 
     if case.kind == "impulse":

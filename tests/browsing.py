@@ -15,7 +15,7 @@ import pytest
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer import app
 from fdcal.viewer.scene3d import cameras
 

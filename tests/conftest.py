@@ -23,7 +23,7 @@ from xdist.scheduler import LoadFileScheduling
 
 from fdcal.model.scene_file import scene_folder
 from fdcal.session import calibration_run
-from fdcal.solvers.warmup import warmup_calls
+from fdcal.solvers import warmup_calls
 
 ROOT = Path(__file__).parent.parent
 BROWSER = re.compile(r"def \w+\([^)]*\bbrowser\b")  # a test or a fixture that takes the browser

@@ -13,7 +13,7 @@ from fdcal.assessment.assess import Assessment, assess, judged
 from fdcal.model.gauge import align
 from fdcal.model.problem import Problem
 from fdcal.model.settings import SolverSettings
-from fdcal.session.state_codec import read_states, write_states
+from fdcal.session.session_file import read_states, write_states
 from fdcal.solvers.estimate import Estimate
 
 

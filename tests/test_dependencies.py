@@ -15,7 +15,7 @@ import yaml
 from running import exit_code
 
 import fdcal
-from fdcal.model.extras import LIBRARY, missing_library
+from fdcal.model.libraries import LIBRARY, missing_library
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fdcal.model.measurement_file import save_measurement
-from fdcal.session.study.definition import Study, load_study
-from fdcal.session.study.setting import Setting, draw
+from fdcal.model.measurement import save_measurement
+from fdcal.session.study import Setting, Study, load_study
+from fdcal.session.study.rows import draw
 
 from .boxes import image_source_field, pyroomacoustics_field
 from .constants import SOUND_SPEED

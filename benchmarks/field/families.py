@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdcal.session.study.setting import Setting
+from fdcal.session.study import Setting
 
 from .cases import calibration_study
 from .spec import Spec

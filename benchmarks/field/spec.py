@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from fdcal.session.study.setting import Setting
+from fdcal.session.study import Setting
 
 
 @dataclass(frozen=True)

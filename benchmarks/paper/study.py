@@ -1,7 +1,8 @@
 """What the paper states about its two arrays, and runs of them: descent from several seeds, joint after it, and alone.
 
 A run is exact if every microphone ends on its true cell of the search lattice. Runs are kept in the cache as the
-positions after every sweep: one is used again if the problem, the settings, the start and the code of fdcal are the same.
+positions after every sweep: one is used again if the problem, the settings, the start and the code of fdcal are the
+same.
 """
 
 import contextlib
@@ -18,7 +19,7 @@ from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.storage import cache_key, load_or_make
 from fdcal.model.validation import InputError
 from fdcal.session.sources import CalibrationInput
-from fdcal.session.study.definition import code_version
+from fdcal.session.study import code_version
 from fdcal.solvers import load
 
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.types import Complexes
+from ..model.validation import Complexes
 
 
 @dataclass(frozen=True)

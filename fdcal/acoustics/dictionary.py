@@ -15,6 +15,11 @@ covariance of a diffuse field of unit power. That of a complex k depends on the 
 Microphones in a plane measure a field of three dimensions, too. On the plane through the centre the functions with
 l + m odd are zero and those with l + m even remain, (L + 1)(L + 2) / 2 of them. Positions with two coordinates are
 taken to lie in that plane.
+
+After the dictionary: W of every candidate of a search lattice, and the functions that NumPy and SciPy compute slowly.
+The recurrences of the Bessel functions run downward, from orders beyond the argument where the functions are negligible
+(Miller): upward they lose all digits. Tangent and exponential take the place of sine and cosine: of them NumPy computes
+many values at once, up to 15 times as fast.
 """
 
 import functools
@@ -23,7 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import jv, sph_harm_y_all, spherical_jn
 
-from ..model.types import Numbers, Reals
+from ..model.settings import Search
+from ..model.validation import Complexes, InputError, Numbers, Reals
 
 NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in one place
 
@@ -110,3 +116,201 @@ def dictionary(points: Reals, wavenumber: complex, order: int, centre: ArrayLike
     """Return the rows of W at points (C, D), metres, in a field of 2 or 3 dimensions : (C, K) complex128."""
     functions = fourier_bessel if dimension == 2 else spherical_bessel
     return functions(np.asarray(points, float), complex(wavenumber), order, centre)
+
+
+SMALL_BESSEL = 0.2  # below it the power series is used: the recurrence would overflow within a few orders
+SPARE = 24  # orders beyond the argument and the highest order wanted, at which the recurrence begins
+FIRST, LARGE = 1e-290, 1e250  # the recurrence begins with one and is divided by the other where it has grown beyond it
+INTERVAL = 8  # orders between two looks at the size of the values
+
+
+def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
+    """Return J_0 to J_top of every argument, or the spherical j_0 to j_top : (top + 1, ...), of the type of `z`.
+
+    J_l is normalised by J_0 + 2 (J_2 + J_4 + ...) = 1, the spherical j_l by j_0 or j_1, whichever is larger.
+    """
+    z, odd = np.asarray(z), int(spherical)
+    size = np.abs(z)
+    small = size < SMALL_BESSEL
+    apart, start = np.where(small, 1.0, z), top + int(size.max(initial=0.0)) + SPARE
+    # Multiples of the functions, another one for each argument: f_(l-1) = (2 l + odd) f_l / z - f_(l+1).
+    f, inverse = np.empty((start + 1, *z.shape), apart.dtype), 1.0 / apart
+    f[start] = FIRST
+    np.multiply(inverse, (2 * start + odd) * FIRST, out=f[start - 1])
+    for l in range(start - 1, 0, -1):  # noqa: E741
+        below = np.multiply(inverse, 2 * l + odd, out=f[l - 1])
+        below *= f[l]
+        below -= f[l + 1]
+        if l % INTERVAL == 0:
+            large = np.abs(below) > LARGE
+            if large.any():
+                f[l - 1 :] *= np.where(large, 1 / LARGE, 1.0)
+    if spherical:
+        zero = np.sin(apart) / apart
+        one = (zero - np.cos(apart)) / apart
+        f[: top + 1] *= np.where(np.abs(zero) > np.abs(one), zero / f[0], one / f[1])
+    else:
+        f[: top + 1] /= f[0] + 2 * f[2::2].sum(axis=0)
+    # The first terms of the power series for small arguments.
+    half, l = z[small] / 2, np.arange(top + 1)[:, None] + odd / 2  # noqa: E741
+    lead = np.ones((top + 1, len(half)), z.dtype)
+    np.cumprod(half / l[1:], axis=0, out=lead[1:])
+    term, total, square = np.ones_like(lead), np.ones_like(lead), half * half
+    for t in range(1, 7):
+        term *= -square / (t * (t + l))
+        total += term
+    f[: top + 1, small] = lead * total
+    return f[: top + 1]
+
+
+SMALL_SINC = 0.02  # below it the derivative is computed by its series; the error is below 1e-12 on both sides
+
+
+def cosine_and_sine(z: Reals) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cosine and the sine of a float64 array, which is overwritten."""
+    sine = np.multiply(z, 0.5, out=z)
+    np.tan(sine, out=sine)
+    cosine = sine * sine
+    cosine += 1.0
+    np.divide(2.0, cosine, out=cosine)
+    sine *= cosine
+    cosine -= 1.0
+    return cosine, sine
+
+
+def sinc(z: Reals) -> tuple[np.ndarray, np.ndarray]:
+    """Return sin(z) / z and its derivative over z, of z not negative."""
+    z = np.asarray(z, float)
+    half = np.tan(z / 2)
+    weight = 2 / (1 + half * half)
+    small = z < SMALL_SINC
+    apart = np.where(small, 1.0, z)
+    kappa = half * weight / apart
+    slope = (weight - 1 - kappa) / (apart * apart)
+    if small.any():
+        square = z[small] ** 2
+        kappa[small] = 1 - square / 6 * (1 - square / 20 * (1 - square / 42))
+        slope[small] = square / 30 * (1 - square / 28) - 1 / 3
+    return kappa, slope
+
+
+def complex_sinc(square: Complexes) -> tuple[np.ndarray, np.ndarray]:
+    """Return sin(z) / z and its derivative over z, of the square of a complex z: entire functions of it."""
+    w = np.asarray(square, complex)
+    small = np.abs(w) < SMALL_SINC**2
+    w = np.where(small, 1.0, w)
+    z = np.sqrt(w)
+    half, growth = np.tan(np.real(z) / 2), np.exp(np.imag(z))
+    weight, cosh, sinh = 2 / (1 + half * half), (growth + 1 / growth) / 2, (growth - 1 / growth) / 2
+    sine, cosine = half * weight, weight - 1
+    kappa, slope = np.empty_like(w), np.empty_like(w)
+    kappa.real, kappa.imag = sine * cosh, cosine * sinh
+    slope.real, slope.imag = cosine * cosh, -sine * sinh
+    kappa /= z
+    slope -= kappa
+    slope /= w
+    if small.any():
+        near = np.asarray(square)[small]
+        kappa[small] = 1 - near / 6 * (1 - near / 20 * (1 - near / 42))
+        slope[small] = near / 30 * (1 - near / 28) - 1 / 3
+    return kappa, slope
+
+
+SPARE_ORDERS = 8  # that the recurrence starts above those in use: exact to rounding
+
+
+class LatticeDictionary:
+    """The dictionary of every candidate of a search lattice, from one table of radial functions.
+
+    Every `centre` below is a point of the lattice. So the offsets of all candidates are multiples of the step, their
+    squared lengths are integers, and J_l is needed at a few thousand radii only, once for all centres.
+
+    `points` (C, 2), candidates, metres, x fastest; `shape`: (ny, nx); `radial` (M, U, Lmax + 1), J_l at U radii, zero
+    above the order of the mode; `row` (d2max + 1,), row of `radial` for each squared offset in steps, else -1.
+    """
+
+    def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
+        if len(search.size) != 2:
+            problem = f"search.size = {list(search.size)} has 3 lengths and a lattice search is two-dimensional"
+            raise InputError(problem, "use another solver", key="search.size", value=search.size)
+        nx, ny = search.shape
+        self.search, self.wavenumbers, self.orders = search, np.asarray(wavenumbers, complex), np.asarray(orders)
+        self.shape = (ny, nx)
+        ix, iy = np.meshgrid(np.arange(nx), np.arange(ny))
+        self.steps = np.stack([ix.ravel(), iy.ravel()], axis=1)
+        self.points = np.asarray(search.origin) + search.step * self.steps
+        self._phases: tuple = None, None
+        self._others: tuple = None, None
+        squared = np.unique(np.add.outer(np.arange(nx) ** 2, np.arange(ny) ** 2))
+        self.row = np.full(squared[-1] + 1, -1, dtype=np.int32)
+        self.row[squared] = np.arange(len(squared))
+        radii = search.step * np.sqrt(squared)
+        self.radial = np.zeros((len(self.orders), len(radii), int(self.orders.max()) + 1), dtype=complex)
+        for table, k, L in zip(self.radial, self.wavenumbers, self.orders, strict=True):
+            table[:, : L + 1] = bessel(k * radii, int(L) + SPARE_ORDERS)[: L + 1].T
+
+    def nearest(self, point: ArrayLike) -> np.ndarray:
+        """Return the lattice point nearest to `point` (..., 2), inside the search domain : (..., 2) float64, metres."""
+        return np.asarray(self.search.origin) + self.search.step * self._index(point)
+
+    def _index(self, point: ArrayLike) -> np.ndarray:
+        index = np.rint((np.asarray(point) - self.search.origin) / self.search.step).astype(np.int64)
+        return np.clip(index, 0, np.array(self.shape[::-1]) - 1)
+
+    def index(self, point: ArrayLike) -> int:
+        """Return the number of the candidate nearest to `point` (2,), metres."""
+        ix, iy = self._index(point)
+        return int(iy * self.shape[1] + ix)
+
+    def phases(self, centre: Reals) -> tuple[np.ndarray, np.ndarray]:
+        """Return exp(j theta) (C,) complex128 and the row of `radial` (C,) int32 of every candidate about `centre`."""
+        index = tuple(self._index(centre).tolist())
+        cached, phases = self._phases  # the centre rarely moves from step to step
+        if cached != index:
+            phases = self._unit_and_row(self.steps - index)
+            self._phases = index, phases
+        return phases
+
+    def _unit_and_row(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        squared = np.sum(offset**2, axis=1)
+        unit = (offset[:, 0] + 1j * offset[:, 1]) / np.sqrt(np.maximum(squared, 1))
+        unit[squared == 0] = 1.0
+        return unit, self.row[squared]
+
+    def microphones(self, positions: Reals, centre: Reals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return exp(j theta) and the row of `radial` of given positions, and W of those that are off the lattice.
+
+        `positions` (N, 2), metres. Returns `unit` (N,), 1 off the lattice; `row` (N,), -1 off the lattice; `others`
+        (M, N_off, 2 Lmax + 1), zero beyond the order of the mode.
+        """
+        steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
+        offset = np.rint(steps).astype(np.int64)
+        off = (np.abs(steps - offset) >= 1e-6).any(axis=1) | (np.abs(offset) >= self.shape[::-1]).any(axis=1)
+        offset[off] = 0
+        unit, row = self._unit_and_row(offset)
+        row[off] = -1
+        return unit, row, self._off_lattice(positions[off], centre)
+
+    def _off_lattice(self, positions: np.ndarray, centre: Reals) -> np.ndarray:
+        index = tuple(self._index(centre).tolist()), positions.tobytes()
+        cached, W = self._others  # these are known microphones, which stay in place
+        if cached != index:
+            W = np.zeros((len(self.orders), len(positions), 2 * int(self.orders.max()) + 1), dtype=complex)
+            for m, (k, L) in enumerate(zip(self.wavenumbers, self.orders, strict=True) if len(positions) else ()):
+                W[m, :, : 2 * L + 1] = fourier_bessel(positions, complex(k), int(L), centre)
+            self._others = index, W
+        return W
+
+    def dictionary(self, positions: Reals, centre: Reals, modes: ArrayLike) -> list[np.ndarray]:
+        """Return W (N, 2L + 1) of positions (N, 2), metres, on the lattice or off it, for each of `modes`."""
+        unit, row, others = self.microphones(np.asarray(positions), centre)
+        phase = unit[:, None] ** np.arange(self.radial.shape[2])
+        modes = np.asarray(modes)
+        W: dict[int, np.ndarray] = {}
+        for L in np.unique(self.orders[modes]):  # modes of equal order in one batch
+            batch = modes[self.orders[modes] == L]
+            J = self.radial[batch[:, None], row, : L + 1]
+            W |= zip(batch.tolist(), join_orders(J, phase[:, : L + 1]), strict=True)
+        for m in modes.tolist() if (row < 0).any() else ():
+            W[m][row < 0] = others[m, :, : 2 * self.orders[m] + 1]
+        return [W[m] for m in modes.tolist()]

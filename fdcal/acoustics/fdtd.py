@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.geometry import in_polygon
+from ..model.arrays import in_polygon
 from ..model.room import Room, Source
 from ..model.validation import InputError, refusal
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.arrays import positions_3d, positions_of
-from ..model.measurement import Measurement
-from ..model.measurement_file import load_measurement, save_measurement
+from ..model.measurement import Measurement, load_measurement, save_measurement
 from ..model.problem import mode_power
 from ..model.room import response_digest, response_path
 from ..model.scene import Scene

@@ -33,8 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..model.types import Numbers, Reals
-from ..model.validation import InputError
+from ..model.validation import InputError, Numbers, Reals
 
 RESONANCE_WIDTH = 2.2  # times 1 / T60, Hz
 MAX_FREQUENCIES = 1_000_000  # of a band: more are a mistake, and fill the memory

@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..cost.channel_correction import ChannelCorrection
 from ..model.gauge import align, in_frame, position_errors
 from ..model.measurement import Measurement
-from ..model.problem import Problem
+from ..model.problem import ChannelCorrection, Problem
 from ..model.settings import SolverSettings
-from ..model.texts import length_text
-from ..model.validation import InputError, frozen_array
+from ..model.validation import InputError, frozen_array, length_text
 
 if TYPE_CHECKING:
     from ..model.given_positions import MicrophonePositions

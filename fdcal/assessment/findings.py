@@ -26,7 +26,7 @@ from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..acoustics.dictionary import array_f_max
 from ..model.gauge import align
 from ..model.problem import Problem
-from ..model.texts import length_text
+from ..model.validation import length_text
 from ..solvers.estimate import Estimate, RoomEstimate, TriedOptimum
 from .channels import FaultyChannel, channel_faults, healthy_channels
 from .uncertainty import one_sigma, root_mean_square
@@ -119,16 +119,20 @@ class Judged:
 
     @property
     def uneven(self) -> np.ndarray:
-        """Which of the healthy channels have far more residual than the median one : bool.
+        """Which of the channels that are healthy, or merely noisy, have far more residual than the median one : bool.
 
         Noise is alike in channels of one kind, before or behind their gains; what a sound field without sources cannot
-        explain is not. A recording leaves as much as UNEVEN_FRACTION of the power by leakage.
+        explain is not. A recording leaves as much as UNEVEN_FRACTION of the power by leakage. A channel is no less
+        uneven where so much is left that it is called noisy; noisy channels alone are single faults.
         """
-        channels, healthy = self.estimate.channels, self.healthy
-        behind = channels.noise[healthy]
-        before = behind * np.exp(2 * channels.gains[healthy, 0])
+        channels, counted = self.estimate.channels, self.healthy
+        noisy = [one.number for one in self.faulty if one.kind == "noisy"]
+        counted[noisy] = True
+        behind = channels.noise[counted]
+        before = behind * np.exp(2 * channels.gains[counted, 0])
         high = np.all([tau > UNEVEN * np.median(tau) for tau in (behind, before)], axis=0)
-        return high & (behind * self.noise_fraction > UNEVEN_FRACTION)
+        high &= behind * self.noise_fraction > UNEVEN_FRACTION
+        return high & (np.sum(high) > len(noisy))
 
     @property
     def noisiest(self) -> int | None:

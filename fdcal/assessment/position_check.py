@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..model.gauge import align
-from ..model.texts import length_text
-from ..model.validation import InputError, frozen_array, require_finite, word_arguments
+from ..model.validation import InputError, frozen_array, length_text, require_finite, word_arguments
 
 
 @dataclass(frozen=True, eq=False)

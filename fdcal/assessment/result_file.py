@@ -19,10 +19,9 @@ import msgspec
 import numpy as np
 from msgspec import structs
 
-from ..model.extras import needs
+from ..model.libraries import needs
 from ..model.measurement import Measurement
-from ..model.reading import parse_json, read_bytes
-from ..model.storage import write_atomically
+from ..model.storage import parse_json, read_bytes, write_atomically
 from ..model.validation import LIMITS, InputError, shown
 from .calibration import CHANNEL_NUMBERS, Calibration, ChannelFault, Channels, Evidence, GivenPosition, KnownRoom
 from .position_check import PositionCheck

@@ -1,4 +1,6 @@
-"""The uncertainty of each position, from what a solver reports of its minimum (`PositionSpread`).
+"""The uncertainty of each position at the end of a run, and the bound of it before anything is measured.
+
+At the end, from what a solver reports of its minimum (`PositionSpread`):
 
     P   inverse of the Gauss-Newton matrix of cost and priors: the covariance of a field that is as assumed
     Q   P H P, H the part of the data in that matrix: of P, what is the error of the data
@@ -18,13 +20,217 @@ All of this belongs to the minimum. How far the optima of several restarts lie a
     w_e = exp(-score_e) / sum_f exp(-score_f),   spread of microphone n = sqrt(sum_e w_e |d_en|^2)
 
 d_en is the distance of microphone n between optimum e and the likeliest one.
+
+Before, the Cramer-Rao bound, from the Fisher information of a diffuse field on positions, channel gains and the
+sound speed:
+
+    C_m      = G [s_m kappa(k_m r_ij) + v_m I] G^H,   G = diag exp(a_n + j b_n)
+    F_tu     = sum_m tr(C^-1 dC/dt C^-1 dC/du)         complex Gaussian pressures (Slepian 1954, Bangs 1971)
+    S        = C^-1 K,   K = s kappa the covariance of the field, D_a[i, j] = dK_ij / dx_ia
+
+    positions   F_(n a)(p b) = 2 [C^-1_np (D_a C^-1 D_b^T)_np + (C^-1 D_b^T)_np (C^-1 D_a^T)_pn]
+    gains       F_np = 2 [C_np C^-1_np + delta_np];   with positions 2 [(C^-1 o D_a)_np + delta_np sum_j C^-1_nj D_a,nj]
+    phases      independent of positions and gains in a diffuse field: they cost nothing
+    log c       K depends on k r alone, so dK / dlog c = -sum_ia x_ia dK/dx_ia
+    power s_m   unknown in every mode; eliminated by its Schur complement
+
+Distances alone enter, so that the matrix has no information on rigid motions and mirror images.
+
+    P = (B^T (F + prior) B)^-1      B the directions that anything determines
+
+The prior holds what is given beside the pressures: positions of some microphones with their uncertainty, the spread of
+the gains, the uncertainty of the sound speed. Without given positions the rigid motions are left out of B, and the
+bound is of the array after the best rigid alignment.
+
+P. Stoica, R. Moses, "Spectral Analysis of Signals", 2005: the Slepian-Bangs formula.
 """
 
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import chdtri
 
-from ..model.gauge import align
+from ..cost.kernels import diffuse_kernel
+from ..cost.likelihood import FieldModel, likelihood_terms
+from ..model.gauge import align, rigid_motions
+from ..model.problem import mode_power
 from ..solvers.estimate import Estimate, scale_sigma
+
+EXACT = 1e-7  # metres, one sigma of a position that is given exactly
+MIN_EIGENVALUE = 1e-13  # of the scaled information: directions with less are as good as undetermined
+BLOCK = 100_000  # numbers of the largest array of a block of modes
+
+
+@dataclass(frozen=True)
+class Information:
+    """Information of all modes on N microphones in D dimensions."""
+
+    positions: np.ndarray  # (N, D) float64, metres, where it was computed
+    # (N D + N + 1, N D + N + 1) float64, on coordinates (1/m), log gains (1/neper) and the logarithm of the sound
+    # speed, in this order
+    matrix: np.ndarray
+
+    def scaled(self, factor: float) -> Information:
+        """Return the information of `factor` times as many modes of the same kind."""
+        return Information(self.positions, factor * self.matrix)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known beside the pressures."""
+
+    # (A,) int, microphones whose positions are given
+    known: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    known_sigma: float = 0.0  # metres, one sigma of each of their coordinates; 0 for exact ones
+    gain_sigma: float = 0.0  # nepers, spread of the channels' gains; 0 for equal channels
+    sound_speed_sigma: float = 0.0  # relative
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The least covariance of the positions."""
+
+    covariance: np.ndarray  # (N, D, D) float64, metres^2
+    free: np.ndarray  # (N,) bool, microphones that are sought
+    # (D (D + 1) / 2,) float64, one sigma of stretches and shears of the array as a whole, relative, ascending
+    deformations: np.ndarray
+    shapes: np.ndarray  # (D (D + 1) / 2, D, D) float64, the symmetric maps to which they belong, of unit norm
+    scale_sigma: float  # one sigma of the size of the array, relative
+    # degrees of freedom of the sum of the squared errors, as a chi-square (Satterthwaite); it scatters by sqrt(2 / it)
+    freedom: float
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """One sigma of the distance of each microphone from its place : (N,) float64, metres."""
+        return one_sigma(self.covariance)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of `sigma` over the microphones that are sought, metres."""
+        return float(np.sqrt(np.mean(self.sigma[self.free] ** 2)))
+
+
+def diffuse_information(positions, wavenumbers, noise_fraction: float, dimension: int) -> Information:
+    """Return the Fisher information of a diffuse field on positions (N, D), metres.
+
+    `wavenumbers` (M,) are real, rad/m; `noise_fraction` is v / (s + v), noise in the power of the pressures,
+    above 0 and below 1; `dimension` is that of the sound field: 3 for a plane array in space, too.
+    """
+    x = np.asarray(positions, float)
+    N, D = x.shape
+    apart, k = x[:, None] - x[None], np.asarray(wavenumbers, float)
+    distance = np.linalg.norm(apart, axis=-1).ravel()
+    total = 0.0
+    for some in np.array_split(k, min(len(k), 1 + len(k) * (N * D) ** 2 // BLOCK)):
+        kappa, over = diffuse_kernel(distance, some, dimension)
+        slopes = np.asarray(over).reshape(-1, 1, N, N) * np.moveaxis(apart, -1, 0)
+        total = total + _of_modes(kappa.reshape(-1, N, N), slopes, noise_fraction)
+    return _with_sound_speed(x, np.asarray(total))
+
+
+def field_information(positions, pressures, wavenumbers, noise_fraction: float, dimension: int) -> Information:
+    """Return the information of one sound field, that of a room and a source, from its pressures (M, N) without noise.
+
+    The Gauss-Newton matrix of the likelihood at the true positions (N, D), metres, the phases of the channels
+    eliminated. `wavenumbers` (M,) hold their decay, rad/m; the rest as of `diffuse_information`.
+    """
+    x = np.asarray(positions, float)
+    (N, D), M = x.shape, len(pressures)
+    scaled = np.asarray(pressures) * np.sqrt((1 - noise_fraction) / mode_power(pressures))[:, None]
+    diffuse = FieldModel(
+        np.asarray(wavenumbers, complex),
+        np.full(M, 1 - noise_fraction),
+        np.full(M, noise_fraction),
+        np.ones(N),
+        dimension,
+    )
+    H = likelihood_terms(x, scaled, diffuse, np.zeros((N, 2))).newton()[1].reshape(N * (D + 2), -1)
+    order = np.arange(N * (D + 2)).reshape(N, D + 2)
+    kept, phases = np.append(order[:, :D], order[:, D]), order[:, D + 1]
+    cross = H[np.ix_(kept, phases)]
+    return _with_sound_speed(x, H[np.ix_(kept, kept)] - cross @ np.linalg.pinv(H[np.ix_(phases, phases)]) @ cross.T)
+
+
+def position_bound(information: Information, prior: Prior) -> Bound:
+    """Return the Cramer-Rao bound of the positions."""
+    x, P = information.positions, _covariance(information, prior)
+    N, D = x.shape
+    free = np.ones(N, bool)
+    free[prior.known] = False
+    blocks = np.einsum("nanb->nab", P.reshape(N, D, N, D))
+    # Linear deformations x -> x + B x of the array as a whole, fitted to the errors of the positions.
+    centred, axes = x - x.mean(axis=0), np.eye(D)
+    fit = np.kron(np.linalg.pinv(np.column_stack([centred, np.ones(N)]))[:D].T, axes)  # (N D, D D), of B^T
+    maps = [np.outer(axes[a], axes[b]) + np.outer(axes[b], axes[a]) for a in range(D) for b in range(a, D)]
+    maps = np.array([one / np.linalg.norm(one) for one in maps])
+    along = maps.reshape(len(maps), -1) @ fit.T
+    values, vectors = np.linalg.eigh(along @ P @ along.T)
+    size = centred.ravel() / np.sum(centred**2)
+    shapes = np.einsum("sm,sab->mab", vectors, maps)
+    sought = np.repeat(free, D)
+    of_sought = P[np.ix_(sought, sought)]
+    freedom = float(np.trace(of_sought) ** 2 / np.sum(of_sought**2))
+    return Bound(blocks, free, np.sqrt(np.maximum(values, 0.0)), shapes, float(np.sqrt(size @ P @ size)), freedom)
+
+
+def aligned_rms(information: Information, prior: Prior) -> float:
+    """Return the bound of the shape: of all microphones after the best rigid motion, root mean square, metres."""
+    P, R = _covariance(information, prior), rigid_motions(information.positions)
+    Q = np.eye(len(P)) - R @ np.linalg.pinv(R)
+    return float(np.sqrt(np.trace(Q @ P @ Q) / len(information.positions)))
+
+
+def _of_modes(kappa: np.ndarray, slopes: np.ndarray, noise_fraction: float) -> np.ndarray:
+    """Return the information of modes on positions and gains, each of unknown power : (N D + N, N D + N).
+
+    kappa (M, N, N), and slopes d kappa_ij / dx_ia (M, D, N, N), 1/m.
+    """
+    M, D, N = slopes.shape[:3]
+    K, S, one = (1 - noise_fraction) * kappa, (1 - noise_fraction) * slopes, np.eye(N)
+    C = K + noise_fraction * one
+    Ci = np.linalg.inv(C)
+    CS = Ci[:, None] @ S.swapaxes(2, 3)
+    places = Ci[:, None, None] * (S[:, :, None] @ CS[:, None]) + CS[:, None] * CS.swapaxes(2, 3)[:, :, None]
+    places = places.sum(axis=0).transpose(2, 0, 3, 1)
+    mixed = np.sum(Ci[:, None] * S, axis=0) + np.einsum("mnj,manj->an", Ci, S)[:, None] * one
+    mixed = mixed.transpose(1, 0, 2).reshape(N * D, N)
+    F = 2 * np.block([[places.reshape(N * D, N * D), mixed], [mixed.T, np.sum(C * Ci, axis=0) + M * one]])
+    # The Schur complement of the power of the field, dC/ds = K / s.
+    inner = Ci @ K @ Ci
+    cross = [np.einsum("manj,mnj->mna", S, inner).reshape(M, -1), np.einsum("mnj,mnj->mn", Ci, K)]
+    cross = 2 * np.concatenate(cross, axis=1)
+    return F - (cross / np.sum(inner * K, axis=(1, 2))[:, None]).T @ cross
+
+
+def _with_sound_speed(x: np.ndarray, F: np.ndarray) -> Information:
+    """Return information on positions and gains with that on log c, along which the array shrinks."""
+    T = np.vstack([np.eye(len(F)), np.append(-x.ravel(), np.zeros(len(x)))])
+    return Information(x, T @ (F + F.T) @ T.T / 2)
+
+
+def _covariance(information: Information, prior: Prior) -> np.ndarray:
+    """Return the covariance of all coordinates : (N D, N D), metres^2."""
+    x = information.positions
+    N, D = x.shape
+    given = (D * np.asarray(prior.known, int)[:, None] + np.arange(D)).ravel()
+    sigma = np.concatenate([np.full(N * D, np.inf), np.full(N, prior.gain_sigma), [prior.sound_speed_sigma]])
+    sigma[given] = max(prior.known_sigma, EXACT)
+    used = sigma > 0  # gains and a sound speed without spread are no unknowns
+    F = information.matrix[np.ix_(used, used)] + np.diag(sigma[used] ** -2.0)
+    # The rigid motions that leave the given microphones where they are remain undetermined.
+    R = rigid_motions(x)
+    _, values, turned = np.linalg.svd(R[given], full_matrices=True)
+    lost = R @ turned[np.append(values, np.zeros(len(turned) - len(values))) < 1e-9 * np.abs(R).max()].T
+    outside = np.linalg.qr(lost, mode="complete")[0][:, lost.shape[1] :]
+    B = np.asarray(block_diag(outside, np.eye(len(F) - N * D)))
+    F = B.T @ F @ B
+    scale = 1 / np.sqrt(np.diag(F))
+    values, vectors = np.linalg.eigh(scale[:, None] * F * scale)
+    vectors = B @ (scale[:, None] * vectors / np.sqrt(np.maximum(values, MIN_EIGENVALUE * values[-1])))
+    return vectors[: N * D] @ vectors[: N * D].T
 
 
 def covariance_of(estimate: Estimate) -> np.ndarray:

@@ -21,9 +21,9 @@ from dataclasses import dataclass, replace
 
 import click
 
-from ..model.extras import missing_library
+from ..model.libraries import missing_library
 from ..model.validation import InputError
-from ..session.blas_threads import one_blas_thread_for_command
+from ..session.process import one_blas_thread_for_command
 from . import file_commands, plan_commands, plot_commands
 from . import options as opt
 
@@ -120,7 +120,7 @@ def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> N
     """Print the version, and the commit where fdcal runs from a checkout, and end."""
     if not asked:
         return
-    from ..session.study.definition import code_version
+    from ..session.study import code_version
 
     code = code_version()
     click.echo(f"fdcal {code.version}" + (f", commit {code.commit}" if code.commit else ""))
@@ -235,7 +235,7 @@ def simulate(scene: str, output: str, force: bool):
     """Simulate a scene and write what its microphones measured."""
     path = opt.output_path(output, ".npz", force)
     measurement = opt.scene_of(scene).measurement
-    from ..model.measurement_file import save_measurement
+    from ..model.measurement import save_measurement
     from ..model.storage import write_atomically
 
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
@@ -359,7 +359,7 @@ def warm():
 
 def all_pieces() -> list[tuple[str, Callable[[], object]]]:
     """Return what is compiled, in words, and the calls that compile it."""
-    from ..solvers.warmup import MINIMA, SEARCH
+    from ..solvers import MINIMA, SEARCH
 
     return [("simulation of a room", _simulate), SEARCH, MINIMA]
 

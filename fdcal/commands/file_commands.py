@@ -56,10 +56,9 @@ def import_(sources, output, files, number, dimension, array_dimension, force, *
     channels of one take.
     """
     path = opt.output_path(output, ".npz", force, *sources, options["reference"])
-    from ..model.measurement_file import save_measurement
+    from ..model.measurement import save_measurement
     from ..model.storage import write_atomically
-    from ..recordings.import_report import import_summary
-    from ..recordings.importer import import_recording
+    from ..recordings.importer import import_recording, import_summary
 
     asked = ImportOptions(source=number, files=files or "auto", dimension=int(dimension), **options)
     asked = replace(asked, array_dimension=int(array_dimension) if array_dimension else None)
@@ -124,7 +123,7 @@ def correct(recording, result, output, force):
     """
     from ..assessment.result_file import load_result
     from ..recordings import formats
-    from ..recordings.correction import SUFFIXES, correction_of, correction_summary, write_corrected
+    from ..recordings.export import SUFFIXES, correction_of, correction_summary, write_corrected
 
     path = opt.output_path(output, SUFFIXES, force, recording, result)
     recorded = formats.read(recording)
@@ -289,7 +288,7 @@ def _exit_code(found: TakesResult | None) -> int:
 
 def _record(record_take, stream: SoundStream, path: Path, seconds: float, day: Day, force: bool) -> Take:
     """Record one take with a view of its channels; Ctrl-C, SIGTERM and SIGHUP end it."""
-    from ..session.interrupts import Interrupt
+    from ..session.process import Interrupt
     from ..session.takes import EarlyCheck
 
     view, early = LiveView(stream.names), EarlyCheck(day, stream, wait=not stream.live)

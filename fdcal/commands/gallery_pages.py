@@ -13,16 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..acoustics.measure import cached_measurement
-from ..cost.reference_cost import reference_cost_of
+from ..cost.expansion import reference_cost_of
 from ..graphics.replay import GalleryEntry, index_html, picture_of, race_html, replay_html
 from ..model.measurement import Measurement
 from ..model.problem import Problem
-from ..model.texts import parse_modes
-from ..model.validation import InputError
+from ..model.validation import InputError, parse_modes
 from ..session.calibration_run import problem_of, states_of
 from ..session.comparison import timed_states
-from ..session.history import recorded
 from ..session.lesson import IN_USE, Lesson, Setting, Step, load_lesson, states_of_lesson
+from ..session.session import recorded
 from ..session.sources import CalibrationInput, with_settings
 from .options import scene_of
 from .plotting import counted_microphones

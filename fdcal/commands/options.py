@@ -25,8 +25,7 @@ from ..solvers import names
 
 if TYPE_CHECKING:
     from ..assessment.calibration import Calibration
-    from ..session.request import OpenRequest
-    from ..session.sources import CalibrationInput, Progress
+    from ..session.sources import CalibrationInput, OpenRequest, Progress
 
 MIN_PIXELS, MAX_PIXELS = 64, 8192  # of one side of a picture
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0}
@@ -516,7 +515,7 @@ def open_request_of(text: str) -> OpenRequest:
 
         return read(text)
     from ..model.scene_file import load_scene, scene_names
-    from ..session.request import OpenRequest, measurement_request
+    from ..session.sources import OpenRequest, measurement_request
 
     if text in scene_names():  # every one of these is tested
         return OpenRequest(load_scene(text))

@@ -12,9 +12,8 @@ from .options import force_option, output_option, output_path, progress_bar
 SUFFIXES = [".html", ".json", ".png"]
 MAX_TRIALS, MAX_TAKES = 10_000, 100
 MAX_WORKERS = 64
-BOUND_ONLY = (
-    "a bound only, which calibrations exceed, some by far: add --trials 20, of some seconds each, to learn whether this"
-    " array will be found"
+NO_TRIALS = (
+    "no calibration was simulated: add --trials 20, of some seconds each, to learn whether this array will be found"
 )
 
 
@@ -48,6 +47,13 @@ BOUND_ONLY = (
     metavar="N",
     help="Places of the source, recorded equally long from each.",
 )
+@click.option(
+    "--kind",
+    type=click.Choice(["stationary", "impulse"]),
+    default="stationary",
+    show_default=True,
+    help="Noise or music, or impulses and sweeps, whose arrival times count.",
+)
 @click.option("--trials", type=click.IntRange(0, MAX_TRIALS), default=0, metavar="T", help="Simulated calibrations.")
 @click.option(
     "--solver", type=click.Choice(["robust", "joint"]), default="robust", show_default=True, help="Of the trials."
@@ -62,8 +68,8 @@ BOUND_ONLY = (
 @output_option("PLAN.html|json|png", required=False)
 @force_option
 def plan(
-    layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, trials, solver, workers,
-    seed, output, force,
+    layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, kind, trials, solver,
+    workers, seed, output, force,
 ):  # fmt: skip
     """Tell beforehand how exact an array will be calibrated.
 
@@ -90,6 +96,7 @@ def plan(
         accuracy=accuracy,
         seed=seed,
         takes=takes,
+        kind=kind,
         solver=solver,
     )
     simulated = None
@@ -101,7 +108,7 @@ def plan(
     if path is not None:
         _write(path, found, force)
     if not trials:
-        print(BOUND_ONLY)
+        print(NO_TRIALS)
     print("\n".join(plan_lines(found)))
 
 
@@ -173,8 +180,8 @@ def study(file, output, workers, scheduler, resume, dry_run, report, axes, at, p
     _require(
         workers is None or scheduler is None, "scheduler", "--scheduler has its own workers", "leave out --workers"
     )
-    from ..session.study.cluster import expected_seconds
-    from ..session.study.definition import load_study
+    from ..session.study import load_study
+    from ..session.study.run import expected_seconds
 
     found = load_study(file)
     if dry_run:
@@ -187,8 +194,7 @@ def study(file, output, workers, scheduler, resume, dry_run, report, axes, at, p
 
 
 def _run(found, output: str, workers: int, scheduler: str | None, resume: bool) -> int:
-    from ..session.study.cluster import connected, run_study
-    from ..session.study.results import Results
+    from ..session.study.run import Results, connected, run_study
 
     results = Results(output, found, resume)
     with connected(workers, scheduler) as client:
@@ -202,7 +208,7 @@ def _run(found, output: str, workers: int, scheduler: str | None, resume: bool) 
 def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:
     _require(Path(folder).is_dir(), "report", f"{folder} is no folder", "give the folder that a study has written")
     from ..graphics.study_report import write_report
-    from ..session.study.results import read_results
+    from ..session.study.run import read_results
 
     names = None
     if axes is not None:
@@ -219,7 +225,7 @@ def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:
 def _page(folder: str, page: str) -> int:
     _require(page.endswith(".md"), "page", f"{page} is no page", "give FILE.md")
     from ..graphics.study_report import write_page
-    from ..session.study.results import read_results
+    from ..session.study.run import read_results
 
     head, rows = read_results(Path(folder))
     stem = Path(page).stem

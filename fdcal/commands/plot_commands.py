@@ -172,14 +172,13 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
     """
     path = opt.output_path(output, ".html", force)
-    from ..cost.reference_cost import reference_cost_of
+    from ..cost.expansion import reference_cost_of
     from ..graphics.replay import replay_html
     from ..model.given_positions import with_search_domain
     from ..model.storage import write_atomically
     from ..session.calibration_run import states_of
-    from ..session.history import recorded
-    from ..session.request import as_given
-    from ..session.sources import with_settings
+    from ..session.session import recorded
+    from ..session.sources import as_given, with_settings
     from .plotting import counted_microphones
 
     inputs = with_settings(opt.input_of(source, search, radius), solver, modes, seed)

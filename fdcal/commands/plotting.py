@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from ..assessment.calibration import Calibration
-from ..cost.expansion import expansion_of, require_modes, require_plane_field
+from ..cost.expansion import ORDER_OFFSET, expansion_of, require_modes, require_plane_field
 from ..cost.maps import cost_volume, descent_maps, minima_of
-from ..cost.reference_cost import ORDER_OFFSET
 from ..graphics.heatmap import cost_floor
 from ..graphics.picture import errors_in_words
 from ..graphics.volume import SampledVolume, drawn_volume, sampled_volume, sliced

@@ -9,8 +9,7 @@ import numpy as np
 
 from ..assessment.calibration import Calibration, Evidence, GivenPosition
 from ..model.measurement import Measurement
-from ..model.texts import length_text
-from ..model.validation import InputError
+from ..model.validation import InputError, length_text
 from ..session.sources import CalibrationInput
 from .options import OPTIONS
 

@@ -1,4 +1,4 @@
-"""Local minima of a map, and their basins of attraction: from each place, the minimum where descent ends.
+"""Local minima of a map, their basins of attraction, and the path of one microphone downhill.
 
 A minimum counts by its prominence (`fdcal.cost.scale`), which the watershed algorithm finds. Steepest descent from
 neighbour to neighbour divides the map into the basins of all its minima. The pass between two basins is the lowest
@@ -10,16 +10,20 @@ The basins of attraction follow the gradient of the cost, interpolated between t
 inside the map. From place to neighbouring place alone descent would keep to eight directions, and the borders between
 basins would be straight lines. A minimum that is too shallow to count belongs to the one whose basin it joins in the
 watershed algorithm.
+
+The path of a microphone follows the steepest descent, too, and stays in the basin where it begins, so that it ends at
+the minimum that the map marks there. At a minimum that is too shallow to count it goes on at the nearest point of the
+basin whose cost is lower.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from ..acoustics.compiled import compiled
 from ..model.settings import Search
-from ..model.types import Integers, Reals
-from ..model.validation import frozen_array
+from ..model.validation import Integers, Reals, frozen_array
 from .scale import DEPTH, on_scale
 
 STRIDE = 0.7  # of descent, in steps of the lattice
@@ -258,3 +262,67 @@ def _common_end(ends: Integers, place: Reals, shape: tuple[int, ...]):
             return -1
         common = end if end >= 0 else common
     return common
+
+
+SHORTEST = 0.05  # of a step of the path, in steps of the lattice: the last one tried
+MAX_STEPS = 2000
+REACH = 4.0  # steps of the lattice over which a path to the edge of the map goes on from a shallow minimum
+
+
+@dataclass(frozen=True)
+class DescentPath:
+    """A path downhill."""
+
+    points: Reals  # (P, D) float64, metres, from the start to the minimum
+    costs: Reals  # (P,) float64, descending
+    basin: int  # number of the basin, or OUTSIDE of a path that ends at the edge of the map
+
+
+def descent_path(cost: np.ndarray, search: Search, basins: Basins, place: Reals) -> DescentPath:
+    """Return the path downhill from a place.
+
+    `cost` (ny, nx) or (nz, ny, nx) float64, over the lattice `search`; `basins`: of this cost; `place` (2,) or (3,)
+    float64, metres; outside of the lattice, its edge.
+    """
+    origin, last = np.asarray(search.origin[: cost.ndim]), np.array(cost.shape) - 1
+    here = np.clip(((np.asarray(place, float)[: cost.ndim] - origin) / search.step)[::-1], 0.0, last)  # as indices
+    own = basins.labels[_nearest(here)]
+    slopes = np.gradient(cost)
+
+    def height(at: Reals) -> float:
+        return float(map_coordinates(cost, at[:, None], order=1)[0])
+
+    def step_from(at: Reals, level: float) -> tuple[Reals, float] | None:
+        """The next place downhill in the basin and its cost, or None."""
+        slope = np.array([map_coordinates(one, at[:, None], order=1)[0] for one in slopes])
+        slope[((at <= 0) & (slope > 0)) | ((at >= last) & (slope < 0))] = 0.0  # not out of the map
+        length, stride = float(np.linalg.norm(slope)), STRIDE
+        while length > 0 and stride > SHORTEST:
+            there = np.clip(at - stride * slope / length, 0.0, last)
+            lower = height(there)
+            if lower < level and basins.labels[_nearest(there)] == own:
+                return there, lower
+            stride /= 2
+        return _nearest_lower(cost, basins.labels == own, at, level, REACH if own == OUTSIDE else np.inf)
+
+    points, costs = [here], [height(here)]
+    while len(points) < MAX_STEPS and (step := step_from(points[-1], costs[-1])) is not None:
+        points.append(step[0])
+        costs.append(step[1])
+    return DescentPath(origin + search.step * np.array(points)[:, ::-1], np.array(costs), int(own))
+
+
+def _nearest(place: Reals) -> tuple[int, ...]:
+    return tuple(np.rint(place).astype(int))
+
+
+def _nearest_lower(
+    cost: np.ndarray, inside: np.ndarray, place: Reals, level: float, reach: float
+) -> tuple[Reals, float] | None:
+    """The nearest point of a basin whose cost is below `level`, no farther than `reach`, and its cost; or None."""
+    lower = np.argwhere(inside & (cost < level))
+    away = np.linalg.norm(lower - place, axis=1)
+    if not len(lower) or away.min() > reach:
+        return None
+    found = lower[int(away.argmin())]
+    return found.astype(float), float(cost[tuple(found)])

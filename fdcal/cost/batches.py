@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from ..acoustics.compiled import parallel_map
-from ..model.types import Complexes, Numbers, Reals
+from ..model.validation import Complexes, Numbers, Reals
 
 BLOCK = 1.3e5  # numbers in the largest array of a block: about the size of the second-level cache
 PARTS = 4  # of the blocks, each computed on one thread: sums do not depend on how many threads there are

@@ -24,8 +24,7 @@ import numpy as np
 
 from ..acoustics.dictionary import fourier_bessel
 from ..model.problem import Problem
-from ..model.types import Complexes, Integers, Numbers, Reals
-from ..model.validation import InputError
+from ..model.validation import Complexes, InputError, Integers, Numbers, Reals
 
 RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest count as zero
 

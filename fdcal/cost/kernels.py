@@ -42,10 +42,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import hankel1, j0, j1, spherical_jn, spherical_yn
 
-from ..acoustics.dictionary import max_order
-from ..acoustics.special_functions import bessel, complex_sinc, cosine_and_sine, sinc
-from ..model.types import Complexes, Integers, Numbers, Reals
-from ..model.validation import frozen_array
+from ..acoustics.dictionary import bessel, complex_sinc, cosine_and_sine, max_order, sinc
+from ..model.validation import Complexes, Integers, Numbers, Reals, frozen_array
 from .batches import as_columns, blocks
 
 EXTRA_ORDERS = 8  # beyond ceil(k R) about the centre of mass: the rest of W W^H is below 1e-9

@@ -26,10 +26,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..acoustics.dictionary import max_order
-from ..acoustics.lattice_dictionary import LatticeDictionary
+from ..acoustics.dictionary import LatticeDictionary, max_order
 from ..model.problem import Problem
-from ..model.types import Reals
+from ..model.validation import Reals
 from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
 from .expansion import expansion_of, require_modes, require_plane_field, search_domain, usable_modes
 

@@ -10,7 +10,7 @@ from typing import ParamSpec, TypeVar
 import numpy as np
 
 from ..acoustics.compiled import compiled
-from ..model.types import Bools, Complexes, Integers, Reals
+from ..model.validation import Bools, Complexes, Integers, Reals
 from .eq7 import RANK_TOLERANCE
 
 P = ParamSpec("P")

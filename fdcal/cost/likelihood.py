@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from ..model.problem import mode_power
-from ..model.types import Complexes, Numbers, Reals
+from ..model.validation import Complexes, Numbers, Reals
 from . import batches, kernels
 from .kernels import Slopes
 
@@ -57,7 +57,7 @@ class FieldModel:
     # (N, D) float64, metres, or None: positions that give the centre of the series, those of the microphones unless
     # given; the gradient takes it as fixed
     about: Reals | None = None
-    # (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.angular_spectrum`)
+    # (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.noise`)
     directions: Reals | None = None
 
 

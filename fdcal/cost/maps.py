@@ -30,11 +30,9 @@ from scipy.linalg import solve_triangular
 from scipy.special import jv
 
 from ..acoustics.dictionary import fourier_bessel, max_order
-from ..model.problem import Problem
+from ..model.problem import ChannelCorrection, Problem, SolverState, equalised
 from ..model.settings import Search
-from ..model.types import Complexes, Integers, Reals
-from ..model.validation import InputError, frozen_array
-from .channel_correction import ChannelCorrection, SolverState, equalised
+from ..model.validation import Complexes, InputError, Integers, Reals, frozen_array
 from .eq7 import LeaveOneOutFit, coefficients, known_weights, leave_one_out_fits
 from .expansion import FieldExpansion, expansion_of, functions, require_carried, search_domain
 from .kernels import circular_dictionary, diffuse_correlation
@@ -206,7 +204,7 @@ def _on_the_page(
 ) -> MovedMicrophone:
     """Return the terms at one fixed order, about the centre of the estimate, weighted by the noise of the channels.
 
-    They are those of `fdcal.cost.reference_cost`, and depend neither on the solver nor on the other modes.
+    They are those of `fdcal.cost.expansion`, and depend neither on the solver nor on the other modes.
     """
     require_carried(problem, modes, order_offset)
     x, (pressures, scale) = np.asarray(positions, float), equalised(problem.pressures, channels)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.types import Reals
+from ..model.validation import Reals
 
 DECADES = 4
 DEPTH = 1 / (10 * DECADES)  # of the scale

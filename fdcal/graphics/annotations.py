@@ -66,6 +66,7 @@ LEVEL: Curve = ((-0.9, 0.0), (0.9, 0.0))
 MARKS = {
     entry.name: entry
     for entry in (
+        Entry("microphones/ball", "this microphone", (_ring(0.5),), ESTIMATE, 0.1, filled=True),
         Entry("microphones/true", "true", (_ring(0.58),), TRUE, 0.22),
         Entry("microphones/estimate", "estimate", _star(0.75), ESTIMATE, 0.28),
         Entry("microphones/known", "known", (_square(0.5),), KNOWN, 0.1, filled=True),

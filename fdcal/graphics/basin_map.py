@@ -13,8 +13,7 @@ from ..cost.basins import OUTSIDE, Basins
 from ..cost.maps import map_positions
 from ..cost.scale import Minima
 from ..model.settings import Search
-from ..model.texts import length_text
-from ..model.validation import frozen_array
+from ..model.validation import frozen_array, length_text
 from .heatmap import marks_of
 from .primitives import Area, Colour, Floor, Surface
 from .volume import AXES, Volume, plate_of

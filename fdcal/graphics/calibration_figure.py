@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ..assessment.calibration import Calibration
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
-from ..cost.reference_cost import reference_cost_of
+from ..cost.expansion import reference_cost_of
 from ..model.given_positions import with_search_domain
 from ..model.validation import InputError
 from .landscape import figure_bytes

@@ -14,13 +14,13 @@ from ..cost.basins import OUTSIDE, basins_of
 from ..cost.expansion import require_modes, require_plane_field, search_domain
 from ..cost.maps import descent_maps, map_positions, minima_of, refined
 from ..cost.scale import DECADES, Minima
-from ..model.channels import microphone_index
 from ..model.measurement import Measurement
+from ..model.measurement_checks import microphone_index
 from ..model.problem import Problem
 from ..model.settings import Search, SolverSettings
 from ..model.validation import InputError, frozen_array, shown_literal
 from ..session.api import mode_numbers, require_measurement, require_settings
-from ..session.blas_threads import one_blas_thread
+from ..session.process import one_blas_thread
 from .basin_map import TABLE, basin_image
 from .markers import ESTIMATE, LOWEST
 from .primitives import COLOUR_MAP, fractions

@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..model.types import Reals
-from ..model.validation import frozen_array
+from ..model.validation import Reals, frozen_array
 from . import glyphs
 from .markers import (
     CUT,
@@ -209,7 +208,11 @@ BALL_SIDES = 20  # around the ball
 BALL_BRIGHT: Colour = (236, 74, 88)  # of its side that faces the light
 WHITE: Colour = (255, 255, 255)
 # Colour, radius, and distance of the middle towards the light, in radii of the ball.
-BALL_PARTS = (("body", ESTIMATE, 1.0, 0.0), ("bright", BALL_BRIGHT, 0.74, 0.32), ("highlight", WHITE, 0.2, 0.84))
+BALL_PARTS = (
+    ("microphones/ball", ESTIMATE, 1.0, 0.0),
+    ("ball/bright", BALL_BRIGHT, 0.74, 0.32),
+    ("ball/highlight", WHITE, 0.2, 0.84),
+)
 BALL_LIGHT = np.array([-0.45, 0.2, 0.87])  # towards the light, of unit length
 PATH_WIDTH = 3.0  # pixels
 
@@ -235,7 +238,7 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
     above = np.array([0.0, 0.0, 0.0 if in_space else layer_height(Layer.MINIMUM, radius)])
     centre = ground + above + [0.0, 0.0, 0.0 if in_space else 0.75 * ball]
     drawn: list[Mesh | Lines] = [
-        mesh(f"ball/{name}", sphere(centre + distance * ball * BALL_LIGHT, size * ball), colour)
+        mesh(name, sphere(centre + distance * ball * BALL_LIGHT, size * ball), colour)
         for name, colour, size, distance in BALL_PARTS
     ]
     if not in_space:
@@ -244,11 +247,11 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
     if path is not None and len(path) > 1:
         way = _on(np.asarray(path, float), floor, base) + above
         drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), WHITE, PATH_WIDTH))
-    x, y, z = (centre + [0.0, 0.0, 1.3 * ball]).tolist()
+    raised = in_space or (floor is not None and floor.heights is not None)
+    x, y, z = (centre + 1.3 * ball * np.array([0.0, not raised, raised])).tolist()
+    above = {"position": (x, y, z), "anchor": "bottom-center"} if text or raised else {}
     labels = tuple(
-        replace(label, text=text or label.text, position=(x, y, z), anchor="bottom-center")
-        if label.name == "selected/name"
-        else label
+        replace(label, **above, text=text or label.text) if label.name == "selected/name" else label
         for label in picture.labels
     )
     meshes = tuple(part for part in picture.meshes if not part.name.startswith("selected/estimate"))

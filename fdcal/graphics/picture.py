@@ -12,8 +12,7 @@ import numpy as np
 from ..model.measurement import Measurement
 from ..model.scene import Scene
 from ..model.settings import Search
-from ..model.texts import format_mm
-from ..model.types import Reals
+from ..model.validation import Reals, format_mm
 from . import glyphs
 from .heatmap import relief_shadow, relief_sides
 from .markers import (

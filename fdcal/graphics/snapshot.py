@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..model.isolated import ProcessError, call
+from ..model.libraries import ProcessError, call
 from ..model.validation import InputError, StorageError, require_choice
 from .annotations import annotate, margins, text_scale
 from .camera import VIEWS, Camera, camera_for

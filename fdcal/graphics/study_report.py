@@ -21,10 +21,9 @@ from scipy.stats import binomtest
 
 from ..assessment import study_statistics as statistics
 from ..assessment.study_statistics import BINS, COLUMNS, LEVELS
-from ..model.reading import parse_toml, read_bytes
-from ..model.storage import write_atomically
+from ..model.storage import parse_toml, read_bytes, write_atomically
 from ..model.validation import InputError
-from ..session.study.definition import version_text
+from ..session.study import version_text
 from .calibration_figure import html_page, html_table
 from .landscape import figure_bytes
 
@@ -219,7 +218,7 @@ def write_report(
 ) -> Path:
     """Write the report of a study into the folder `report` of its own, and return its page.
 
-    `head`, `rows`: as of `fdcal.session.study.results.read_results`; `names`: axes along y and x; `at`: values of other
+    `head`, `rows`: as of `fdcal.session.study.run.read_results`; `names`: axes along y and x; `at`: values of other
     axes, as text.
     """
     axes = head["axes"]

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .types import Integers, Reals
-from .validation import InputError, frozen_array, require_choice
+from .validation import InputError, Integers, Reals, frozen_array, require_choice
 
 FRAMES = ("known", "minimal", "axes")
 COLLINEAR = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from .channels import microphone_index
 from .gauge import align
 from .measurement import Measurement
+from .measurement_checks import microphone_index
 from .settings import search_round
 from .validation import InputError, frozen_array, require_array, shown_literal
 

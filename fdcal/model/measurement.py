@@ -1,22 +1,26 @@
 """What was measured. It may hold the true positions, for scoring alone; the `Problem` that a solver sees cannot.
 
-`fdcal.model.measurement_checks` validates it, `fdcal.model.measurement_file` reads and writes it.
+`fdcal.model.measurement_checks` validates it. Its .npz file is a public format (docs/reference/files.md): the keys are
+the fields of `Measurement` and those of the search domain.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from . import measurement_checks as checks
-from .channels import microphone_index
 from .gauge import align, minimal_frame, position_errors
+from .measurement_checks import exclude_microphones, microphone_index
 from .problem import Problem, mode_power
 from .settings import Search
-from .validation import LIMITS, InputError, frozen_array, require_array, require_choice
+from .storage import read_archive, require_regular
+from .validation import LIMITS, InputError, StorageError, frozen_array, require_array, require_choice
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -491,3 +495,73 @@ def _joined_arrivals(each: Sequence[Measurement]) -> dict[str, np.ndarray]:
 def _largest(pressures: np.ndarray) -> np.ndarray:
     """Return the largest real or imaginary part of each mode : (M,) float64; its modulus could overflow."""
     return np.maximum(np.abs(np.real(pressures)), np.abs(np.imag(pressures))).max(axis=1)
+
+
+REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
+SEARCH = ("search_origin", "search_size", "search_step", "radius")
+OPTIONAL = tuple(field.name for field in fields(Measurement) if field.name not in (*REQUIRED, "search"))
+
+
+def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, np.ndarray] | None = None) -> None:
+    """Write a measurement as .npz, into a path or an open file; `others` have keys that `load_measurement` ignores."""
+    table: dict[str, Any] = {key: getattr(measurement, key) for key in REQUIRED + OPTIONAL}
+    table["names"] = np.array(measurement.names)
+    if measurement.take_count == 1 and np.all(np.diff(measurement.frequencies) > 0):
+        table["takes"] = None
+    table["nominal"] = measurement.nominal or None
+    if measurement.search is not None:
+        s = measurement.search
+        table |= dict(zip(SEARCH, (s.origin, s.size, s.step, s.radius), strict=True))
+    table = {key: value for key, value in table.items() if value is not None} | dict(others or {})
+    if isinstance(file, (str, Path)):
+        with open(file, "wb") as stream:  # given a name, NumPy would add .npz to it
+            np.savez_compressed(stream, **table)
+    else:
+        np.savez_compressed(file, **table)
+
+
+def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") -> Measurement:
+    """Return the measurement of an .npz file, a path or open, that has all REQUIRED keys and all or none of SEARCH.
+
+    `excluded`: names or numbers of microphones that are left out before anything is checked; `called`: what messages
+    call the file; its path unless given.
+    """
+    table = _read_arrays(path)
+    path = called or path
+    for key in REQUIRED:
+        if key not in table:
+            raise InputError(f'{path} has no "{key}"', f"a measurement needs {', '.join(REQUIRED)}", key=key)
+    given = [key for key in SEARCH if key in table]
+    if given and len(given) < len(SEARCH):
+        remedy = f"a search domain needs {', '.join(SEARCH)}"
+        raise InputError(f"{path} has {', '.join(given)} alone", remedy, key=given[0])
+    try:
+        search = None
+        if given:
+            for key in SEARCH[:2]:
+                if np.shape(table[key]) not in ((2,), (3,)):
+                    raise InputError(f"{key} has shape {np.shape(table[key])}", "give two or three numbers", key=key)
+            kinds = zip(SEARCH, ((None,), (None,), (), ()), strict=True)
+            values = [require_array(key, table[key], "real", shape, "m").tolist() for key, shape in kinds]
+            search = Search(tuple(values[0]), tuple(values[1]), *values[2:])
+        table = exclude_microphones({key: table[key] for key in OPTIONAL + REQUIRED if key in table}, excluded)
+        return Measurement(**table, search=search)
+    except InputError as error:
+        raise error.within(path) from None
+
+
+def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """Return the arrays of an .npz file whose keys are those of a measurement; no pickled objects are read."""
+    try:
+        if isinstance(path, (str, Path)):
+            require_regular(path)
+        # Opened here, since NumPy does not close a file that it finds damaged.
+        with open(path, "rb") if isinstance(path, (str, Path)) else nullcontext(path) as file:
+            return read_archive(file, lambda key: key in REQUIRED + OPTIONAL + SEARCH)
+    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
+        raise StorageError(f"cannot read {path}: {error.strerror}") from error
+    except InputError as error:
+        raise error.within(path) from error
+    except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
+        problem = f"{path} is not an .npz file that can be read ({type(error).__name__})"
+        raise InputError(problem, "write it with numpy.savez") from error

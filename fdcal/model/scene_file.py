@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from .array_layout import Array, Gauge
 from .declared import build
-from .measurement import Measurement
-from .measurement_file import load_measurement
-from .reading import parse_toml, read_bytes
+from .measurement import Measurement, load_measurement
 from .room import Room, Source, is_response_file
-from .scene import Scene
+from .scene import Array, Gauge, Scene
 from .settings import Search, Sensing, SolverSettings
+from .storage import parse_toml, read_bytes
 from .validation import InputError, shown, shown_literal
 
 CELLS = 50  # steps along the search domain of a placeholder

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .reading import read_bytes
+from .storage import read_bytes
 from .validation import LIMITS, InputError, require_array, shown
 
 HEADER = 128  # bytes; the last two tell the byte order, the two before them the version

@@ -1,6 +1,7 @@
-"""The two errors that a user can meet, how large an input may be, and the checks that raise the errors.
+"""The two errors that a user can meet, how large an input may be, the checks that raise the errors, values as texts.
 
 Every message names the key, its value and the remedy, on one line. Beyond the limits a value is taken for a mistake.
+The types of arrays say what these hold; shapes and units stand in the docstrings, or beside the fields.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import re
 import reprlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -223,3 +224,58 @@ def require_point(key: str, values: Any, lengths: tuple[int, ...]) -> None:
 def point_text(point: Any) -> str:
     """Return the coordinates of a point for a message: "(1.25, 0.5) m"."""
     return f"({', '.join(f'{coordinate:.4g}' for coordinate in point)}) m"
+
+
+Reals: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+Complexes: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
+# as wavenumbers, which are complex where waves are damped
+Numbers: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.float64 | np.complex128]]
+Integers: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+Bools: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+
+def format_mm(length: float) -> str:
+    """Return a length in metres as a text in millimetres: "4.13 mm", "535 mm"."""
+    return f"{mm_text(length)} mm"
+
+
+def length_text(length: float, digits: int = 3) -> str:
+    """Return a length in metres as a text, with `digits` below a decimetre: "4.13 mm", "535 mm", "1.16 m"."""
+    return f"{mm_text(length, digits)} mm" if length < 0.9995 else f"{length:.{max(3, len(str(int(length))))}g} m"
+
+
+def mm_text(length: float, digits: int = 3) -> str:
+    """Return the number of millimetres of a length in metres, with `digits` digits below a decimetre."""
+    if length < 1e-6:
+        return "0"
+    return f"{1e3 * length:.{digits}g}" if length < 0.0995 else f"{1e3 * length:.0f}"
+
+
+LONGEST = 200  # characters that are read of a text
+
+
+def parse_modes(text: str, count: int) -> tuple[int, ...]:
+    """Return the modes of 1 to `count` that a text as "1-3, 5" lists, ascending; InputError for any other text."""
+    remedy = f"write numbers from 1 to {count}, as in 1-3, 5"
+    found: set[int] = set()
+    for part in filter(None, (part.strip() for part in str(text)[:LONGEST].split(","))):
+        match = re.fullmatch(r"(\d{1,6})(?:\s*-\s*(\d{1,6}))?", part)
+        low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
+        if not 1 <= low <= high <= count:
+            raise InputError(f'"{part}" names no modes', remedy, key="modes", value=part)
+        found |= set(range(low, high + 1))
+    if not found:
+        raise InputError("no mode is named", remedy, key="modes", value=text)
+    return tuple(sorted(found))
+
+
+def modes_text(modes: Any) -> str:
+    """Return the shortest text that `parse` reads as `modes`, an iterable of int."""
+    modes, parts = sorted(set(modes)), list[str]()
+    while modes:
+        end = 0
+        while end + 1 < len(modes) and modes[end + 1] == modes[end] + 1:
+            end += 1
+        parts.append(f"{modes[0]}-{modes[end]}" if end > 1 else ", ".join(map(str, modes[: end + 1])))
+        modes = modes[end + 1 :]
+    return ", ".join(parts)

@@ -14,7 +14,7 @@ from types import ModuleType
 
 import numpy as np
 
-from ..model.extras import needs
+from ..model.libraries import needs
 from ..model.storage import write_atomically
 from ..model.validation import InputError, StorageError
 from . import formats

@@ -14,8 +14,8 @@ from ..model.measurement import Measurement
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, require_array, shown_literal, unexpected_argument
-from .blas_threads import one_blas_thread
 from .calibration_run import solve
+from .process import one_blas_thread
 from .sources import Progress, is_recording, load_input, measurement_input, scene_input, with_settings
 
 if TYPE_CHECKING:

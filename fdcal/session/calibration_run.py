@@ -13,19 +13,19 @@ from .. import solvers
 from ..assessment.assess import ARGUMENTS, Assessment, assess
 from ..assessment.calibration import Calibration, Run
 from ..assessment.findings import MIN_MODES, modes_below_limit
-from ..cost.reference_cost import reference_cost_of
-from ..model.channels import check_channels, microphone_index
+from ..cost.expansion import reference_cost_of
 from ..model.declared import require_positive
 from ..model.gauge import move_to_frame, turn_to_frame
 from ..model.given_positions import with_search_domain
 from ..model.measurement import Measurement
+from ..model.measurement_checks import check_channels, microphone_index
 from ..model.problem import Problem
 from ..model.settings import SolverSettings, search_round
 from ..model.validation import InputError, frozen_array
 from ..solvers import load, run
 from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
 from ..solvers.requirements import check_solvable
-from .blas_threads import one_blas_thread
+from .process import one_blas_thread
 from .sources import CalibrationInput, Progress
 
 
@@ -243,7 +243,7 @@ def last_state(
 
 
 def cost_in_decibels(found: Assessment) -> float | None:
-    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, as `fdcal.cost.reference_cost`.
+    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, as `fdcal.cost.expansion`.
 
     A problem without a search domain gets one round the positions found, as on the page. None where a position is not
     finite, or the microphones are too few for any mode.

@@ -13,9 +13,8 @@ from .. import solvers
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
 from ..solvers.interface import RunState
-from .blas_threads import one_blas_thread
-from .history import recorded
-from .session import Session
+from .process import one_blas_thread
+from .session import Session, recorded
 
 
 class TimedSolver:
@@ -118,7 +117,7 @@ def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> 
 def timed_states(problem: Problem, settings: SolverSettings, names: tuple[str, ...], seed: int) -> dict:
     """Run solvers to their ends, one after another, from the same start.
 
-    Returns for each name the states, as `fdcal.session.history.recorded` keeps them, and the processor time up to each,
+    Returns for each name the states, as `fdcal.session.session.recorded` keeps them, and the processor time up to each,
     (T,), s.
     """
     settings = with_common_modes(problem, settings, names)

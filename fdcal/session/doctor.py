@@ -30,9 +30,8 @@ from ..recordings import importer
 from ..recordings.channels import ChannelHealth, inspect_channels
 from ..recordings.frequencies import NothingAboveNoise
 from ..recordings.import_options import IMPORT_LIMITS, ImportOptions
-from ..recordings.impulse_response import MAX_SAMPLES, WrapsRound
+from ..recordings.impulse_response import MAX_SAMPLES, WrapsRound, segment_levels
 from ..recordings.recording import Recording, select_channels
-from ..recordings.reverberation import segment_levels
 from ..recordings.synchrony import ClockFault, channel_delays
 from ..solvers.robust.arrivals import Arrivals, arrivals_of
 from .calibration_run import solve

@@ -20,14 +20,13 @@ from .. import solvers
 from ..model.arrays import positions_of
 from ..model.declared import Seed, build, within
 from ..model.problem import Problem
-from ..model.reading import parse_toml, read_bytes
 from ..model.scene import Scene
 from ..model.scene_file import load_scene
 from ..model.settings import SolverSettings
-from ..model.texts import parse_modes
-from ..model.validation import InputError, StorageError, shown
+from ..model.storage import parse_toml, read_bytes
+from ..model.validation import InputError, StorageError, parse_modes, shown
 from ..solvers.interface import RunState
-from .request import edited
+from .scene_edits import edited
 
 # A frame stands after # in the address of a replay, as "step=12&microphone=9&modes=1-20":
 #
@@ -50,7 +49,7 @@ class Frame:
     unit: str = ""  # one of UNITS, or "" for the state that is shown
     number: int = 0  # of the step or sweep, from 0; of the stage, from 1
     microphone: int | None = None  # from 0
-    modes: str | None = None  # of the map, as `fdcal.model.texts.parse_modes` reads them, or "solver"
+    modes: str | None = None  # of the map, as `fdcal.model.validation.parse_modes` reads them, or "solver"
     view: str | None = None  # "top", "3d" or "close"
     # map, trails: whether they are shown
     map: bool | None = None

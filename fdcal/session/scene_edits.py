@@ -1,22 +1,62 @@
-"""The parameters of a scene that can be changed without editing its file; what depends on them follows.
+"""A scene that is changed without editing its file: by keys, or by parameters on which others depend.
 
 The search domain and the radius R of the expansion scale with the array. If the number of known microphones changes,
 those that are farthest from one another are chosen.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
-from ..model.array_layout import Array, Gauge
 from ..model.arrays import positions_of
-from ..model.declared import Count, Metres, Seed, check, within
+from ..model.declared import Count, Metres, Seed, build, check, within
 from ..model.room import WALLS
-from ..model.scene import Scene
-from ..model.settings import Search
+from ..model.scene import Array, Gauge, Scene
+from ..model.scene_file import MeasuredScene
+from ..model.settings import ALL_MODES, Search
 from ..model.validation import InputError, require_choice
+
+
+def table_of(scene: Scene) -> dict[str, Any]:
+    """Return the scene as tomllib reads it, without keys that are None : dict of texts, numbers, lists and dicts.
+
+    `fdcal.model.declared.build(Scene, table)` makes the same scene of it.
+    """
+    table = plain(asdict(scene))
+    if scene.solver.modes == ALL_MODES:
+        del table["solver"]["modes"]
+    return table
+
+
+def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
+    """Return `scene` with some keys changed, as {"room.walls": "absorbing", "seed": 3}; None removes a key."""
+    table = table_of(scene)
+    for key, value in changes.items():
+        *path, last = key.split(".")
+        if isinstance(scene, MeasuredScene) and key.split(".")[0] not in ("solver", "seed", "title"):
+            problem = f"{key} cannot be changed: the scene is a measurement"
+            raise InputError(problem, "change solver or seed, or take a scene that is simulated", key=key, value=value)
+        inner = table
+        for part in path:
+            inner = inner.setdefault(part, {})
+            if not isinstance(inner, dict):
+                remedy = f"{part} is a value, not a table; set {part} itself"
+                raise InputError(f"{key} is not a key of a scene", remedy, key=key, value=value)
+        inner.pop(last, None)
+        if value is not None:
+            inner[last] = plain(value)
+    return build(type(scene), table)
+
+
+def plain(value: Any) -> Any:
+    """Return mappings and tuples as dicts and lists, without keys whose value is None."""
+    if isinstance(value, Mapping):
+        return {key: plain(inner) for key, inner in value.items() if inner is not None}
+    return [plain(inner) for inner in value] if isinstance(value, (tuple, list)) else value
+
 
 FINEST = 1.5  # times as large, from which the lattice of the search domain gets coarser
 

@@ -2,27 +2,38 @@
 
 It is a .zip of two files, session.json and session.npz, which may also lie in a folder of their own. The first holds
 the scene with the settings of its solver, the seed of the start, the index of the state that was shown, the values of
-the page's controls and the states (`fdcal.session.state_codec`). The second holds their arrays and the measurement; it
-is a measurement file that `fdcal calibrate` can read. Reading either runs nothing.
+the page's controls and the states. The second holds their arrays and the measurement; it is a measurement file that
+`fdcal calibrate` can read. Each value of a state is checked against the type that the state's class declares for the
+field. Reading either file runs nothing.
 """
 
 import dataclasses
 import io
 import json
+import math
+import sys
+import types
+import typing
 import zipfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from .. import solvers
 from ..model.declared import build
-from ..model.measurement_file import load_measurement, save_measurement
-from ..model.reading import parse_json, read_archive, require_regular
+from ..model.measurement import load_measurement, save_measurement
+from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.scene_file import MeasuredScene
-from ..model.validation import InputError, StorageError, shown
-from .history import MAX_STATES
-from .request import OpenRequest, plain, table_of
-from .state_codec import read_states, write_states
+from ..model.settings import SolverSettings
+from ..model.storage import parse_json, read_archive, require_regular
+from ..model.validation import LIMITS, InputError, StorageError, frozen_array, shown, shown_literal
+from ..solvers.interface import RunState
+from .scene_edits import plain, table_of
+from .session import MAX_STATES
+from .sources import OpenRequest
 
 VERSION = 2
 TABLE, ARRAYS = "session.json", "session.npz"
@@ -171,3 +182,212 @@ def _infinite(table: dict) -> dict:
     if isinstance(sensing, dict) and sensing.get("snr_db") == "inf":
         return {**table, "measurement": {**sensing, "snr_db": float("inf")}}
     return table
+
+
+LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
+NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold
+INFINITE = ("inf", "-inf")
+PLACES = ("positions", "poses", "shape", "origin", "centre", "place")  # arrays of coordinates, metres
+
+
+class StateReader:
+    """Values out of JSON, checked against the types and the problem, which determines the shapes and ranges."""
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], settings: list[SolverSettings], problem: Problem):
+        self._arrays, self._settings = arrays, settings
+        self._read: dict[tuple, np.ndarray] = {}  # an array is the same object wherever it is referred to
+        self._hints: dict[type, dict[str, Any]] = {}
+        modes, count = problem.pressures.shape
+        D = problem.array_dimension
+        self._shapes = {
+            "positions": (count, D), "poses": (count, D), "origin": (count, D), "shape": (count, D),
+            "centre": (D,), "place": (D,), "walls": (D + 2,), "gains": (count, 2), "offsets": (count, 2),
+            "noise": (modes,), "noise_power": (modes,), "power": (modes,), "channel_noise": (count,),
+            "filters": (count, 2), "places": problem.known_positions.shape, "contradicted": problem.known.shape,
+        }  # fmt: skip
+        self._ranges = {"moved": (-1, count - 1), "turn": (0, max(len(problem.free) - 1, 0))}
+        self._ranges |= {"first": (1, modes), "last": (1, modes), "restart": (-1, LARGEST_COUNT)}
+
+    def require_fields(self, key: str, table: Any, Record: type) -> None:
+        """Raise InputError unless `table` has the fields of a dataclass."""
+        names = {field.name for field in dataclasses.fields(Record)}
+        if not isinstance(table, dict) or set(table) != names:
+            odd = ", ".join(sorted(set(table) ^ names)) if isinstance(table, dict) else "all fields"
+            problem = f"{key}: fields that differ from those of this version of fdcal: {shown(odd, 300)}"
+            raise InputError(problem, "open the file with the version that wrote it", key=key)
+
+    def record(self, key: str, table: Any, Record: type) -> Any:
+        """A frozen dataclass out of a dict of its fields."""
+        self.require_fields(key, table, Record)
+        hints = self._hints.setdefault(Record, typing.get_type_hints(Record))
+        return Record(**{name: self._value(name, table[name], hints[name]) for name in table})
+
+    def _value(self, key: str, value: Any, hint: Any) -> Any:
+        """A value of the type `hint`."""
+        options = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
+        if value is None and type(None) in options:
+            return None
+        if isinstance(value, dict) and len(value) == 1:
+            (kind, inner), *_ = value.items()
+            for option in options:
+                found = self._composed(key, kind, inner, option)
+                if found is not None:
+                    return found
+        elif isinstance(value, bool):
+            if bool in options:
+                return value
+        elif isinstance(value, int) and int in options:
+            low, high = self._ranges.get(key, (0, LARGEST_COUNT))
+            if low <= value <= high:
+                return value
+            problem = f"states.{key} = {shown(value)} must be from {low} to {high}"
+            raise InputError(problem, key=f"states.{key}", value=value)
+        elif isinstance(value, (int, float)) and float in options and abs(value) <= sys.float_info.max:
+            return float(value)
+        elif isinstance(value, str) and any(value in typing.get_args(option) for option in options):
+            return value
+        raise InputError(f"states.{key} holds {shown(value)!r}, which is impossible", key=f"states.{key}")
+
+    def _composed(self, key: str, kind: str, inner: Any, option: Any) -> Any:
+        """A value that is more than one JSON value, of the type `option`; None if it is not of that type."""
+        if kind == "array" and np.ndarray in (option, typing.get_origin(option)):
+            return self._array(key, inner)
+        if kind == "settings" and option is SolverSettings:
+            there = isinstance(inner, int) and 0 <= inner < len(self._settings)
+            return self._settings[inner] if there else None
+        if kind == "record" and dataclasses.is_dataclass(option) and option is not SolverSettings:
+            return self.record(f"states.{key}", inner, typing.cast(type, option))
+        if kind == "tuple" and typing.get_origin(option) is tuple and isinstance(inner, list):
+            return tuple(self._value(key, one, typing.get_args(option)[0]) for one in inner)
+        if kind == "number" and option is float and inner in INFINITE:
+            return float(inner)
+        return None
+
+    def _array(self, key: str, place: Any) -> np.ndarray:
+        """One of the stacked arrays, frozen."""
+        stack = None
+        if isinstance(place, list) and len(place) == 2 and all(isinstance(i, int) and i >= 0 for i in place):
+            stack = self._arrays.get(f"states_{place[0]}")
+        if stack is None or stack.ndim < 1 or place[1] >= len(stack):
+            raise InputError(f"states.{key} refers to an array that is not there", key=f"states.{key}")
+        if tuple(place) not in self._read:
+            array = stack[place[1]]
+            if array.dtype.kind not in NUMERIC_KINDS or not np.isfinite(array).all():
+                raise InputError(f"states.{key} must be finite numbers", key=f"states.{key}")
+            self._read[tuple(place)] = frozen_array(array, array.dtype)
+        array, wanted = self._read[tuple(place)], self._shapes.get(key)
+        if wanted is not None and array.shape != wanted:
+            remedy = f"with this measurement it is {wanted}"
+            raise InputError(f"states.{key} has shape {array.shape}", remedy, key=f"states.{key}", value=array.shape)
+        if key in PLACES and np.abs(array).max(initial=0.0) > LIMITS.coordinate:
+            raise InputError(f"states.{key} is too far away", f"use coordinates up to {LIMITS.coordinate:g} m")
+        return array
+
+
+def _not_finite() -> InputError:
+    return InputError("the run has reached numbers that are not finite", "rewind before you save it")
+
+
+class _ArrayStore:
+    """Arrays and settings, each kept once."""
+
+    def __init__(self):
+        self.stacks: dict[tuple, list[np.ndarray]] = {}
+        self.settings: list[SolverSettings] = []
+        self._references: dict[int, tuple[np.ndarray, dict]] = {}  # with the array, so that its identity stays its own
+
+    def put(self, array: np.ndarray) -> dict:
+        if id(array) not in self._references:
+            if array.dtype.kind not in NUMERIC_KINDS or not np.isfinite(array).all():
+                raise _not_finite()
+            key = (array.dtype.str, array.shape)
+            stack = self.stacks.setdefault(key, [])
+            stack.append(array)
+            self._references[id(array)] = array, {"array": [list(self.stacks).index(key), len(stack) - 1]}
+        return self._references[id(array)][1]
+
+    def put_settings(self, settings: SolverSettings) -> dict:
+        if settings not in self.settings:
+            self.settings.append(settings)
+        return {"settings": self.settings.index(settings)}
+
+
+def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray]]:
+    """Return the states as a table for JSON and arrays by name; InputError for numbers that are not finite."""
+    store = _ArrayStore()
+    kinds = list(dict.fromkeys(state.solver for state in states))
+    tables = []
+    for name in kinds:
+        mine = [state for state in states if state.solver == name]
+        columns = {f.name: [_out(getattr(s, f.name), store) for s in mine] for f in dataclasses.fields(mine[0])}
+        tables.append({"solver": name, "fields": columns})
+    order = [kinds.index(state.solver) for state in states]
+    table = {"order": order, "kinds": tables, "settings": [plain(dataclasses.asdict(s)) for s in store.settings]}
+    return table, {f"states_{i}": np.array(stack) for i, stack in enumerate(store.stacks.values())}
+
+
+def _out(value: Any, store: _ArrayStore) -> Any:
+    """A value of a state as JSON has it."""
+    if isinstance(value, np.ndarray):
+        return store.put(value)
+    if isinstance(value, SolverSettings):
+        return store.put_settings(value)
+    if dataclasses.is_dataclass(value):
+        return {"record": {f.name: _out(getattr(value, f.name), store) for f in dataclasses.fields(value)}}
+    if isinstance(value, tuple):
+        return {"tuple": [_out(inner, store) for inner in value]}
+    value = value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, float) and not math.isfinite(value):
+        if math.isnan(value):
+            raise _not_finite()
+        return {"number": str(value)}
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise TypeError(f"a state holds a {type(value).__name__}, which a file cannot")
+
+
+def read_states(
+    table: Any, arrays: Mapping[str, np.ndarray], problem: Problem, solver: str, most: int
+) -> tuple[RunState, ...]:
+    """Return the states, `most` at most, of a table of `write_states` out of JSON and its arrays.
+
+    InputError for what is not of the type, the shape and the range that a state of `problem` has. Of a chain, states of
+    each of its members are possible.
+    """
+    order, kinds, settings = (_list(table, key) for key in ("order", "kinds", "settings"))
+    if not 1 <= len(order) <= most:
+        remedy = f"a session holds 1 to {most} states"
+        raise InputError(f"states.order has {len(order)} entries", remedy, key="states.order", value=len(order))
+    read_settings = [build(SolverSettings, one if isinstance(one, dict) else {}, "settings.") for one in settings]
+    reader = StateReader(arrays, read_settings, problem)
+    queues, states = [iter(_states_of(kind, solver.split("+"), reader)) for kind in kinds], []
+    for number in order:
+        state = next(queues[number], None) if isinstance(number, int) and 0 <= number < len(queues) else None
+        if state is None:
+            fault = f"states.order names a state of kind {shown(number)}, which is not there"
+            raise InputError(fault, key="states.order")
+        states.append(state)
+    return tuple(states)
+
+
+def _list(table: Any, key: str) -> list:
+    if not isinstance(table, dict) or not isinstance(table.get(key), list):
+        raise InputError(f"states.{key} must be a list", key=f"states.{key}")
+    return table[key]
+
+
+def _states_of(table: Any, members: list[str], reader: StateReader) -> list[RunState]:
+    """The states of one of `members`."""
+    if not isinstance(table, dict) or not isinstance(table.get("fields"), dict):
+        raise InputError("states.kinds must be tables with solver and fields", key="states.kinds")
+    name, columns = table.get("solver"), table["fields"]
+    if name not in members:
+        remedy = f"the scene has solver.name = {shown_literal('+'.join(members))}"
+        raise InputError(f"states are of solver {shown_literal(name)}", remedy, key="states.kinds", value=name)
+    State, what = solvers.load(name).State, f"states of {name}"
+    reader.require_fields(what, columns, State)
+    lengths = {len(column) if isinstance(column, list) else -1 for column in columns.values()}
+    if len(lengths) != 1 or -1 in lengths:
+        raise InputError(f"states of {name} must have columns of one length", key="states.kinds")
+    rows = zip(*columns.values(), strict=True)
+    return [reader.record(what, dict(zip(columns, row, strict=True)), State) for row in rows]

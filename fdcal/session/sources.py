@@ -1,20 +1,20 @@
 """What is calibrated, and with which settings: a scene, a measurement or recordings, as `CalibrationInput`.
 
 `with_settings` checks what somebody chooses, solver, number of modes, seed and settings, against the solver.
+`OpenRequest` is what a page is opened with: a scene, perhaps changed, and where its session begins.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ..model.channels import exclude_microphones
 from ..model.declared import Count, Seed, convert, declaration
-from ..model.measurement import Measurement
-from ..model.measurement_file import load_measurement
-from ..model.scene_file import MeasuredScene
+from ..model.measurement import Measurement, load_measurement
+from ..model.measurement_checks import exclude_microphones
+from ..model.scene_file import MeasuredScene, placeholder_scene
 from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import InputError, refusal
 from ..solvers import load, with_mode_count
@@ -225,3 +225,48 @@ def with_settings(
         require_rectangle(inputs.scene)
         settings = replace(settings, room=settings.room or inputs.scene.room.size)
     return with_mode_number(replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed))
+
+
+@dataclass(frozen=True)
+class OpenRequest:
+    """A request to open a page, or to replace what it shows."""
+
+    scene: Scene  # Scene; its `solver` says which solver there is and how it starts. See `edited`
+    # of the solver's start; the scene's unless given. The scene's draws microphones and noise
+    start_seed: int | None = None
+    measurement: Measurement | None = None  # in place of the scene's own, which is simulated or taken from the cache
+    # states of the solver, oldest first, that the history holds from the beginning; the start unless given
+    states: tuple = ()
+    index: int | None = None  # which of them is shown; the last unless given
+    # what the page's controls say, by the names of `viewer.desk.Choices` and `viewer.maps.Look`; of those not named,
+    # the looks of the page before are kept
+    choices: Mapping[str, Any] = field(default_factory=dict)
+    play: bool = False  # whether the solver starts to run at once
+    fewer_modes: bool = False  # whether the number of modes is reduced to those available
+
+    def __post_init__(self):
+        if self.start_seed is not None and self.start_seed < 0:
+            raise refusal("start_seed", self.start_seed, "must not be negative", "use 0 or more")
+        if self.index is not None and not 0 <= self.index < len(self.states):
+            count = len(self.states)
+            remedy = f"use 0 to {count - 1}" if count else "give states, or no index"
+            raise refusal("index", self.index, f"is none of the {count} states", remedy)
+
+    @property
+    def seed(self) -> int:
+        """Seed of the solver's start."""
+        return self.scene.seed if self.start_seed is None else self.start_seed
+
+
+def measurement_request(inputs: CalibrationInput) -> OpenRequest:
+    """Return the request for a page that shows a measurement, which has no scene."""
+    settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
+    scene = placeholder_scene(inputs.measurement, inputs.name, settings, inputs.seed)
+    return OpenRequest(scene, measurement=inputs.measurement, fewer_modes=True)
+
+
+def as_given(scene: Scene, measurement: Measurement) -> Measurement:
+    """Return the measurement that a page shows: without known microphones if the solver is given none."""
+    if scene.solver.known != "none":
+        return measurement
+    return replace(measurement, known=(), known_positions=None)

@@ -15,8 +15,7 @@ import numpy as np
 
 from ..assessment.calibration import placed_in_frame
 from ..assessment.position_check import PositionCheck, compare_positions, fit_list
-from ..model.texts import length_text
-from ..model.validation import InputError
+from ..model.validation import InputError, length_text
 from ..recordings.import_options import ImportOptions
 from ..recordings.importer import measurement_of_takes, read_takes
 from ..recordings.recording import Recording, recording_of

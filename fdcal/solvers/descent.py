@@ -7,7 +7,7 @@
 
 The run begins with its lowest modes and with microphones drawn from the candidates, the points of the search lattice.
 The centre of the expansion is the centre of mass rounded to the lattice, so one table of radial functions serves every
-step (`fdcal.acoustics.lattice_dictionary.LatticeDictionary`). In three dimensions the candidates are searched from
+step (`fdcal.acoustics.dictionary.LatticeDictionary`). In three dimensions the candidates are searched from
 coarse to fine (`fdcal.cost.lattice`), and the lowest one that was tried counts as the best.
 """
 
@@ -17,7 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..acoustics.lattice_dictionary import LatticeDictionary
+from ..acoustics.dictionary import LatticeDictionary
 from ..cost import expansion
 from ..cost.eq7 import known_weights, leave_one_out_fits
 from ..cost.expansion import require_modes
@@ -26,8 +26,7 @@ from ..cost.maps import descent_maps
 from ..model.gauge import fixes_gauge
 from ..model.problem import Problem
 from ..model.settings import Search, SolverSettings
-from ..model.types import Reals
-from ..model.validation import InputError, frozen_array
+from ..model.validation import InputError, Reals, frozen_array
 from . import starts
 from .estimate import Estimate
 from .interface import RunState, Traits

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.problem import Problem
-from ..model.types import Bools, Complexes, Reals
+from ..model.validation import Bools, Complexes, Reals
 
 if TYPE_CHECKING:  # the likelihood loads SciPy, which a session does not need before its first step
     from ..acoustics.room_modes import RoomSymmetry

@@ -26,11 +26,9 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
-from ..cost.channel_correction import ChannelCorrection
-from ..model.problem import Problem
+from ..model.problem import ChannelCorrection, Problem
 from ..model.settings import Search, SolverSettings
-from ..model.types import Reals
-from ..model.validation import LIMITS, InputError
+from ..model.validation import LIMITS, InputError, Reals
 from .estimate import Estimate, RoomEstimate
 
 

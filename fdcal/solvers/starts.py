@@ -24,8 +24,7 @@ from ..cost.likelihood import FieldModel, isotropic_field, likelihood_terms
 from ..cost.noise import DIFFUSE_FLOOR, NoiseEstimate, estimate_noise
 from ..model.gauge import align, fixes_gauge
 from ..model.problem import Problem, mode_power
-from ..model.types import Complexes, Numbers, Reals
-from ..model.validation import InputError
+from ..model.validation import Complexes, InputError, Numbers, Reals
 from .levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 
 

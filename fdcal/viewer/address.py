@@ -20,11 +20,10 @@ import viser
 
 from ..graphics.camera import Camera
 from ..model.scene_file import load_scene, scene_names
-from ..model.texts import modes_text, parse_modes
-from ..model.validation import InputError, shown
+from ..model.validation import InputError, modes_text, parse_modes, shown
 from ..session.lesson import IN_USE, MAPS, Map, Setting
-from ..session.request import OpenRequest
-from .gui.choices import kind_of
+from ..session.sources import OpenRequest
+from .gui.binding import kind_of
 from .lesson_settings import KINDS, apply_setting, plain_choices
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 from .session_view import Viewer

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..session.interrupts import Interrupt
 from ..session.lesson import Lesson
-from ..session.request import OpenRequest
+from ..session.process import Interrupt
+from ..session.sources import OpenRequest
 from .opening import film_html, opening_request
 from .server.hardening import is_loopback, open_server, without_output
 from .server.process import error_log, share_one_heap

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..model.gauge import align, rigid_motion
-from ..model.types import Reals
-from ..model.validation import frozen_array
-from ..session.history import SessionView
+from ..model.validation import Reals, frozen_array
+from ..session.session import SessionView
 from ..solvers.interface import RunState
 from .background.prepare import PreparedRun
 

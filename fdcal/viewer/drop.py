@@ -11,16 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cost.basins import Basins, basins_of
-from ..cost.descent_path import DescentPath, descent_path
+from ..cost.basins import Basins, DescentPath, basins_of, descent_path
 from ..cost.maps import cost_maps, lattice_of
 from ..graphics.overlays import along
 from ..model.settings import Search
-from ..model.types import Reals
-from ..session.history import SessionView
-from .background.cost_map import CostMap
+from ..model.validation import Reals
+from ..session.session import SessionView
+from .background.cost_maps import CostMap
 from .gui.binding import Binding
-from .gui.words import NO_BUTTONS, CanvasWords
+from .gui.overlay import NO_BUTTONS, CanvasWords
 
 ROLL_TIME = 1.4  # s from where the microphone is let go to its minimum
 PATIENCE = 4.0  # s that a microphone waits for its path; after that it stays where it was let go

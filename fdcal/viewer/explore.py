@@ -13,10 +13,9 @@ import viser
 from ..graphics.camera import VIEWS
 from ..model.arrays import positions_of
 from ..model.scene_file import MeasuredScene, load_scene, scene_names
-from ..model.texts import length_text, modes_text
-from ..model.validation import InputError, StorageError, require_choice
-from ..session.history import SessionView
-from ..session.request import OpenRequest
+from ..model.validation import InputError, StorageError, length_text, modes_text, require_choice
+from ..session.session import SessionView
+from ..session.sources import OpenRequest
 from .gui.html import error_message, state_word
 from .gui.overlay import whole
 from .session_view import Viewer
@@ -49,6 +48,13 @@ def run_curve(view: SessionView) -> str:
     x, cost = 100 * at[known] / (view.count - 1), cost[known]
     y = 1 + (CURVE_HEIGHT - 2) * (cost.max() - cost) / max(float(np.ptp(cost)), 1e-9)
     return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
+
+
+def summed_text(modes: tuple[int, ...]) -> str:
+    """Return the modes of a map: "1 to 92", or "92 alone"."""
+    if len(modes) == 1:
+        return f"{modes[0]} alone"
+    return f"{modes[0]} to {modes[-1]}" if len(modes) == modes[-1] - modes[0] + 1 else modes_text(modes)
 
 
 @lru_cache(maxsize=64)
@@ -155,7 +161,7 @@ class Explore:
         count, done = viewer.view.count, state.finished and not running
         return (
             f"<div class='run'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none' aria-hidden='true'>"
-            f"<path d='{run_curve(viewer.view)}'/></svg>"
+            f"<path d='{run_curve(viewer.view)}'/></svg>{'<small>cost along the run</small>' if count > 1 else ''}"
             f"<input type='range' data-do='state' aria-label='State of the run' min='0' max='{max(count - 1, 1)}'"
             f" value='{viewer.view.index}'{'' if count > 1 else ' disabled'}></div>"
             "<button class='view' data-do='look=top'>Top</button><button class='view' data-do='look=close'>3-D</button>"
@@ -165,7 +171,7 @@ class Explore:
             f"<button class='first' data-do='play'>{label}</button>"
             f"<button data-do='onestep'{' disabled' if done else ''}>Step</button>"
             f"<label>{row}s <input type='range' data-do='modes' min='1' max='{binding.modes}' value='{modes[-1]}'>"
-            f"<output>{escape(modes_text(modes))}</output></label>"
+            f"<output>{escape(summed_text(modes))}</output></label>"
             f"<button data-do='sweep' title='Add {binding.row}s one by one'>{'Stop' if sweeps else 'Add up'}</button>"
             f"<label>Microphone <input type='range' data-do='microphone' min='0' max='{binding.measurement.count - 1}'"
             f" value='{viewer.snapshot.microphone}'><output>{viewer.snapshot.microphone}</output></label>"
@@ -185,7 +191,10 @@ class Explore:
         view, measurement = viewer.view, viewer.run.measurement
         sought = viewer.snapshot.counted
         errors = measurement.errors(view.state.positions, sought)
-        word = "" if errors is None else f", {length_text(float(errors[sought].mean()))} off on average"
+        one = len(errors[sought]) == 1 if errors is not None else False
+        word = (
+            "" if errors is None else f", {length_text(float(errors[sought].mean()))} off{'' if one else ' on average'}"
+        )
         return escape(f"{state_word(view)}{word}")
 
     def _sheet(self, viewer: Viewer) -> str:

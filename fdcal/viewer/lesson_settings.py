@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import viser
 
-from ..model.texts import parse_modes
+from ..model.validation import parse_modes
 from ..session.lesson import IN_USE, Frame, Setting, parse_frame, run_target
-from ..session.request import OpenRequest
 from ..session.session import Session
-from .background.comparison import ComparisonWorker
-from .gui.choices import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
+from ..session.sources import OpenRequest
+from .gui.binding import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
 from .panels import Tabs
 from .scene3d.cameras import Cameras, KeptView
 from .server.client_values import fits
+from .tabs.comparison import ComparisonWorker
 from .tabs.map import EQ7, LINEAR, LOG, OBJECTIVE
 
 if TYPE_CHECKING:
-    from ..session.history import SessionView
+    from ..session.session import SessionView
     from .background.prepare import PreparedRun
     from .session_view import Viewer
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..model.measurement_file import load_measurement
+from ..model.measurement import load_measurement
 from ..model.scene_file import load_scene
-from ..session.request import OpenRequest
+from ..session.sources import OpenRequest
 
 SCENE, MICROPHONE, MODE = "fig1_square", 16, 92  # the mode has the map of most minima
 RELIEF_HEIGHT = 0.22  # of the highest cost, of the longer side of the map: so low that no hill hides a hole

@@ -1,7 +1,7 @@
 """The page: what stays while sessions come and go, and the main loop.
 
 `Page.open(request)` is the one entry point that shows something else: the panels, a lesson and a session file use it.
-The present session stays and keeps running until the next one is ready (`session_switch`). If the next one cannot be
+The present session stays and keeps running until the next one is ready (`SessionSwitcher`). If the next one cannot be
 opened, the status bar says why in one line. Otherwise its controls replace the old ones in the panels
 (`panels.SessionFolders`). Browsers stay connected, and the chosen tabs stay chosen.
 """
@@ -14,28 +14,24 @@ from pathlib import Path
 
 import viser
 
-from ..session.interrupts import Interrupt
 from ..session.lesson import Lesson
-from ..session.request import OpenRequest
+from ..session.process import Interrupt
+from ..session.sources import OpenRequest
 from ..session.worker import WakeEvent
 from .address import AddressBar
-from .background.prepare import PreparedRun
-from .background.recorder import Recorder
-from .background.threads import Threads
+from .background.prepare import PreparedRun, SessionSwitcher, Threads
 from .explore import Explore
 from .gui.binding import Binding
-from .gui.words import CanvasWords
-from .hotkeys import add_keys
-from .panels import Panels, SessionFolders
+from .gui.overlay import CanvasWords
+from .panels import Panels, SessionFolders, StatusBar
 from .preview import show_room
 from .scene3d.cameras import Room
 from .scene3d.nodes import SceneNodes
 from .server.process import release_memory
-from .session_switch import SessionSwitcher, StatusBar
 from .session_view import Viewer
-from .tabs.help import add_help
+from .tabs.help import add_help, add_keys
 from .tabs.lessons import LessonsTab
-from .tabs.record import RecordTab
+from .tabs.record import Recorder, RecordTab
 
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
 COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."

@@ -2,7 +2,7 @@
 
 A tab that stays keeps its place in every browser: a user who looks at a tab while another scene is opened sees the
 same tab afterwards. `Tabs` lists the tabs of a session: a new one is a line there, its name in LEFT or RIGHT, and a
-module of `tabs`.
+module of `tabs`. `StatusBar` stands above them while another session is prepared.
 """
 
 import itertools
@@ -12,23 +12,21 @@ from contextlib import AbstractContextManager, contextmanager
 import numpy as np
 import viser
 
+from .background.prepare import SessionSwitcher
 from .gui import html
-from .gui.binding import Binding, Tab, Tick
-from .gui.choices import MAX_RATE
+from .gui.binding import MAX_RATE, Binding, Same, Tab, Tick
 from .gui.overlay import Overlay
 from .tabs.comparison import ComparisonTab
 from .tabs.curves import CurvesTab
 from .tabs.cut import CutPanel
-from .tabs.export import ExportTab
-from .tabs.map import MapTab
-from .tabs.maps import MapsPanel
+from .tabs.map import MapsPanel, MapTab
 from .tabs.microphones import MicrophonesTab
 from .tabs.plan import PlanTab
 from .tabs.scene import SceneTab
 from .tabs.solver import SolverTab
 from .tabs.spectrum import SpectrumPanel
 from .tabs.sweep import SweepTab
-from .tabs.view import ViewTab
+from .tabs.view import ExportTab, ViewTab
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
 RIGHT = ("Curves", "Scene", "View", "Help")  # without icons, which would take too much room
@@ -58,6 +56,38 @@ class Panels:
     def tab(self, name: str) -> viser.GuiTabHandle:
         """Return a tab; used as a context, controls are added to it."""
         return self.tabs[name]
+
+
+class StatusBar:
+    """Owns the line above the panel while a session is prepared, or after a request was refused."""
+
+    def __init__(self, panels: Panels, switcher: SessionSwitcher):
+        self._switcher, self._shown, gui = switcher, (), panels.gui
+        with panels.top:
+            self.line = gui.add_html("", visible=False)
+            self.bar = gui.add_progress_bar(0.0, visible=False)
+            self.button = gui.add_button("Cancel", icon=viser.Icon.X, visible=False)
+
+        @self.button.on_click
+        async def _(event) -> None:
+            if event.client is not None:
+                switcher.cancel()
+
+    def show(self, first: bool) -> None:
+        """Bring the line up to date; called by the main loop.
+
+        `first`: whether there is no session yet, to which Cancel could return.
+        """
+        progress, error, title = self._switcher.progress, self._switcher.error, self._switcher.title
+        text, percent = ("", 0) if progress is None else (progress.text, round(100 * progress.done))
+        shown = title, text, percent, Same(error), first
+        if shown == self._shown:
+            return
+        self._shown, busy = shown, progress is not None
+        self.line.content = html.waiting(title, text) if busy else html.complaint(html.error_message(error))
+        self.line.visible = busy or error is not None
+        self.bar.value, self.bar.visible = float(percent), busy
+        self.button.label, self.button.visible = "Cancel" if busy else "Close", self.line.visible and not first
 
 
 class SessionFolders:

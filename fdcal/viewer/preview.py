@@ -7,7 +7,7 @@ from ..acoustics.measure import load_cached_measurement
 from ..graphics.picture import static_picture
 from ..model.measurement import Measurement
 from ..model.scene_file import MeasuredScene
-from ..session.request import OpenRequest, as_given
+from ..session.sources import OpenRequest, as_given
 from .scene3d.nodes import SceneNodes
 
 

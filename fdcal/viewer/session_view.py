@@ -13,6 +13,7 @@ import numpy as np
 import viser
 
 from ..assessment.findings import root_mean_square
+from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..graphics.annotations import legend_of
 from ..graphics.overlays import (
     ellipse_scale,
@@ -28,26 +29,87 @@ from ..graphics.overlays import (
 from ..graphics.picture import static_picture, with_display_domain, with_estimate, with_floor
 from ..graphics.primitives import Floor, Picture
 from ..graphics.volume import Volume, faded
-from ..model.texts import length_text
-from ..session.calibration_run import Assessment
-from ..session.history import SessionView
-from ..session.request import OpenRequest
-from .background.comparison import RunSummary
-from .background.cost_map import CostMap, CostMapRequest, MapStyle, map_modes
-from .background.cost_maps import CostMapWorker
-from .background.prepare import PreparedRun
-from .background.verdict import PositionUncertainty, VerdictWorker, uncertainty_of
+from ..model.validation import length_text
+from ..session.calibration_run import Assessment, assess_state, healthy_microphones
+from ..session.process import one_blas_thread
+from ..session.session import SessionView
+from ..session.sources import CalibrationInput, OpenRequest
+from ..solvers.interface import RunState
+from .background.cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, map_modes
+from .background.prepare import PreparedRun, Threads
 from .display_frame import DisplayFrame
 from .drop import Drop, Dropped
-from .gui.binding import Binding, Same, Tick
-from .gui.choices import Choices
-from .gui.legend_html import canvas_legend
-from .gui.words import CanvasWords
+from .gui.binding import Binding, Choices, PositionUncertainty, RunSummary, Same, Tick
+from .gui.html import CONTROLS, canvas_legend
+from .gui.overlay import CanvasWords
 from .panels import SessionFolders, Tabs
 from .scene3d.nodes import SceneNodes
 from .scene3d.picking import LineHandles, MicrophonePicker
-from .tabs.export import Exports, ViewSnapshot
 from .tabs.plan import PlannedArray
+from .tabs.view import Exports, ViewSnapshot
+
+
+def uncertainty_of(found: Assessment | None) -> PositionUncertainty | None:
+    """Return the uncertainty at the end of a run, None before it and where it cannot be determined.
+
+    In a known room each position has images; their ellipses are not drawn.
+
+    `found`: Assessment of the state on the screen, or None.
+    """
+    if found is None or found.room is not None or not np.isfinite(found.covariance).all():
+        return None
+    axes = ellipse_axes(found.covariance, confidence_factor(0.95, found.covariance.shape[-1]))
+    return PositionUncertainty(axes, found.uncertainty, found.verdict, found.verdict_text, found.channels)
+
+
+VERDICT_DELAY = 0.3  # s without a change before the verdict is computed
+
+
+class VerdictWorker:
+    """Requests verdicts on a thread of the session, and returns the one on the state on the screen."""
+
+    def __init__(self, run: PreparedRun, threads: Threads):
+        self._run, self._state, self._since = run, None, 0.0
+        self._requested: RunState | None = None  # compared by identity
+        self._lineage, self._sought = None, run.sought  # of the last verdict
+        self._worker = threads.start(self._compute, "fdcal-verdict", wakes=True)
+
+    def of(self, state: RunState, running: bool, now: float) -> Assessment | None:
+        """Return the assessment of `state`, None while there is none.
+
+        `state`: of the solver; `running`: whether the solver runs; `now`: time, s.
+        """
+        if state is not self._state:
+            self._state, self._since = state, now
+        idle = now - self._since > VERDICT_DELAY and not running
+        if state.finished and idle and state is not self._requested:
+            self._requested = state
+            self._worker.request(state)
+        latest = self._worker.latest
+        return latest.result if latest is not None and latest.request[0] is state else None
+
+    def pending(self, view: SessionView) -> bool:
+        """Return whether there will be an assessment of the state that is shown."""
+        latest = self._worker.latest
+        done = latest is not None and latest.request[0] is view.state
+        return view.state.finished and not view.running and not done
+
+    def sought(self, view: SessionView, found: Assessment | None) -> np.ndarray:
+        """Return the microphones whose errors count; once the verdict on a run names faulty channels, without these.
+
+        `found`: the assessment of its state, or None.
+        """
+        if found is not None or view.history.lineage is not self._lineage:
+            self._lineage = view.history.lineage
+            self._sought = healthy_microphones(self._run.sought, self._run.measurement.names, found)
+        return self._sought
+
+    def _compute(self, state: RunState) -> Assessment:
+        run = self._run
+        inputs = CalibrationInput(run.scene.name, run.known_scene, run.measurement, state.settings, state.seed)
+        with one_blas_thread():
+            return assess_state(inputs, run.problem, state, CONTROLS)
+
 
 TRAIL_STATES = 200  # states over which a trail extends
 
@@ -95,6 +157,8 @@ class SessionPicture:
         picture = with_volume(picture, volume)
         if dropped is not None and dropped.microphone == microphone:
             picture = with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
+        elif (floor or volume) and (choices.release or microphone not in self._run.problem.known):
+            picture = with_ball(picture, positions[microphone], floor)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
             picture = with_trails(picture, np.array([self._frame.positions(state.positions) for state in past]), floor)
@@ -323,11 +387,18 @@ class Viewer:
             self.run, picture, tick.view, choices, tick.microphone, sigma, volume, sought, tick.drawn
         )
         self.nodes.show(picture)
-        self._folders.overlay.show("legend", canvas_legend(picture.bar, legend_of(picture)))
+        self._folders.overlay.show("legend", canvas_legend(picture.bar, legend_of(picture), self._hint(picture)))
         across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
         self._picker.show(self._picture.places, picture.floor, across if across >= 0 else 2)
         self._line_handles.show(choices.cut, floor)
         self._key = key
+
+    def _hint(self, picture: Picture) -> str:
+        """Return how to read the map of a cost, in words; "" for anything else."""
+        if picture.bar is None or not picture.bar.label.startswith("cost"):
+            return ""
+        low = "low and dark" if picture.floor is not None and picture.floor.heights is not None else "dark"
+        return f"Where the map is {low}, the recording of this microphone fits."
 
     def _select_map(self, view: SessionView, choices: Choices, now: float) -> tuple[CostMap | None, str]:
         """Select the microphone of the map; return the map, or None and the reason why there is none.

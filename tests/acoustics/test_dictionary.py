@@ -9,11 +9,20 @@ from fields import bessel_kernel, plane_wave, plane_wave_coefficients
 from scipy.io import loadmat, savemat
 from scipy.special import jv, spherical_jn
 
-from fdcal.acoustics.dictionary import array_f_max, degrees, f_max, fourier_bessel, max_order, spherical_bessel
-from fdcal.acoustics.lattice_dictionary import LatticeDictionary
+from fdcal.acoustics.dictionary import (
+    LatticeDictionary,
+    array_f_max,
+    bessel,
+    complex_sinc,
+    degrees,
+    f_max,
+    fourier_bessel,
+    max_order,
+    sinc,
+    spherical_bessel,
+)
 from fdcal.acoustics.measure import measure
 from fdcal.acoustics.plane_waves import MAX_FREQUENCY, plane_wave_pressures, plane_wave_responses
-from fdcal.acoustics.special_functions import bessel, complex_sinc, sinc
 from fdcal.acoustics.spectrum import laplace_transform
 from fdcal.model.room import response_folder, response_names, response_path
 from fdcal.model.scene_file import load_scene

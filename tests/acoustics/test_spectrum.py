@@ -19,7 +19,7 @@ from fdcal.acoustics.spectrum import (
     wavenumber_discrete,
     window_rate,
 )
-from fdcal.model.geometry import ball
+from fdcal.model.arrays import ball
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Faults
 from fdcal.model.validation import InputError

@@ -343,6 +343,18 @@ def test_uneven_gains_are_no_uneven_residuals(estimate):
     assert "times that of the median one" not in assess(found).message
 
 
+def test_a_noisy_channel_is_uneven_beside_uneven_ones_and_a_single_fault_alone(estimate):
+    """An array in a wrong basin leaves far more at some microphones, at one so much that it is called noisy."""
+    two = with_share(with_channel_noise(estimate, 2, 5.0), 5e-4)
+    three = np.array(two.channels.noise)
+    three[np.setdiff1d(np.arange(len(three)), KNOWN)[2]] *= 40.0
+    assert "3 of 20 microphones" in assess(replace(two, channels=replace(two.channels, noise=three))).message
+    alone = np.array(estimate.channels.noise)
+    alone[np.setdiff1d(np.arange(len(alone)), KNOWN)[:2]] *= 40.0
+    found = assess(with_share(replace(estimate, channels=replace(estimate.channels, noise=alone)), 5e-4))
+    assert found.verdict == "good" and "noisy" in {one.kind for one in found.channels.faults}
+
+
 def test_a_sound_speed_is_impossible_beyond_its_limit_and_sigma_but_never_by_an_eighth_and_more(estimate):
     for ratio, sigma, possible in ((1.04, 0.0, True), (1.06, 0.0, False), (1.06, 0.01, True), (1.16, 1.0, False)):
         found = replace(estimate, log_speed=float(np.log(ratio)), log_speed_sigma=sigma)

@@ -21,8 +21,7 @@ from fdcal.assessment.field import (
 )
 from fdcal.commands.cli import main
 from fdcal.graphics import exports
-from fdcal.model.measurement import Measurement
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.room import Room
 from fdcal.model.validation import InputError
 from fdcal.session.api import load

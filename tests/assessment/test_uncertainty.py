@@ -12,13 +12,16 @@ from scipy.special import j0, jv
 
 from fdcal.acoustics.room_modes import independent_frequencies, mode_count
 from fdcal.assessment.assess import assess
-from fdcal.assessment.bound import Prior, diffuse_information, field_information, position_bound
 from fdcal.assessment.uncertainty import (
+    Prior,
     confidence_factor,
     covariance_of,
     curvature_of,
+    diffuse_information,
     ellipse_axes,
+    field_information,
     one_sigma,
+    position_bound,
     scale_sigma_of,
     search_spread_of,
 )
@@ -32,8 +35,8 @@ from fdcal.session.planning.bounds import request_information
 from fdcal.solvers import load
 from fdcal.solvers.estimate import Estimate, TriedOptimum
 from fdcal.solvers.robust.result import estimate_at, sandwich
-from fdcal.viewer.background.verdict import uncertainty_of
-from fdcal.viewer.gui.choices import PlanChoices
+from fdcal.viewer.gui.binding import PlanChoices
+from fdcal.viewer.session_view import uncertainty_of
 from fdcal.viewer.tabs.plan import plan_request, planned_array
 
 TRUTH = np.random.default_rng(5).uniform(-0.5, 0.5, (9, 2)) + [2.6, 2.3]

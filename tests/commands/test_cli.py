@@ -17,10 +17,10 @@ from PIL import Image
 from running import FDCAL, done, exit_code
 
 from fdcal.assessment.result_file import load_result
-from fdcal.cost.channel_correction import ChannelCorrection
-from fdcal.cost.reference_cost import ReferenceCost
+from fdcal.cost.expansion import ReferenceCost
 from fdcal.graphics.basin_map import PLACE
-from fdcal.model.measurement_file import load_measurement
+from fdcal.model.measurement import load_measurement
+from fdcal.model.problem import ChannelCorrection
 from fdcal.model.scene_file import load_scene, scene_folder
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")

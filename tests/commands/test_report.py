@@ -9,7 +9,7 @@ import fdcal
 from fdcal.assessment.findings import precision
 from fdcal.commands.plotting import error_title
 from fdcal.commands.report import summary
-from fdcal.model.texts import format_mm, length_text
+from fdcal.model.validation import format_mm, length_text
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
 

@@ -7,7 +7,7 @@ import pytest
 from fields import measured
 from running import exit_code
 
-from fdcal.model.measurement_file import load_measurement, save_measurement
+from fdcal.model.measurement import load_measurement, save_measurement
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import fdcal
-from fdcal.cost.basins import OUTSIDE, basins_of
-from fdcal.cost.descent_path import descent_path
+from fdcal.cost.basins import OUTSIDE, basins_of, descent_path
 from fdcal.cost.maps import cost_maps, map_positions
 from fdcal.model.settings import Search
 from fdcal.solvers import load, with_mode_count

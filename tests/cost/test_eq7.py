@@ -7,11 +7,11 @@ import pytest
 from fields import measured
 
 from fdcal.acoustics.dictionary import fourier_bessel, max_order, spherical_bessel
-from fdcal.cost.channel_correction import ChannelCorrection
 from fdcal.cost.eq7 import coefficients, cost, known_weights, landscape, leave_one_out_fits, residual
 from fdcal.cost.expansion import FieldExpansion, carried_modes, functions, require_modes, usable_modes
 from fdcal.cost.lattice import best_candidate, search_lattice
 from fdcal.cost.maps import mode_shape, power_shares
+from fdcal.model.problem import ChannelCorrection
 from fdcal.model.validation import InputError, frozen_array
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]

@@ -12,7 +12,7 @@ from fdcal.acoustics.dictionary import fourier_bessel, max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
 from fdcal.cost.basins import local_minima
-from fdcal.cost.channel_correction import ChannelCorrection
+from fdcal.cost.expansion import ORDER_OFFSET, ReferenceCost, decibels
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.maps import (
     cost_maps,
@@ -28,9 +28,8 @@ from fdcal.cost.maps import (
     refined,
 )
 from fdcal.cost.noise import DIFFUSE_FLOOR
-from fdcal.cost.reference_cost import ORDER_OFFSET, ReferenceCost, decibels
 from fdcal.model.measurement import Measurement
-from fdcal.model.problem import Problem
+from fdcal.model.problem import ChannelCorrection, Problem
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from fdcal.cost.angular_spectrum import ISOTROPY, learned_powers
 from fdcal.cost.kernels import diffuse_matrices, directions_needed, plane_waves, wave_directions
 from fdcal.cost.likelihood import FieldModel, isotropic_field, likelihood_terms
 from fdcal.cost.noise import (
     CHANNEL_COUNT,
     DIFFUSE_FLOOR,
+    ISOTROPY,
     MAX_CHANNEL_NOISE,
     MAX_NOISE_FRACTION,
     MAX_POWER,
@@ -22,6 +22,7 @@ from fdcal.cost.noise import (
     estimate_noise,
     expected_power,
     hyper_cost,
+    learned_powers,
     profile_cost,
     updated_channel_noise,
     updated_power,

@@ -8,13 +8,13 @@ import pytest
 from fdcal import solvers
 from fdcal.acoustics.dictionary import max_order, spherical_bessel
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.channel_correction import ChannelCorrection
 from fdcal.cost.eq7 import cost
+from fdcal.cost.expansion import ReferenceCost, decibels, reference_cost_of
 from fdcal.cost.maps import eq7_maps, mode_shape, power_shares
-from fdcal.cost.reference_cost import ReferenceCost, decibels, reference_cost_of
+from fdcal.model.problem import ChannelCorrection
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
-from fdcal.session.request import edited
+from fdcal.session.scene_edits import edited
 
 SHIFT = 0.05  # m
 FAULTY = (9, 3)  # inverted, dead

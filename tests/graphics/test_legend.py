@@ -13,6 +13,7 @@ from fdcal.graphics.annotations import MARKS, annotate, legend_height, legend_of
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.overlays import (
     ellipse_scale,
+    with_ball,
     with_comparison,
     with_cut,
     with_ellipses,
@@ -26,11 +27,18 @@ from fdcal.graphics.volume import slice_of, volume_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Search
-from fdcal.viewer.gui.legend_html import canvas_legend
+from fdcal.viewer.gui.html import canvas_legend
 
 SIZE = (1280, 800)
 PLANE = [name for name in MARKS if name not in ("isosurfaces", "slice")]  # marks of a plane array
-SCENERY = ("room/", "frame", "source", "microphones/stems", "selected/")  # labelled where they stand, or part of a mark
+SCENERY = (
+    "room/",
+    "frame",
+    "source",
+    "microphones/stems",
+    "selected/",
+    "ball/",
+)  # labelled where they stand, or part of a mark
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +70,7 @@ def floor(scene):
 @pytest.fixture(scope="module")
 def full(scene, measurement, estimate, floor):
     """A picture with every mark."""
-    picture = compose(scene, measurement, estimate, 5, floor)
+    picture = with_ball(compose(scene, measurement, estimate, 5, floor), estimate[5], floor)
     picture = with_trails(picture, np.stack([estimate, estimate + 0.05]))
     picture = with_ellipses(picture, estimate, np.tile(0.02 * np.eye(2), (8, 1, 1)))
     picture = with_cut(picture, [[0.5, 0.4], [0.9, 0.8]], floor)

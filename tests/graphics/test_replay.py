@@ -13,13 +13,12 @@ from running import exit_code
 import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.channel_correction import ChannelCorrection
+from fdcal.cost.expansion import ReferenceCost, reference_cost_of
 from fdcal.cost.maps import eq7_maps, minima_of, refined
-from fdcal.cost.reference_cost import ReferenceCost, reference_cost_of
 from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
-from fdcal.model.measurement import Measurement
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import Measurement, save_measurement
+from fdcal.model.problem import ChannelCorrection
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.model.settings import Search
 

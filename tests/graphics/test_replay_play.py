@@ -9,7 +9,7 @@ from replays import contents, offline_page, wait_for
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.reference_cost import reference_cost_of
+from fdcal.cost.expansion import reference_cost_of
 from fdcal.graphics.replay import replay_html
 from fdcal.model.scene_file import load_scene
 

@@ -11,10 +11,7 @@ from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import measure
 from fdcal.cost.expansion import usable_modes
 from fdcal.graphics.landscape import landscape_panels
-from fdcal.model.array_layout import Array, Gauge
-from fdcal.model.arrays import encloses_3d, positions_3d, positions_of
-from fdcal.model.gauge import align, fixes_gauge, position_errors
-from fdcal.model.geometry import (
+from fdcal.model.arrays import (
     WALL_DISTANCE_M,
     ball,
     box,
@@ -22,18 +19,22 @@ from fdcal.model.geometry import (
     convex_hull,
     crosses_polygon,
     encloses,
+    encloses_3d,
     in_polygon,
     plane,
+    positions_3d,
+    positions_of,
     random_source,
     rectangle,
     rectangle_plus_random,
     snap,
 )
+from fdcal.model.gauge import align, fixes_gauge, position_errors
 from fdcal.model.room import Room
+from fdcal.model.scene import Array, Gauge
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import CELLS, Sensing, search_round
-from fdcal.model.texts import length_text
-from fdcal.model.validation import InputError
+from fdcal.model.validation import InputError, length_text
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import load, with_mode_count

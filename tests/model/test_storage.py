@@ -18,11 +18,10 @@ from running import fdcal
 from fdcal.acoustics import fdtd
 from fdcal.acoustics.measure import cached_measurement, cached_recordings
 from fdcal.assessment.result_file import load_result
-from fdcal.model import reading, storage
-from fdcal.model.measurement_file import load_measurement
-from fdcal.model.reading import parse_json, parse_toml, read_archive, read_bytes
+from fdcal.model import storage
+from fdcal.model.measurement import load_measurement
 from fdcal.model.scene_file import load_scene, scene_folder
-from fdcal.model.storage import write_atomically
+from fdcal.model.storage import parse_json, parse_toml, read_archive, read_bytes, write_atomically
 from fdcal.model.validation import LIMITS, InputError, StorageError, shown
 from fdcal.recordings import formats
 from fdcal.recordings.formats.positions import read_table
@@ -113,7 +112,7 @@ class Endless(io.RawIOBase):
 
 
 def test_a_file_beyond_the_limit_is_not_read_whole(monkeypatch):
-    monkeypatch.setattr(reading, "open", lambda *_: Endless(), raising=False)
+    monkeypatch.setattr(storage, "open", lambda *_: Endless(), raising=False)
     assert "more than 1,000 bytes" in refusal(read_bytes, "long", 1000)
 
 
@@ -139,7 +138,7 @@ def test_what_would_fill_the_memory_is_refused_before_it_is_unfolded(key, read, 
 
 
 def test_arrays_that_are_not_compressed_may_be_larger_than_that(tmp_path, monkeypatch):
-    monkeypatch.setattr("fdcal.model.reading.LIMITS", type(LIMITS)(unfolded=1000))
+    monkeypatch.setattr("fdcal.model.storage.LIMITS", type(LIMITS)(unfolded=1000))
     np.savez(tmp_path / "plain.npz", a=np.ones(1000))
     np.savez_compressed(tmp_path / "packed.npz", a=np.ones(1000))
     with open(tmp_path / "plain.npz", "rb") as file:

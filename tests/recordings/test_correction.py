@@ -10,7 +10,7 @@ import soundfile
 import fdcal
 from fdcal.assessment.calibration import ChannelFault, Channels
 from fdcal.commands.cli import main
-from fdcal.recordings import correction as corrections
+from fdcal.recordings import export as corrections
 from fdcal.recordings.export import export_gains
 from fdcal.recordings.recording import recording_of
 

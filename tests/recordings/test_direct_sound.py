@@ -7,8 +7,7 @@ import pytest
 import soundfile
 
 import fdcal
-from fdcal.model.measurement import Measurement
-from fdcal.model.measurement_file import load_measurement, save_measurement
+from fdcal.model.measurement import Measurement, load_measurement, save_measurement
 from fdcal.model.validation import InputError
 from fdcal.recordings.arrivals import arrivals_of
 

@@ -23,10 +23,10 @@ from sofar.io import _write_sofa
 from fdcal.assessment.calibration import Calibration
 from fdcal.assessment.result_file import save_result
 from fdcal.commands.cli import main
-from fdcal.model import isolated as process
+from fdcal.model import libraries as process
 from fdcal.model.given_positions import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
-from fdcal.recordings import formats, isolated
+from fdcal.recordings import formats
 from fdcal.recordings.channels import inspect_channels, require_usable_channels
 from fdcal.recordings.formats.positions import read_table
 from fdcal.recordings.import_options import ImportOptions
@@ -287,16 +287,16 @@ def too_large() -> None:
 def test_a_reader_that_crashes_hangs_or_takes_all_memory_ends_in_one_line(function, words, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.path.dirname(__file__), prepend=os.pathsep)
     if function is signal.pause:
-        monkeypatch.setattr(isolated, "SECONDS", 1.0)
+        monkeypatch.setattr(formats, "SECONDS", 1.0)
     arguments = {bytearray: (10**12,), int: ("x",)}.get(function, ())
     with pytest.raises(InputError) as caught:
-        isolated.call("room.sofa", function, *arguments)
+        formats.isolated_call("room.sofa", function, *arguments)
     assert str(caught.value).startswith("room.sofa") and "\n" not in str(caught.value)
     assert words in str(caught.value)
 
 
 def test_a_long_recording_is_read_in_blocks_by_other_processes(tmp_path, monkeypatch):
-    monkeypatch.setattr(isolated, "MAX_HELD", 0)
+    monkeypatch.setattr(formats, "MAX_HELD", 0)
     for path in (write_hdf5(tmp_path / "a.h5"), write_sofa(tmp_path / "a.sofa")):
         assert np.allclose(read_samples(formats.read(path), 3, 90, [2, 0]), SAMPLES[[2, 0], 3:90])
 

@@ -19,18 +19,16 @@ from scipy.signal import chirp, fftconvolve
 from fdcal.acoustics.dictionary import f_max
 from fdcal.commands.file_commands import import_
 from fdcal.commands.options import OPTIONS
-from fdcal.model.measurement_file import load_measurement
+from fdcal.model.measurement import load_measurement
 from fdcal.model.validation import InputError
 from fdcal.recordings import frequencies
 from fdcal.recordings.channels import exclude_channels, known_microphones, select_plane, select_subset
 from fdcal.recordings.cross_spectra import DecimationSettings, decimate, stationary_pressures
 from fdcal.recordings.formats.positions import read_table
 from fdcal.recordings.import_options import ImportOptions
-from fdcal.recordings.import_report import import_summary
-from fdcal.recordings.importer import import_recording
-from fdcal.recordings.impulse_response import deconvolve, impulse_response_pressures
+from fdcal.recordings.importer import import_recording, import_summary
+from fdcal.recordings.impulse_response import deconvolve, estimate_decay, impulse_response_pressures
 from fdcal.recordings.recording import Recording, read_samples, recording_of
-from fdcal.recordings.reverberation import estimate_decay
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, measurement_input
 

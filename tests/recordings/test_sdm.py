@@ -9,13 +9,12 @@ from running import exit_code
 from scipy.io import loadmat, savemat
 
 from fdcal.acoustics.plane_waves import plane_wave_pressures
-from fdcal.model.measurement_file import load_measurement
+from fdcal.model.measurement import load_measurement
 from fdcal.model.room import MEASURED_AND_MODELLED, response_path
 from fdcal.model.sdm_response import load_sdm_response, read_arrays
 from fdcal.model.validation import InputError
 from fdcal.recordings.import_options import ImportOptions
-from fdcal.recordings.import_report import import_summary
-from fdcal.recordings.importer import import_recording
+from fdcal.recordings.importer import import_recording, import_summary
 
 PLACES = np.random.default_rng(0).uniform(-0.3, 0.3, (24, 3))
 ROOM = str(response_path("listening_lab"))

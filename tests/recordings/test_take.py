@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from fdcal.model import extras
+from fdcal.model import libraries
 from fdcal.model.validation import InputError
 from fdcal.recordings import formats, take
 from fdcal.recordings.channels import inspect_channels
@@ -189,7 +189,7 @@ def test_a_missing_library_and_a_missing_portaudio_say_how_to_go_on(monkeypatch)
     def no_portaudio(name):
         raise OSError("PortAudio library not found")
 
-    monkeypatch.setattr(extras.importlib, "import_module", no_portaudio)
+    monkeypatch.setattr(libraries.importlib, "import_module", no_portaudio)
     with pytest.raises(InputError, match=r"PortAudio library not found.*libportaudio2.*replay a recording"):
         take.sound_card()
     assert missing.value.worded({"replay": "--replay FILE"}).endswith("or replay a recording: --replay FILE")

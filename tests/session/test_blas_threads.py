@@ -10,7 +10,7 @@ from running import exit_code
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import fdcal
-from fdcal.session.blas_threads import VARIABLE, one_blas_thread
+from fdcal.session.process import VARIABLE, one_blas_thread
 
 
 def threads() -> list[int]:
@@ -66,7 +66,7 @@ def test_a_calibration_has_one_thread_and_takes_it_back(two_threads):
 
 def test_a_command_that_loads_numpy_itself_has_one_thread():
     code = (
-        "import sys\nfrom fdcal.session.blas_threads import one_blas_thread_for_command\n"
+        "import sys\nfrom fdcal.session.process import one_blas_thread_for_command\n"
         "with one_blas_thread_for_command():\n"
         "    assert 'numpy' not in sys.modules\n    import numpy, threadpoolctl\n"
         "    print(*[i['num_threads'] for i in threadpoolctl.threadpool_info()])"

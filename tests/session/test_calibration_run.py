@@ -12,13 +12,13 @@ import fdcal
 from fdcal import solvers
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.measurement import Measurement
-from fdcal.model.measurement_file import load_measurement, save_measurement
+from fdcal.model.measurement import Measurement, load_measurement, save_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
 from fdcal.session.planning.request import read_layout
-from fdcal.session.request import OpenRequest, edited
+from fdcal.session.scene_edits import edited
+from fdcal.session.sources import OpenRequest
 
 
 @pytest.fixture(scope="module")

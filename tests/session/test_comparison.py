@@ -10,12 +10,11 @@ import pytest
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.reference_cost import ReferenceCost
+from fdcal.cost.expansion import ReferenceCost
 from fdcal.model.scene_file import load_scene
 from fdcal.session.comparison import Comparison, same_start
-from fdcal.viewer.background import comparison as races
-from fdcal.viewer.background import prepare, threads
-from fdcal.viewer.tabs import comparison as racetab
+from fdcal.viewer.background import prepare
+from fdcal.viewer.tabs import comparison as races
 
 WAIT = 60.0  # s, bound of every wait
 ALL = ("joint", "descent", "descent+joint")
@@ -73,7 +72,7 @@ def test_a_race_runs_pauses_and_goes_back_to_the_start(scene, problem):
 def owner(scene, measurement, problem):
     made = races.ComparisonWorker(
         prepare.PreparedRun(scene, measurement, problem, solvers.load("joint"), None, None, ReferenceCost(problem)),
-        owned := threads.Threads(),
+        owned := prepare.Threads(),
     )
     clock = itertools.count()
 
@@ -96,7 +95,7 @@ def test_the_end_of_a_race_shows_time_steps_error_and_cost_of_each_solver(owner)
     made.toggle(races.ComparisonSetup(ALL, "random", 0))
     turn_until(lambda runners: len(runners) == 3 and made.finished)
     runners = turn_until(lambda runners: all(r.cost and r.times[-1] == r.seconds > 0 for r in runners))
-    html = racetab.table(runners)
+    html = races.table(runners)
     for runner in runners:
         assert runner.name in html and f"{runner.step} steps" in html and f"{runner.mean_error:.3g} mm" in html
         assert runner.mean_errors[-1] == pytest.approx(runner.mean_error)
@@ -128,7 +127,7 @@ def test_curves_of_all_share_one_axis_and_hold_between_points(owner):
         "joint", None, "", 2, 0.5, 1.0, 1.0, np.array([0.0, 0.5]), np.array([4.0, 1.0]), np.array([-3.0, -9.0])
     )
     other = dataclasses.replace(runner, name="descent", times=np.array([0.0, 2.0]), costs=np.array([-3.0, -5.0]))
-    axis, *curves = racetab.curve_columns((runner, other), made.run.measurement)[
+    axis, *curves = races.curve_columns((runner, other), made.run.measurement)[
         "Cost (Eq. 7, all modes; dB re the power)"
     ]
     np.testing.assert_array_equal(axis, [0.0, 0.5, 2.0])

@@ -9,7 +9,7 @@ import soundfile
 
 import fdcal
 from fdcal.commands.cli import main
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import save_measurement
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.session import doctor
 

@@ -5,8 +5,8 @@ import pytest
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
+from fdcal.cost.expansion import ReferenceCost
 from fdcal.cost.maps import cost_maps, map_minima, map_positions, minima_of, refined
-from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.gauge import position_errors
 from fdcal.session.lesson import load_lesson, states_of_lesson
 

@@ -9,10 +9,10 @@ from fdcal.assessment.uncertainty import confidence_factor, ellipse_axes
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene
-from fdcal.session.blas_threads import one_blas_thread
 from fdcal.session.calibration_run import assess_state
 from fdcal.session.lesson import load_lesson
-from fdcal.session.request import edited
+from fdcal.session.process import one_blas_thread
+from fdcal.session.scene_edits import edited
 from fdcal.session.sources import CalibrationInput
 
 NOISE, CHANNEL = "6_noise_and_error_bars", "7_one_bad_channel"

@@ -12,8 +12,8 @@ from fdcal.model.declared import build
 from fdcal.model.gauge import fixes_gauge
 from fdcal.model.scene_file import MeasuredScene, load_scene, scene_names
 from fdcal.model.validation import InputError
-from fdcal.session.request import OpenRequest, edited, table_of
-from fdcal.session.scene_edits import parameters_of, spread_out, with_parameters
+from fdcal.session.scene_edits import edited, parameters_of, spread_out, table_of, with_parameters
+from fdcal.session.sources import OpenRequest
 
 SIMULATED = [name for name in scene_names() if not isinstance(load_scene(name), MeasuredScene)]
 

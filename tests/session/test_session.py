@@ -14,8 +14,19 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError, StorageError
-from fdcal.session.history import COST_TIME, StateCosts
-from fdcal.session.session import Advance, Pause, Place, Play, Reset, Seek, Session, SolverRun, UseModes
+from fdcal.session.session import (
+    COST_TIME,
+    Advance,
+    Pause,
+    Place,
+    Play,
+    Reset,
+    Seek,
+    Session,
+    SolverRun,
+    StateCosts,
+    UseModes,
+)
 from fdcal.session.worker import LatestWorker, WakeEvent
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds

@@ -14,11 +14,12 @@ from running import exit_code
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.measurement_file import load_measurement
+from fdcal.model.measurement import load_measurement
 from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import session_file
-from fdcal.session.request import OpenRequest, edited
+from fdcal.session.scene_edits import edited
+from fdcal.session.sources import OpenRequest
 
 CHOICES = {"microphone": 9, "modes": (2, 5), "follow": False, "dark": True, "opacity": 0.5}
 

@@ -11,8 +11,8 @@ from fdcal.cost.likelihood import FieldModel
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
-from fdcal.session.state_codec import read_states, write_states
-from fdcal.solvers.robust.groups import groups, other_poses
+from fdcal.session.session_file import read_states, write_states
+from fdcal.solvers.robust.outliers import groups, other_poses
 
 FREQUENCIES = np.linspace(40.0, 300.0, 30)
 K = 2 * np.pi * FREQUENCIES / 343.0

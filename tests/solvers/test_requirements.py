@@ -11,7 +11,7 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene, scene_names
 from fdcal.model.settings import ALL_MODES, Search, SolverSettings
 from fdcal.model.validation import LIMITS
-from fdcal.session.request import edited, table_of
+from fdcal.session.scene_edits import edited, table_of
 from fdcal.session.sources import load_input, measurement_input, scene_input, with_settings
 from fdcal.solvers import load, run
 from fdcal.solvers.requirements import highest_frequency, mode_count

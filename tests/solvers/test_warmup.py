@@ -11,9 +11,9 @@ from running import exit_code
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.commands import cli
 from fdcal.commands.cli import all_pieces
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import save_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.solvers.warmup import warmup_calls
+from fdcal.solvers import warmup_calls
 from fdcal.viewer.background import prepare as warmup
 from fdcal.viewer.background.prepare import Warmup
 

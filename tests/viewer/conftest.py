@@ -9,10 +9,10 @@ from doubles import Recorder, Solver, State
 
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer import session_view
 from fdcal.viewer.background import cost_maps, prepare
-from fdcal.viewer.background.threads import Threads
+from fdcal.viewer.background.prepare import Threads
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.page import Page
 from fdcal.viewer.panels import Panels, SessionFolders, Tabs

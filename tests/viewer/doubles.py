@@ -9,7 +9,7 @@ import pytest
 from browsing import WAIT
 
 from fdcal import solvers
-from fdcal.session.history import History, SessionView
+from fdcal.session.session import History, SessionView
 from fdcal.viewer.server.client_values import fits, is_plain
 
 INVALID_VALUES = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2], {"a": 1}, 10**400, b"\x00"]

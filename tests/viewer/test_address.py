@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from fdcal.model.validation import InputError
 from fdcal.session.lesson import load_lesson
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer import address
 from fdcal.viewer.address import address_of, parse_address
-from fdcal.viewer.gui.choices import MAP_KINDS
+from fdcal.viewer.gui.binding import MAP_KINDS
 
 CAMERA = "1,2,30,1,2,0,0,1,0,0.02"
 

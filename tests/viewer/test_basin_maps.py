@@ -14,11 +14,11 @@ from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, de
 from fdcal.graphics.heatmap import marks_of
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.model.settings import Search
-from fdcal.session.request import OpenRequest
-from fdcal.viewer.gui.choices import BASINS, FLOOR
-from fdcal.viewer.tabs import export as exports
-from fdcal.viewer.tabs.export import map_request
+from fdcal.session.sources import OpenRequest
+from fdcal.viewer.gui.binding import BASINS, FLOOR
+from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import EQ7
+from fdcal.viewer.tabs.view import map_request
 
 NO_MARKS = Minima(np.zeros((0, 2)), np.zeros((0, 2)), 0, None)
 SEARCH = Search(origin=(0.0, 0.0), size=(1.2, 0.9), step=0.01, radius=1.0)

@@ -34,13 +34,13 @@ from websockets.sync.client import connect
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
+from fdcal.cost.expansion import ORDER_OFFSET
 from fdcal.cost.maps import cost_maps, map_positions, refined
-from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.session import session_file
-from fdcal.viewer.background import verdict
-from fdcal.viewer.tabs import export as exports
+from fdcal.viewer import session_view as verdict
+from fdcal.viewer.tabs import view as exports
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +133,7 @@ def test_run_becomes_pause(page):
 
 
 def test_a_button_that_is_pressed_as_the_verdict_comes_stays_below_the_pointer(page, monkeypatch):
-    monkeypatch.setattr(verdict, "IDLE_TIME", 1.5)  # s, in which the mouse is pressed
+    monkeypatch.setattr(verdict, "VERDICT_DELAY", 1.5)  # s, in which the mouse is pressed
     press(page, "Run")
     page.get_by_text("Assessing the result").wait_for()
     button = page.get_by_role("button", name="Reset", exact=True)
@@ -216,12 +216,12 @@ def test_dragging_with_shift_keeps_the_map_of_the_selected_one(page, scene):
     page.keyboard.up("Shift")
     page.get_by_text("microphone 5, ").first.wait_for()
     pick(page, scene, target, "microphone 7, ")  # it is there now
-    np.testing.assert_allclose(middle(page, "/selected/estimate"), target, atol=0.004)
+    np.testing.assert_allclose(middle(page, "/microphones/ball"), target, atol=0.004)
 
 
 @EXACTLY
 def test_a_microphone_that_is_let_go_rolls_into_its_minimum_and_the_page_says_where(page, scene):
-    place = middle(page, "/selected/estimate")
+    place = middle(page, "/microphones/ball")
     ends = np.array([[*place, 0.0], [place[0] - 0.05, place[1] + 0.04, 0.0]])
     hover(page, lambda: on_screen(page, scene, ends)[0])
     page.mouse.down()

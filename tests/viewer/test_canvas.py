@@ -18,7 +18,7 @@ from browsing import (
 )
 
 from fdcal.model.scene_file import load_scene
-from fdcal.viewer.gui.choices import MAP_KINDS, NOTHING, VOLUME
+from fdcal.viewer.gui.binding import MAP_KINDS, NOTHING, VOLUME
 from fdcal.viewer.panels import LEFT, LEFT_WIDTH, RIGHT
 
 DESKTOPS = ((1280, 720), (1440, 900))

@@ -23,9 +23,9 @@ from websockets.exceptions import ConnectionClosed
 from benchmarks.protocol import CAMERA, connect, send
 from fdcal.graphics.camera import camera_for
 from fdcal.graphics.picture import compose
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.scene3d import cameras
-from fdcal.viewer.server import client_values, connections, hardening
+from fdcal.viewer.server import client_values, hardening
 from fdcal.viewer.server import process as error_log
 
 
@@ -95,7 +95,7 @@ def test_what_is_no_message_is_an_error(raw):
 
 def test_a_client_waits_once_its_budget_is_spent():
     now = [0.0]
-    budget = connections.Budget(rate=10.0, burst=5.0, clock=lambda: now[0])
+    budget = hardening.Budget(rate=10.0, burst=5.0, clock=lambda: now[0])
     assert [budget.spend(1.0) for _ in range(5)] == [0.0] * 5
     assert budget.spend(1.0) == pytest.approx(0.1) and budget.spend(2.0) == pytest.approx(0.3)
     now[0] = 100.0
@@ -104,7 +104,7 @@ def test_a_client_waits_once_its_budget_is_spent():
 
 def test_the_log_counts_what_strangers_do():
     """A million refused connections are seven short lines."""
-    kept, log = connections.StrangerFilter(), logging.getLogger("fdcal.test")
+    kept, log = hardening.StrangerFilter(), logging.getLogger("fdcal.test")
     lines = []
     for _ in range(1500):
         try:
@@ -270,7 +270,7 @@ def test_a_value_outside_its_control_is_dropped_before_viser_stores_it(server):
 
 
 def test_a_client_that_sends_too_much_is_disconnected(server, monkeypatch):
-    monkeypatch.setattr(connections, "FLOOD_TIME", 0.5)
+    monkeypatch.setattr(hardening, "FLOOD_TIME", 0.5)
     raw = msgspec.msgpack.encode({"type": "CommandTriggerMessage", "uuid": "nobody"})
     with join(server) as client, pytest.raises(ConnectionClosed) as caught:
         for _ in range(10**6):
@@ -309,7 +309,7 @@ def test_a_flood_is_handled_at_a_bounded_rate(server, kind, monkeypatch):
         ready.wait(5.0)
         assert is_served(server)
         time.sleep(1.0)
-        allowed = (connections.BURST + connections.RATE * (time.monotonic() - began)) / cost + 1
+        allowed = (hardening.BURST + hardening.RATE * (time.monotonic() - began)) / cost + 1
         assert 0 < len(handled) <= allowed
         client.socket.shutdown(socket.SHUT_RDWR)
     thread.join(WAIT)
@@ -336,7 +336,7 @@ def deaf(server):
 
 
 def test_a_client_that_reads_nothing_is_disconnected(server, monkeypatch):
-    monkeypatch.setattr(connections, "STALL_TIME", 0.2)
+    monkeypatch.setattr(hardening, "STALL_TIME", 0.2)
     text, connected = server.gui.add_html(""), server._websock_server._client_state_from_id
     before = set(connected)
     with deaf(server):
@@ -351,7 +351,7 @@ def test_a_client_that_reads_nothing_is_disconnected(server, monkeypatch):
 
 
 def test_a_client_that_asks_for_answers_and_reads_none_is_disconnected(server, monkeypatch):
-    monkeypatch.setattr(connections, "MAX_UNREAD_BYTES", 100_000)
+    monkeypatch.setattr(hardening, "MAX_UNREAD_BYTES", 100_000)
     ping = bytes([0x89, 0x80 + 100, 0, 0, 0, 0]) + b"x" * 100
     with deaf(server) as client, pytest.raises(ConnectionError):
         for _ in range(1000):  # 100 MB in all; the buffers between client and server hold a tenth of it

@@ -9,9 +9,8 @@ from doubles import INVALID_VALUES, State, set_by_client, view_of
 
 from fdcal.graphics.picture import static_picture
 from fdcal.model.validation import InputError
-from fdcal.viewer.background.cost_map import CostMapRequest, MapStyle, map_modes
-from fdcal.viewer.gui.binding import Binding, Tick
-from fdcal.viewer.gui.choices import FLOOR, NOTHING, RELIEF, kind_of
+from fdcal.viewer.background.cost_maps import CostMapRequest, MapStyle, map_modes
+from fdcal.viewer.gui.binding import FLOOR, NOTHING, RELIEF, Binding, Tick, kind_of
 from fdcal.viewer.tabs import map
 
 

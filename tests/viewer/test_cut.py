@@ -8,8 +8,8 @@ from doubles import finish, set_by_client
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fdcal.cost.reference_cost import ReferenceCost
-from fdcal.session.request import OpenRequest
+from fdcal.cost.expansion import ReferenceCost
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.scene3d.picking import LineHandles
 from fdcal.viewer.tabs.cut import MAX_MODES, POINTS, SPAN, cut_series, foot, line_across
 

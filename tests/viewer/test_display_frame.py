@@ -9,12 +9,11 @@ from doubles import Recorder, State, view_of
 
 from fdcal.graphics.picture import static_picture
 from fdcal.model.gauge import position_errors
-from fdcal.viewer.background.cost_map import MapStyle, place_of_basin
+from fdcal.viewer.background.cost_maps import MapStyle, place_of_basin
 from fdcal.viewer.display_frame import DisplayFrame
-from fdcal.viewer.gui.binding import Binding
-from fdcal.viewer.gui.choices import Choices
+from fdcal.viewer.gui.binding import Binding, Choices
 from fdcal.viewer.session_view import SessionPicture
-from fdcal.viewer.tabs import maps
+from fdcal.viewer.tabs import map as map_tab
 from fdcal.viewer.tabs.cut import CutRequest, cost_along
 
 
@@ -104,9 +103,9 @@ def test_small_maps_cut_and_basins_have_the_true_position_where_the_main_map_has
     np.testing.assert_array_equal(place_of_basin(blind, request)[0], truth[n])
 
     marks = []
-    monkeypatch.setattr(maps, "mosaic", lambda *arguments, **_: marks.append(arguments[3]))
+    monkeypatch.setattr(map_tab, "mosaic", lambda *arguments, **_: marks.append(arguments[3]))
     panels = SimpleNamespace(modes=(1,), maps=[None], total=None, search=None)
-    maps.panel_image(blind, SimpleNamespace(request=request, panels=panels, fine=True))
+    map_tab.panel_image(blind, SimpleNamespace(request=request, panels=panels, fine=True))
     assert marks[0].true == tuple(truth[n])
 
     ends = truth[n] - [0.1, 0.0], truth[n] + [0.1, 0.0]

@@ -6,7 +6,7 @@ import pytest
 from fdcal.cost.basins import basins_of, local_minima
 from fdcal.cost.maps import cost_maps, map_positions, refined
 from fdcal.model.scene_file import load_scene
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer import drop as drop_module
 
 MODE = 20  # of `tiny`, whose map has several minima
@@ -51,7 +51,7 @@ def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_name
         viewer.drop.move(9, start, tries, False)
         turn_until(lambda: any("dB" in text for text in labels(viewer)))
         names = {part.name for part in (*viewer.snapshot.picture.lines, *viewer.snapshot.picture.meshes)}
-        assert "ball/body" in names and "dB" in said(page)
+        assert "ball/path" in names and "dB" in said(page)
         assert session.view.count == tries, "nothing of the session changes while it is dragged"
         viewer.drop.move(9, start, tries, True)
         turn_until(lambda: session.view.count == tries + 1 and viewer.drop._drag is None)  # noqa: B023
@@ -62,7 +62,7 @@ def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_name
         text = f"{1e3 * off:.0f} mm" if off < 0.0995 else f"{1e2 * off:.0f} cm"
         assert f"{word}, {text} off" in said(page) and f"{tries - 1} of {tries} home" in said(page)
         assert drop_module.CONTINUE in said(page)
-        turn_until(lambda: not any(part.name.startswith("ball/") for part in viewer.snapshot.picture.meshes))
+        turn_until(lambda: not any(part.name == "ball/path" for part in viewer.snapshot.picture.lines))
     session.seek(0)
     turn_until(lambda: viewer.snapshot.view.index == 0)
     np.testing.assert_array_equal(session.view.state.positions, before.state.positions)

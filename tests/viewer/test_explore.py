@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from doubles import State, view_of
 
-from fdcal.session.history import StateCosts
+from fdcal.session.session import StateCosts
 from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, Explore, run_curve
 
 

@@ -10,7 +10,7 @@ from browsing import WAIT
 from doubles import State, view_of
 
 from fdcal.model.validation import InputError
-from fdcal.viewer.tabs import export as exports
+from fdcal.viewer.tabs import view as exports
 
 
 def test_a_file_describes_the_picture_drawn(viewer, monkeypatch):

@@ -7,8 +7,8 @@ from browsing import WAIT
 from doubles import State, set_by_client, view_of
 
 from fdcal.cost.maps import eq7_maps
-from fdcal.session.history import History
-from fdcal.viewer.background import cost_map as map_panels
+from fdcal.session.session import History
+from fdcal.viewer.background import cost_maps
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import map
 
@@ -151,10 +151,8 @@ def test_a_map_of_the_modes_in_use_has_those_that_the_microphones_can_carry(work
     high = dataclasses.replace(
         work, problem=dataclasses.replace(work.problem, wavenumbers=5.0 * np.arange(1, every + 1) + 0j)
     )
-    modes = map_panels.map_modes(high, state, None, 2)
+    modes = cost_maps.map_modes(high, state, None, 2)
     assert 0 < len(modes) < every and modes == tuple(range(1, len(modes) + 1))
     assert eq7_maps(high.problem, state.positions, 4, modes, 2).shape[0] == len(modes)
-    assert map_panels.map_modes(high, state, None, None) == tuple(range(1, 7)), (
-        "the solver's own cost has no such limit"
-    )
-    assert map_panels.map_modes(high, state, (6,), 2) == (6,), "what the user has chosen is not replaced"
+    assert cost_maps.map_modes(high, state, None, None) == tuple(range(1, 7)), "the solver's own cost has no such limit"
+    assert cost_maps.map_modes(high, state, (6,), 2) == (6,), "what the user has chosen is not replaced"

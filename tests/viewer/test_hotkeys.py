@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import pytest
 from viser import _messages
 
-from fdcal.viewer.gui.choices import MAP_KINDS
-from fdcal.viewer.hotkeys import KEYS, add_keys
+from fdcal.viewer.gui.binding import MAP_KINDS
 from fdcal.viewer.tabs import help
+from fdcal.viewer.tabs.help import KEYS, add_keys
 from fdcal.viewer.tabs.map import LINEAR, LOG
 
 CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # used by viser

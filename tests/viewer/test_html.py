@@ -9,10 +9,10 @@ import numpy as np
 from doubles import State, view_of
 
 from fdcal.assessment.uncertainty import confidence_factor
-from fdcal.viewer.background import verdict as uncertainty
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.gui.binding import Tick
 from fdcal.viewer.server import process
+from fdcal.viewer.session_view import uncertainty_of
 from fdcal.viewer.tabs import microphones, spectrum
 
 
@@ -50,11 +50,11 @@ def test_uncertainty_is_drawn_where_the_verdict_has_one(measurement):
     found = SimpleNamespace(
         room=None, covariance=covariance, uncertainty=np.full(N, 1e-3), verdict="good", verdict_text="", channels=None
     )
-    drawn = uncertainty.uncertainty_of(found)
+    drawn = uncertainty_of(found)
     assert np.allclose(np.linalg.norm(drawn.axes, axis=2), confidence_factor(0.95, 2) * np.array([1e-3, 2e-3]))
-    assert uncertainty.uncertainty_of(None) is None
+    assert uncertainty_of(None) is None
     found.covariance = np.full((N, 2, 2), np.inf)
-    assert uncertainty.uncertainty_of(found) is None
+    assert uncertainty_of(found) is None
 
 
 def test_texts_are_escaped(measurement):

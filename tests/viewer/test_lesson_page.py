@@ -5,7 +5,7 @@ from browsing import choose, opened_page, press, serving_here, slider, tab, unfo
 
 from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import load_lesson
-from fdcal.session.request import edited
+from fdcal.session.scene_edits import edited
 
 LESSON = "3_too_many_too_soon"
 

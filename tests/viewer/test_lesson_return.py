@@ -8,10 +8,11 @@ from doubles import set_by_client
 
 from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import Lesson, Setting, Step, lesson_names, load_lesson
-from fdcal.session.request import OpenRequest, edited
-from fdcal.viewer.background.comparison import ComparisonSetup
-from fdcal.viewer.gui.choices import Choices
+from fdcal.session.scene_edits import edited
+from fdcal.session.sources import OpenRequest
+from fdcal.viewer.gui.binding import Choices
 from fdcal.viewer.lesson_settings import control_values
+from fdcal.viewer.tabs.comparison import ComparisonSetup
 from fdcal.viewer.tabs.lessons import LessonsTab
 
 SMALL = "tiny"

@@ -9,9 +9,9 @@ from browsing import WAIT
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import MAPS, Frame, Lesson, Setting, Step, load_lesson
-from fdcal.session.request import edited
+from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
-from fdcal.viewer.gui.choices import MAP_KINDS
+from fdcal.viewer.gui.binding import MAP_KINDS
 from fdcal.viewer.lesson_settings import apply_setting, show_frame
 from fdcal.viewer.panels import Panels
 from fdcal.viewer.server.hardening import open_server
@@ -264,7 +264,7 @@ def test_a_setting_that_fails_is_shown_as_an_error(page):
     assert "1 to 20" in text_of(lessons)
 
 
-def test_a_frame_is_shown_or_run_to():
+def test_a_frame_is_shown_or_run_to(kernels):
     scene = edited(load_scene("tiny"), {"solver.name": "descent"})
     session = Session(cached_measurement(scene).problem(), scene.solver, 0)
     session.step(6)

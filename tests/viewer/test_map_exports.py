@@ -17,18 +17,18 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.maps import map_positions, minima_of
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.markers import ESTIMATE, LOWEST
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
-from fdcal.viewer.background.threads import Threads
-from fdcal.viewer.gui.choices import Choices
-from fdcal.viewer.tabs import export as exports
+from fdcal.viewer.background.prepare import Threads
+from fdcal.viewer.gui.binding import Choices
+from fdcal.viewer.tabs import view as exports
 
 MICROPHONE, MODES = 9, (7, 9, 20)
 
 
 @pytest.fixture(scope="module")
-def snapshot(scene):
+def snapshot(scene, kernels):
     """The page on `tiny` with the map of a few modes, the array a little off the truth."""
     measurement, solver = cached_measurement(scene), solvers.load("joint")
     problem = measurement.problem()

@@ -10,13 +10,12 @@ from fdcal.assessment.result_file import position_table
 from fdcal.commands.options import open_request_of
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.picture import error_summary, static_picture, with_estimate
-from fdcal.model.measurement import Measurement
-from fdcal.model.measurement_file import save_measurement
+from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.scene_file import MeasuredScene, load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.session.calibration_run import with_estimated_domain
 from fdcal.session.sources import scene_input
-from fdcal.viewer.background.cost_map import map_modes
+from fdcal.viewer.background.cost_maps import map_modes
 from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
 from fdcal.viewer.gui import html
 from fdcal.viewer.gui.binding import Binding

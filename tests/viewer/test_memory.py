@@ -8,7 +8,7 @@ import numpy as np
 from browsing import WAIT
 
 from benchmarks.bench_switches import MAX_GROWTH, soak
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer import page as page_module
 
 

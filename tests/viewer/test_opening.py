@@ -10,10 +10,10 @@ from browsing import COARSE, WAIT, serving_here
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
+from fdcal.cost.expansion import ORDER_OFFSET
 from fdcal.cost.maps import interpolate, map_minima, partial_sums
-from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.graphics.heatmap import colour_limits, normalise
-from fdcal.model.measurement_file import load_measurement
+from fdcal.model.measurement import load_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer import opening
 

@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from benchmarks.protocol import CAMERA, connect, send
 from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import load_lesson
-from fdcal.viewer.server import connections
+from fdcal.viewer.server import hardening
 
 WAIT = 60.0  # s, bound of every wait
 
@@ -52,7 +52,7 @@ def no_fault(caplog, request):
     yield
     if "served" in request.fixturenames:
         faults = [record for record in caplog.records if record.levelno >= logging.ERROR]
-        assert [record.getMessage() for record in faults if record.name != connections.log.name] == []
+        assert [record.getMessage() for record in faults if record.name != hardening.log.name] == []
 
 
 def alive(page):

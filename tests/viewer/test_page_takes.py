@@ -10,9 +10,9 @@ from fdcal.graphics.picture import static_picture
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background import prepare
-from fdcal.viewer.background.cost_map import count_label, map_modes, modes_label, row_label
+from fdcal.viewer.background.cost_maps import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.gui import html
 from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.tabs import map, spectrum

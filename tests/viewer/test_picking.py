@@ -7,9 +7,8 @@ import pytest
 from doubles import finish
 
 from fdcal.model.settings import Search
-from fdcal.model.texts import modes_text, parse_modes
-from fdcal.model.validation import InputError
-from fdcal.viewer.gui.choices import PlanChoices
+from fdcal.model.validation import InputError, modes_text, parse_modes
+from fdcal.viewer.gui.binding import PlanChoices
 from fdcal.viewer.scene3d.picking import MicrophonePicker
 
 SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)

@@ -15,8 +15,7 @@ from fdcal.graphics.picture import static_picture
 from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.session.planning.plan import make_plan, plan_dict
 from fdcal.session.planning.request import PlanRequest, read_layout
-from fdcal.viewer.gui.binding import Binding, Tick
-from fdcal.viewer.gui.choices import PlanChoices
+from fdcal.viewer.gui.binding import Binding, PlanChoices, Tick
 from fdcal.viewer.tabs.plan import PlanTab, planned_array
 
 

@@ -11,16 +11,16 @@ from viser import uplot
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.session.history import StateCosts
-from fdcal.session.request import OpenRequest, edited
-from fdcal.viewer.background.comparison import ComparisonSetup, RunSummary, status_word
-from fdcal.viewer.background.cost_map import modes_label
+from fdcal.session.scene_edits import edited
+from fdcal.session.session import StateCosts
+from fdcal.session.sources import OpenRequest
+from fdcal.viewer.background.cost_maps import modes_label
 from fdcal.viewer.gui import html, plots
 from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.plots import Plot
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import spectrum as spectrum_plot
-from fdcal.viewer.tabs.comparison import remark_on_start, table
+from fdcal.viewer.tabs.comparison import ComparisonSetup, RunSummary, remark_on_start, status_word, table
 from fdcal.viewer.tabs.curves import NO_RESTART, CurvesTab
 from fdcal.viewer.tabs.microphones import ErrorByDistance
 

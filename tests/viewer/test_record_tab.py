@@ -14,11 +14,10 @@ from recorded import FS, places, stationary_source
 from fdcal.model.validation import InputError
 from fdcal.recordings import take
 from fdcal.session import takes
-from fdcal.viewer.background import recorder as module
-from fdcal.viewer.background.recorder import Given, Recorder
-from fdcal.viewer.background.threads import Threads
+from fdcal.viewer.background.prepare import Threads
 from fdcal.viewer.server.hardening import is_loopback
-from fdcal.viewer.tabs.record import CARD, NONE, RecordTab
+from fdcal.viewer.tabs import record as module
+from fdcal.viewer.tabs.record import CARD, NONE, Given, Recorder, RecordTab
 
 COUNT = 16
 

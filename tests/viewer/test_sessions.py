@@ -18,13 +18,13 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
-from fdcal.session.request import OpenRequest, edited
+from fdcal.session.scene_edits import edited
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background import prepare as preparing
-from fdcal.viewer.background import prepare as warmup
+from fdcal.viewer.background.prepare import SessionSwitcher
 from fdcal.viewer.preview import show_cached
 from fdcal.viewer.scene3d.nodes import SceneNodes
-from fdcal.viewer.session_switch import SessionSwitcher
-from fdcal.viewer.tabs import export as exports
+from fdcal.viewer.tabs import view as exports
 
 
 def test_the_page_shows_the_progress_of_the_simulation(page_of, scene, monkeypatch, progress_texts):
@@ -285,7 +285,7 @@ def test_scene_switches_leave_no_thread(page_of, scene):
 def test_a_compilation_is_waited_for(scene, monkeypatch, stop):
     """It cannot be interrupted: a cancelled opening ends its thread after it, and closing waits for that."""
     begun, go_on, before = threading.Event(), threading.Event(), names()["fdcal-warmup"]
-    monkeypatch.setattr(warmup, "warmup_calls", lambda _: [("", lambda: begun.set() or go_on.wait(WAIT))])
+    monkeypatch.setattr(preparing, "warmup_calls", lambda _: [("", lambda: begun.set() or go_on.wait(WAIT))])
     switcher = SessionSwitcher()
     switcher.open(OpenRequest(scene))
     switcher.poll()
@@ -321,7 +321,7 @@ def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
 
 ENDING = """
 import os, signal, sys, threading, time
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer import serve
 def ready(url):

@@ -8,9 +8,8 @@ from doubles import set_by_client
 
 from fdcal.cost.basins import local_minima
 from fdcal.cost.maps import cost_maps, refined
-from fdcal.session.request import OpenRequest
-from fdcal.viewer.background import mode_sweep
-from fdcal.viewer.tabs.sweep import DOWN, Playback
+from fdcal.session.sources import OpenRequest
+from fdcal.viewer.tabs.sweep import DOWN, Playback, SweepWorker
 
 
 def played(playback, stops, ready, times):
@@ -141,8 +140,8 @@ def test_another_state_makes_the_counts_invalid(opened):
 
 def test_a_sweep_of_another_state_stops(opened, monkeypatch):
     viewer, turn_until = opened
-    sweep, slow = viewer.tabs.sweep, mode_sweep.SweepWorker._frame
-    monkeypatch.setattr(mode_sweep.SweepWorker, "_frame", lambda *args: (time.sleep(0.2), slow(*args))[1])
+    sweep, slow = viewer.tabs.sweep, SweepWorker._frame
+    monkeypatch.setattr(SweepWorker, "_frame", lambda *args: (time.sleep(0.2), slow(*args))[1])
     set_by_client(sweep.highest, 19)
     turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) >= 2)
     made = sweep.worker.sweep(sweep._wanted)

@@ -17,15 +17,14 @@ from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.graphics.overlays import with_faulty_channels
 from fdcal.graphics.picture import static_picture
 from fdcal.model.settings import SolverSettings
-from fdcal.session.blas_threads import one_blas_thread
 from fdcal.session.calibration_run import Assessment, assess_state, healthy_microphones, solve
-from fdcal.session.history import History
-from fdcal.session.request import OpenRequest
-from fdcal.session.sources import CalibrationInput, scene_input
+from fdcal.session.process import one_blas_thread
+from fdcal.session.session import History
+from fdcal.session.sources import CalibrationInput, OpenRequest, scene_input
 from fdcal.viewer.background import prepare
-from fdcal.viewer.background.verdict import IDLE_TIME, VerdictWorker, uncertainty_of
 from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, verdict_html
 from fdcal.viewer.server.hardening import STYLE
+from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, uncertainty_of
 from fdcal.viewer.tabs.microphones import channel_table, given_table
 
 
@@ -48,7 +47,7 @@ def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
     assert made.of(state, True, 2e3) is None, "it runs"
     end, found, now = time.monotonic() + WAIT, None, 3e3
     while found is None and time.monotonic() < end:
-        found, now = made.of(state, False, now), now + IDLE_TIME
+        found, now = made.of(state, False, now), now + VERDICT_DELAY
         time.sleep(0.02)
     printed = solve(inputs, wording=CONTROLS)
     assert (found.verdict, found.verdict_text) == (printed.verdict, printed.verdict_text)

@@ -15,17 +15,15 @@ from fdcal.graphics.overlays import with_volume
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
-from fdcal.session.request import OpenRequest
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background import prepare
-from fdcal.viewer.background.cost_map import MapStyle
-from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
-from fdcal.viewer.gui.binding import Binding
-from fdcal.viewer.gui.choices import VOLUME, Choices, initial_choices, kind_of
+from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker, MapStyle
+from fdcal.viewer.gui.binding import VOLUME, Binding, Choices, initial_choices, kind_of
 from fdcal.viewer.scene3d.nodes import SceneNodes
-from fdcal.viewer.tabs import export as exports
+from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.comparison import ComparisonTab
-from fdcal.viewer.tabs.export import ViewSnapshot, map_request
 from fdcal.viewer.tabs.map import MapTab, caption
+from fdcal.viewer.tabs.view import ViewSnapshot, map_request
 
 MICROPHONE = 10
 

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from ...model.extras import needs
+from ...model.libraries import needs
 from ...model.validation import InputError, shown
-from ..isolated import isolated
 from ..recording import Recording, sample_ranges
-from . import Format
+from . import Format, isolated
 
 
 def require_whole_file(path: Path) -> None:

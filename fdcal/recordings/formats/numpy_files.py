@@ -1,7 +1,7 @@
 """Recordings in files of NumPy: an archive of one recording, or a folder of MeshRIR.
 
 .npz      `recordings` (N, T) and `sample_rate`, Hz; optionally `kind`, `names`, `positions`, `sound_speed`. A
-          measurement, which has pressures instead, is read by `fdcal.model.measurement_file`.
+          measurement, which has pressures instead, is read by `fdcal.model.measurement`.
 folder    impulse responses of one microphone moved over a mesh, with several sources, 48 kHz: pos_mic.npy (M, 3) and
           pos_src.npy (S, 3), metres; ir_<i>.npy (S, T), one for each of the M places
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.reading import read_archive, require_regular
+from ...model.storage import read_archive, require_regular
 from ...model.validation import InputError, StorageError, require_array, require_choice
 from ..recording import KINDS, OLD_KINDS, Recording, recording_of
 from . import Format

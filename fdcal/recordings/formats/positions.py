@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ...model.given_positions import MicrophonePositions
-from ...model.reading import read_bytes
+from ...model.storage import read_bytes
 from ...model.validation import InputError, require_point, shown
 from . import Format
 

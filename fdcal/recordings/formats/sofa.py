@@ -14,12 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.extras import needs
 from ...model.given_positions import MicrophonePositions
+from ...model.libraries import needs
 from ...model.validation import InputError, StorageError
-from ..isolated import call, isolated
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
-from . import Format
+from . import Format, isolated, isolated_call
 from .hdf5 import require_whole_file
 
 AXES = "MRNE"  # measurements, receivers, samples, emitters
@@ -341,7 +340,7 @@ FORMATS = (
     Format(
         (".sofa",),
         read=isolated(_read),
-        write=lambda path, placed, original: call(original or path, _write, path, placed, original),
-        source_count=lambda path: call(path, _source_count, path),
+        write=lambda path, placed, original: isolated_call(original or path, _write, path, placed, original),
+        source_count=lambda path: isolated_call(path, _source_count, path),
     ),
 )

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...assessment.bound import Information, position_bound
 from ...assessment.calibration import Calibration
+from ...assessment.uncertainty import Information, position_bound
 from ...model.measurement import Measurement
 from ...model.settings import SolverSettings
 from ...model.validation import InputError

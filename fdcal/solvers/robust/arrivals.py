@@ -23,8 +23,7 @@ from functools import lru_cache
 import numpy as np
 
 from ...model.problem import Problem
-from ...model.types import Bools, Integers, Reals
-from ...model.validation import frozen_array
+from ...model.validation import Bools, Integers, Reals, frozen_array
 
 NU = 3.0  # degrees of freedom of a residual
 

@@ -28,8 +28,7 @@ from scipy.special import chdtrc
 from ...cost.likelihood import Terms
 from ...model.gauge import align, fixes_gauge, rigid_motion, rigid_motions
 from ...model.problem import Problem
-from ...model.types import Bools, Integers, Reals
-from ...model.validation import frozen_array
+from ...model.validation import Bools, Integers, Reals, frozen_array
 from .. import starts
 from ..estimate import GivenHypothesis
 from . import noise

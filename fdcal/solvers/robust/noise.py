@@ -4,20 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...cost.angular_spectrum import learned_powers
 from ...cost.kernels import directions_needed
 from ...cost.likelihood import FieldModel, Terms
 from ...cost.noise import (
     MAX_NOISE_FRACTION,
     estimate_noise,
     hyper_cost,
+    learned_powers,
     profile_cost,
     updated_channel_noise,
     updated_power,
 )
 from ...model.problem import Problem
-from ...model.types import Bools, Integers, Reals
-from ...model.validation import frozen_array
+from ...model.validation import Bools, Integers, Reals, frozen_array
 from . import arrivals as direct_sound
 from . import objective as objectives
 from .state import (

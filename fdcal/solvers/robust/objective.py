@@ -35,8 +35,7 @@ from ...cost.likelihood import FieldModel, Terms, likelihood_terms, log_response
 from ...model.gauge import align, rigid_motions
 from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
-from ...model.types import Bools, Integers, Reals
-from ...model.validation import frozen_array
+from ...model.validation import Bools, Integers, Reals, frozen_array
 from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 from .arrivals import Arrivals, ArrivalTerms, Source, arrivals_of
 from .state import (

@@ -37,7 +37,7 @@ from ...cost.likelihood import Terms
 from ...model.gauge import GaugeFrame, rigid_motions
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
-from ...model.types import Bools, Reals
+from ...model.validation import Bools, Reals
 from ..estimate import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, PositionSpread, TriedOptimum
 from . import given, noise
 from .objective import (

@@ -22,8 +22,7 @@ from ...model.validation import InputError, frozen_array
 from .. import starts
 from . import given, noise
 from . import objective as objectives
-from .groups import other_poses
-from .outliers import relocated
+from .outliers import other_poses, relocated
 from .state import (
     DIRECTION_UPDATES,
     FINAL,

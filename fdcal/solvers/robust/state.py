@@ -14,9 +14,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from ...cost.channel_correction import ChannelCorrection
-from ...model.types import Bools, Reals
-from ...model.validation import InputError
+from ...model.problem import ChannelCorrection
+from ...model.validation import Bools, InputError, Reals
 from ..interface import RunState
 
 # of the search for the array without given positions: steps at most, and nats after which it ends. Without either

@@ -1,13 +1,22 @@
-"""Microphones and source in a room of known size, fitted together: both models' terms and one damped step.
+"""Microphones and source in a room of known size: searched on lattices, then fitted together, by two models.
 
 diffuse model  the field is a sum of the room's modes with random amplitudes; it needs no source
 exact model    the field of a point source in a room whose walls have an admittance
 
-Pressures (M, N) have unit RMS in each mode, the noise (M,) is a fraction of their power, wavenumbers (M,) are in rad/m
-and lengths of the room in metres.
+Pressures (M, N) have unit RMS in each mode, the noise (M,) is a fraction of their power, wavenumbers (M,) are in rad/m;
+positions (N, D), points (C, D) and lengths of the room are in metres.
 
 theta   all unknowns in one array: positions (N D) and, of the exact model, source (D), real and imaginary part of the
         admittance (2) and, if the size of the room is unknown, its relative changes of length (D)
+
+The searches on lattices, after the models:
+
+find_arrays   by the diffuse model. The loudest microphone is placed at every point of a part of the room of which the
+              whole is made by reflections. With it the model predicts the pressures at all other points, so every
+              other microphone is placed by itself: the effort is microphones x points, not points to the power of
+              microphones.
+find_sources  by the exact model, for a given array
+relocate      by the exact model, for a given source: microphones that fit far better elsewhere are put there
 """
 
 from collections.abc import Callable, Sequence
@@ -15,10 +24,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...acoustics.room_modes import DiffuseModel, point_source_model, room_pressures
+from ...acoustics.room_modes import DiffuseModel, PointSourceModel, diffuse_model, point_source_model, room_pressures
 from ...model.problem import mode_power
-from ...model.types import Complexes, Numbers, Reals
+from ...model.validation import Complexes, Numbers, Reals, frozen_array
 from ..estimate import SizeFit
+from ..interface import check_deadline
 from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, Step, damped_step
 
 Cost = Callable[[np.ndarray], float]  # of given unknowns
@@ -199,3 +209,219 @@ def fitted_size(
     after = step.cost / degrees_of_freedom(len(pressures), N, D)
     sigma = np.sqrt(np.diag(bounded_inverse(terms.curvature))[-D:] * max(1.0, after))
     return SizeFit(grown[-D:], sigma, after)
+
+
+WIDTHS = (0.006, 0.04)  # rad/m, half widths of resonances that are tried
+
+
+@dataclass(frozen=True)
+class ArrayCandidate:
+    """An array that the search has found: half the width of a resonance, rad/m, and positions (N, D), metres."""
+
+    width: float
+    positions: np.ndarray
+
+
+@dataclass(frozen=True)
+class SourceCandidate:
+    """A place of the source that the search has found, (D,) float64, metres, and the admittance of the walls."""
+
+    place: np.ndarray
+    admittance: float
+
+
+POINTS_PER_WAVE = 8  # lattice points in the shortest wavelength
+MAX_POINTS = 8000  # points of a lattice; it is coarser otherwise
+
+
+def lattice_step(wavenumbers: Numbers, size: Sequence[float] | Reals) -> float:
+    """Return the step of the lattice of an array search, metres."""
+    fine = 2 * np.pi / float(np.real(wavenumbers).max()) / POINTS_PER_WAVE
+    return max(fine, float(np.prod(size) / MAX_POINTS) ** (1 / len(size)))
+
+
+def lattice(size: Sequence[float] | Reals, step: float) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return coordinates along each axis, about `step` apart, and every point (C, D), the last coordinate fastest."""
+    counts = [max(2, round(length / step)) for length in size]
+    axes = [(np.arange(n) + 0.5) * length / n for n, length in zip(counts, size, strict=True)]
+    return axes, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def noise_with_errors(noise: Reals, wavenumbers: Numbers, D: int, error: float) -> np.ndarray:
+    """Return the noise (M,) and the power that position errors of `error` metres add to it."""
+    return noise + np.minimum((np.real(wavenumbers) * error) ** 2 / D, 0.5)
+
+
+SEARCH_MODES = 30  # lowest modes with which arrays are searched for
+LATTICE_ERROR = 0.6  # lattice steps that a microphone may be from its lattice point
+PLACED_AGAIN = 3  # of those, arrays whose microphones are placed again
+
+
+def find_arrays(
+    pressures: Complexes, noise: Reals, wavenumbers: Numbers, size: Sequence[float] | Reals
+) -> list[ArrayCandidate]:
+    """Return array candidates, the likeliest first."""
+    p, k = pressures[:SEARCH_MODES], wavenumbers[:SEARCH_MODES]
+    step = lattice_step(k, size)
+    noise = noise_with_errors(noise[:SEARCH_MODES], k, len(size), LATTICE_ERROR * step)
+    everywhere, part = (lattice(np.asarray(size) / parts, step)[1] for parts in (1, 2))
+    found: list[tuple[float, float, Reals, LatticePoints]] = []
+    for width in WIDTHS:
+        points = LatticePoints(everywhere, p, noise, diffuse_model(size, k, width))
+        found += [(points.cost(x), width, x, points) for x in points.arrays(part)]
+    found.sort(key=lambda one: one[0])
+    better: dict[bytes, tuple[float, ArrayCandidate]] = {}
+    for _, width, x, points in found[:PLACED_AGAIN]:
+        x = points.placed_again(x)
+        better[x.tobytes()] = points.cost(x), ArrayCandidate(width, frozen_array(x, float))
+    return [candidate for _, candidate in sorted(better.values(), key=lambda one: one[0])]
+
+
+CANDIDATES = 6  # arrays that are kept for each width
+BLOCK = 16  # places of the loudest microphone that are computed at a time
+MAX_NEIGHBOURS = 12  # microphones that predict where another one is
+MAX_PASSES = 3  # in which the microphones of an array are placed again
+
+
+class LatticePoints:
+    """Points (C, D), and what the diffuse model gives at them for any array."""
+
+    def __init__(self, points: np.ndarray, pressures: Complexes, noise: Reals, model: DiffuseModel):
+        self.points, self.p, self.noise, self.model = points, pressures, noise, model
+        self.weights = field_power(pressures, noise)[:, None] * model.weights  # (M, E)
+        self.shapes = model.shapes(points)
+        self.own = self.weights @ self.shapes.T**2 + noise[:, None]  # (M, C)
+
+    def cost(self, positions: Reals) -> float:
+        """Return the cost of an array (N, D) by the diffuse model."""
+        return diffuse_terms(positions.ravel(), self.p, self.noise, self.model).cost
+
+    def arrays(self, part: Reals) -> list[np.ndarray]:
+        """Return the likeliest arrays (N, D) with the loudest microphone at a point of `part` (B, D)."""
+        first = int(np.argmax(np.sum(np.abs(self.p) ** 2 / self.weights.sum(axis=1)[:, None], axis=0)))
+        blocks = [self._others(part[start : start + BLOCK], first) for start in range(0, len(part), BLOCK)]
+        costs, found = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+        likeliest = np.argsort(costs, kind="stable")[:CANDIDATES]
+        arrays = self.points[found[likeliest]]
+        arrays[:, first] = part[likeliest]
+        return list(arrays)
+
+    def _others(self, assumed: Reals, first: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lowest costs (B,) with microphone `first` at each of `assumed` (B, D), and all points (B, N)."""
+        check_deadline()
+        here, squares = self.model.shapes(assumed), np.abs(self.p) ** 2
+        mine = (self.weights @ here.T**2 + self.noise[:, None])[..., None]  # (M, B, 1)
+        shared = (here * self.weights[:, None]) @ self.shapes.T  # (M, B, C)
+        predicted = shared / mine
+        variance = self.own[:, None] - shared * predicted
+        loud, together = squares[:, first, None, None], np.real(self.p.conj() * self.p[:, first, None])
+        costs = np.sum(np.log(variance) + loud * predicted**2 / variance, axis=0)
+        costs = costs + np.tensordot(squares.T, 1 / variance, 1)  # (N, B, C)
+        costs -= 2 * np.tensordot(together.T, predicted / variance, 1)
+        costs[first] = np.sum(np.log(mine) + loud / mine, axis=0)
+        return costs.min(axis=2).sum(axis=0), costs.argmin(axis=2).T
+
+    def costs(self, positions: Reals, n: int, max_others: int | None = None) -> np.ndarray:
+        """Return -log of the probability density of microphone `n` at each point, given the others : (M, C)."""
+        check_deadline()
+        others = np.delete(np.arange(len(positions)), n)
+        if max_others is not None and len(others) > max_others:
+            others = others[np.linspace(0, len(others) - 1, max_others).astype(int)]
+        W = self.model.shapes(positions[others])
+        weighted = W * self.weights[:, None]  # (M, N - 1, E)
+        C = weighted @ W.T + self.noise[:, None, None] * np.eye(len(W))
+        c = self.shapes @ weighted.transpose(0, 2, 1)  # (M, C, N - 1)
+        t = c @ np.linalg.inv(C)
+        variance = self.own - np.sum(t * c, axis=2)
+        predicted = (t @ self.p[:, others, None])[..., 0]
+        return np.log(variance) + np.abs(self.p[:, n, None] - predicted) ** 2 / variance
+
+    def placed_again(self, positions: Reals) -> np.ndarray:
+        """Return `positions` with one microphone after the other put where the others predict it : (N, D)."""
+        positions = np.array(positions)
+        for _ in range(MAX_PASSES):
+            before = positions.copy()
+            for n in range(len(positions)):
+                positions[n] = self.points[self.costs(positions, n, MAX_NEIGHBOURS).sum(axis=0).argmin()]
+            if np.array_equal(before, positions):
+                break
+        return positions
+
+
+FINER = 1.5  # points of the source's lattice in a step of that of the arrays
+ADMITTANCES = (0.0, 0.01, 0.04)  # of the walls, tried with every place of the source
+SOURCES = 4  # places of the source that are returned
+MIN_DISTANCE = 2.0  # lattice steps between two of them
+
+
+def find_sources(
+    positions: Reals, pressures: Complexes, wavenumbers: Numbers, size: Sequence[float] | Reals
+) -> list[SourceCandidate]:
+    """Return places of the source, some lattice steps apart, the likeliest first."""
+    step = lattice_step(wavenumbers, size) / FINER
+    axes, points = lattice(size, step)
+    rooms = [point_source_model(size, wavenumbers, beta) for beta in ADMITTANCES]
+    costs = np.array([_source_costs(room, positions, pressures, axes) for room in rooms])
+    chosen: list[int] = []
+    for c in np.argsort(costs.min(axis=0), kind="stable").tolist():
+        if all(np.linalg.norm(points[c] - points[other]) > MIN_DISTANCE * step for other in chosen):
+            chosen.append(c)
+        if len(chosen) == SOURCES:
+            break
+    best = costs.argmin(axis=0)
+    return [SourceCandidate(frozen_array(points[c], float), ADMITTANCES[int(best[c])]) for c in chosen]
+
+
+UNEXPLAINED = 0.05  # fraction of the power that a lattice leaves unexplained
+
+
+def _source_costs(room: PointSourceModel, positions: Reals, pressures: Complexes, axes: Sequence[Reals]) -> np.ndarray:
+    """Return the cost of the residual with a source of any strength at each point of a lattice : (C,) float64."""
+    shapes, along = room.shapes(positions), _along(room, axes)
+    cost = np.zeros(np.prod([len(axis) for axis in axes]))
+    for m, p in enumerate(pressures):
+        weights = room.response[m][None]
+        for a, shape in enumerate(shapes):
+            weights = weights * shape[m].reshape(len(positions), *(-1 if b == a else 1 for b in range(len(axes))))
+        g = _everywhere(weights, along, m)
+        power = np.sum(np.abs(p) ** 2)
+        left = power - np.abs(p.conj() @ g) ** 2 / np.sum(np.abs(g) ** 2, axis=0)
+        cost += len(p) * np.log(left / power + UNEXPLAINED)
+    return cost
+
+
+BETTER = 0.3  # a microphone is relocated to where it leaves less than this part of its residual power
+
+
+def relocate(
+    positions: Reals, walls: Reals, pressures: Complexes, wavenumbers: Numbers, size: Sequence[float] | Reals
+) -> np.ndarray:
+    """Return `positions` with each microphone that fits far better elsewhere put there : (N, D).
+
+    `walls` (D + 2,) holds the source, metres, and the admittance, real and imaginary part.
+    """
+    D = len(size)
+    axes, points = lattice(size, lattice_step(wavenumbers, size) / FINER)
+    room = point_source_model(size, wavenumbers, complex(*walls[D:]))
+    excited, along = room.excitation(walls[:D]), _along(room, axes)
+    here = room_pressures(excited, room.shapes(positions))
+    loud = np.sum(here.conj() * pressures, axis=1, keepdims=True) / np.sum(np.abs(here) ** 2, axis=1, keepdims=True)
+    fitted = loud * np.array([_everywhere(T[None], along, m)[0] for m, T in enumerate(excited)])  # (M, C)
+    costs = np.sum(np.abs(fitted) ** 2, axis=0)[:, None] - 2 * np.real(fitted.conj().T @ pressures)
+    costs += np.sum(np.abs(pressures) ** 2, axis=0)
+    better = costs.min(axis=0) < BETTER * np.sum(np.abs(pressures - loud * here) ** 2, axis=0)
+    return np.where(better[:, None], points[costs.argmin(axis=0)], positions)
+
+
+def _along(room: PointSourceModel, axes: Sequence[Reals]) -> list[np.ndarray]:
+    """Return the eigenfunctions along each axis at the coordinates of a lattice: D arrays (M, C_a, n_a)."""
+    middle, number = np.asarray(room.size) / 2, np.arange(len(axes))
+    return [room.shapes(np.where(number == a, axis[:, None], middle))[a] for a, axis in enumerate(axes)]
+
+
+def _everywhere(weights: Numbers, along: Sequence[Numbers], m: int) -> np.ndarray:
+    """Return sums over the eigenfunctions of mode m, with `weights` (X, n_1, ..., n_D), at each point : (X, C)."""
+    check_deadline()
+    for shape in along:  # each contraction takes the first of the axes left and puts the points last
+        weights = np.tensordot(weights, shape[m], axes=(1, 1))
+    return weights.reshape(len(weights), -1)

@@ -25,15 +25,28 @@ import numpy as np
 from ...acoustics.room_modes import TRUNCATION, diffuse_model, nearest_symmetry, room_symmetries
 from ...model.problem import Problem, mode_power
 from ...model.settings import Search, SolverSettings
-from ...model.types import Complexes, Numbers, Reals
-from ...model.validation import InputError, frozen_array
+from ...model.validation import Complexes, InputError, Numbers, Reals, frozen_array
 from ..estimate import RoomEstimate
 from ..interface import RunState, Traits
 from ..levenberg_marquardt import FIRST_DAMPING
 from ..requirements import require_measured, require_range, require_search
-from . import search
-from .fit import bounded_inverse, bounded_step, degrees_of_freedom, diffuse_terms, exact, fitted_size
-from .search import ArrayCandidate, SourceCandidate
+from .fit import (
+    WIDTHS,
+    ArrayCandidate,
+    LatticePoints,
+    SourceCandidate,
+    bounded_inverse,
+    bounded_step,
+    degrees_of_freedom,
+    diffuse_terms,
+    exact,
+    find_arrays,
+    find_sources,
+    fitted_size,
+    lattice_step,
+    noise_with_errors,
+    relocate,
+)
 
 TRAITS = Traits(moves_all=True, needs_room=True, takes_positions=True)
 
@@ -134,7 +147,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
         attempts=Restarts(),
         noise=_noise(problem, settings),
         walls=frozen_array(np.zeros(D + 2), float),
-        width=search.WIDTHS[0],
+        width=WIDTHS[0],
     )
 
 
@@ -171,10 +184,10 @@ def step(problem: Problem, state: State) -> State:
     phase = replace(state.phase, steps=state.phase.steps + 1)
     state = replace(state, step=state.step + 1, sweep=state.sweep + 1, phase=phase)
     if phase.name == "search":
-        arrays = tuple(search.find_arrays(p, noise, k, state.size))
+        arrays = tuple(find_arrays(p, noise, k, state.size))
         return _following(problem, replace(state, attempts=replace(state.attempts, arrays=arrays)), True)
     if phase.name == "source":
-        sources = tuple(search.find_sources(state.positions, p, k, state.size))
+        sources = tuple(find_sources(state.positions, p, k, state.size))
         return _following(problem, replace(state, attempts=replace(state.attempts, sources=sources)), True)
     state, moved = _fitted(state, p, noise, k)
     converged = moved < PHASES[phase.name].tolerance
@@ -191,10 +204,10 @@ MAX_ADMITTANCE = 0.2  # of the walls
 
 def _fitted(state: State, p: Complexes, noise: Reals, k: Numbers) -> tuple[State, float]:
     """Return the state after one damped step with the model of its phase, and how far a coordinate moved, metres."""
-    size, name, max_step = state.size, state.phase.name, search.lattice_step(k, state.size)
+    size, name, max_step = state.size, state.phase.name, lattice_step(k, state.size)
     N, D = state.positions.shape
     if name == "diffuse":
-        v = search.noise_with_errors(noise, k, D, LATTICE_ERRORS[state.phase.spread] * max_step)
+        v = noise_with_errors(noise, k, D, LATTICE_ERRORS[state.phase.spread] * max_step)
         model, theta = diffuse_model(size, k, state.width), state.positions.ravel()
         terms = diffuse_terms(theta, p, v, model)
 
@@ -245,7 +258,7 @@ def _following(problem: Problem, state: State, converged: bool) -> State:
         return _begin(state, "exact", spread)
     if name == "rough":
         p, _, k = scaled(problem, state, state.modes)
-        positions = frozen_array(search.relocate(state.positions, state.walls, p, k, state.size), float)
+        positions = frozen_array(relocate(state.positions, state.walls, p, k, state.size), float)
         return _begin(replace(state, positions=positions), "relocated", spread, EXACT_DAMPING)
     if name == "relocated":
         best, agreed = _best(tried.rejected, state, False)
@@ -332,7 +345,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, domain: Sear
     points = require_search(problem, domain).layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
     model = diffuse_model(state.size, k, state.width)
-    lattice = search.LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + ROUGH_NOISE, model)
+    lattice = LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + ROUGH_NOISE, model)
     costs = lattice.costs(state.positions, n)
     costs -= np.minimum(costs.min(axis=1, keepdims=True), 0.0)
     return costs.reshape(len(p), *points.shape[:2])

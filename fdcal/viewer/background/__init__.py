@@ -1,6 +1,7 @@
-"""Work on background threads: preparation, cost maps, sweeps, the verdict, races.
+"""Work on background threads that several tabs share. What a single tab computes stands in its module.
 
-May import: the packages below viewer, and gui. What a single tab computes stands in its module.
+May import: the packages below viewer, and gui.
 
-threads      the threads of one session, and a computation on one of them
+prepare    from a request to a session that can be shown, and the threads of a session
+cost_maps  the map on the floor or in space
 """

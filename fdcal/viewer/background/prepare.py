@@ -1,30 +1,116 @@
 """From a request for a scene to a session that can be shown, on a thread that can be cancelled.
 
-What `fdcal.solvers.warmup` names is compiled on a thread of its own, beside the simulation and then beside the page.
+Threads           the threads of one session: whoever needs one starts it here, and all of them end together
+Warmup            compiles what `fdcal.solvers.warmup` names, beside the simulation and then beside the page
+prepare_run       simulates or takes the measurement, and starts a session
+SessionSwitcher   takes requests from any thread; the main loop executes them and takes what is ready
 """
 
+import collections
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from ... import solvers
 from ...acoustics.measure import cached_measurement
-from ...cost.reference_cost import ReferenceCost, reference_cost_of
+from ...cost.expansion import ReferenceCost, reference_cost_of
 from ...model.given_positions import with_search_domain
 from ...model.measurement import Measurement
 from ...model.problem import Problem
 from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene
 from ...model.settings import ALL_MODES
-from ...model.validation import InputError
+from ...model.validation import InputError, StorageError
 from ...session.calibration_run import with_estimated_domain
-from ...session.request import OpenRequest, as_given
 from ...session.session import Session
-from ...session.worker import LatestWorker
+from ...session.sources import OpenRequest, as_given
+from ...session.worker import Delivery, LatestWorker
+from ...solvers import warmup_calls
 from ...solvers.interface import RunState, Solver
-from ...solvers.warmup import warmup_calls
+
+
+class Closable(Protocol):
+    """What has threads to be ended."""
+
+    def close(self, timeout: float) -> bool:
+        """End the threads after the work in progress; False if that takes longer than `timeout`, s."""
+        ...
+
+
+class Background(LatestWorker):
+    """A computation on a thread of its own, of which only the newest request counts.
+
+    `requested`: the arguments of the newest request, None where it was cancelled.
+    """
+
+    requested: tuple | None = None
+
+    def newest(self, *arguments) -> Delivery | None:
+        """Request the computation, unless it was requested last; return the newest delivery, perhaps an older one."""
+        if arguments != self.requested:
+            self.requested = arguments
+            self.request(*arguments)
+        return self.latest
+
+    @property
+    def current(self) -> Delivery | None:
+        """The delivery of the newest request; None while it is computed, or where it was cancelled."""
+        latest = self.latest
+        return latest if latest is not None and latest.request == self.requested else None
+
+    def wants(self, *arguments) -> bool:
+        """Return whether a request still counts: what a long computation asks between its parts."""
+        return self.requested == arguments
+
+    def cancel(self) -> None:
+        """Let the request in progress count no longer."""
+        self.requested = None
+
+    def close(self, timeout: float = 2.0) -> bool:
+        """End the thread after the work in progress; False if that takes longer than `timeout`, s."""
+        self.cancel()
+        return super().close(timeout)
+
+
+class Threads:
+    """Owns all that has to be ended with a session.
+
+    `wake`: function that makes the main loop update the page at once.
+    """
+
+    def __init__(self, wake: Callable[[], None] = lambda: None):
+        self._wake = wake
+        self._owned: list[Closable] = []
+        self._abandoned: list[Closable] = []
+
+    def start(
+        self, function: Callable, name: str, keep: int = 1, wakes: bool = False, awaited: bool = True
+    ) -> Background:
+        """Start a thread that calls `function` with the arguments of each request.
+
+        `keep`: requests that may wait; `wakes`: whether a delivery makes the main loop update the page at once;
+        `awaited`: whether `close` waits for the work in progress.
+        """
+        worker = Background(function, name, keep, self._wake if wakes else lambda: None)
+        (self._owned if awaited else self._abandoned).append(worker)
+        return worker
+
+    def own(self, owner: Closable) -> None:
+        """End something else with the threads."""
+        self._owned.append(owner)
+
+    def close(self, timeout: float) -> None:
+        """End everything after the work in progress; wait `timeout` at most, s."""
+        end = time.perf_counter() + timeout
+        for owner in (*self._owned, *self._abandoned):  # all are asked to stop before any is waited for
+            owner.close(0.0)
+        for owner in self._owned:
+            owner.close(max((end - time.perf_counter()) / 2, 0.0))
+
 
 POLL_INTERVAL = 0.05  # s between two looks at the progress
 COMPILE_TIME = 1.0  # s; a piece that takes longer is compiled, a faster one is read from the disk
@@ -212,3 +298,135 @@ def _compile_step_and_map(problem: Problem, solver: Solver, state: RunState) -> 
     solver.step(problem, state)
     if problem.search is not None:
         solver.landscape(problem, state, int(problem.free[0]), slice(state.first - 1, state.first))
+
+
+log = logging.getLogger(__name__)
+
+COMPILE_TIMEOUT = 60.0  # s; the longest compilation takes 8 s of processor time
+
+
+class Preparation:
+    """One request while it is prepared. Its thread sets `run` or `error`, and then `done`."""
+
+    def __init__(self, request: OpenRequest):
+        self.request, self.progress = request, PreparationProgress()
+        self.run: PreparedRun | None = None
+        self.error: Exception | None = None
+        self.done = False
+
+    def execute(self) -> None:
+        """Prepare the run; called on the thread."""
+        try:
+            self.progress(0.0)
+            self.run = prepare_run(self.request, self.progress)
+        except Cancelled:
+            pass
+        except Exception as error:
+            self.error = error
+        self.done = True
+
+
+class SessionSwitcher:
+    """Prepares the newest request on a thread of its own.
+
+    `error`: exception for which the last request was refused, or None.
+    """
+
+    def __init__(self):
+        self._commands: collections.deque[OpenRequest | None] = collections.deque()  # None: cancel
+        self._worker = LatestWorker(Preparation.execute, "fdcal-prepare")
+        self._current: Preparation | None = None
+        self._cancelled: list[Preparation] = []  # some of which may still be in progress
+        self._begun: list[PreparationProgress] = []  # whose compilations may still be in progress
+        self.error: Exception | None = None
+
+    def open(self, request: OpenRequest) -> None:
+        """Prepare a request, and cancel the one in progress. Any thread."""
+        self._commands.append(request)
+
+    def cancel(self) -> None:
+        """Cancel the request in progress, or dismiss the error of the last one. Any thread."""
+        self._commands.append(None)
+
+    # Below: the main loop alone.
+
+    @property
+    def idle(self) -> bool:
+        """Whether no request waits or is in progress."""
+        return not self._commands and self._current is None
+
+    @property
+    def progress(self) -> PreparationProgress | None:
+        """The progress of the preparation; None where nothing is in progress."""
+        return None if self._current is None else self._current.progress
+
+    @property
+    def measured(self) -> tuple[OpenRequest, Measurement] | None:
+        """The request in progress and its measurement, once that is simulated or read."""
+        if self._current is None or self._current.progress.measurement is None:
+            return None
+        return self._current.request, self._current.progress.measurement
+
+    @property
+    def title(self) -> str:
+        """The title of the scene in progress, or ""."""
+        return "" if self._current is None else self._current.request.scene.title
+
+    @property
+    def compiling(self) -> bool:
+        """Whether a compilation is in progress, of a session that is shown or of one that nobody waits for."""
+        return any(progress.warmup is not None and progress.warmup.busy for progress in self._begun)
+
+    def poll(self, wait: bool = False) -> PreparedRun | None:
+        """Execute the commands that wait; return the run that is ready, once, or None; None to `wait` with it."""
+        while self._commands:
+            self._begin(self._commands.popleft())
+        self._close_cancelled()
+        finished = self._current
+        if finished is None or not finished.done or (wait and finished.error is None):
+            return None
+        self._current = None
+        if finished.error is not None:
+            self.refuse(finished.error)
+        return finished.run
+
+    def refuse(self, error: Exception) -> None:
+        """Refuse the last request; log an exception that is not the user's."""
+        if not isinstance(error, (InputError, StorageError)):
+            log.error("a request could not be opened", exc_info=error)
+        self.error = error
+
+    def close(self, timeout: float = 1.0, compile_timeout: float = COMPILE_TIMEOUT) -> None:
+        """End the threads and close the sessions that were not taken.
+
+        The thread of a preparation may be writing to the cache. A file is moved into its place when it is complete, so
+        a thread that is left behind does no harm. A compiler that is left behind can end the interpreter with an error.
+
+        `timeout`: how long to wait for the preparation, s; `compile_timeout`: how long to wait for compilations, which
+        cannot be interrupted, s.
+        """
+        self._begin(None)
+        self._worker.close(timeout)
+        self._close_cancelled()
+        end = time.perf_counter() + compile_timeout
+        for progress in self._begun:
+            if progress.warmup is not None:
+                progress.warmup.close(max(end - time.perf_counter(), 0.0))
+
+    def _begin(self, request: OpenRequest | None) -> None:
+        if self._current is not None:
+            self._current.progress.stop = True
+            self._cancelled.append(self._current)
+        self._current, self.error = None, None
+        if request is not None:
+            self._current = Preparation(request)
+            self._begun = [progress for progress in self._begun if not progress.ended]
+            self._begun.append(self._current.progress)
+            self._worker.request(self._current)
+
+    def _close_cancelled(self) -> None:
+        """Close the sessions of preparations that were cancelled too late."""
+        for preparation in self._cancelled:
+            if preparation.done and preparation.run is not None:
+                preparation.run.close(0.0)
+        self._cancelled = [preparation for preparation in self._cancelled if not preparation.done]

@@ -2,9 +2,8 @@
 
 May import: the packages below viewer, and background and server.
 
-binding      binds controls to a session; what a tick shows; the base of a tab
-choices      the choices made on the page
-html         status lines, the verdict, remarks and error messages
-legend_html  legends and the scale of a map
-plots        a plot that is sent as seldom as possible
+binding   the choices made on the page, what a tick shows, and the controls bound to a session
+html      status lines, the verdict, legends and error messages
+overlay   regions on the canvas, and the words there
+plots     a plot that is sent as seldom as possible
 """

@@ -8,12 +8,14 @@ A region that only changes in part keeps the elements that stay, so that a slide
 import logging
 import re
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from html import escape
+from types import MappingProxyType
 
 import viser
 
 from ...model.validation import InputError, StorageError
-from ..server.regions import REGIONS, content
+from ..server import REGIONS, content
 from .html import error_message
 
 CHANNEL = "fdcal command"  # label of the control of the commands, as in page.js
@@ -73,3 +75,30 @@ def whole(value: str, low: int, high: int) -> int:
     if not re.fullmatch(r"-?[0-9]{1,9}", value):
         raise InputError(f'"{value[:40]}" is no whole number', f"use {low} to {high}", value=value)
     return min(max(int(value), low), high)
+
+
+Buttons = Mapping[str, Callable[[], object]]  # by label, what is called on viser's event loop when one is pressed
+NO_BUTTONS: Buttons = MappingProxyType({})
+
+
+class CanvasWords:
+    """Owns the region of the words."""
+
+    def __init__(self, overlay: Overlay):
+        self._overlay, self._buttons = overlay, NO_BUTTONS
+        overlay.on("words", lambda client, label: self.press(label))
+        overlay.on("dismiss", lambda client, value: self.show(""))
+
+    def press(self, label: str) -> None:
+        """Do what a button does; nothing for a button that has been removed."""
+        self._buttons.get(label, lambda: None)()
+
+    def show(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS) -> None:
+        """Show words, a smaller line below them, and buttons, which with that line invite; nothing for ""."""
+        self._buttons = buttons
+        text = f"<div>{escape(words)}</div>" if words else ""
+        text += f"<p>{escape(detail)}</p>" if detail else ""
+        labels = [escape(label, quote=True) for label in buttons]
+        kind = 'class="first"' if detail else ""
+        text += "".join(f'<button {kind} data-do="words={label}">{label}</button>' for label in labels)
+        self._overlay.show("words", text)

@@ -115,7 +115,8 @@ EXPERT_MARGINS, BROAD_EXPERT_MARGINS = (76, 152, 34, 66), (290, 76, 290, 66)  # 
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
 PHONE_PANEL = 0.45  # of the height of its canvas, which a panel or a caption covers
 PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top there
-PHONE_LEGEND = 110  # pixels, of the height of a legend above the panel; in Explore it stands below its top
+# Likewise beside the panel: of the height of the legend above it and of the rulers, and of the buttons at the top.
+PHONE_LEGEND, PHONE_BUTTONS = 168, 56
 
 
 class Cameras:
@@ -305,4 +306,5 @@ def _margins(size: tuple[int, int], room: Room, expert: bool) -> tuple[int, int,
             right = (LECTURE_CAPTION if room.lecture else CAPTION) + min(right, MARGINS[2])
         return left, bottom, right, top
     left, right, top = PHONE_MARGINS
-    return left, round(PHONE_PANEL * size[1]) + (PHONE_LEGEND if expert else 0), right, top
+    panel = round(PHONE_PANEL * size[1])
+    return (left, panel + PHONE_LEGEND, right, PHONE_BUTTONS) if expert else (left, panel, right, top)

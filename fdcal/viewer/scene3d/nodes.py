@@ -13,7 +13,7 @@ import viser.transforms
 
 from ...graphics.heatmap import relief_grid
 from ...graphics.primitives import Floor, Lines, Mesh, Picture, Plate, Surface
-from ..server.regions import content
+from ..server import content
 from .cameras import Cameras
 from .labels import labels_html
 

@@ -16,10 +16,11 @@ from ...graphics.glyphs import annuli, lift
 from ...graphics.markers import drape
 from ...graphics.overlays import CUT_RADIUS
 from ...graphics.primitives import Floor, Picture
-from ..gui.binding import Binding
-from ..gui.choices import Line
+from ..gui.binding import Binding, Line
 
 DISC_RADIUS = 1.7  # in radii of a marker
+FIXED = 0.9  # size of the discs of microphones that cannot be dragged, of the others: a finger rather takes those
+SPECK = 1e-3  # size of what stands in the corners of the search domain, likewise
 DISC_HEIGHT = 14 / 24  # over the floor, in radii of a marker: above everything that is drawn
 
 
@@ -62,6 +63,7 @@ class MicrophonePicker:
         """Add one disc for each microphone."""
         start = np.tile(self._corners[0], (self._binding.measurement.count, 1))
         discs = add_discs(server, name, start, DISC_RADIUS * self._marker, self._corners)
+        self._sized: np.ndarray | None = None  # the sizes that were sent last
 
         @discs.on_click
         async def _(event) -> None:
@@ -128,6 +130,10 @@ class MicrophonePicker:
         points = drape(positions, floor, self._marker)
         heights = points[:, 2] if points.shape[1] == 3 else np.full(len(points), self._base)
         discs = np.column_stack([points[:, :2], heights + DISC_HEIGHT * self._marker])
+        sizes = np.array([1.0 if self._movable(n) else FIXED for n in range(len(discs))])
+        if self._sized is None or not np.array_equal(self._sized, sizes):
+            self._sized = sizes
+            self._discs.batched_scales = np.concatenate([sizes, np.full(len(self._corners), SPECK)]).astype(np.float32)
         if self._shown is None or not np.array_equal(self._shown, discs):
             self._shown = discs
             self._discs.batched_positions = np.concatenate([discs, self._corners]).astype(np.float32)
@@ -145,7 +151,7 @@ def add_discs(server: viser.ViserServer, name: str, places: np.ndarray, radius: 
     vertices, faces = annuli(np.zeros((1, 3)), radius / 2, radius, corners=12)
     return server.scene.add_batched_meshes_simple(
         name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), np.concatenate([places, corners]),
-        batched_scales=np.repeat([1.0, 1e-3], [count, specks]),
+        batched_scales=np.repeat([1.0, SPECK], [count, specks]),
         opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
     )  # fmt: skip
 

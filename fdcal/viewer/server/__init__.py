@@ -2,8 +2,17 @@
 
 May import: the packages below viewer.
 
-hardening      a server that only its own page can use, and repairs of viser
-connections    one client's connection, with a bounded rate
+hardening      a server that only its own page can use, with a bounded rate for each client, and repairs of viser
 client_values  checks of messages and of the values in them
-process        signals, the error log, and the memory of the process
+process        the error log, and the memory of the process
 """
+
+# The regions over the canvas that `page.js` fills with the HTML of hidden controls.
+# words: large, in the middle; caption: of a lesson; legend: scale and marks; bar: of the face Explore; sheet: above it,
+# on demand; address: what is shared of the page's address; lecture: "on" in lecture mode.
+REGIONS = ("words", "caption", "legend", "bar", "sheet", "address", "lecture")
+
+
+def content(region: str, html: str = "") -> str:
+    """Return what a hidden control sends to fill a region with HTML."""
+    return f"<!--fdcal:{region}-->{html}"

@@ -251,6 +251,35 @@ for (const gesture of ["pointermove", "wheel"]) document.addEventListener(gestur
   if (event.target.matches?.("canvas") && (event.buttons || gesture == "wheel")) touched = performance.now();
 }, {capture: true, passive: true});
 
+// --- fingers
+
+// A finger takes the nearest microphone within REACH, of which a disc is a few pixels: its gesture is moved onto the disc.
+const REACH = 24;  // pixels
+let gesture = null;  // {id, shift, ends}
+function shiftOnto(event) {
+  const mutable = window.__viserMutable, canvas = event.target, box = canvas.getBoundingClientRect(), at = mutable.camera.position.clone();
+  let best = null;
+  for (const [name, node] of Object.entries(mutable.nodeRefFromName)) if (/^\/picking\/\d+$/.test(name)) node?.traverse(discs => {
+    for (let i = 0; discs.isInstancedMesh2 && i < discs.instancesCount; i++) {
+      const scale = discs.getMatrixAt(i).elements[0], further = scale < 0.95 ? REACH / 2 : 0;  // of one that stays
+      if (scale < 0.5) continue;  // a speck in a corner of the search domain
+      const {x, y, z} = at.copy(discs.getPositionAt(i)).applyMatrix4(discs.matrixWorld).project(mutable.camera);
+      const shift = [box.left + (1 + x) / 2 * box.width - event.clientX, box.top + (1 - y) / 2 * box.height - event.clientY], far = Math.hypot(...shift) + further;
+      if (z < 1 && far < (best?.far ?? REACH)) best = {shift, far};
+    }
+  });
+  return best?.shift;
+}
+for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel", "click"]) addEventListener(kind, event => {
+  if (!event.isTrusted || event.pointerType != "touch" || !event.target.matches?.("canvas[data-engine]")) return;
+  if (kind == "pointerdown") gesture = event.isPrimary && window.__viserMutable?.camera ? {id: event.pointerId, shift: shiftOnto(event)} : null;
+  if (!gesture?.shift || event.pointerId != gesture.id) return;
+  event.stopImmediatePropagation();
+  const [dx, dy] = gesture.shift, {type, bubbles, cancelable, pointerId, pointerType, isPrimary, button, buttons, pressure, width, height, clientX, clientY, screenX, screenY} = event;
+  event.target.dispatchEvent(new PointerEvent(type, {bubbles, cancelable, composed: true, pointerId, pointerType, isPrimary, button, buttons, pressure, width, height,
+    clientX: clientX + dx, clientY: clientY + dy, screenX, screenY, view: window}));
+}, true);
+
 function note(text) {
   line.textContent = text;
   clearTimeout(note.timer);

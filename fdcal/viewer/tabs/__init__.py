@@ -1,7 +1,8 @@
-"""The tabs of the panels, one module each.
+"""The tabs of the panels, one module each, with what each computes on its threads.
 
 May import: the packages below viewer, and gui, scene3d, background and server.
 
-solver, scene, map, view, export, lessons, help     tabs of the main panel on the right
-curves, maps, modes, microphones, comparison, record  tabs of the panel on the left
+solver, scene, view, curves, help                the main panel on the right; lessons stand on the canvas
+map, sweep, spectrum, cut                        the tab Map of the panel on the left
+microphones, comparison, plan, record            the other tabs there
 """

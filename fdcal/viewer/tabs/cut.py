@@ -10,17 +10,16 @@ import numpy as np
 from matplotlib.colors import to_hex
 from viser import uplot
 
+from ...cost.expansion import LOWEST
 from ...cost.maps import eq7_cut
-from ...cost.reference_cost import LOWEST
 from ...graphics.picture import row_word
 from ...model.measurement import Measurement
 from ...solvers.interface import RunState
-from ..background.cost_map import count_label, map_modes, shown_modes
+from ..background.cost_maps import count_label, map_modes, shown_modes
 from ..background.prepare import PreparedRun
 from ..display_frame import drawn_truth
 from ..gui import html
-from ..gui.binding import Binding, Tab, Tick
-from ..gui.choices import Line
+from ..gui.binding import Binding, Line, Tab, Tick
 from ..gui.html import CARD
 from ..gui.plots import BLUE, GREY, RED, Plot, dots
 

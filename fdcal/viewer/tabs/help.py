@@ -1,14 +1,155 @@
-"""The tab Help: keys, mouse, marks, and what the numbers mean."""
+"""Keyboard shortcuts, which do what buttons do, and the tab Help: keys, mouse, marks, and what the numbers mean.
 
+Each shortcut is also in the browser's palette of commands, Ctrl+K. viser moves the camera with W, A, S, D, Q, E and the
+arrows, so none of them is used here. A key does nothing while a text is typed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
 from html import escape
 
 import viser
+from viser._messages import HotkeyKey, KeyModifier
 
 from ...graphics.annotations import MARKS as DRAWN
 from ...model.room import MEASURED_AND_MODELLED
-from ..gui.html import CARD
-from ..gui.legend_html import legend
-from ..hotkeys import KEYS
+from ..gui.html import CARD, legend
+from .lessons import BACK, NEXT
+from .map import LINEAR, LOG
+
+
+@dataclass(frozen=True)
+class Key:
+    """A keyboard shortcut."""
+
+    key: HotkeyKey  # as viser names it
+    label: str  # what it does
+    act: Callable  # function of the page and the client that pressed the key
+    modifier: KeyModifier | None = None  # "shift" or None
+
+    @property
+    def name(self) -> str:
+        """The shortcut as it is written, for example "Shift+M"."""
+        return f"{self.modifier.capitalize()}+{self.key}" if self.modifier else self.key
+
+
+def _with_tabs(act: Callable) -> Callable:
+    """Return a function that calls `act(tabs)` if there is a session."""
+
+    def do(page, client) -> None:
+        if page.viewer is not None:
+            act(page.viewer.tabs)
+
+    return do
+
+
+def _press(name: str) -> Callable:
+    return _with_tabs(lambda tabs: tabs.run_bar.press(name))
+
+
+def _seek(shift: int) -> Callable:
+    """Show another state of the history."""
+    return _with_tabs(lambda tabs: tabs.binding.session.seek(tabs.binding.session.view.index + shift))
+
+
+def _next_microphone(shift: int) -> Callable:
+    def do(tabs) -> None:
+        count = tabs.binding.measurement.count
+        tabs.map.pick((int(tabs.map.microphone.value) + shift) % count)
+
+    return _with_tabs(do)
+
+
+def _more_modes(shift: int) -> Callable:
+    """Show the map of the modes from the lowest to one more, or one less."""
+
+    def do(tabs) -> None:
+        binding = tabs.binding
+        highest = (binding.choices.modes or (binding.session.view.state.last,))[-1]
+        tabs.map.choose_modes(range(1, min(max(highest + shift, 1), binding.modes) + 1))
+
+    return _with_tabs(do)
+
+
+def _next_kind(tabs) -> None:
+    kinds = tabs.map.kinds
+    tabs.map.show_as(kinds[(kinds.index(tabs.map.kind.value) + 1) % len(kinds)])
+
+
+def _toggle_scale(tabs) -> None:
+    tabs.map.scale_as(LINEAR if tabs.binding.choices.style.log else LOG)
+
+
+def _toggle_trails(tabs) -> None:
+    tabs.view.draw(trails=not tabs.binding.choices.trails)
+
+
+def _toggle_dark(tabs) -> None:
+    tabs.view.darken(not tabs.binding.choices.style.dark)
+
+
+def _toggle_lecture(tabs) -> None:
+    tabs.view.lecture_mode(not tabs.binding.choices.lecture)
+
+
+def _place_camera(view: str) -> Callable:
+    return lambda page, client: page.nodes.cameras.request(client, view)
+
+
+def _look(view: str) -> Callable:
+    """Place the camera, and let the map rise or lie down."""
+
+    def do(page, client) -> None:
+        if page.viewer is not None:
+            page.viewer.tabs.look(client, view)
+
+    return do
+
+
+KEYS = (
+    Key("R", "Run or pause", _with_tabs(lambda tabs: tabs.run_bar.toggle())),
+    Key("N", "One step", _press("Step")),
+    Key("G", "One sweep", _press("Sweep")),
+    Key("T", "One stage", _press("Stage")),
+    Key("X", "Reset", _press("Reset")),
+    Key("B", "Previous state", _seek(-1)),
+    Key("F", "Next state", _seek(1)),
+    Key("M", "Map of the next microphone", _next_microphone(1)),
+    Key("M", "Map of the previous microphone", _next_microphone(-1), "shift"),
+    Key("O", "One more mode in the map", _more_modes(1)),
+    Key("I", "One mode less in the map", _more_modes(-1)),
+    Key("P", "Play or pause the sweep of modes", _with_tabs(lambda tabs: tabs.sweep.toggle())),
+    Key("U", "Map of the modes in use", _with_tabs(lambda tabs: tabs.map.choose_modes(None))),
+    Key("V", "Flat map, relief, mode shape, basins, isosurfaces, no map", _with_tabs(_next_kind)),
+    Key("L", "Logarithmic or linear scale", _with_tabs(_toggle_scale)),
+    Key("Y", "Trails", _with_tabs(_toggle_trails)),
+    Key("K", "Dark or light page", _with_tabs(_toggle_dark)),
+    Key("H", "Lecture mode: large type, panels folded away", _with_tabs(_toggle_lecture)),
+    Key("1", "Plan view", _look("top")),
+    Key("2", "Whole room", _place_camera("3d")),
+    Key("3", "3-D view of the array", _look("close")),
+    Key("J", "Next step of the lesson", lambda page, client: page.lessons.go(NEXT)),
+    Key("J", "Previous step of the lesson", lambda page, client: page.lessons.go(BACK), "shift"),
+)
+
+
+def add_keys(gui: viser.GuiApi, page, keys: tuple[Key, ...] = KEYS) -> None:
+    """Add the shortcuts to every browser that opens the page.
+
+    `page`: on which they act; `keys`: the shortcuts.
+    """
+    for key in keys:
+        _add(gui, page, key)
+
+
+def _add(gui: viser.GuiApi, page, key: Key) -> None:
+    command = gui.add_command(key.label, hotkey=key.key, modifier=key.modifier)
+
+    @command.on_trigger
+    async def _(event) -> None:
+        if event.client is not None:
+            key.act(page, event.client)
+
 
 NUMBERS = {
     "Error (mm)": "distance from an estimated position to the true one, mean and largest over all microphones; of an"

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Protocol
 from ...model.scene import Scene
 from ...model.validation import InputError, StorageError, shown
 from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, Setting, Step
-from ...session.request import OpenRequest
+from ...session.sources import OpenRequest
 from ..gui.html import complaint, error_message
 from ..gui.overlay import whole
 from ..lesson_settings import PageBefore, apply_setting, plain_choices
 
 if TYPE_CHECKING:
+    from ..background.prepare import SessionSwitcher
     from ..panels import Panels
     from ..scene3d.nodes import SceneNodes
-    from ..session_switch import SessionSwitcher
     from ..session_view import Viewer
 
 INTRODUCTION = (

@@ -1,20 +1,23 @@
-"""The tab Map: of which microphone and modes the map is, and how it is drawn."""
+"""The tab Map: of which microphone and modes the map is, how it is drawn; and the maps of single modes beside it.
+
+Those are one image, drawn on a thread of its own: a drag does not wait for it.
+"""
 
 import numpy as np
 
 from ...acoustics.dictionary import max_order
-from ...cost.reference_cost import decibels
+from ...cost.expansion import decibels
+from ...graphics.panels import Marks, mosaic
 from ...graphics.picture import row_word
-from ...graphics.primitives import format_number
+from ...graphics.primitives import DARK, LIGHT, format_number
 from ...graphics.volume import AXES
 from ...model.measurement import Measurement
-from ...model.texts import modes_text, parse_modes
-from ...model.validation import InputError
-from ..background.cost_map import CostMap, count_label, modes_label, of_take
+from ...model.validation import InputError, modes_text, parse_modes
+from ..background.cost_maps import CostMap, count_label, modes_label, of_take
 from ..background.prepare import PreparedRun
+from ..display_frame import drawn_truth
 from ..gui import html
-from ..gui.binding import Binding, Same, Tab, Tick
-from ..gui.choices import (
+from ..gui.binding import (
     BASINS,
     FLOOR,
     MAX_ORDER_OFFSET,
@@ -22,10 +25,15 @@ from ..gui.choices import (
     RELIEF,
     SLICES,
     VOLUME,
+    Binding,
+    Same,
+    Tab,
+    Tick,
     kind_of,
     kinds_of,
     style_of,
 )
+from ..gui.html import CARD
 
 
 def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
@@ -367,3 +375,91 @@ class MapTab(Tab):
         words = caption(drawn, binding.measurement, orders_text(binding.run, drawn))
         words = words or html.remark(tick.reason or reason)
         self.caption.content = html.complaint(choices.modes_error) + words
+
+
+IMAGE_INTERVAL = 0.2  # s at least between two images
+PAUSES = 10  # by how much longer that is than an image takes: the map on the floor needs the processor, too
+
+
+def panel_image(run: PreparedRun, drawn: CostMap) -> np.ndarray | None:
+    """Return the maps of single modes beside their sum as one image (H, W, 3) uint8, or None without such maps."""
+    request, panels = drawn.request, drawn.panels
+    if panels is None:
+        return None
+    n, f, takes = request.microphone, run.measurement.frequencies, run.measurement.takes
+    several = run.measurement.take_count > 1 and request.take is None
+    captions = [
+        f"{mode}: {f[mode - 1]:.1f} Hz" + (f", take {takes[mode - 1]}" if several else "") for mode in panels.modes
+    ]
+    captions.append(
+        f"sum of {len(request.modes)}" if len(request.modes) > 1 else f"sum (one {row_word(run.measurement)})"
+    )
+    positions = np.asarray(request.state.positions)
+    truth = drawn_truth(run, positions)
+    true = None if truth is None else tuple(truth[n][:2])
+    marks = Marks(true, tuple(positions[n][:2]), request.style.minima and drawn.fine)
+    return mosaic(
+        [*panels.maps, panels.total], captions, panels.search, marks,
+        DARK if request.style.dark else LIGHT,
+        log=request.style.log, shared=request.style.shared, columns=2 if several or len(panels.modes) < 6 else 3,
+    )  # fmt: skip
+
+
+class MapsPanel(Tab):
+    """Owns the controls of the tab and the thread that draws the maps.
+
+    `image`: control that shows the maps.
+    """
+
+    def __init__(self, binding: Binding):
+        self._binding, gui = binding, binding.gui
+        self._shown: np.ndarray | None = None
+        self._requested: CostMap | None = None  # whose image was requested last
+        self._since = -1e9  # s, when that was
+        with gui.add_folder(f"{binding.row.capitalize()} by {binding.row}", expand_by_default=False):
+            self.image = gui.add_image(np.full((8, 8, 3), 128, np.uint8), format="jpeg", jpeg_quality=92, visible=False)
+            self.caption = gui.add_html(panels_caption(None, binding.measurement))
+            self.shared = binding.on(
+                gui.add_checkbox(
+                    "Same scale", binding.choices.style.shared, hint="One scale for all maps instead of one for each"
+                ),
+                lambda value: binding.choose_style(shared=value),
+            )
+        self.worker = binding.threads.start(lambda drawn: panel_image(binding.run, drawn), "fdcal-map-grid")
+
+    def show(self, tick: Tick) -> None:
+        """Show the newest image of the map on the floor, perhaps of one before."""
+        image = self._newest(tick.drawn, tick.now)
+        if image is self._shown:
+            return
+        self._shown = image
+        self.image.visible = image is not None
+        if image is not None:
+            self.image.image = image
+        self.caption.content = panels_caption(tick.drawn, self._binding.measurement)
+
+    def _newest(self, drawn: CostMap | None, now: float) -> np.ndarray | None:
+        """Return the newest image; request another one where the map has changed, not more often than is good."""
+        if drawn is None or drawn.panels is None:
+            self._requested = None
+            return None
+        last, latest = self._requested, self.worker.latest
+        current = last is not None and last.panels is drawn.panels and last.request.style == drawn.request.style
+        pause = IMAGE_INTERVAL if latest is None else max(IMAGE_INTERVAL, PAUSES * (latest.ended - latest.began))
+        if not current and now - self._since > pause and not self.worker.busy:
+            self._requested, self._since = drawn, now
+            self.worker.request(drawn)
+        return None if latest is None or self._requested is None else latest.result
+
+
+def panels_caption(drawn: CostMap | None, measurement: Measurement) -> str:
+    """Return what the maps show, as HTML."""
+    if drawn is None or drawn.panels is None:
+        return f"<div style='{CARD} opacity: 0.65'>no maps</div>"
+    request, word = drawn.request, row_word(measurement)
+    scale = "one scale for all maps" if request.style.shared else "each map with its own scale"
+    summed = count_label(measurement, request.modes)
+    return (
+        f"<div style='{CARD}'>Cost of moving <b>microphone {request.microphone}</b>, {word} by {word} and summed"
+        f" ({summed}); {scale}, {'logarithmic' if request.style.log else 'linear'}</div>"
+    )

@@ -13,10 +13,9 @@ from viser import uplot
 
 from ...model.gauge import position_errors
 from ...model.measurement import Measurement
-from ...model.texts import mm_text
-from ...session.history import SessionView
-from ..background.verdict import PositionUncertainty
-from ..gui.binding import Binding, Same, Tab, Tick
+from ...model.validation import mm_text
+from ...session.session import SessionView
+from ..gui.binding import Binding, PositionUncertainty, Same, Tab, Tick
 from ..gui.html import CARD, verdict_word
 from ..gui.plots import BLUE, RED, Plot, decades_of, dots
 

@@ -9,17 +9,15 @@ from html import escape
 import numpy as np
 import viser
 
-from ...assessment.bound import position_bound
-from ...assessment.uncertainty import confidence_factor, ellipse_axes
+from ...assessment.uncertainty import confidence_factor, ellipse_axes, position_bound
 from ...model.scene import Scene
-from ...session.blas_threads import one_blas_thread
-from ...session.planning.bounds import request_information, takes_cases
-from ...session.planning.plan import bound_lines, degeneracies, takes_lines
+from ...session.planning.bounds import forecast, request_information, takes_cases
+from ...session.planning.plan import bound_lines, degeneracies, forecast_line, takes_lines
 from ...session.planning.request import Layout, PlanRequest
+from ...session.process import one_blas_thread
 from ..background.prepare import PreparedRun
 from ..gui import html
-from ..gui.binding import Binding, Tab, Tick
-from ..gui.choices import PlanChoices
+from ..gui.binding import Binding, PlanChoices, Tab, Tick
 from ..gui.html import error_message
 
 DETERMINED = "pressures and given positions determine all directions"
@@ -73,13 +71,15 @@ def planned_array(run: PreparedRun, choices: PlanChoices) -> PlannedArray:
     try:
         request = plan_request(run, choices)
         with one_blas_thread():
-            bound = position_bound(request_information(request), request.prior)
+            information = request_information(request)
+            bound = position_bound(information, request.prior)
+            expected = forecast_line(request, forecast(request, information, bound))
             takes = takes_lines(takes_cases(request), request.takes)
     except ValueError as error:  # an InputError, too
         return PlannedArray(choices, np.zeros((0, 2, 2)), error=error_message(error))
     covariance = np.where(bound.free[:, None, None], bound.covariance, 0.0)
     axes = ellipse_axes(covariance, confidence_factor(0.95, covariance.shape[-1]))
-    lines = (*bound_lines(request, bound), *takes, *(degeneracies(request, bound) or (DETERMINED,)))
+    lines = (*bound_lines(request, bound), expected, *takes, *(degeneracies(request, bound) or (DETERMINED,)))
     return PlannedArray(choices, axes, lines, request.max_modes)
 
 

@@ -9,8 +9,8 @@ from ...model.room import MEASURED_AND_MODELLED, WALLS
 from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_names
 from ...model.validation import InputError, StorageError
-from ...session.request import OpenRequest
 from ...session.scene_edits import SceneParameters, min_known, parameters_of, with_parameters
+from ...session.sources import OpenRequest
 from ..gui import html
 from ..gui.binding import Binding, Tab
 

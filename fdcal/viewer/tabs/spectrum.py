@@ -11,10 +11,10 @@ from ...acoustics.dictionary import array_f_max, max_order
 from ...graphics.picture import row_word
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
-from ..background.cost_map import map_modes, row_label
+from ..background.cost_maps import map_modes, row_label
 from ..gui import html
 from ..gui.binding import Binding, Tab, Tick
-from ..gui.legend_html import spectrum_legend
+from ..gui.html import spectrum_legend
 from ..gui.plots import BLUE, ORANGE, RED, dots
 
 GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the curve, and of the area below it

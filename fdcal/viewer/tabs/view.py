@@ -1,12 +1,44 @@
-"""The tab View: the camera, the theme, and what is drawn over the map."""
+"""The tab View: the camera, the theme, what is drawn over the map, and files of what is on the screen.
 
+Files are made one after the other on a thread and sent to who asked: a `ViewSnapshot` holds everything that goes into
+one, `KINDS` lists the kinds.
+"""
+
+import logging
+import re
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
+import numpy as np
 import viser
 
+from ...assessment.result_file import position_table
+from ...graphics import exports
+from ...graphics.landscape import LandscapePanels, landscape_bytes, panels_of
+from ...graphics.picture import error_summary, z_range_of
+from ...graphics.primitives import Picture
+from ...graphics.replay import replay_html
+from ...graphics.snapshot import render_png
+from ...graphics.volume import Volume, sampled_volume
+from ...model.libraries import call
+from ...model.validation import InputError
+from ...session import session_file
+from ...session.session import SessionView
+from ...session.sources import OpenRequest
+from ..background.cost_maps import (
+    CostMap,
+    CostMapRequest,
+    ModePanels,
+    fine_panels,
+    map_label,
+    map_modes,
+    shown_modes,
+    terms_of,
+)
+from ..background.prepare import PreparedRun, Threads
+from ..display_frame import drawn_truth
 from ..gui import html
-from ..gui.binding import Binding, Tab, Tick
-from ..gui.choices import ELLIPSE_SCALES, VIEWS
+from ..gui.binding import ELLIPSE_SCALES, PICTURE, VIEWS, Binding, Choices, Tab, Tick
 
 ELLIPSES_LATER = "Ellipses appear when the solver has finished."
 
@@ -90,3 +122,289 @@ class ViewTab(Tab):
 
 def _label_of(scale: int) -> str:
     return next(label for label, factor in ELLIPSE_SCALES.items() if factor == scale)
+
+
+@dataclass(frozen=True)
+class ViewSnapshot:
+    """What is on the screen at one moment."""
+
+    run: PreparedRun
+    picture: Picture  # as drawn
+    view: SessionView  # whose state the picture shows
+    choices: Choices
+    microphone: int  # the selected one, counted from 0
+    sigma: np.ndarray | None  # (N,) float64, metres, one standard deviation of each position, or None
+    volume: Volume | None = None  # the cost in space that the picture shows, or None
+    sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
+    drawn: CostMap | None = None  # the map that the picture shows, or None
+
+    @property
+    def counted(self) -> np.ndarray:
+        """Numbers of the microphones whose errors count, and by which a blind array is aligned."""
+        return self.run.sought if self.sought is None else self.sought
+
+    def fine_panels(self, count: int) -> ModePanels | None:
+        """Return the maps that are on the screen, `count` single modes at most; None where they are coarse."""
+        drawn, wanted = self.drawn, map_request(self)
+        if drawn is None or drawn.panels is None or not drawn.fine or drawn.request.style.shape:
+            return None
+        shown = drawn.request
+        same = (shown.state is wanted.state, shown.microphone == wanted.microphone, shown.modes == wanted.modes)
+        if not all(same) or shown.order_offset != wanted.order_offset:
+            return None
+        kept, modes = shown_modes(len(drawn.panels.modes), count), drawn.panels.modes
+        return replace(drawn.panels, modes=tuple(modes[i] for i in kept), maps=drawn.panels.maps[kept])
+
+    @property
+    def caption(self) -> str:
+        """Scene, step and modes in words."""
+        state = self.view.state
+        modes = html.modes_text(self.run.measurement, state.first, state.last)
+        return f"{self.run.scene.title}: step {state.step}, {modes}"
+
+    @property
+    def height(self) -> float:
+        """Height of a plane array, metres."""
+        return z_range_of(self.run.known_scene, self.run.measurement)[0]
+
+
+def map_request(snapshot: ViewSnapshot) -> CostMapRequest:
+    """Return the request for the map on the page."""
+    state, choices = snapshot.view.state, snapshot.choices
+    order_offset = choices.map_order
+    return CostMapRequest(
+        revision=0,
+        microphone=snapshot.microphone,
+        modes=map_modes(snapshot.run, state, choices.modes, order_offset, choices.take),
+        order_offset=order_offset,
+        custom_modes=choices.modes is not None,
+        style=choices.style,
+        follow=False,
+        state=state,
+        lineage=snapshot.view.history.lineage,
+        take=choices.take,
+    )
+
+
+MAX_WAITING = 8  # files that may wait to be made
+MAX_PANELS = 8  # maps of single modes in a figure
+MAX_NAME = 60  # characters of the scene in the name of a file
+
+log = logging.getLogger(__name__)
+
+
+def _picture(snapshot: ViewSnapshot) -> bytes:
+    """Rendered again in a child process."""
+    title = f"{snapshot.caption}\n{_errors(snapshot)}"
+    if snapshot.volume is not None:
+        name = snapshot.run.measurement.names[snapshot.microphone]
+        title += f"\n{'Basins of attraction' if snapshot.volume.areas else 'Cost'} of moving microphone {name}"
+    choices = snapshot.choices
+    return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
+
+
+def _errors(snapshot: ViewSnapshot) -> str:
+    return error_summary(snapshot.run.measurement, snapshot.view.state.positions, snapshot.counted)
+
+
+def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
+    """Maps as fine as the screen, of the modes of the map on the page, `count` of them at most, and their sum."""
+    run, request = snapshot.run, map_request(snapshot)
+    panels = snapshot.fine_panels(count) or fine_panels(run, request, max_count=count)
+    if panels is None:
+        raise ValueError("maps that nobody cancels are complete")
+    f, modes = run.measurement.frequencies, len(request.modes)
+    return panels_of(panels.maps, panels.total, panels.modes, f, snapshot.microphone, panels.search, modes)
+
+
+def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
+    def make(snapshot: ViewSnapshot) -> bytes:
+        measurement, n = snapshot.run.measurement, snapshot.microphone
+        positions = snapshot.view.state.positions
+        truth = drawn_truth(snapshot.run, positions)
+        truth = None if truth is None else truth[n][:2]
+        request = map_request(snapshot)
+        what = "Basins of attraction" if request.style.basins else "Cost"
+        heading = f"{what} of moving microphone {measurement.names[n]}\n{snapshot.caption}"
+        decibels = request.order_offset is not None  # of Eq. 7, as on the page
+        label = map_label(snapshot.run, replace(request, style=replace(request.style, log=True)))
+        panels = _panels(snapshot, MAX_PANELS)
+        # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
+        drawn = (panels, truth, label, heading, positions[n][:2], decibels, request.style.basins)
+        return call(landscape_bytes, file_format, *drawn)
+
+    return make
+
+
+def _map(snapshot: ViewSnapshot) -> bytes:
+    if snapshot.choices.style.volume:
+        terms = terms_of(snapshot.run.problem, map_request(snapshot))
+        sampled = None if terms is None else sampled_volume(terms)
+        if sampled is None:
+            raise ValueError("a volume that nobody cancels is complete")
+        return exports.volume_vti(sampled.cost, sampled.search, snapshot.choices.style.basins).encode()
+    place = snapshot.view.state.positions[snapshot.microphone]
+    height = float(place[2]) if len(place) == 3 else snapshot.height
+    panels = _panels(snapshot, MAX_PANELS)
+    panels = replace(panels, maps=panels.maps.astype(np.float32))
+    return exports.landscape_vti(panels, height, snapshot.choices.style.basins).encode()
+
+
+def _table(snapshot: ViewSnapshot) -> bytes:
+    positions = snapshot.view.state.positions
+    return position_table(snapshot.run.measurement, positions, snapshot.sigma, snapshot.counted).encode()
+
+
+def _points(snapshot: ViewSnapshot) -> bytes:
+    positions = snapshot.view.state.positions
+    cloud = exports.microphones_vtp(
+        snapshot.run.measurement, positions, snapshot.sigma, snapshot.height, snapshot.counted
+    )
+    return cloud.encode()
+
+
+def _replay(snapshot: ViewSnapshot) -> bytes:
+    run, history = snapshot.run, snapshot.view.history
+    shown = {"problem": run.problem, "microphone": snapshot.microphone}
+    return replay_html(
+        run.known_scene, run.measurement, history, run.scene.title, run.reference_cost, run.sought, **shown
+    ).encode()
+
+
+def _session(snapshot: ViewSnapshot) -> bytes:
+    """The session, with the settings and the seed of the states, which a reset may have changed."""
+    run, view = snapshot.run, snapshot.view
+    scene = replace(run.scene, solver=view.state.settings)
+    choices = snapshot.choices.to_save()
+    opening = OpenRequest(scene, view.state.seed, run.measurement, tuple(view.history), view.index, choices)
+    return session_file.write(opening)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file."""
+
+    ending: str  # of the file's name
+    description: str  # in a sentence
+    make: Callable[[ViewSnapshot], bytes]  # returns the content of the file
+    slow: bool = False  # whether that takes seconds
+
+
+KINDS = {
+    PICTURE: Kind(".png", "The current view, re-rendered off-screen in about 5 s.", _picture, slow=True),
+    "Maps as in Fig. 1 (PNG)": Kind(
+        "-maps.png",
+        "Cost maps of the selected microphone, or its basins: up to eight single modes, and the sum of all.",
+        _figure("png"),
+        slow=True,
+    ),
+    "Maps as in Fig. 1 (SVG)": Kind(
+        "-maps.svg", "The same figure as vector graphics, for print.", _figure("svg"), slow=True
+    ),
+    "Map (VTI for ParaView)": Kind(
+        "-map.vti",
+        "Values of up to eight maps of the selected microphone and of the sum of all, or of the volume whose"
+        " isosurfaces are shown, as fine as on the screen.",
+        _map,
+    ),
+    "Microphones (CSV)": Kind(
+        "-microphones.csv",
+        "Estimated and true positions, errors and, once the solver has finished, uncertainties, in metres.",
+        _table,
+    ),
+    "Microphones (VTP for ParaView)": Kind(
+        "-microphones.vtp", "Estimated, true and known microphones as points, with error vectors.", _points
+    ),
+    "Replay (HTML)": Kind(
+        "-replay.html", "The whole run as one page that plays in any browser, without a server or a network.", _replay
+    ),
+    "Session (ZIP)": Kind("-session.zip", "Everything needed to resume later: fdcal view FILE.zip", _session),
+}
+
+
+def file_name(snapshot: ViewSnapshot, kind: Kind) -> str:
+    """Return a file name of scene and step, without characters that are special to a file system or a browser."""
+    scene = re.sub(r"[^A-Za-z0-9_-]+", "_", snapshot.run.scene.name)[:MAX_NAME].strip("_") or "scene"
+    return f"fdcal-{scene}-step-{snapshot.view.state.step}{kind.ending}"
+
+
+class Exports:
+    """Makes files in the order in which they were requested; a bounded number of them may wait.
+
+    `threads`: of the session, which does not wait for a file when it ends.
+    """
+
+    def __init__(self, threads: Threads):
+        self.worker = threads.start(self._make, "fdcal-export", MAX_WAITING, awaited=False)
+
+    def ask(self, client: viser.ClientHandle, label: str, snapshot: ViewSnapshot) -> None:
+        """Request a file of one of KINDS for a page, which is notified at once that it is in progress, or refused."""
+        if self.worker.full:
+            client.add_notification("Too many files are waiting", "Try again in a moment.", color="red")
+            return
+        kind = KINDS[label]
+        if kind.slow:
+            client.add_notification("Rendering", "The download starts when the file is ready.", auto_close_seconds=4)
+        self.worker.request(client, kind, snapshot)
+
+    def _make(self, client: viser.ClientHandle, kind: Kind, snapshot: ViewSnapshot) -> None:
+        """On the exports' thread. A page that has closed meanwhile gets nothing, and disturbs no other."""
+        try:
+            content = kind.make(snapshot)
+        except (InputError, OSError) as error:
+            client.add_notification("The file could not be made", html.error_message(error)[:400], color="red")
+            return
+        except Exception as error:
+            log.exception("a file could not be made")
+            text = f"{error!r}"[:300] + "; details in the log"
+            client.add_notification("The file could not be made", text, color="red")
+            return
+        client.send_file_download(file_name(snapshot, kind), content, save_immediately=True)
+
+
+SIZES = {"1280 x 800": (1280, 800), "1920 x 1080": (1920, 1080), "3840 x 2160": (3840, 2160)}
+
+
+class ExportTab(Tab):
+    """Owns the controls of the tab.
+
+    `export`: function that sends a kind of file to one browser.
+    """
+
+    def __init__(self, binding: Binding, export: Callable[[viser.ClientHandle, str], None]):
+        self._binding, gui = binding, binding.gui
+        with gui.add_folder("Save a file"):
+            self._add_controls(export)
+        self.refresh()
+
+    def _add_controls(self, export: Callable[[viser.ClientHandle, str], None]) -> None:
+        binding, gui, on, choices = self._binding, self._binding.gui, self._binding.on, self._binding.choices
+        self.kind = on(gui.add_dropdown("File", tuple(KINDS), initial_value=choices.export_kind), self.choose)
+        self.description = gui.add_html("")
+        self.view = on(
+            gui.add_dropdown("Camera view", tuple(VIEWS), initial_value=_label(VIEWS, choices.export_view)),
+            lambda value: binding.choose(export_view=VIEWS[value]),
+        )
+        self.size = on(
+            gui.add_dropdown("Size (pixels)", tuple(SIZES), initial_value=_label(SIZES, choices.export_size)),
+            lambda value: binding.choose(export_size=SIZES[value]),
+        )
+        self.button = binding.on_client(
+            gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now"),
+            lambda client, _: export(client, binding.choices.export_kind),
+        )
+
+    def choose(self, kind: str) -> None:
+        """Choose a kind of file."""
+        self._binding.choose(export_kind=kind)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Describe the kind of file; only a picture has a view and a size."""
+        kind = self._binding.choices.export_kind
+        self.description.content = html.remark(KINDS[kind].description)
+        self.view.visible = self.size.visible = kind == PICTURE
+
+
+def _label(options: dict, value) -> str:
+    return next(label for label, option in options.items() if option == value)

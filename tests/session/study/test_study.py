@@ -19,13 +19,11 @@ from fdcal.assessment.study_statistics import clustered, judged, selected, share
 from fdcal.graphics.study_report import write_page, write_report
 from fdcal.model.room import Room
 from fdcal.model.validation import InputError, StorageError
-from fdcal.session.study import cluster, task
-from fdcal.session.study import results as table_of_study
-from fdcal.session.study import setting as setting_of_study
-from fdcal.session.study.cluster import connected, run_study
-from fdcal.session.study.definition import CodeVersion, Study, code_version, load_study, scene_at, source_hash
-from fdcal.session.study.results import PARTS, Results, read_results
-from fdcal.session.study.task import run_task, sound_field
+from fdcal.session.study import CodeVersion, Study, code_version, load_study, scene_at, source_hash
+from fdcal.session.study import rows as study_rows
+from fdcal.session.study import run as study_run
+from fdcal.session.study.rows import run_task, sound_field
+from fdcal.session.study.run import PARTS, Results, connected, read_results, run_study
 
 TEXT = """
 scene = "tiny"
@@ -195,11 +193,11 @@ def test_a_study_does_not_go_on_with_other_code(file, tmp_path, monkeypatch):
     study, folder = load_study(file), tmp_path / "out"
     first, other = CodeVersion("0.1.0", "aaaa", "1234567"), CodeVersion("0.1.0", "bbbb", None)
     for code in (other, first):
-        monkeypatch.setattr(table_of_study, "code_version", lambda code=code: code)
+        monkeypatch.setattr(study_run, "code_version", lambda code=code: code)
         table = Results(folder, study, False)
     table.append(rows_of(asdict(first), [0, 1]))
     assert Results(folder, study, True).done() == {0, 1}
-    monkeypatch.setattr(table_of_study, "code_version", lambda: other)
+    monkeypatch.setattr(study_run, "code_version", lambda: other)
     with pytest.raises(InputError, match=r"other code .*sources aaaa, commit 1234567; this is .*sources bbbb"):
         Results(folder, study, True)
 
@@ -299,7 +297,7 @@ def test_a_full_disk_is_a_storage_error_and_leaves_no_part(file, tmp_path, monke
 
 
 def test_a_scheduler_that_is_not_there(free_port, monkeypatch):
-    monkeypatch.setattr(cluster, "PACE", cluster.Pace(connect_seconds=0.2))
+    monkeypatch.setattr(study_run, "PACE", study_run.Pace(connect_seconds=0.2))
     with (
         pytest.raises(InputError, match="no scheduler answers"),
         connected(1, f"tcp://127.0.0.1:{free_port}"),
@@ -379,13 +377,13 @@ def test_a_field_that_points_of_a_draw_share_changes_no_row(tmp_path, monkeypatc
         found = run_task(study, number)
         return {key: value for key, value in found.items() if key != "seconds"}
 
-    monkeypatch.setattr(task, "_fields", {})
+    monkeypatch.setattr(study_rows, "_fields", {})
     alone = []
     for number in range(study.count):
-        task._fields.clear()
+        study_rows._fields.clear()
         alone.append(row(number))
-    task._fields.clear()
-    monkeypatch.setattr(task, "sound_field", counted)
+    study_rows._fields.clear()
+    monkeypatch.setattr(study_rows, "sound_field", counted)
     assert [row(number) for number in range(study.count)] == alone
     assert len(computed) == 4, "two draws of two radii"
 
@@ -467,7 +465,7 @@ def settings(tmp_path):
 def test_settings_are_the_points_of_a_study(settings):
     assert (settings.points, settings.count) == (2, 4)
     assert [settings.point(n) for n in (0, 1)] == [{"setting": "flat"}, {"setting": "living room"}]
-    stated = [task._posed(settings, settings.point(n), 5)[0].settings for n in (0, 1)]
+    stated = [study_rows._posed(settings, settings.point(n), 5)[0].settings for n in (0, 1)]
     assert [one.sound_speed_sigma for one in stated] == [None, 0.02], "as stated to the solver"
 
 
@@ -489,15 +487,15 @@ def test_settings_that_cannot_be_are_refused(tmp_path, change, words):
 
 def test_a_draw_has_the_noise_the_faults_and_the_errors_of_its_setting(settings):
     for setting in settings.settings:
-        drawn = setting_of_study.draw(setting, 5)
-        again = setting_of_study.draw(setting, 5).measurement
+        drawn = study_rows.draw(setting, 5)
+        again = study_rows.draw(setting, 5).measurement
         one = drawn.measurement
         np.testing.assert_array_equal(one.pressures, again.pressures)
-        assert not np.allclose(one.positions, setting_of_study.draw(setting, 6).measurement.positions)
-        other = setting_of_study.draw(replace(setting, name="other"), 5).measurement
+        assert not np.allclose(one.positions, study_rows.draw(setting, 6).measurement.positions)
+        other = study_rows.draw(replace(setting, name="other"), 5).measurement
         assert not np.allclose(one.positions, other.positions), "settings are independent"
         assert one.count == setting.microphones and len(one.frequencies) == setting.modes * setting.takes
-        assert one.sound_speed == pytest.approx((1 + setting.sound_speed_error) * setting_of_study.SOUND_SPEED)
+        assert one.sound_speed == pytest.approx((1 + setting.sound_speed_error) * study_rows.SOUND_SPEED)
         off = np.linalg.norm(one.known_positions - one.positions[one.known], axis=1)
         wrong = [str(n) in drawn.misplaced for n in one.known]
         assert len(drawn.faulty) == setting.inverted and sum(wrong) == bool(setting.misplaced)

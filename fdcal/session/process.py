@@ -1,15 +1,48 @@
-"""BLAS on one thread while fdcal computes.
+"""What fdcal changes in its process while it works, and then puts back: the handlers of signals, and BLAS's threads.
 
 The matrices of the solvers are small and their own threads share the work by modes: more threads of BLAS cost more time
-than they save, most of all beside another process. The limit is taken back after the computation, and importing fdcal
-changes nothing.
+than they save, most of all beside another process. Importing fdcal changes nothing.
 """
 
+from __future__ import annotations
+
+import contextlib
 import os
+import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class Interrupt:
+    """A flag in place of KeyboardInterrupt, of Ctrl-C, SIGTERM and SIGHUP: a loop reads `received`.
+
+    `urgent`: a second signal raises KeyboardInterrupt, for a user who does not want to wait. A signal that was ignored
+    before, as under nohup, stays ignored. A context manager; it restores the previous handlers.
+    """
+
+    def __init__(self, urgent: bool = True):
+        self.received, self._urgent = False, urgent
+
+    def __enter__(self) -> Interrupt:
+        self._previous = []
+        for number in ENDING:
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                with contextlib.suppress(ValueError):  # signals can be handled in the main thread only
+                    self._previous.append((number, signal.signal(number, self._receive)))
+        return self
+
+    def _receive(self, *_) -> None:
+        if self.received and self._urgent:
+            raise KeyboardInterrupt
+        self.received = True
+
+    def __exit__(self, *_) -> None:
+        for number, handler in self._previous:
+            signal.signal(number, handler)
+
 
 VARIABLE = "OPENBLAS_NUM_THREADS"
 _lock = threading.Lock()
@@ -17,7 +50,7 @@ _computations: list[int] = []  # one entry for each computation that runs
 _limits: list[tuple] = []  # of the first of them: controller, limit, thread
 
 
-@contextmanager
+@contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread in the block; the last of several blocks that overlap restores what was before.
 
@@ -44,7 +77,7 @@ def one_blas_thread() -> Iterator[None]:
                 _release(controller)
 
 
-@contextmanager
+@contextlib.contextmanager
 def one_blas_thread_for_command() -> Iterator[None]:
     """Limit BLAS to one thread in the block, without loading NumPy before a command needs it.
 
