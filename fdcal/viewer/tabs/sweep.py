@@ -264,6 +264,7 @@ class SweepTab(Tab):
         self._revision, self._updated = NOT_ASKED, -1e9
         self._due = Due()  # the curve
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
+        self._last: CostMap | None = None  # the map that was shown last
         with binding.gui.add_folder(f"Add {binding.row}s"):
             self._add_controls(binding, binding.modes, binding.row)
             self._plot = Plot(
@@ -359,11 +360,20 @@ class SweepTab(Tab):
     # Below: the main loop alone.
 
     def map_for(self, wanted: CostMapRequest, drawn: CostMap | None, reason: str) -> tuple[CostMap | None, str]:
-        """Return the map of the sweep in place of `drawn`, where the sweep has the one that is wanted."""
+        """Return the map of the sweep in place of `drawn`, where the sweep has the one that is wanted.
+
+        While it plays, the map of the modes before stays until the next one is there.
+        """
         if drawn is not None:
             self._panels = drawn.panels
         swept = self.worker.map_of(wanted)
-        return (drawn, reason) if swept is None else (replace(swept, panels=self._panels), "")
+        found = drawn if swept is None else replace(swept, panels=self._panels)
+        last, reason = self._last, reason if swept is None else ""
+        if found is None and not reason and self.playing and last is not None:
+            kept = last.request.microphone == wanted.microphone and last.request.style == wanted.style
+            return (last if kept else None), ""
+        self._last = found
+        return found, reason
 
     def show(self, tick: Tick) -> None:
         """Request the maps of a sweep that plays or was asked for, play it, and bring the tab up to date."""
