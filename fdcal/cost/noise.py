@@ -45,11 +45,8 @@ from .kernels import cosines_and_sines, pair_covariance, pair_powers, plane_wave
 from .likelihood import FieldModel, Terms, spectra
 
 MAX_NOISE_FRACTION = 0.7  # of the noise
-
-
-DIFFUSE_FLOOR = (
-    1e-6  # least fraction of noise with the diffuse kernel, which leaves that much of a damped field unexplained
-)
+# least fraction of noise with the diffuse kernel, which leaves that much of a damped field unexplained
+DIFFUSE_FLOOR = 1e-6
 
 
 @dataclass(frozen=True)

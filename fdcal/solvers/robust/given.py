@@ -40,7 +40,6 @@ from .state import (
     NEGLIGIBLE_FALL,
     STAGE_DAMPING,
     SUSPICIOUS,
-    WEAKER_FIELD,
     LocalOptimum,
     State,
 )
@@ -226,8 +225,7 @@ def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, T
     objective = replace(objective, priors=objective.priors.without_given())
     here = objectives.descend(objectives.unknowns_of(state), objective, steps)[0]
     if terms is None:
-        field = replace(objective.field, power=WEAKER_FIELD * objective.field.power)
-        weaker = replace(objective, field=field).evaluate(here)
+        weaker = objective.weakened().evaluate(here)
         own = weaker if steps else objective.evaluate(here)
     else:
         own, weaker = (objective.with_priors(here, one) for one in terms)
