@@ -22,9 +22,9 @@ from ..assessment.study_statistics import (
     BINS,
     COLUMNS,
     LEVELS,
+    classified,
     clustered,
     json_columns,
-    judged,
     quantiles,
     rows_of,
     selected,
@@ -241,7 +241,7 @@ def write_report(
     for name in names or ():
         if name not in axes:
             raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
-    rows = judged(selected(rows, axes, at))
+    rows = classified(selected(rows, axes, at))
     if not len(rows):
         raise InputError("no calibration of the study has these values", "leave out <at>", key="at")
     axes = {name: values for name, values in axes.items() if name not in at or name in (names or ())}
@@ -460,7 +460,7 @@ def _scored(rows: Any) -> Any:
     if "inside" not in rows or not rows["inside"].notna().any():
         problem = "the rows of this study say nothing of coverage"
         raise InputError(problem, "run it again with this fdcal", key="report")
-    return judged(rows[rows["inside"].notna()])
+    return classified(rows[rows["inside"].notna()])
 
 
 def _bars_line(name: str, part: Any) -> str:

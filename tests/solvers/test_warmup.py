@@ -22,7 +22,8 @@ import atexit, sys
 import fdcal
 from fdcal.commands.cli import main
 print(fdcal.calibrate(fdcal.load(sys.argv[1]), solver="joint").verdict)
-unneeded = {"numba", "llvmlite", "scipy.signal", "viser", "pyvista", "trimesh", "matplotlib", "PIL", "h5py"}
+unneeded = {"numba", "llvmlite", "scipy.signal", "viser", "pyvista", "trimesh", "matplotlib", "PIL"}
+unneeded |= {"soundfile", "h5py"}
 atexit.register(lambda: print(sorted(unneeded & set(sys.modules))))
 main(["calibrate", sys.argv[1]])
 """

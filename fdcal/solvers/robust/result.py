@@ -14,8 +14,8 @@ their gradients measures it (Huber 1967, White 1980), with the leverage of each 
 
     J = sum_b H^-1 g_b g_b^T (H - H_b)^-1,    Q = P (sum_b H_b) P,    dispersion = tr J / tr Q
 
-over the coordinates of the microphones whose channels are sound. Where the model holds, J is Q on average: the part of
-P that is the error of the data. The rest is the error of what the priors state, which blocks cannot show.
+over the coordinates of the microphones whose channels are healthy. Where the model holds, J is Q on average: the part
+of P that is the error of the data. The rest is the error of what the priors state, which blocks cannot show.
 
 Given positions and pressures agree if the array without given positions is hardly likelier:
 
