@@ -148,13 +148,13 @@ class Fault:
     channel: bool = True  # whether it is one of a channel, which must be named
 
 
-def _one(change: Callable[[np.ndarray, int, np.random.Generator], np.ndarray]):
-    """A fault that changes the samples (T,) of one channel in every take."""
+def _one(change: Callable[[np.ndarray, int, np.random.Generator], np.ndarray], fixed: bool = True):
+    """A fault that changes the samples (T,) of one channel in every take; if `fixed`, by the same gain, delay or so."""
 
     def injected(data: DataSet, n: int, rng) -> DataSet:
-        takes = [np.array(samples) for samples in data.takes]
+        takes, seed = [np.array(samples) for samples in data.takes], int(rng.integers(2**32))
         for samples in takes:
-            samples[n] = change(samples[n], data.rate, rng)
+            samples[n] = change(samples[n], data.rate, np.random.default_rng(seed) if fixed else rng)
         return replace(data, takes=tuple(takes))
 
     return injected
@@ -244,7 +244,7 @@ FAULTS = {
     "a copy of another": Fault("samples", ("copy",), _copied, ALL, False),
     "wrapped": Fault("wrapped", ("wrapped",), _wrapped, ("dead", "rendered", "measured"), False),
     "clock drifts by 10 to 80 ppm": Fault("synchronous", ("drift",), _one(_drifting), STATIONARY),
-    "8 to 400 samples lost": Fault("synchronous", ("jump",), _one(_losing), STATIONARY),
+    "8 to 400 samples lost": Fault("synchronous", ("jump",), _one(_losing, False), STATIONARY),
     "no common field": Fault("field", ("field",), _no_field, STATIONARY, False),
     "simulated by rays": Fault("measured", ("rays",), _by_rays, ("dead",), False),
     "inverted": Fault("channels", ("inverted",), _one(lambda x, rate, rng: -x), ALL),
@@ -256,13 +256,13 @@ FAULTS = {
     "noise only": Fault(
         "channels",
         ("dead", "noisy"),
-        _one(lambda x, rate, rng: np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x))),
+        _one(lambda x, rate, rng: np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x)), False),
         ALL,
     ),
     "noise of 0 dB": Fault(
         "channels",
         ("dead", "noisy"),
-        _one(lambda x, rate, rng: x + np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x))),
+        _one(lambda x, rate, rng: x + np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x)), False),
         STATIONARY,
     ),
     "list: two swapped": Fault("list", ("exchanged",), _swapped, ALL),

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .pages import Served
-from .protocol import ProtocolPage
+from .protocol import TIMEOUT, ProtocolPage
 from .report import Figure
 
 ALONE = True  # only when named
@@ -69,12 +69,12 @@ def run() -> list[Figure]:
     ]
 
 
-def switch(page: ProtocolPage, scene: str, runs: bool) -> None:
-    """Open a scene as a user does, and wait until its controls are there."""
+def switch(page: ProtocolPage, scene: str, runs: bool, longest: float = TIMEOUT) -> None:
+    """Open a scene as a user does, and wait until its controls are there, `longest` s at most."""
     before = page.controls["Apply"]
     page.set("Scene", scene)
     page.set("Apply", True)
-    page.wait_for(lambda: page.controls["Apply"] != before)
+    page.wait_for(lambda: page.controls["Apply"] != before, longest)
     if runs:
         page.set("Run", True)
         time.sleep(RUN_TIME)

@@ -40,10 +40,18 @@ class Family:
     count: int
     radius: float  # m
 
+    def _generator(self, seed: int) -> np.random.Generator:
+        return np.random.default_rng([seed, 285, self.count, round(1e3 * self.radius)])
+
+    def places(self, seed: int, rng: np.random.Generator | None = None) -> np.ndarray:
+        """Return the microphones of a case (N, 3), metres."""
+        found = draw_array(rng or self._generator(seed), self.count, self.radius)
+        return found + np.array(self.room) * (0.44, 0.47, 0.5)
+
     def draw(self, seed: int) -> Case:
         """Return a case."""
-        rng = np.random.default_rng([seed, 285, self.count, round(1e3 * self.radius)])
-        truth = draw_array(rng, self.count, self.radius) + np.array(self.room) * (0.44, 0.47, 0.5)
+        rng = self._generator(seed)
+        truth = self.places(seed, rng)
         sources = np.array([draw_source(rng, self.room, truth.mean(axis=0)) for _ in range(TAKES)])
         recordings = tuple(self._recorded(truth, source, rng) for source in sources)
         measured = sources + SOURCE_SIGMA * rng.standard_normal(sources.shape)

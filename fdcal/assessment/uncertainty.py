@@ -99,6 +99,8 @@ class Bound:
     deformations: np.ndarray
     shapes: np.ndarray  # (D (D + 1) / 2, D, D) float64, the symmetric maps to which they belong, of unit norm
     scale_sigma: float  # one sigma of the size of the array, relative
+    # degrees of freedom of the sum of the squared errors, as a chi-square (Satterthwaite); it scatters by sqrt(2 / it)
+    freedom: float
 
     @property
     def sigma(self) -> np.ndarray:
@@ -168,7 +170,10 @@ def position_bound(information: Information, prior: Prior) -> Bound:
     values, vectors = np.linalg.eigh(along @ P @ along.T)
     size = centred.ravel() / np.sum(centred**2)
     shapes = np.einsum("sm,sab->mab", vectors, maps)
-    return Bound(blocks, free, np.sqrt(np.maximum(values, 0.0)), shapes, float(np.sqrt(size @ P @ size)))
+    sought = np.repeat(free, D)
+    of_sought = P[np.ix_(sought, sought)]
+    freedom = float(np.trace(of_sought) ** 2 / np.sum(of_sought**2))
+    return Bound(blocks, free, np.sqrt(np.maximum(values, 0.0)), shapes, float(np.sqrt(size @ P @ size)), freedom)
 
 
 def aligned_rms(information: Information, prior: Prior) -> float:

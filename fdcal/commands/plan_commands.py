@@ -12,9 +12,8 @@ from .options import force_option, output_option, output_path, progress_bar
 SUFFIXES = [".html", ".json", ".png"]
 MAX_TRIALS, MAX_TAKES = 10_000, 100
 MAX_WORKERS = 64
-BOUND_ONLY = (
-    "a bound only, which calibrations exceed, some by far: add --trials 20, of some seconds each, to learn whether this"
-    " array will be found"
+NO_TRIALS = (
+    "no calibration was simulated: add --trials 20, of some seconds each, to learn whether this array will be found"
 )
 
 
@@ -48,6 +47,13 @@ BOUND_ONLY = (
     metavar="N",
     help="Places of the source, recorded equally long from each.",
 )
+@click.option(
+    "--kind",
+    type=click.Choice(["stationary", "impulse"]),
+    default="stationary",
+    show_default=True,
+    help="Noise or music, or impulses and sweeps, whose arrival times count.",
+)
 @click.option("--trials", type=click.IntRange(0, MAX_TRIALS), default=0, metavar="T", help="Simulated calibrations.")
 @click.option(
     "--solver", type=click.Choice(["robust", "joint"]), default="robust", show_default=True, help="Of the trials."
@@ -62,8 +68,8 @@ BOUND_ONLY = (
 @output_option("PLAN.html|json|png", required=False)
 @force_option
 def plan(
-    layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, trials, solver, workers,
-    seed, output, force,
+    layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, kind, trials, solver,
+    workers, seed, output, force,
 ):  # fmt: skip
     """Tell beforehand how exact an array will be calibrated.
 
@@ -90,6 +96,7 @@ def plan(
         accuracy=accuracy,
         seed=seed,
         takes=takes,
+        kind=kind,
         solver=solver,
     )
     simulated = None
@@ -101,7 +108,7 @@ def plan(
     if path is not None:
         _write(path, found, force)
     if not trials:
-        print(BOUND_ONLY)
+        print(NO_TRIALS)
     print("\n".join(plan_lines(found)))
 
 

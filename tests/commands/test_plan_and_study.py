@@ -43,10 +43,10 @@ def test_bad_input_is_refused_in_one_line(refused, arguments):
     assert refused("plan", *arguments)
 
 
-def test_without_trials_the_first_line_says_that_it_is_a_bound_only(capsys):
+def test_without_trials_the_first_line_says_so(capsys):
     for options, said in (([], True), (["--trials", "1", "--solver", "joint"], False)):
         exit_code("plan", LAYOUT, "--frequencies", "50:400", *options)
-        assert capsys.readouterr().out.startswith("a bound only") == said
+        assert capsys.readouterr().out.startswith("no calibration was simulated") == said
 
 
 # `fdcal study`: what is refused says so in one line, before anything that it would need.

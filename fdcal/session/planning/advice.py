@@ -17,12 +17,6 @@ from .request import ASSUMED, PlanRequest
 class AccuracyRules:
     """When an accuracy counts as reached."""
 
-    # error of a calibration over the bound, unless trials have shown another: what simulated calibrations by the solver
-    # "robust" in two-dimensional rooms and in diffuse fields stay below, in the median of some draws
-    margin: float = 1.5
-    # likewise for a plane array in a room of three dimensions. Its size follows from equally strong waves from all
-    # directions, which the bound assumes and no room has.
-    plane_margin: float = 4.0
     # dB, greatest ratio that is proposed. Channels that are equal to 0.1 dB and 0.5 degrees err by as much as noise 38
     # dB below the signal, so that less noise is of no use.
     max_snr_db: float = 40.0
@@ -51,10 +45,9 @@ class AccuracyAdvice:
     size: float | None  # largest factor on the size of the array that reaches it; None if none does
 
 
-def accuracy_advice(request: PlanRequest, margin: float | None = None) -> AccuracyAdvice:
-    """Return what reaches the accuracy of a request; `margin`: error of a calibration over the bound, as of trials."""
-    usual = ACCURACY_RULES.plane_margin if request.is_plane_in_room else ACCURACY_RULES.margin
-    margin, sizes = usual if margin is None else margin, sizes_of(request)
+def accuracy_advice(request: PlanRequest, margin: float) -> AccuracyAdvice:
+    """Return what reaches the accuracy of a request; `margin`: expected error over the bound, as of trials."""
+    sizes = sizes_of(request)
     if not np.isfinite(margin):
         return AccuracyAdvice(margin, None, None, sizes, None)
     snr = needed_snr(request, margin)
@@ -165,8 +158,8 @@ class Advice:
     accuracy: AccuracyAdvice
 
 
-def advise(request: PlanRequest, information: Information, margin: float | None = None) -> Advice:
-    """Return the advice for a request, from the information of all its frequencies; `margin` as of trials."""
+def advise(request: PlanRequest, information: Information, margin: float) -> Advice:
+    """Return the advice for a request, from the information of all its frequencies; `margin`: error over the bound."""
     return Advice(best_addition(request), best_tape(request, information), accuracy_advice(request, margin))
 
 

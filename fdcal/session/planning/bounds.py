@@ -1,6 +1,13 @@
-"""Sound fields of a plan, and the information that their frequencies hold: all of them, or a few that stand for all.
+"""Sound fields of a plan, the information that their frequencies hold, and the error that follows from it.
 
-The fields are of sources in a rectangular room, or drawn from a diffuse field.
+The fields are of sources in a rectangular room, or drawn from a diffuse field. The bound takes all frequencies as
+independent. They are not: the pressures of a room that decays evenly are alike over a distance of x Hz as
+
+    |r|^2 = 1 / (1 + (pi x / s)^2),    s = 6.9 / T60 nepers per second
+
+The solver takes them as independent, too. The covariance of its gradient is then F + sum |r|^2 F' over all pairs of
+frequencies, where F' is the part of the information F that is not of noise; that of the positions is larger by as much.
+`forecast` takes F' = F / 2, and adds what arrival times say of impulses.
 """
 
 from dataclasses import dataclass, replace
@@ -10,13 +17,14 @@ import numpy as np
 
 from ...acoustics.box_field import point_source_pressures
 from ...acoustics.room_modes import PointSourceModel, decay_rate, point_source_model, room_pressures
-from ...assessment.uncertainty import Information, diffuse_information, position_bound
+from ...assessment.uncertainty import Bound, Information, diffuse_information, position_bound
 from ...cost.kernels import diffuse_kernel
 from ...model.arrays import WALL_DISTANCE_M, encloses, random_source
 from ...model.problem import mode_power
 from ...model.room import Room
 from ...model.validation import InputError
-from .request import LIMITS, PlanRequest
+from ...solvers.robust.arrivals import Arrivals, Source
+from .request import ASSUMED, LIMITS, PlanRequest
 
 
 def wavenumbers_of(request: PlanRequest, frequencies) -> np.ndarray:
@@ -156,3 +164,75 @@ def takes_cases(request: PlanRequest) -> tuple[TakesCase, ...]:
         )
         for takes in sorted({*TAKES, request.takes})
     )
+
+
+@dataclass(frozen=True)
+class ForecastRules:
+    """What is added to the bound; figures are of 40 draws with noise and 30 of impulses of `fdcal_bench`."""
+
+    # F' / F of the module's head: of 8 to 48 microphones at 30 dB the exact sum is that of 0.3 to 0.8
+    field_part: float = 0.5
+    # error over that of field and arrival times together, by Fisher information: 1.5 to 2.2. The solver gives rows that
+    # are not independent too much weight beside arrival times
+    arrival_margin: float = 1.7
+    # of the logarithm of the error, one sigma: how far one room and source differ from the diffuse field, beside the
+    # scatter of errors that the covariance itself has
+    field_scatter: float = 0.2
+    quantile: float = 1.28  # standard deviations to both sides, within which 8 of 10 draws are
+    # of a plane array in a room, error over the bound: low, middle, high. Its size follows from equally strong waves
+    # from all directions, which the bound assumes and no room has
+    plane: tuple[float, float, float] = (2.0, 2.8, 4.0)
+    source_sets: int = 8  # places of the source, over which arrival times are averaged
+    batch: int = 4  # takes whose arrival times are computed at once, which bounds the memory
+
+
+FORECAST = ForecastRules()
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """The error that a calibration will have, root mean square over the microphones that are sought, metres."""
+
+    rms: float  # expected
+    low: float  # 8 of 10 recordings err between `low` and `high`
+    high: float
+    margin: float  # error over the bound that advice reckons with: of `rms`, of a plane array in a room of `high`
+
+
+def forecast(request: PlanRequest, information: Information, bound: Bound) -> Forecast:
+    """Return the error to be expected, from the information of all frequencies and the bound that follows from it."""
+    if request.is_plane_in_room:
+        low, middle, high = FORECAST.plane
+        return Forecast(middle * bound.rms, low * bound.rms, high * bound.rms, high)
+    f, s = request.frequencies, decay_rate(request.reverberation_time)
+    alike = np.sum(1 / (1 + (np.pi * (f[:, None] - f) / s) ** 2), axis=1) - 1
+    field = information.scaled(float(np.mean(1 / (1 + FORECAST.field_part * alike))))
+    if request.kind == "impulse":
+        cases, margin = (
+            [_with_arrivals(request, field, seed) for seed in range(FORECAST.source_sets)],
+            FORECAST.arrival_margin,
+        )
+    else:
+        cases, margin = [field], 1.0
+    found = [position_bound(case, request.prior) for case in cases]
+    rms = margin * float(np.sqrt(np.mean([one.rms**2 for one in found])))
+    scatter = np.mean([1 / (2 * one.freedom) for one in found]) + FORECAST.field_scatter**2
+    low, high = (rms * float(np.exp(sign * FORECAST.quantile * np.sqrt(scatter) - scatter)) for sign in (-1, 1))
+    return Forecast(rms, low, high, rms / bound.rms)
+
+
+def _with_arrivals(request: PlanRequest, field: Information, seed: int) -> Information:
+    """Return the information of a field and of the arrival times from a random place of the source for each take."""
+    places, rng = places_in_room(request), np.random.default_rng([request.seed, 11, seed])
+    sources = np.array([source_place(request, places, rng) for _ in range(request.takes)])
+    x, matrix = request.layout.positions, field.matrix.copy()
+    on = np.append(np.arange(x.size), len(matrix) - 1)  # coordinates and the logarithm of the sound speed
+    for some in np.array_split(sources, -(-len(sources) // FORECAST.batch)):
+        away, T = some - places.mean(axis=0), len(some)
+        distance, sigma = np.linalg.norm(away, axis=1), np.full(T, ASSUMED.arrival_sigma_m)
+        paths = np.linalg.norm(some[:, None] - places, axis=2)
+        paths -= np.median(paths, axis=1, keepdims=True)
+        start = Source(away / distance[:, None], 1 / distance, np.zeros(T))
+        terms = Arrivals(paths, np.ones(paths.shape, bool), sigma, sigma, request.dimension, start).terms(x)
+        matrix[np.ix_(on, on)] += terms.matrix
+    return replace(field, matrix=matrix)

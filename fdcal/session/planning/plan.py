@@ -13,7 +13,17 @@ from ...model.gauge import fixes_gauge
 from ...model.validation import InputError
 from ..process import one_blas_thread
 from .advice import AccuracyAdvice, Advice, advise
-from .bounds import TakesCase, field_of, is_moved, places_in_room, request_information, takes_cases, wavenumbers_of
+from .bounds import (
+    Forecast,
+    TakesCase,
+    field_of,
+    forecast,
+    is_moved,
+    places_in_room,
+    request_information,
+    takes_cases,
+    wavenumbers_of,
+)
 from .request import ASSUMED, LIMITS, PlanRequest
 from .trials import Trials
 
@@ -35,6 +45,7 @@ class Plan:
     f_max: float  # the highest frequency that the array can interpolate (Eq. 9)
     modes: int  # independent frequencies in the band
     bound: Bound  # of the request, in a diffuse field
+    forecast: Forecast  # the error to be expected
     room_bound: Bound | None  # in the room's own field, the mean of some sources
     cases: tuple[Case, ...]  # bounds with other knowledge
     degeneracies: tuple[str, ...]  # what the pressures determine badly, in words
@@ -49,15 +60,18 @@ def make_plan(request: PlanRequest, with_advice: bool = True, trials: Trials | N
         information = request_information(request)
         bound = position_bound(information, request.prior)
         room_bound, note = _room_bound(request)
+        expected = forecast(request, information, bound)
+        margin = expected.margin if trials is None else trials.margin
         return Plan(
             request=request,
             f_max=request.f_max,
             modes=len(request.frequencies),
             bound=bound,
+            forecast=expected,
             room_bound=room_bound,
             cases=_cases(request, information),
             degeneracies=(*degeneracies(request, bound), *note),
-            advice=advise(request, information, trials and trials.margin) if with_advice else None,
+            advice=advise(request, information, margin) if with_advice else None,
             trials=trials,
             takes=takes_cases(request),
         )
@@ -146,6 +160,7 @@ def plan_lines(plan: Plan) -> list[str]:
         f"frequencies: {plan.modes} independent ones{_of_import(request)} from {low:.0f} to {high:.0f} Hz;"
         f" the array interpolates up to {plan.f_max:.0f} Hz{_left_out(request)}",
         *_plane_lines(request),
+        forecast_line(request, plan.forecast),
         f"least error (Cramer-Rao bound): {_mm(bound.rms)} rms, {_mm(bound.sigma[bound.free].max())} at the worst"
         " microphone, in a diffuse field",
     ]
@@ -157,13 +172,20 @@ def plan_lines(plan: Plan) -> list[str]:
     if plan.trials is not None:
         lines[1:1] = [_judgement(plan.trials), *trial_lines(plan.trials)]
     else:
-        lines.append("no calibration errs less than the bound; simulated trials show how near they come to it")
-        if request.is_plane_in_room:
-            bound_of = "2 to 4 times the bound, which assumes equal waves from all directions"
-            lines.append(f"a plane array in a room: calibrations err {bound_of}; trials show how much")
+        lines.append("simulated trials (<trials>) show whether such an array is found at all")
     if plan.advice is not None:
         lines += advice_lines(plan, plan.advice)
     return lines
+
+
+def forecast_line(request: PlanRequest, found: Forecast) -> str:
+    """Return in words the error to be expected, and between which bounds it will be in 8 of 10 recordings."""
+    why = ""
+    if request.is_plane_in_room:
+        why = "; the size of a plane array follows from equal waves from all directions, which no room has"
+    elif request.kind == "impulse":
+        why = "; arrival times included, which the bounds below leave out"
+    return f"expected error: {_mm(found.rms)} rms, {_mm(found.low)} to {_mm(found.high)} in 8 of 10 recordings{why}"
 
 
 def _plane_lines(request: PlanRequest) -> list[str]:
@@ -331,6 +353,9 @@ def plan_dict(plan: Plan) -> dict:
         "known": [request.layout.names[n] for n in request.known],
         "known_sigma_m": request.known_sigma,
         "gain_sigma_db": request.gain_sigma_db,
+        "kind": request.kind,
+        "expected_rms_m": plan.forecast.rms,
+        "expected_range_m": [plan.forecast.low, plan.forecast.high],
         "bound_rms_m": plan.bound.rms,
         "bound_m": plan.bound.sigma.tolist(),
         "covariance_m2": plan.bound.covariance.tolist(),

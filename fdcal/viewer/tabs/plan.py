@@ -11,8 +11,8 @@ import viser
 
 from ...assessment.uncertainty import confidence_factor, ellipse_axes, position_bound
 from ...model.scene import Scene
-from ...session.planning.bounds import request_information, takes_cases
-from ...session.planning.plan import bound_lines, degeneracies, takes_lines
+from ...session.planning.bounds import forecast, request_information, takes_cases
+from ...session.planning.plan import bound_lines, degeneracies, forecast_line, takes_lines
 from ...session.planning.request import Layout, PlanRequest
 from ...session.process import one_blas_thread
 from ..background.prepare import PreparedRun
@@ -71,13 +71,15 @@ def planned_array(run: PreparedRun, choices: PlanChoices) -> PlannedArray:
     try:
         request = plan_request(run, choices)
         with one_blas_thread():
-            bound = position_bound(request_information(request), request.prior)
+            information = request_information(request)
+            bound = position_bound(information, request.prior)
+            expected = forecast_line(request, forecast(request, information, bound))
             takes = takes_lines(takes_cases(request), request.takes)
     except ValueError as error:  # an InputError, too
         return PlannedArray(choices, np.zeros((0, 2, 2)), error=error_message(error))
     covariance = np.where(bound.free[:, None, None], bound.covariance, 0.0)
     axes = ellipse_axes(covariance, confidence_factor(0.95, covariance.shape[-1]))
-    lines = (*bound_lines(request, bound), *takes, *(degeneracies(request, bound) or (DETERMINED,)))
+    lines = (*bound_lines(request, bound), expected, *takes, *(degeneracies(request, bound) or (DETERMINED,)))
     return PlannedArray(choices, axes, lines, request.max_modes)
 
 

@@ -8,7 +8,7 @@ import pytest
 from fdcal.assessment.uncertainty import field_information, position_bound
 from fdcal.model.gauge import fixes_gauge
 from fdcal.session.planning.advice import accuracy_advice, best_addition, best_tape, resized
-from fdcal.session.planning.bounds import field_of, request_information, rms_at, wavenumbers_of
+from fdcal.session.planning.bounds import field_of, forecast, request_information, rms_at, wavenumbers_of
 from fdcal.session.planning.request import ASSUMED, PlanRequest, read_layout
 from fdcal.session.planning.trials import run_trials
 
@@ -23,6 +23,12 @@ LAYOUTS = {
 
 def request_of(text, **others):
     return PlanRequest(read_layout(text), **(LAYOUTS.get(text, {}) | others))
+
+
+def advice_of(request):
+    """Return what reaches the accuracy, by the error that is forecast."""
+    information = request_information(request)
+    return accuracy_advice(request, forecast(request, information, position_bound(information, request.prior)).margin)
 
 
 def with_extra(request: PlanRequest, place) -> PlanRequest:
@@ -111,7 +117,7 @@ def test_the_microphones_to_measure_by_tape_beat_the_median_choice_in_drawn_fiel
 def test_the_advised_ratio_reaches_the_accuracy():
     """The median error of calibrations is at most a quarter above the accuracy, and no less than a third of it."""
     request = request_of("rectangle 4x3 0.6x0.4", snr_db=10.0, accuracy=0.008)
-    advice = accuracy_advice(request)
+    advice = advice_of(request)
     assert advice.snr_db is not None and advice.snr_db > 10
     assert 1 / 3 < median_error(replace(request, snr_db=advice.snr_db), 6) / request.accuracy < 1.25
 
@@ -119,7 +125,7 @@ def test_the_advised_ratio_reaches_the_accuracy():
 def test_a_ratio_is_not_advised_where_noise_is_not_the_limit():
     """The bound of ten microphones on a circle still falls beyond 40 dB, while calibrations no longer follow it."""
     request = request_of("circle 10 0.3", known=(0, 3, 6), room=(6.0, 5.0), accuracy=0.003)
-    assert accuracy_advice(request).snr_db is None
+    assert advice_of(request).snr_db is None
     assert rms_at(request, 70.0) < request.accuracy
     assert median_error(replace(request, snr_db=50.0), 3) > request.accuracy
 
@@ -129,7 +135,7 @@ def test_the_advised_size_is_right_in_direction(text, factor):
     """An accuracy of `factor` times the bound: what reaches it does, what is twice as large does not."""
     request = request_of(text)
     request = replace(request, accuracy=factor * position_bound(request_information(request), request.prior).rms)
-    size = accuracy_advice(request).size
+    size = advice_of(request).size
     assert size is not None and (size < 1) == (factor < 1.5)
     present = median_error(request, 4) <= request.accuracy
     assert present == (size >= 1)
@@ -143,7 +149,7 @@ def test_the_advised_size_of_a_plane_array_in_a_room_of_three_dimensions_reaches
     request = PlanRequest(
         layout, room=(7.0, 6.0, 2.7), reverberation_time=0.4, snr_db=30.0, known=(0, 3, 12), accuracy=0.01
     )
-    size = accuracy_advice(request).size
+    size = advice_of(request).size
     assert size is not None and size < 1
     assert median_error(request, 6) > request.accuracy
     assert median_error(resized(request, size), 6) <= request.accuracy
