@@ -6,6 +6,7 @@ descent ends with. Sizes are measured each in a process of its own, whose peak m
 """
 
 import os
+import resource
 import subprocess
 import sys
 import time
@@ -18,19 +19,22 @@ from fdcal import solvers
 from fdcal.acoustics.dictionary import fourier_bessel, max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
+from fdcal.model.measurement import Measurement
+from fdcal.model.problem import mode_power
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import SolverSettings
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 
-from .draws import draw
+from .draws import draw, eigenfrequencies, rigid_field
+from .draws import solve as calibrated
 from .report import Figure
 
 REPEATS = 5
 EVALUATIONS = 60  # of least_squares at most, each with the differences of all unknowns
 MICROPHONES = (16, 32, 64, 128, 256, 512)  # with 57 modes
 MODES = (8, 16, 32, 57, 128, 256)  # with 64 microphones
-CHILD = "import sys; from benchmarks.sizes import report; report(int(sys.argv[1]), int(sys.argv[2]))"
+CHILD = "import sys; from benchmarks.bench_joint import report_size; report_size(int(sys.argv[1]), int(sys.argv[2]))"
 
 
 def run() -> list[Figure]:
@@ -177,3 +181,41 @@ def _size(count: int, modes: int) -> tuple[float, ...]:
     environment = {**os.environ, "FDCAL_BENCH_SOLVER": "joint"}
     child = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     return tuple(map(float, child.stdout.split()))
+
+
+# One size: random microphones in a square of 1 m, blind, 40 dB, in a process of its own.
+
+
+SIZE_REPEATS = 3
+SIZE_SOURCE, SIZE_ROOM, SIZE_CENTRE = (5.47, 4.53), (6.0, 5.0), (2.61, 2.31)  # metres
+
+
+def measured(count: int, modes: int) -> Measurement:
+    """`count` microphones in a rigid room, `modes` modes from the lowest up."""
+    rng = np.random.default_rng([count, modes])
+    positions = np.array(SIZE_CENTRE) + rng.uniform(-0.5, 0.5, (count, 2))
+    frequencies = eigenfrequencies(SIZE_ROOM, modes, 343.0, False)
+    k = (2 * np.pi * frequencies - 3j) / 343.0
+    clean = rigid_field(positions, SIZE_SOURCE, k, SIZE_ROOM)
+    noise = 1e-4 * mode_power(clean)
+    parts = rng.standard_normal((2, *clean.shape))
+    pressures = clean + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
+    return Measurement(frequencies, pressures, 343.0, wavenumbers=k, noise_power=noise, positions=positions)
+
+
+def peak() -> float:
+    """Most memory that this process has held, MB."""
+    unit = 1e6 if sys.platform == "darwin" else 1e3
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def report_size(count: int, modes: int) -> None:
+    """Print seconds of the clock and of the processor, of one step, MB beyond what there was, and metres of error."""
+    for _ in range(2):
+        calibrated(measured(24, 16), "none", 16)  # compiles, or reads what was compiled
+    measurement, before = measured(count, modes), peak()
+    outcomes = [calibrated(measurement, "none", modes)]
+    after = peak()
+    outcomes += [calibrated(measurement, "none", modes) for _ in range(SIZE_REPEATS - 1 if outcomes[0].wall < 3 else 0)]
+    wall, cpu = (float(np.median([getattr(o, name) for o in outcomes])) for name in ("wall", "cpu"))
+    print(wall, cpu, cpu / max(1, outcomes[0].state.step), after - before, outcomes[0].rms)

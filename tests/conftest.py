@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+import io
 import os
 import pickle
 import re
@@ -14,8 +15,10 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # several test processes share the cores; before NumPy is imported
 
+import numpy as np
 import pytest
 from browsing import ARGUMENTS
+from PIL import Image
 from xdist.scheduler import LoadFileScheduling
 
 from fdcal.model.scene_file import scene_folder
@@ -185,10 +188,56 @@ def browser(require_browser):
 
 
 @pytest.fixture(scope="session")
-def require_gl() -> None:
-    """A GL library that draws without a screen; probed in a child, since VTK without one ends the interpreter."""
+def require_gl(cache) -> None:
+    """A GL library that draws without a screen; probed once in a child, since VTK without one ends the interpreter."""
     draw = "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(32, 32)); p.screenshot(return_img=True)"
     environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}
-    probe = subprocess.run([sys.executable, "-c", draw], env=environment, capture_output=True, timeout=120)
-    if probe.returncode != 0:
+    probed = cache / "gl"
+    if not probed.exists():
+        probe = subprocess.run([sys.executable, "-c", draw], env=environment, capture_output=True, timeout=120)
+        probed.write_text(str(probe.returncode))
+    if probed.read_text() != "0":
         _missing("no off-screen GL: apt-get install -y libegl1 libgl1-mesa-dri")
+
+
+PAINT = """
+import os, pickle, sys
+out = os.fdopen(os.dup(1), "wb")
+os.dup2(2, 1)  # what a library prints is no image
+from fdcal.graphics.snapshot import draw
+while True:
+    try:
+        arguments = pickle.load(sys.stdin.buffer)
+    except EOFError:
+        break
+    pickle.dump(draw(*arguments), out)
+    out.flush()
+"""
+
+
+@pytest.fixture(scope="session")
+def painted(require_gl):
+    """Function (picture, size, view) -> image (H, W, 3) int as of `render_png`, from one process for all, with VTK."""
+    process = subprocess.Popen([sys.executable, "-c", PAINT], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdin and process.stdout
+
+    def paint(picture, size, view):
+        pickle.dump((picture, tuple(size), view), process.stdin)
+        process.stdin.flush()
+        return pickle.load(process.stdout).astype(int)
+
+    yield paint
+    process.stdin.close()
+    process.wait(timeout=60)
+
+
+@pytest.fixture
+def one_painter(painted, monkeypatch):
+    """Snapshots of this process are drawn by the process of `painted`, and not by a new one each."""
+
+    def render_png(picture, size, view):
+        png = io.BytesIO()
+        Image.fromarray(painted(picture, size, view).astype(np.uint8)).save(png, format="png")
+        return png.getvalue()
+
+    monkeypatch.setattr("fdcal.graphics.snapshot.render_png", render_png)

@@ -1,11 +1,12 @@
 """What a replay holds, read from its HTML, and how tests open one in a browser."""
 
+import base64
 import json
+import zlib
+from contextlib import contextmanager
 from html.parser import HTMLParser
 
 import numpy as np
-
-from fdcal.graphics.replay import unpacked
 
 
 class Reader(HTMLParser):
@@ -29,6 +30,19 @@ class Reader(HTMLParser):
             self.texts[self._open] = self.texts.get(self._open, "") + text
 
 
+def unpacked(data):
+    """Return the arrays of `fdcal.graphics.replay.packed`."""
+    content, at, arrays = zlib.decompress(base64.b64decode(data["bytes"])), 0, {}
+    for name, (code, shape) in data["arrays"].items():
+        kind = np.dtype("<" + code)
+        size = int(np.prod(shape))
+        planes = np.frombuffer(content, np.uint8, size * kind.itemsize, at).reshape(kind.itemsize, size)
+        values = np.ascontiguousarray(planes.T).view(kind).reshape(shape)
+        arrays[name] = np.cumsum(values, axis=0, dtype=kind) if code == "i4" else values
+        at += size * kind.itemsize
+    return arrays
+
+
 def contents(text):
     """Return the data of a replay, its arrays, and its positions (T, N, D), metres."""
     data = json.loads(Reader(text).texts["data"])
@@ -43,3 +57,19 @@ def wait_for(page, condition):
             return
         page.wait_for_timeout(100)
     raise AssertionError(f"still not true: {condition}")
+
+
+@contextmanager
+def offline_page(browser, path=None, address="", ready="Boolean(window.replay?.map)", script=""):
+    """A page of a browser without a network, of a file once it is `ready`, closed in the end; it reports no fault."""
+    faults, page = [], browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.on("console", lambda message: faults.append(message.text))
+    page.on("dialog", lambda dialog: (faults.append(dialog.message), dialog.dismiss()))
+    page.add_init_script(script)
+    if path is not None:
+        page.goto(path.as_uri() + address)
+        wait_for(page, ready)
+    yield page
+    page.context.close()
+    assert not faults

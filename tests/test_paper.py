@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import paper
-from benchmarks.paper import drawing, study, table, trails
+from benchmarks.paper import drawing, study, table
 from benchmarks.paper.__main__ import main
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
@@ -25,7 +25,7 @@ def array() -> study.Array:
 
 
 @pytest.fixture(scope="module")
-def run(array) -> trails.Trail:
+def run(array) -> study.Trail:
     (only,) = study.descents(array, 1, silent)
     return only
 
@@ -76,7 +76,7 @@ def test_the_table_holds_the_results_of_the_runs(folder, array, run):
 
 @pytest.mark.parametrize("name", paper.ARRAYS)
 def test_what_the_paper_prints_stands_beside_ours(name, array):
-    printed = paper.printed.PRINTED[name]
+    printed = paper.study.PRINTED[name]
     ours = study.Outcome("descent", None, 57, 274.3, 0, 3, 3, 0.046, 329.5, 157.3)
     text = table.markdown([replace(array, name=name)], [(ours,)])
     assert f"| modes needed for exact positions | {printed.modes} | not reached with 57 |" in text
@@ -88,8 +88,8 @@ def test_what_the_paper_prints_stands_beside_ours(name, array):
 
 
 def test_fewer_modes_are_the_beginning_of_the_same_run(array, run):
-    few = trails.shortened(array.inputs.settings, "descent", 8)
-    short = trails.trail(array.problem, few, 0, lambda done: None)
+    few = study.shortened(array.inputs.settings, "descent", 8)
+    short = study.trail(array.problem, few, 0, lambda done: None)
     assert np.array_equal(short.positions, run.positions[: run.end_of(8) + 1])
     assert short.modes[-1] == 8
 

@@ -23,8 +23,7 @@ from fdcal.session import session_file
 from fdcal.session.lesson import lesson_folder, load_lesson
 from fdcal.session.sources import check_scene
 
-from .hdf5 import broken_structure
-from .mutations import broken
+from .mutations import broken, broken_structure
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Reader:
     read: Callable[[Path], object]
     apart: bool = False
     mutate: Callable[[bytes, np.random.Generator], bytes] = broken
-    cases: int = 200
+    cases: int = 100
 
 
 def measurement(count: int = 8, modes: int = 6) -> Measurement:
@@ -218,8 +217,8 @@ READERS = {
     "archive": Reader(".npz", _make_recordings, _read_recording),
     "wav": Reader(".wav", _make_sound, _read_recording),
     "flac": Reader(".flac", _make_sound, _read_recording),
-    "hdf5": Reader(".h5", _make_hdf5, _read_recording, mutate=broken_structure, cases=12),
-    "sofa": Reader(".sofa", _make_sofa, _read_recording, mutate=broken_structure, cases=12),
+    "hdf5": Reader(".h5", _make_hdf5, _read_recording, mutate=broken_structure, cases=6),
+    "sofa": Reader(".sofa", _make_sofa, _read_recording, mutate=broken_structure, cases=6),
     "meshrir": Reader(".npz", _make_meshrir, _read_meshrir),
     "sdm": Reader(".mat", _make_sdm, _read_sdm, apart=True),
     "geometry": Reader(".xml", _make_geometry, _read_geometry),

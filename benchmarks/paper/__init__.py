@@ -17,8 +17,7 @@ from fdcal.model.validation import InputError, StorageError
 from fdcal.session.sources import CalibrationInput
 
 from . import drawing, table
-from .printed import ARRAYS, LANDSCAPE
-from .study import Array, Progress, array_of, descents, joint_errors, outcomes
+from .study import ARRAYS, LANDSCAPE, Array, Progress, array_of, descents, joint_errors, outcomes
 
 __all__ = ["ARRAYS", "FIGURES", "LANDSCAPE", "array_of", "files_of", "pages", "require_free", "write"]
 

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from .printed import PRINTED, title_of
-from .study import Array
-from .trails import Trail
+from .study import PRINTED, Array, Trail, title_of
 
 BLACK, RED, BLUE, GREY = "#000000", "#d61828", "#005ab5", "#8a8f98"
 PANEL = 4.6, 3.9  # inches, width and height of the panel of one array

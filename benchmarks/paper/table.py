@@ -3,8 +3,7 @@
 import csv
 import io
 
-from .printed import PRINTED, title_of
-from .study import NEAR, Array, Outcome
+from .study import NEAR, PRINTED, Array, Outcome, title_of
 
 SOLVERS = {"descent": "descent", "descent+joint": "descent + joint", "joint": "joint"}
 WHY = """\

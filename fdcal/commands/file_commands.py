@@ -15,17 +15,7 @@ import click
 
 from ..model.validation import InputError, StorageError
 from ..recordings.import_options import ImportOptions
-from .options import (
-    OPTIONS,
-    Number,
-    NumberInRange,
-    RecordingKind,
-    files_options,
-    force_option,
-    output_option,
-    output_path,
-    progress_bar,
-)
+from . import options as opt
 
 if TYPE_CHECKING:
     from ..recordings.take import Moment, SoundStream, Take
@@ -38,10 +28,10 @@ def _import_options(command):
     for field in reversed([field for field in fields(ImportOptions) if "help" in field.metadata]):
         choices = field.metadata["choices"]
         allowed = types[field.name], *typing.get_args(types[field.name])
-        kind = int if int in allowed else Number() if float in allowed else str
+        kind = int if int in allowed else opt.Number() if float in allowed else str
         command = click.option(
             f"--{field.name.replace('_', '-')}",
-            type=RecordingKind(choices) if field.name == "kind" else click.Choice(choices) if choices else kind,
+            type=opt.RecordingKind(choices) if field.name == "kind" else click.Choice(choices) if choices else kind,
             default=str(field.default) if choices and field.default is not None else field.default,
             show_default=field.default is not None,
             metavar=field.metadata["metavar"],
@@ -52,10 +42,10 @@ def _import_options(command):
 
 @click.command("import")
 @click.argument("sources", nargs=-1, required=True, metavar="INPUT...")
-@output_option("FILE.npz")
-@files_options
+@opt.output_option("FILE.npz")
+@opt.files_options
 @_import_options
-@force_option
+@opt.force_option
 def import_(sources, output, files, number, dimension, array_dimension, force, **options):
     """Turn recordings or impulse responses into a measurement.
 
@@ -65,7 +55,7 @@ def import_(sources, output, files, number, dimension, array_dimension, force, *
     Several files are takes, of the same channels with the source at other places; files of one channel each are the
     channels of one take.
     """
-    path = output_path(output, ".npz", force, *sources, options["reference"])
+    path = opt.output_path(output, ".npz", force, *sources, options["reference"])
     from ..model.measurement import save_measurement
     from ..model.storage import write_atomically
     from ..recordings.importer import import_recording, import_summary
@@ -74,13 +64,13 @@ def import_(sources, output, files, number, dimension, array_dimension, force, *
     asked = replace(asked, array_dimension=int(array_dimension) if array_dimension else None)
     measurement, report = import_recording(sources, asked)
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
-    print(import_summary(measurement, report, OPTIONS))
+    print(import_summary(measurement, report, opt.OPTIONS))
     print(path)
 
 
 @click.command()
 @click.argument("result", metavar="RESULT.json")
-@output_option("FILE.csv|json|xml|sofa|npy")
+@opt.output_option("FILE.csv|json|xml|sofa|npy")
 @click.option(
     "--frame", type=click.Choice(["known", "minimal", "axes"]), help="Coordinate axes.  [default: known, else axes]"
 )
@@ -93,7 +83,7 @@ def import_(sources, output, files, number, dimension, array_dimension, force, *
     help="gains: a .csv table of gain, phase, noise and fault of every channel, of solver robust, or Acoular's .xml of"
     " factors.",
 )
-@force_option
+@opt.force_option
 def export(result, output, frame, original, table, force):
     """Write positions or gains of a result for other programs.
 
@@ -107,12 +97,12 @@ def export(result, output, frame, original, table, force):
         for key, value in (("frame", frame), ("original", original)):
             if value is not None:
                 raise InputError("--table gains writes no positions", f"leave out <{key}>", key=key, value=value)
-        path = output_path(output, (".csv", ".xml"), force, result)
+        path = opt.output_path(output, (".csv", ".xml"), force, result)
         calibration = load_result(result)
         export_gains(calibration, path, force)
         print(f"{path}: gains of {len(calibration.names)} channels")
         return
-    path = output_path(output, formats.suffixes("write"), force, result, original)
+    path = opt.output_path(output, formats.suffixes("write"), force, result, original)
     if original is not None and path.suffix.lower() != ".sofa":
         remedy = f"leave it out for {path.suffix}"
         raise InputError(f"--original {original} is for -o FILE.sofa", remedy, key="original", value=original)
@@ -123,8 +113,8 @@ def export(result, output, frame, original, table, force):
 @click.command()
 @click.argument("recording", metavar="RECORDING")
 @click.argument("result", metavar="RESULT.json")
-@output_option("FILE.wav")
-@force_option
+@opt.output_option("FILE.wav")
+@opt.force_option
 def correct(recording, result, output, force):
     """Take the differences of the channels out of a recording.
 
@@ -135,7 +125,7 @@ def correct(recording, result, output, force):
     from ..recordings import formats
     from ..recordings.export import SUFFIXES, correction_of, correction_summary, write_corrected
 
-    path = output_path(output, SUFFIXES, force, recording, result)
+    path = opt.output_path(output, SUFFIXES, force, recording, result)
     recorded = formats.read(recording)
     correction = correction_of(load_result(result), recorded)
     write_corrected(path, recorded, correction, force)
@@ -146,11 +136,11 @@ def correct(recording, result, output, force):
 @click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
 @click.option("--positions", metavar="FILE.xml|csv", help="List to compare with: Acoular's XML, or name,x,y[,z].")
-@files_options
-@click.option("--kind", type=RecordingKind(("auto", "impulse", "stationary")), help="As of `fdcal import`.")
-@click.option("--temperature", type=Number(), metavar="C", help="Of the air, degrees Celsius; of recordings.")
-@output_option("FILE.html", required=False)
-@force_option
+@opt.files_options
+@click.option("--kind", type=opt.RecordingKind(("auto", "impulse", "stationary")), help="As of `fdcal import`.")
+@click.option("--temperature", type=opt.Number(), metavar="C", help="Of the air, degrees Celsius; of recordings.")
+@opt.output_option("FILE.html", required=False)
+@opt.force_option
 def doctor(sources, positions, files, split, number, kind, temperature, output, force):
     """Tell whether a recording, or a published data set, is what it says.
 
@@ -160,7 +150,7 @@ def doctor(sources, positions, files, split, number, kind, temperature, output, 
 
     The exit code is 5 if the list does not fit, else 4 if anything else is at fault.
     """
-    path = output_path(output, ".html", force, *sources, positions) if output else None
+    path = opt.output_path(output, ".html", force, *sources, positions) if output else None
     from ..session.doctor import examine
     from ..session.sources import is_recording
 
@@ -170,7 +160,7 @@ def doctor(sources, positions, files, split, number, kind, temperature, output, 
     if given and other is not None:
         key = next(iter(given))
         raise InputError(f"{other} holds no recordings", f"leave out <{key}>", key=key, value=given[key])
-    with progress_bar("examining") as progress:
+    with opt.progress_bar("examining") as progress:
         findings = list(examine(sources, positions, ImportOptions(**given), progress))
     if path is not None:
         from ..graphics.reports import doctor_page
@@ -190,20 +180,22 @@ REDRAWN = 0.15  # s of sound between two views at least
 
 @click.command()
 @click.argument("earlier", nargs=-1, metavar="[EARLIER...]")
-@output_option("TAKE.wav|w64")
+@opt.output_option("TAKE.wav|w64")
 @click.option("--channels", "inputs", type=click.IntRange(1), metavar="N", help="The first N inputs.  [default: all]")
-@click.option("--seconds", type=NumberInRange(1, 86_400), default=30.0, show_default=True, help="Length of each take.")
-@click.option("--rate", type=NumberInRange(min=1000), metavar="HZ", help="Sampling rate.  [default: the card's]")
+@click.option(
+    "--seconds", type=opt.NumberInRange(1, 86_400), default=30.0, show_default=True, help="Length of each take."
+)
+@click.option("--rate", type=opt.NumberInRange(min=1000), metavar="HZ", help="Sampling rate.  [default: the card's]")
 @click.option("--device", metavar="NAME|NUMBER", help="Sound card: python -m sounddevice lists them.")
 @click.option(
     "--replay", multiple=True, metavar="FILE", help="Replay a recording in place of a sound card: a take each."
 )
 @click.option("--positions", metavar="FILE.xml|csv", help="List of the positions: names swapped channels.")
 @click.option("--known", metavar="NAMES|FILE.csv", help="Known microphones, as of import.")
-@click.option("--temperature", type=Number(), metavar="C", help="Of the air, degrees Celsius.")
+@click.option("--temperature", type=opt.Number(), metavar="C", help="Of the air, degrees Celsius.")
 @click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane.")
 @click.option("--result", metavar="RESULT.json", help="File that the result is written to after each take.")
-@force_option
+@opt.force_option
 def record(earlier, output, inputs, seconds, rate, device, replay, positions, known, temperature, array_dimension,
            result, force: bool):  # fmt: skip
     """Record takes, and see after each where the microphones are.
@@ -230,13 +222,13 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     # What is wrong with a file is said before anything is recorded.
     if positions is not None:
         read_positions(positions)
-    path = output_path(output, SUFFIXES, force, *earlier, *replay)
-    found_path = output_path(result, ".json", force, *earlier, *replay) if result else None
+    path = opt.output_path(output, SUFFIXES, force, *earlier, *replay)
+    found_path = opt.output_path(result, ".json", force, *earlier, *replay) if result else None
     for file in earlier:
         formats.read(file)
     for file in replay:
         check_take(replayed(file, inputs), path, seconds)
-    day, paths, written = Day(positions, options, OPTIONS), list(earlier), 0
+    day, paths, written = Day(positions, options, opt.OPTIONS), list(earlier), 0
     while True:
         stream = replayed(replay[written], inputs) if replay else sound_card(inputs, rate, device)
         take = _record(record_take, stream, path, seconds, day, force)
@@ -265,7 +257,7 @@ def _result(paths: Sequence[str], day: Day, path: Path | None) -> TakesResult | 
     try:
         found = takes_result(paths, day)
     except (InputError, StorageError) as error:
-        words = error.worded(OPTIONS) if isinstance(error, InputError) else error
+        words = error.worded(opt.OPTIONS) if isinstance(error, InputError) else error
         print(f"result  none: {words}", flush=True)
         return None
     print("\n".join([*found.lines, *found.table]), flush=True)

@@ -6,14 +6,15 @@ message. Each value is refused with an example of a right one.
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import click
 
@@ -31,153 +32,146 @@ UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0}
 NUMBER = r"([0-9.]+(?:e-?[0-9]+)?)"
 
 
-def refuse(message: str) -> NoReturn:
-    """Raise the error of click for a value; it adds which option the value belongs to."""
-    raise click.BadParameter(message)
+def _value(words: str):
+    """Make a function of a text the type of an option; a text that it cannot read is refused in these words."""
+
+    def type_of(read: Callable[[str], Any]) -> Callable[[str], Any]:
+        @functools.wraps(read)
+        def convert(value: str) -> Any:
+            try:
+                return read(value)
+            except ValueError:
+                raise click.BadParameter(f'"{value}" {words}') from None
+
+        return convert
+
+    return type_of
 
 
+@_value("is no list of whole numbers; write them with commas between, as 1,5,9")
 def whole_numbers(value: str) -> list[int]:
     """Whole numbers with commas between, such as "1,5,9"."""
-    return _numbers(value, int, "whole numbers")
+    return [int(part) for part in value.split(",")]
 
 
+@_value("is no list of numbers; write them with commas between, as 1,5,9")
 def numbers(value: str) -> list[float]:
     """Numbers with commas between, such as "1.5,2,9"."""
-    return _numbers(value, float, "numbers")
+    return [float(part) for part in value.split(",")]
 
 
-def _numbers(value: str, kind: type, words: str) -> list:
-    try:
-        return [kind(part) for part in value.split(",")]
-    except ValueError:
-        refuse(f'"{value}" is no list of {words}; write them with commas between, as 1,5,9')
-
-
+@_value("is no list of microphones; write them with commas between, as 3,17")
 def microphone_names(value: str | tuple[str, ...]) -> tuple[str, ...]:
     """Names with commas between, such as "3,17"; the default of an option is the tuple already."""
     if isinstance(value, tuple):
         return value
     parts = tuple(part.strip() for part in value.split(","))
     if not all(parts):
-        refuse(f'"{value}" is no list of microphones; write them with commas between, as 3,17')
+        raise ValueError
     return parts
 
 
+@_value("must be two microphones and metres, as 0,5,1.25")
 def distance(value: str) -> tuple[str, str, float]:
     """Two microphones, by name or number, and metres, such as "0,5,1.25"."""
-    try:
-        first, second, metres = (part.strip() for part in value.split(","))
-        if not (first and second):
-            raise ValueError
-        return first, second, float(metres)
-    except ValueError:
-        refuse(f'"{value}" must be two microphones and metres, as 0,5,1.25')
+    first, second, metres = (part.strip() for part in value.split(","))
+    if not (first and second):
+        raise ValueError
+    return first, second, float(metres)
 
 
+@_value("is no size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7")
 def room_size(value: str) -> tuple[float, ...]:
     """Lengths of a rectangular room, metres, such as "6x5" or "6x5x2.7"."""
-    try:
-        size = tuple(float(part) for part in value.lower().split("x"))
-    except ValueError:
-        size = ()
+    size = tuple(float(part) for part in value.lower().split("x"))
     if len(size) not in (2, 3):
-        refuse(f'"{value}" is no size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7')
+        raise ValueError
     for length in size:
         if not LIMITS.smallest <= length <= LIMITS.largest:
-            refuse(f"{length:g} m must be finite and above zero")
+            raise click.BadParameter(f"{length:g} m must be finite and above zero")
     return size
 
 
+@_value(f"is no picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each")
 def picture_size(value: str) -> tuple[int, int]:
     """Width and height of a picture in pixels, such as "1280x800"."""
-    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", value)
-    width, height = (int(match[1]), int(match[2])) if match else (0, 0)
+    width, height = map(int, _matched(r"(\d{1,5})x(\d{1,5})", value))
     if not (MIN_PIXELS <= width <= MAX_PIXELS and MIN_PIXELS <= height <= MAX_PIXELS):
-        refuse(f'"{value}" is no picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each')
+        raise ValueError
     return width, height
 
 
+@_value("is no slice; write x, y, z, x=1.5 for a place in metres, or none")
 def slice_plane(value: str) -> tuple[str, float | None]:
     """A plane through a volume: an axis, "x=1.5" for its place in metres, too, or "none"."""
     axis, equals, place = value.partition("=")
-    try:
-        position = float(place) if equals else None
-    except ValueError:
-        position = math.nan
+    position = float(place) if equals else None
     if axis not in ("x", "y", "z", "none") or (axis == "none" and equals) or not math.isfinite(position or 0.0):
-        refuse(f'"{value}" is no slice; write x, y, z, x=1.5 for a place in metres, or none')
+        raise ValueError
     return axis, position
 
 
+@_value(f'is unknown; use "auto", "reported" or a number of decibels from -{LIMITS.decibels:g} to {LIMITS.decibels:g}')
 def noise_level(value: str) -> str:
     """A signal-to-noise ratio in decibels, "auto" or "reported"; "told" is an old spelling of "reported"."""
     value = "reported" if value == "told" else value
-    if value in ("auto", "reported"):
-        return value
-    try:
-        decibels = float(value)
-    except ValueError:
-        decibels = math.nan
-    if not abs(decibels) <= LIMITS.decibels:
-        refuse(
-            f'"{value}" is unknown; use "auto", "reported" or a number of decibels from -{LIMITS.decibels:g} to'
-            f" {LIMITS.decibels:g}"
-        )
+    if value not in ("auto", "reported") and not abs(float(value)) <= LIMITS.decibels:
+        raise ValueError
     return value
 
 
+@_value("must be decibels and degrees with their units, as 1dB,5deg")
 def gain_sigma(value: str) -> tuple[float, float]:
     """One sigma of the channels' gains, dB, and phases, degrees, such as "1dB,5deg"."""
-    match = re.fullmatch(rf"{NUMBER}\s*dB\s*,\s*{NUMBER}\s*deg", value.strip(), re.IGNORECASE)
-    try:
-        if match is None:
-            raise ValueError
-        return float(match[1]), float(match[2])
-    except ValueError:
-        refuse(f'"{value}" must be decibels and degrees with their units, as 1dB,5deg')
+    decibels, degrees = map(float, _matched(rf"{NUMBER}\s*dB\s*,\s*{NUMBER}\s*deg", value.strip(), re.IGNORECASE))
+    return decibels, degrees
 
 
+@_value("must be a length with its unit, mm, cm or m, as 5mm")
 def length(value: str) -> float:
     """A length with its unit, such as "5mm"; metres."""
-    return _with_unit(value, rf"{NUMBER}\s*(mm|cm|m)", "a length with its unit, mm, cm or m, as 5mm")
+    return _with_unit(value, r"mm|cm|m")
 
 
+@_value("must be a time with its unit, s or ms, as 10s")
 def duration(value: str) -> float:
     """A time with its unit, such as "10s" or "500ms"; seconds."""
-    words = "a time with its unit, s or ms, as 10s"
-    seconds = _with_unit(value, rf"{NUMBER}\s*(ms|s)", words)
+    seconds = _with_unit(value, r"ms|s")
     if not 0 < seconds < math.inf:
-        refuse(f'"{value}" must be {words}')
+        raise ValueError
     return seconds
 
 
+@_value("is no number of a source; write one from 0, or all")
 def source_number(value: str) -> int | str:
     """The number of a source, from 0, or "all"."""
-    try:
-        return value if value == "all" else int(value)
-    except ValueError:
-        refuse(f'"{value}" is no number of a source; write one from 0, or all')
+    return value if value == "all" else int(value)
 
 
+@_value("must be decibels with their unit, as 1dB")
 def decibels(value: str) -> float:
     """A number of decibels with its unit, such as "1dB"."""
-    return _with_unit(value, rf"{NUMBER}\s*(?i:(dB))", "decibels with their unit, as 1dB")
+    return _with_unit(value, r"(?i:dB)")
 
 
+@_value("must be a number of percent with its sign, as 0.3%")
 def percentage(value: str) -> float:
     """A part of something with its sign, such as "0.3%"; 0.003."""
-    return _with_unit(value, rf"{NUMBER}\s*(%)", "a number of percent with its sign, as 0.3%") / 100
+    return _with_unit(value, "%") / 100
 
 
-def _with_unit(value: str, pattern: str, words: str) -> float:
+def _with_unit(value: str, units: str) -> float:
     """Return the number of a text, times its unit where it has one; metres or seconds."""
-    match = re.fullmatch(pattern, value.strip())
-    try:
-        if match is None:
-            raise ValueError
-        return float(match[1]) * UNITS.get(match[2], 1.0)
-    except ValueError:
-        refuse(f'"{value}" must be {words}')
+    number, unit = _matched(rf"{NUMBER}\s*({units})", value.strip())
+    return float(number) * UNITS.get(unit, 1.0)
+
+
+def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
+    """Return the groups of a pattern that a text has as a whole; ValueError for another text."""
+    match = re.fullmatch(pattern, value, flags)
+    if match is None:
+        raise ValueError
+    return match.groups()
 
 
 class Number(click.types.FloatParamType):

@@ -85,14 +85,18 @@ def field(source, result, frequencies, step, output, force):
 
     The positions are those of a result (--result), or those in the input.
     """
+    from ..assessment.field import field_map
     from ..graphics.exports import FIELD_WRITERS, write_field
     from ..model.storage import write_atomically
-    from .plotting import field_inside
+    from .plotting import shown_positions
 
     path = opt.output_path(output, sorted(FIELD_WRITERS), force, source, result)
     found = opt.result_of(result)
     inputs = opt.input_of(source, excluded=found.excluded if found else ())
-    mapped = field_inside(inputs.measurement, found, frequencies, step)
+    if frequencies is None and found is not None:
+        frequencies = [found.frequencies[i] for i in (0, len(found.frequencies) // 2, -1)]
+    positions, speed = shown_positions(inputs.measurement, found), None if found is None else found.sound_speed
+    mapped = field_map(inputs.measurement, positions, frequencies, step, speed)
     write_atomically(path, lambda file: write_field(file, path, mapped), force)
     listed = ", ".join(f"{f:.1f}" for f in mapped.frequencies)
     print(f"{path}: pressure at {listed} Hz, {len(mapped.points)} points inside {inputs.measurement.count} microphones")

@@ -1,15 +1,14 @@
 """A calibration for a notebook: a figure with error ellipses, HTML with verdict, figure and table, and its replay."""
 
-from __future__ import annotations
-
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ..assessment.calibration import Calibration
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
@@ -21,10 +20,6 @@ from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
 from .overlays import enlargement
 from .primitives import fractions
 from .replay import replay_html
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 SIDES = 60  # of the polygon that is drawn for an ellipse
 
@@ -58,8 +53,6 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
     'x (m)'
     """
     result = self
-    from matplotlib.figure import Figure
-
     D = result.positions.shape[1]
     places = None if truth is None else np.asarray(truth, float)
     if places is not None and places.shape != result.positions.shape:
@@ -88,8 +81,7 @@ def _draw_view(panel: Any, result: Calibration, truth: np.ndarray | None, view: 
     if known.any():
         panel.plot(*places[known].T, "s", color=fractions(KNOWN), fillstyle="none", markersize=9, label="known")
     panel.set_aspect("equal", adjustable="datalim")
-    panel.set_xlabel(f"{'xyz'[view[0]]} (m)")
-    panel.set_ylabel(f"{'xyz'[view[1]]} (m)")
+    panel.set(xlabel=f"{'xyz'[view[0]]} (m)", ylabel=f"{'xyz'[view[1]]} (m)")
     panel.grid(alpha=0.3)
 
 
@@ -116,22 +108,34 @@ def calibration_html(result: Calibration) -> str:
     """Return the verdict with its text, the figure of `draw_calibration`, and a table of the microphones."""
     f = result.frequencies
     used = f"solver {escape(result.solver)}, {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, {result.elapsed:.1f} s"
+    count, known = len(result.names), result.known or ()
+    sigma, error = (
+        [""] * count if values is None else [f"{1e3 * value:.2f}" for value in values]
+        for values in (result.uncertainty, result.errors)
+    )
+    sigma = ["known" if name in known else text for name, text in zip(result.names, sigma, strict=True)]
+    table = position_table(result.names, result.positions, {"one sigma (mm)": sigma, "error (mm)": error}, ROWS)
     return (
         f"<p><b>{escape(result.verdict)}</b>: {escape(result.verdict_text)}<br>{used}</p>"
         f'<img alt="positions of the microphones" style="max-width:100%" src="{png_uri(draw_calibration(result))}">'
-        f"{_table(result)}"
+        f"{table}"
     )
 
 
-def _table(result: Calibration) -> str:
-    heads = [*(f"{axis} (m)" for axis in "xyz"[: result.positions.shape[1]]), "one sigma (mm)", "error (mm)"]
-    rows = []
-    for n, name in enumerate(result.names[:ROWS]):
-        sigma = "" if result.uncertainty is None else f"{1e3 * result.uncertainty[n]:.2f}"
-        error = "" if result.errors is None else f"{1e3 * result.errors[n]:.2f}"
-        known = name in (result.known or ())
-        rows.append([name, *(f"{value:.4f}" for value in result.positions[n]), "known" if known else sigma, error])
-    return html_table(["microphone", *heads], rows, len(result.names) - len(rows))
+def position_table(
+    names: Sequence[str], positions: np.ndarray, columns: Mapping[str, Sequence[str]], most: int | None = None
+) -> str:
+    """Return a table of positions (N, D), metres, and more columns, of N texts each; of at most so many microphones."""
+    heads = ["microphone", *(f"{axis} (m)" for axis in "xyz"[: positions.shape[1]]), *columns]
+    cells = zip(names, positions, zip(*columns.values(), strict=True), strict=True)
+    rows = [[name, *(f"{value:.4f}" for value in place), *more] for name, place, more in cells][:most]
+    return html_table(heads, rows, len(names) - len(rows))
+
+
+def html_page(title: str, style: str, body: str) -> str:
+    """Return a page of HTML, which needs no network; `body`: what follows its title."""
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{style}</style>'
+    return f'<!doctype html><html lang="en">{head}<h1>{escape(title)}</h1>{body}</html>\n'
 
 
 def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]], omitted: int = 0) -> str:

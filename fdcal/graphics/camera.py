@@ -59,7 +59,8 @@ def _oblique(corners: np.ndarray, size, free, middle: np.ndarray, fov: float, ma
         pixels = project(camera, size, corners)
         fill = np.ptp(pixels, axis=0) / free
         offset = ((pixels.min(axis=0) + pixels.max(axis=0)) / 2 - middle) * camera.height / size[1]
-        centre = centre + offset @ _image_axes(camera)
+        right, up, _ = _axes(camera)
+        centre = centre + offset @ np.stack([right, -up])
         camera = _camera(centre, OBLIQUE, margin * camera.height * float(fill.max()), fov)
     return camera
 
@@ -80,13 +81,13 @@ def _corners(picture: Picture, view: str) -> np.ndarray:
     return np.array([*corners, *numbers] if view == "close" else corners)
 
 
-def _image_axes(camera: Camera) -> np.ndarray:
-    """Directions (2, 3) in the room that lead right and down in the image."""
+def _axes(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directions (3,) in the room, of unit length, that lead right, up and away in the image."""
     forward = np.subtract(camera.look_at, camera.position)
+    forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, camera.up)
     right /= np.linalg.norm(right)
-    down = np.cross(forward, right)
-    return np.stack([right, down / np.linalg.norm(down)])
+    return right, np.cross(right, forward), forward
 
 
 def _camera(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
@@ -101,12 +102,8 @@ def _camera(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
 def project(camera: Camera, size: tuple[int, int], points) -> np.ndarray:
     """Return the pixels (P, 2), column and row from the upper left corner, at which points (P, 3), metres, appear."""
     width, height = size
-    eye, look_at = np.array(camera.position), np.array(camera.look_at)
-    forward = (look_at - eye) / np.linalg.norm(look_at - eye)
-    right = np.cross(forward, camera.up)
-    right /= np.linalg.norm(right)
-    offset = np.atleast_2d(np.asarray(points, float)) - eye
-    across, upward, depth = offset @ right, offset @ np.cross(right, forward), offset @ forward
+    offset = np.atleast_2d(np.asarray(points, float)) - camera.position
+    across, upward, depth = (offset @ axis for axis in _axes(camera))
     visible = camera.height if not camera.fov else 2 * depth * math.tan(camera.fov / 2)  # metres in the image's height
     pixels = height / visible
     return np.stack([width / 2 + across * pixels, height / 2 - upward * pixels], axis=1)

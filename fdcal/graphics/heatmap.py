@@ -14,7 +14,7 @@ import numpy as np
 from ..cost.scale import DECADES, Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array
-from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor, Mesh, Plate, Theme
+from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor, Mesh, Plate, Theme, mixed
 
 TOWARDS_LIGHT = np.array([-0.55, 0.55, 0.63])
 DARKEST = 0.55  # brightness of a slope that the light does not reach
@@ -68,11 +68,8 @@ def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
         corner = (np.arange(count - 1) + np.array([[0], [2 * count]])).ravel()[:, None]
         faces = np.concatenate([corner + [0, 1, count + 1], corner + [0, count + 1, count]])
         vertices = np.stack([top, foot], axis=1).reshape(-1, 3)
-        red, green, blue = (
-            round((1 - share) * a + share * b) for a, b in zip(theme.background, theme.foreground, strict=True)
-        )
         shape = frozen_array(vertices, np.float32), frozen_array(faces, np.int32)
-        meshes.append(Mesh(f"relief_sides/{name}", *shape, (red, green, blue)))
+        meshes.append(Mesh(f"relief_sides/{name}", *shape, mixed(theme.background, theme.foreground, share)))
     return tuple(meshes)
 
 

@@ -113,51 +113,51 @@ def lines(name: str, segments, colour: Colour, width: float) -> Lines:
     return Lines(name, frozen_array(segments, np.float32), colour, width)
 
 
-def mesh(name: str, triangles: tuple[np.ndarray, np.ndarray], colour: Colour, opacity: float = 1.0) -> Mesh:
+def mesh(name: str, triangles: glyphs.Triangles, colour: Colour, opacity: float = 1.0) -> Mesh:
     """Return a frozen mesh of vertices (V, 3), metres, and faces (F, 3)."""
     vertices, faces = triangles
     return Mesh(name, frozen_array(vertices, np.float32), frozen_array(faces, np.int32), colour, opacity)
+
+
+def _with_halo(
+    name: str, mark: glyphs.Triangles, wider: glyphs.Triangles, colour: Colour, marker_radius: float
+) -> tuple[Mesh, Mesh]:
+    """Return a mark, and below it, by one layer, its halo: a wider one."""
+    vertices, faces = wider
+    below = vertices - [0, 0, layer_height(1, marker_radius)], faces
+    return mesh(f"{name}_halo", below, HALO), mesh(name, mark, colour)
 
 
 def strokes(
     name: str, segments: np.ndarray, marker_radius: float, colour: Colour, width: float, halo: float = HALO_WIDTH
 ) -> tuple[Mesh, Mesh]:
     """Return bars along (S, 2, 3), metres, and their halo, one layer below, by `halo` wider, in radii of a marker."""
-    below = segments - [0, 0, layer_height(1, marker_radius)]
-    outer, extension = (width + halo) * marker_radius, halo / 2 * marker_radius
-    return (
-        mesh(f"{name}_halo", glyphs.strokes(below, outer, extension), HALO),
-        mesh(name, glyphs.strokes(segments, width * marker_radius), colour),
-    )
+    wider = glyphs.strokes(segments, (width + halo) * marker_radius, halo / 2 * marker_radius)
+    return _with_halo(name, glyphs.strokes(segments, width * marker_radius), wider, colour, marker_radius)
 
 
 def circles(
     name: str, centres: np.ndarray, marker_radius: float, width: float, radius: float = 1.0
 ) -> tuple[Mesh, Mesh]:
     """Return black circles around (P, 3), metres, and their halo; `width`, `radius` in radii of a marker."""
-    below = centres - [0, 0, layer_height(1, marker_radius)]
-    outer = (width + HALO_WIDTH) * marker_radius
-    return (
-        mesh(f"{name}_halo", glyphs.annuli(below, radius * marker_radius, outer), HALO),
-        mesh(name, glyphs.annuli(centres, radius * marker_radius, width * marker_radius), TRUE),
+    ring, wider = (
+        glyphs.annuli(centres, radius * marker_radius, each * marker_radius) for each in (width, width + HALO_WIDTH)
     )
+    return _with_halo(name, ring, wider, TRUE, marker_radius)
 
 
 def known_microphones(positions, base: float, marker_radius: float) -> tuple[Mesh, Mesh]:
     """Return squares at the known microphones (K, 2 or 3), metres, and their halo."""
     centres = on_layer(positions, base, marker_radius, Layer.KNOWN)
-    below = centres - [0, 0, layer_height(1, marker_radius)]
-    return (
-        mesh("microphones/known_halo", glyphs.squares(below, 1.3 * marker_radius), HALO),
-        mesh("microphones/known", glyphs.squares(centres, marker_radius), KNOWN),
-    )
+    square, wider = (glyphs.squares(centres, edge * marker_radius) for edge in (1.0, 1.3))
+    return _with_halo("microphones/known", square, wider, KNOWN, marker_radius)
 
 
 def true_microphones(
     positions, z_range: tuple[float, float], marker_radius: float, theme: Theme
-) -> tuple[tuple[Mesh, ...], tuple[Lines, ...]]:
+) -> tuple[Mesh | Lines, ...]:
     """Return circles at the true positions (N, 2 or 3), metres; in space with stems down to the floor."""
     base, top = z_range
     centres = on_layer(positions, base, marker_radius, Layer.TRUE)
     stems = (lines("microphones/stems", glyphs.stems(centres, base), theme.grid, 1.0),)
-    return circles("microphones/true", centres, marker_radius, 0.28), stems if top > base else ()
+    return *circles("microphones/true", centres, marker_radius, 0.28), *(stems if top > base else ())

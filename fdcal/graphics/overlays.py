@@ -26,7 +26,7 @@ from .markers import (
     solver_mark,
     strokes,
 )
-from .primitives import Colour, Floor, Label, Picture
+from .primitives import Colour, Floor, Label, Lines, Mesh, Picture
 from .volume import AXES, Volume
 
 _DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
@@ -50,7 +50,7 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
     pieces = pieces[np.abs(pieces[:, 1] - pieces[:, 0]).max(axis=1) > 1e-9]
     if not len(pieces):
         return picture
-    return replace(picture, lines=(*picture.lines, lines("trails", pieces, TRAIL, 2.0)))
+    return picture.plus(lines("trails", pieces, TRAIL, 2.0))
 
 
 def ellipse_scale(axes, extent: float) -> float:
@@ -105,7 +105,7 @@ def with_ellipses(
     elif lengths.max() < SMALL_ELLIPSE * picture.marker_radius:
         text += ", too small to be seen"
     captions = (*picture.captions, ("ellipses", f"{text}; {note}" if note else text))
-    return replace(picture, lines=(*picture.lines, lines("ellipses", pieces, ELLIPSE, 2.5)), captions=captions)
+    return replace(picture, captions=captions).plus(lines("ellipses", pieces, ELLIPSE, 2.5))
 
 
 def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | None = None) -> Picture:
@@ -118,14 +118,14 @@ def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | Non
     reach = FAULTY_RADIUS * radius * np.sqrt(0.5) * np.array([1.0, -1.0, 0.0])
     bars = np.stack([centres - reach, centres + reach], axis=1)
     segments = np.concatenate([glyphs.polygons(centres, FAULTY_RADIUS * radius, FAULTY_SIDES), bars])
-    return replace(picture, meshes=picture.meshes + strokes("microphones/faulty", segments, radius, FAULTY, 0.34))
+    return picture.plus(*strokes("microphones/faulty", segments, radius, FAULTY, 0.34))
 
 
 def with_comparison(
     picture: Picture, positions: Mapping[str, np.ndarray], free: np.ndarray, floor: Floor | None = None
 ) -> Picture:
     """Return the picture with marks of the `free` microphones where the solvers of a comparison have estimated them."""
-    radius, base, meshes, captions = picture.marker_radius, picture.z_range[0], picture.meshes, picture.captions
+    radius, base = picture.marker_radius, picture.z_range[0]
     for i, (name, estimate) in enumerate(positions.items()):
         mark = solver_mark(name)
         centres = on_layer(drape(np.asarray(estimate)[free], floor, radius), base, radius, Layer.COMPARISON + 2 * i)
@@ -134,8 +134,9 @@ def with_comparison(
         else:
             segments = glyphs.stars(centres, mark.radius * radius, turn=0.0)
         part = f"comparison/{name.replace('+', '_')}"
-        meshes, captions = meshes + strokes(part, segments, radius, mark.rgb, 0.3, halo=0.14), (*captions, (part, name))
-    return replace(picture, meshes=meshes, captions=captions)
+        picture = replace(picture, captions=(*picture.captions, (part, name)))
+        picture = picture.plus(*strokes(part, segments, radius, mark.rgb, 0.3, halo=0.14))
+    return picture
 
 
 def with_volume(picture: Picture, volume: Volume | None) -> Picture:
@@ -145,20 +146,20 @@ def with_volume(picture: Picture, volume: Volume | None) -> Picture:
     """
     if volume is None:
         return picture
-    radius, meshes = picture.marker_radius, picture.meshes
+    radius = picture.marker_radius
     lowest, others = ((), ()) if volume.minima is None else (volume.minima.lowest, volume.minima.others)
     for name, places, reach, width in (("minima", others, 1.6, 0.32), ("lowest", lowest, 2.8, 0.45)):
         if len(places):
             loops = [glyphs.loop(np.roll(_DIAMOND, turn, axis=1), 0.0) for turn in (0, 1)]
             shape = reach * radius * np.concatenate(loops)
             segments = (np.array(places)[:, None, None, :] + shape).reshape(-1, 2, 3)
-            meshes += strokes(name, segments, radius, LOWEST, width, halo=0.25)
+            picture = picture.plus(*strokes(name, segments, radius, LOWEST, width, halo=0.25))
     plates = () if volume.plate is None else (volume.plate,)
     surfaces = (volume.surface,) if len(volume.surface.faces) else ()
-    drawn = replace(picture, meshes=meshes, surfaces=surfaces, plates=plates, space_bar=volume.bar)
-    drawn = replace(drawn, space_areas=volume.areas)
     places = [("slice", f"slice at {AXES[plate.axis]} = {plate.position:.2f} m") for plate in plates]
-    return replace(drawn, captions=(*picture.captions, ("isosurfaces", volume.text), *places))
+    captions = (*picture.captions, ("isosurfaces", volume.text), *places)
+    shown = {"surfaces": surfaces, "plates": plates, "space_bar": volume.bar, "space_areas": volume.areas}
+    return replace(picture, captions=captions, **shown)
 
 
 def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:
@@ -169,12 +170,11 @@ def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:
     points = on_layer(points, picture.z_range[0], radius, Layer.CUT)
     rings = glyphs.polygons(points[[0, -1]], CUT_RADIUS * radius, FAULTY_SIDES)
     segments = np.concatenate([np.stack([points[:-1], points[1:]], axis=1), rings])
-    labels = tuple(
-        Label(f"cut_ends/{name}", name, (float(at[0]), float(at[1] + 2.2 * CUT_RADIUS * radius), float(at[2])), CUT)
-        for name, at in zip("AB", points[[0, -1]], strict=True)
+    labels = (
+        Label(f"cut_ends/{name}", name, (x, y + 2.2 * CUT_RADIUS * radius, z), CUT)
+        for name, (x, y, z) in zip("AB", points[[0, -1]].tolist(), strict=True)
     )
-    drawn = strokes("cut", segments, radius, CUT, 0.3, halo=0.3)
-    return replace(picture, meshes=picture.meshes + drawn, labels=picture.labels + labels)
+    return picture.plus(*strokes("cut", segments, radius, CUT, 0.3, halo=0.3), *labels)
 
 
 BOUND_TEXT = "least error (95 %)"  # in the legend
@@ -199,8 +199,8 @@ def with_bound(picture: Picture, positions, axes) -> Picture:
     centres = on_layer(positions[seen], picture.z_range[0], picture.marker_radius, Layer.ELLIPSE)
     pieces = [_rims(half[:, a], half[:, b], centres) for a, b in SECTIONS[: 1 if D == 2 else 3]]
     text = BOUND_TEXT + (f", drawn {scale:g} times larger" if scale > 1 else "")
-    drawn = lines("ellipses", np.concatenate(pieces), ELLIPSE, 2.0)
-    return replace(picture, lines=(*picture.lines, drawn), captions=(*captions, ("ellipses", text)))
+    picture = replace(picture, captions=(*captions, ("ellipses", text)))
+    return picture.plus(lines("ellipses", np.concatenate(pieces), ELLIPSE, 2.0))
 
 
 BALL_RADIUS = 1.7  # of the ball, in radii of a marker
@@ -232,22 +232,21 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
     """
     radius, base = picture.marker_radius, picture.z_range[0]
     ball = BALL_RADIUS * radius
-    ground = _on(np.asarray(place, float)[None], floor, base, ball)[
-        0
-    ]  # on the edges of a hole that is too narrow for it
+    # on the edges of a hole that is too narrow for it
+    ground = _on(np.asarray(place, float)[None], floor, base, ball)[0]
     in_space = len(place) == 3
     above = np.array([0.0, 0.0, 0.0 if in_space else layer_height(Layer.MINIMUM, radius)])
     centre = ground + above + [0.0, 0.0, 0.0 if in_space else 0.75 * ball]
-    meshes = tuple(part for part in picture.meshes if not part.name.startswith("selected/estimate"))
-    for name, colour, size, distance in BALL_PARTS:
-        meshes += (mesh(name, sphere(centre + distance * ball * BALL_LIGHT, size * ball), colour),)
+    drawn: list[Mesh | Lines] = [
+        mesh(name, sphere(centre + distance * ball * BALL_LIGHT, size * ball), colour)
+        for name, colour, size, distance in BALL_PARTS
+    ]
     if not in_space:
         shadow = ground + above - 0.5 * ball * np.append(BALL_LIGHT[:2], 0.0)
-        meshes += (mesh("ball/shadow", glyphs.annuli(shadow[None], 0.55 * ball, 1.1 * ball), (0, 0, 0), 0.3),)
-    drawn = picture.lines
+        drawn.append(mesh("ball/shadow", glyphs.annuli(shadow[None], 0.55 * ball, 1.1 * ball), (0, 0, 0), 0.3))
     if path is not None and len(path) > 1:
         way = _on(np.asarray(path, float), floor, base) + above
-        drawn += (lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), WHITE, PATH_WIDTH),)
+        drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), WHITE, PATH_WIDTH))
     raised = in_space or (floor is not None and floor.heights is not None)
     x, y, z = (centre + 1.3 * ball * np.array([0.0, not raised, raised])).tolist()
     above = {"position": (x, y, z), "anchor": "bottom-center"} if text or raised else {}
@@ -255,7 +254,8 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
         replace(label, **above, text=text or label.text) if label.name == "selected/name" else label
         for label in picture.labels
     )
-    return replace(picture, meshes=meshes, lines=drawn, labels=labels)
+    meshes = tuple(part for part in picture.meshes if not part.name.startswith("selected/estimate"))
+    return replace(picture, meshes=meshes, labels=labels).plus(*drawn)
 
 
 def _on(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.0) -> np.ndarray:

@@ -60,6 +60,7 @@ def with_display_domain(measurement: Measurement, positions) -> Measurement:
 
 
 Box = tuple[float, float, float, float]
+Part = Lines | Mesh | Label
 
 PLANE_WALLS = 0.12  # height of the walls of a plane room, of its longer side
 MIN_SOURCE = 0.012  # quarter of the mark of a source in space, of the room's longer side: seen in the whole room
@@ -102,12 +103,12 @@ def wall_height(scene: Scene) -> float:
     return PLANE_WALLS * float(np.ptp(scene.room.vertices, axis=0).max())
 
 
-def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Label, ...]]:
+def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[Part, ...]:
     """Return the outline of the search domain at height `base`, metres, with its rulers."""
     x0, y0, x1, y1 = focus
     level = base + layer_height(Layer.FRAME, marker_radius)
     pieces = [glyphs.loop([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], level)]
-    labels = []
+    labels: list[Label] = []
     edges: list[tuple[float, float, float, Anchor]] = [(x0, x1, y0, "top-center"), (y0, y1, x0, "center-right")]
     for axis, (low, high, across, anchor) in enumerate(edges):
         ticks, places, texts = glyphs.ruler(low, high, across, axis, 1.2 * marker_radius, level)
@@ -115,12 +116,10 @@ def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[
         labels += _numbers("xy"[axis], places, texts, theme, anchor)
     labels.append(Label("frame/x", "x (m)", (x1, y0 - 3.8 * marker_radius, level), theme.foreground, "top-right"))
     labels.append(Label("frame/y", "y (m)", (x0, y1 + 2.0 * marker_radius, level), theme.foreground, "bottom-center"))
-    return (lines("frame", np.concatenate(pieces), theme.foreground, 1.5),), tuple(labels)
+    return lines("frame", np.concatenate(pieces), theme.foreground, 1.5), *labels
 
 
-def upper_frame(
-    focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme
-) -> tuple[tuple[Lines, ...], tuple[Label, ...]]:
+def upper_frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> tuple[Part, ...]:
     """Return the edges of a search domain in space above its base, with a ruler of heights at its left edge.
 
     From the top its numbers coincide, and one label gives the whole range of heights.
@@ -131,15 +130,13 @@ def upper_frame(
     uprights = glyphs.stems(glyphs.lift(corners, low), high)
     ticks, places, texts = glyphs.upright_ruler((x0, y1), low, high, 1.2 * marker_radius)
     text = f"z {low:.2f} to {high:.2f} m"
-    labels = (
+    return (
+        lines("frame_uprights", uprights, theme.grid, 1.5),
+        lines("frame_top", np.concatenate([glyphs.loop(corners, high), ticks]), theme.foreground, 1.0),
         Label("frame/range", text, (x1, y1 + marker_radius, high), theme.foreground, "bottom-right"),
         Label("frame/z", "z (m)", (x0, y1, high + 3 * marker_radius), theme.foreground, "bottom-center"),
         *_numbers("z", places, texts, theme, "center-right"),
     )
-    return (
-        lines("frame_uprights", uprights, theme.grid, 1.5),
-        lines("frame_top", np.concatenate([glyphs.loop(corners, high), ticks]), theme.foreground, 1.0),
-    ), labels
 
 
 def _numbers(axis: str, places: np.ndarray, texts: tuple[str, ...], theme: Theme, anchor: Anchor) -> list[Label]:
@@ -150,34 +147,31 @@ def _numbers(axis: str, places: np.ndarray, texts: tuple[str, ...], theme: Theme
     ]
 
 
-def room_and_source(
-    scene: Scene, marker_radius: float, theme: Theme, take: int | None = None
-) -> tuple[tuple[Lines, ...], tuple[Label, ...], tuple[Mesh, ...]]:
+def room_and_source(scene: Scene, marker_radius: float, theme: Theme, take: int | None) -> list[Part]:
     """Return the walls, the grid on the floor and the source of a scene that is no measured room.
 
     Of several places of the source each is marked with its take; where one take is chosen, the others are drawn small.
     """
-    room_lines, meshes = _room(scene, marker_radius, theme)
+    parts = _room(scene, marker_radius, theme)
     places = glyphs.lift(np.array(scene.emitter.places, float), layer_height(Layer.SOURCE, marker_radius))
     several = len(places) > 1
     extent = float(np.ptp(scene.room.vertices, axis=0).max())
     seen_whole = several or scene.room.dimension == 3  # in a room that is far larger than the array
     radius = max(marker_radius, MIN_SOURCE * extent) if seen_whole else marker_radius
-    labels = []
     for number, place in enumerate(places):
         chosen = take in (None, number)
         size, colour = (radius, theme.foreground) if chosen else (QUIET_SOURCE * radius, theme.quiet)
         name, text = (f"source/{number}", f"take {number}") if several else ("source", "source")
-        meshes += strokes(name, glyphs.stars(place[None], 2 * size, arms=4), size, TRUE, 0.4)
+        parts += strokes(name, glyphs.stars(place[None], 2 * size, arms=4), size, TRUE, 0.4)
         if several and scene.room.dimension == 3:
-            room_lines += (lines(f"{name}/stem", glyphs.stems(place[None], 0.0), colour, 2.0 if chosen else 1.0),)
+            parts.append(lines(f"{name}/stem", glyphs.stems(place[None], 0.0), colour, 2.0 if chosen else 1.0))
         x, y, z = place.tolist()
         text = f"source, {text}" if several and chosen else text
-        labels.append(Label(f"{name}/name", text, (x, y - 3 * size, z), colour, "top-center"))
-    return room_lines, tuple(labels), meshes
+        parts.append(Label(f"{name}/name", text, (x, y - 3 * size, z), colour, "top-center"))
+    return parts
 
 
-def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Mesh, ...]]:
+def _room(scene: Scene, marker_radius: float, theme: Theme) -> list[Part]:
     """Walls and floor grid; a box by its edges alone, for walls of full height would veil what is in the room."""
     vertices, height = scene.room.vertices, wall_height(scene)
     extent = float(np.ptp(vertices, axis=0).max())
@@ -187,14 +181,12 @@ def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines
         sources = np.array(scene.emitter.places, float)
         feet = np.concatenate([glyphs.lift(vertices, height), sources[: len(sources) == 1]])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
-        meshes, before = (), (lines("room/box", box, theme.grid, 1.0),)
+        first, colour, width = lines("room/box", box, theme.grid, 1.0), theme.quiet, 1.0  # which crosses the array
     else:
         edges = np.concatenate([edges, glyphs.loop(vertices, height)])
-        meshes, before = (mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12),), ()
-    grid_lines = lines("room/grid", grid, theme.grid, 1.0)
-    strong = not before  # the edges of a room that is higher than the array cross the picture of it
-    colour, width = (theme.foreground, 2.0) if strong else (theme.quiet, 1.0)
-    return (*before, grid_lines, lines("room/edges", edges, colour, width)), meshes
+        first = mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12)
+        colour, width = theme.foreground, 2.0
+    return [first, lines("room/grid", grid, theme.grid, 1.0), lines("room/edges", edges, colour, width)]
 
 
 # In radii of a marker: sizes of a text on the screen where the search domain fills it, and distances.
@@ -295,24 +287,21 @@ def static_picture(
     radius = (
         theme.marks * (PLANE_MARKER if base == top else SPACE_MARKER) * max(focus[2] - focus[0], focus[3] - focus[1])
     )
-    drawn, labels = frame(focus, base, radius, theme)
-    if top > base:
-        upper_lines, upper_labels = upper_frame(focus, z_range, radius, theme)
-        drawn, labels = drawn + upper_lines, labels + upper_labels
-    bounds, meshes = focus, ()
+    bounds, parts = focus, []
     if scene is not None and scene.room.response is None:  # the walls and the source of a measured room are unknown
         vertices = scene.room.vertices
         (x0, y0), (x1, y1) = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
         bounds = (x0, y0, x1, y1)
-        room_lines, room_labels, meshes = room_and_source(scene, radius, theme, take)
-        drawn, labels = room_lines + drawn, labels + room_labels
+        parts += room_and_source(scene, radius, theme, take)
+    parts += frame(focus, base, radius, theme)
+    if top > base:
+        parts += upper_frame(focus, z_range, radius, theme)
     if measurement.positions is not None:
-        circle, stems = true_microphones(drape(measurement.positions, floor, radius), z_range, radius, theme)
-        meshes, drawn = meshes + circle, drawn + stems
+        parts += true_microphones(drape(measurement.positions, floor, radius), z_range, radius, theme)
     if len(measurement.known):
-        meshes += known_microphones(drape(measurement.known_positions, floor, radius), base, radius)
+        parts += known_microphones(drape(measurement.known_positions, floor, radius), base, radius)
     captions = NOMINAL if measurement.nominal else ()
-    return Picture(theme, focus, bounds, radius, drawn, meshes, labels, captions=captions, z_range=z_range)
+    return Picture(theme, focus, bounds, radius, captions=captions, z_range=z_range).plus(*parts)
 
 
 def with_floor(picture: Picture, floor: Floor | None) -> Picture:
@@ -323,18 +312,18 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     if floor is None:
         return replace(picture, floor=None)
     if floor.heights is not None:
-        sides, shadow = relief_sides(floor, picture.theme), relief_shadow(floor)
-        picture = replace(picture, meshes=picture.meshes + sides, plates=(*picture.plates, shadow))
+        sides, plates = relief_sides(floor, picture.theme), (*picture.plates, relief_shadow(floor))
+        picture = replace(picture, plates=plates).plus(*sides)
+    picture = replace(picture, floor=floor)
     if not floor.show_minima:
-        return replace(picture, floor=floor)
+        return picture
     radius = picture.marker_radius
     diamond = radius * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-    meshes = picture.meshes
     for name, places, reach in (("minima", floor.minima, 2.2), ("lowest", floor.lowest, 2.8)):
         if places:
             loops = np.concatenate([_loop_on(floor, reach * diamond + place, radius) for place in places])
-            meshes += strokes(name, loops, radius, LOWEST, 0.45, halo=0.25)
-    return replace(picture, floor=floor, meshes=meshes)
+            picture = picture.plus(*strokes(name, loops, radius, LOWEST, 0.45, halo=0.25))
+    return picture
 
 
 def _loop_on(floor: Floor, corners: np.ndarray, marker_radius: float) -> np.ndarray:
@@ -365,18 +354,18 @@ def with_estimate(
     lined = crossed if truth is None else crossed | _seen_elsewhere(truth[known], known, np.asarray(positions), radius)
     truth = None if truth is None else drape(truth, floor, radius)
     positions = drape(positions, floor, radius)
+    base = picture.z_range[0]
     if truth is not None and measurement.blind:
-        picture = _with_truth_at(picture, truth)
-    meshes, base = picture.meshes, picture.z_range[0]
+        moved = true_microphones(truth, picture.z_range, radius, picture.theme)
+        picture = _without(picture, "microphones/true", "microphones/stems").plus(*moved)
     if len(known):
-        others = tuple(mesh for mesh in meshes if not mesh.name.startswith("microphones/known"))
-        meshes = others + known_microphones(drape(measurement.known_positions, floor, radius), base, radius)
+        squares = known_microphones(drape(measurement.known_positions, floor, radius), base, radius)
+        picture = _without(picture, "microphones/known").plus(*squares)
     if truth is not None:
         pieces = np.stack([on_layer(points, base, radius, Layer.ERROR) for points in (truth, positions)], axis=1)
-        meshes += strokes("microphones/error", pieces[lined], radius, TRUE, 0.13, halo=0.2)
+        picture = picture.plus(*strokes("microphones/error", pieces[lined], radius, TRUE, 0.13, halo=0.2))
     crosses = glyphs.stars(on_layer(positions[crossed], base, radius, Layer.ESTIMATE), radius)
-    meshes += strokes("microphones/estimate", crosses, radius, ESTIMATE, 0.34)
-    picture = replace(picture, meshes=meshes)
+    picture = picture.plus(*strokes("microphones/estimate", crosses, radius, ESTIMATE, 0.34))
     if microphone is None or not 0 <= microphone < len(positions):
         return picture
     name = f"microphone {measurement.names[microphone]}"
@@ -394,13 +383,10 @@ def _seen_elsewhere(places, known: np.ndarray, positions: np.ndarray, radius: fl
     return away
 
 
-def _with_truth_at(picture: Picture, positions) -> Picture:
-    """The picture with its true microphones at `positions` (N, D), metres."""
-    meshes, drawn = true_microphones(positions, picture.z_range, picture.marker_radius, picture.theme)
-    names = {part.name for part in (*meshes, *drawn)}
-    other_meshes = tuple(part for part in picture.meshes if part.name not in names)
-    other_lines = tuple(part for part in picture.lines if part.name not in names)
-    return replace(picture, meshes=other_meshes + meshes, lines=other_lines + drawn)
+def _without(picture: Picture, *names: str) -> Picture:
+    """The picture without the parts whose names begin so."""
+    meshes = tuple(part for part in picture.meshes if not part.name.startswith(names))
+    return replace(picture, meshes=meshes, lines=tuple(p for p in picture.lines if not p.name.startswith(names)))
 
 
 def _with_selected(
@@ -410,17 +396,16 @@ def _with_selected(
 
     The name hides as few of the other `marks` (P, 2), metres, as it can.
     """
-    radius, base, meshes, drawn = picture.marker_radius, picture.z_range[0], picture.meshes, picture.lines
+    radius, base = picture.marker_radius, picture.z_range[0]
     cross = on_layer(position[None], base, radius, Layer.SELECTED)
     if truth is not None:
         circle = on_layer(truth[None], base, radius, Layer.SELECTED_TRUE)
-        meshes += circles("selected/true", circle, radius, 0.44, radius=1.9)
-    meshes += strokes("selected/estimate", glyphs.stars(cross, 1.9 * radius), radius, ESTIMATE, 0.54)
+        picture = picture.plus(*circles("selected/true", circle, radius, 0.44, radius=1.9))
+    picture = picture.plus(*strokes("selected/estimate", glyphs.stars(cross, 1.9 * radius), radius, ESTIMATE, 0.54))
     if picture.z_range[1] > base:  # ties the microphone to the map below it
-        drawn += (lines("selected/stem", glyphs.stems(cross, base), ESTIMATE, 2.0),)
+        picture = picture.plus(lines("selected/stem", glyphs.stems(cross, base), ESTIMATE, 2.0))
     (x, y), anchor = name_place(name, position[:2], marks, picture.focus, radius)
-    label = Label("selected/name", name, (x, y, float(cross[0, 2])), picture.theme.foreground, anchor)
-    return replace(picture, lines=drawn, meshes=meshes, labels=(*picture.labels, label))
+    return picture.plus(Label("selected/name", name, (x, y, float(cross[0, 2])), picture.theme.foreground, anchor))
 
 
 def row_word(measurement: Measurement) -> str:

@@ -4,8 +4,10 @@ Lengths are metres, colours RGB from 0 to 255. Everything is frozen, the arrays 
 which adds no light of its own.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -14,6 +16,12 @@ from matplotlib.ticker import LogLocator
 from .glyphs import round_ticks
 
 Colour = tuple[int, int, int]
+
+
+def mixed(one: Colour, other: Colour, share: float) -> Colour:
+    """Return a colour between two, `share` of the way from the one to the other."""
+    red, green, blue = (round((1 - share) * a + share * b) for a, b in zip(one, other, strict=True))
+    return red, green, blue
 
 
 @dataclass(frozen=True)
@@ -29,8 +37,7 @@ class Theme:
     @property
     def quiet(self) -> Colour:
         """Of texts that give way to others of the same kind: between foreground and background, still legible."""
-        red, green, blue = (round(0.68 * a + 0.32 * b) for a, b in zip(self.foreground, self.background, strict=True))
-        return red, green, blue
+        return mixed(self.foreground, self.background, 0.32)
 
 
 LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
@@ -277,6 +284,15 @@ class Picture:
     # pairs of the name of a part and the words for it in the legend, where they differ from the usual ones
     captions: tuple[tuple[str, str], ...] = ()
     space_areas: tuple[Area, ...] = ()  # what the colours of a slice without a bar stand for
+
+    def plus(self, *parts: Lines | Mesh | Label) -> Picture:
+        """Return the picture with more parts, each after those of its kind."""
+        return replace(
+            self,
+            lines=self.lines + tuple(part for part in parts if isinstance(part, Lines)),
+            meshes=self.meshes + tuple(part for part in parts if isinstance(part, Mesh)),
+            labels=self.labels + tuple(part for part in parts if isinstance(part, Label)),
+        )
 
     @property
     def bar(self) -> ColourBar | None:

@@ -52,19 +52,6 @@ def packed(arrays: Mapping[str, np.ndarray]) -> dict:
     }
 
 
-def unpacked(data: Mapping) -> dict[str, np.ndarray]:
-    """Return the arrays of `packed`."""
-    content, at, arrays = zlib.decompress(base64.b64decode(data["bytes"])), 0, {}
-    for name, (code, shape) in data["arrays"].items():
-        kind = np.dtype("<" + code)
-        size = int(np.prod(shape))
-        planes = np.frombuffer(content, np.uint8, size * kind.itemsize, at).reshape(kind.itemsize, size)
-        values = np.ascontiguousarray(planes.T).view(kind).reshape(shape)
-        arrays[name] = np.cumsum(values, axis=0, dtype=kind) if code == "i4" else values
-        at += size * kind.itemsize
-    return arrays
-
-
 def _code(values: np.ndarray) -> str:
     return f"{values.dtype.kind}{values.dtype.itemsize}"
 

@@ -18,7 +18,7 @@ from ..model.validation import InputError, StorageError, require_choice
 from .annotations import annotate, margins, text_scale
 from .camera import VIEWS, Camera, camera_for
 from .heatmap import relief_grid
-from .primitives import Floor, Mesh, Picture, Plate, Surface, fractions
+from .primitives import Floor, Picture, fractions
 
 MIN_EDGE, MAX_EDGE = 64, 8192  # pixels
 REMEDY = "pictures need a GL library; install one with: apt-get install -y libegl1 libgl1-mesa-dri"
@@ -59,6 +59,7 @@ def require_size(size: Sequence[int]) -> None:
 MIN_LINE_WIDTH = 0.75  # pixels
 SUPERSAMPLED = 2.5  # width of a line, where the image is drawn larger and then reduced
 PEELS = 12  # layers of translucent surfaces that are sorted
+RECTANGLE, UNIT_SQUARE = np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 def render(
@@ -100,16 +101,17 @@ def draw(picture: Picture, size: tuple[int, int], view: str, camera: Camera | No
     if picture.floor is not None:
         _add_floor(plotter, pyvista, picture.floor)
     for mesh in picture.meshes:
-        _add_mesh(plotter, pyvista, mesh)
+        triangles = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
+        plotter.add_mesh(triangles, color=mesh.colour, opacity=mesh.opacity, lighting=False)
     for lines in picture.lines:
         if len(lines.segments):
             polylines = pyvista.line_segments_from_points(lines.segments.reshape(-1, 3))
             width = max(lines.width * text_scale(size), MIN_LINE_WIDTH) * (SUPERSAMPLED if picture.surfaces else 1)
             plotter.add_mesh(polylines, color=lines.colour, line_width=width, lighting=False)
     for surface in picture.surfaces:
-        _add_surface(plotter, pyvista, surface)
+        _add_textured(plotter, pyvista, surface.vertices, surface.faces, surface.places, surface.texture)
     for plate in picture.plates:
-        _add_plate(plotter, pyvista, plate)
+        _add_textured(plotter, pyvista, plate.corners, RECTANGLE, UNIT_SQUARE, plate.rgb, plate.opacity)
     _place_camera(plotter, camera)
     pixels = np.asarray(plotter.screenshot(return_img=True))
     plotter.close()
@@ -124,31 +126,26 @@ def _add_floor(plotter: Any, pyvista: Any, floor: Floor) -> None:
         surface = pyvista.StructuredGrid(*np.meshgrid(grid.x, grid.y), floor.height + grid.heights)
         rgb = np.pad(floor.rgb, ((1, 1), (1, 1), (0, 0)), mode="edge")
         surface.point_data["rgb"] = rgb.transpose(1, 0, 2).reshape(-1, 3)
-        plotter.add_mesh(surface, scalars="rgb", rgb=True, lighting=False, opacity=floor.opacity)
-        return
-    corner = (*floor.origin, floor.height)
-    grid = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=(*step, 1), origin=corner)
-    grid.cell_data["rgb"] = floor.rgb.reshape(-1, 3)
-    plotter.add_mesh(grid, scalars="rgb", rgb=True, lighting=False, opacity=floor.opacity)
+    else:
+        corner = (*floor.origin, floor.height)
+        surface = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=(*step, 1), origin=corner)
+        surface.cell_data["rgb"] = floor.rgb.reshape(-1, 3)
+    plotter.add_mesh(surface, scalars="rgb", rgb=True, lighting=False, opacity=floor.opacity)
 
 
-def _add_surface(plotter: Any, pyvista: Any, surface: Surface) -> None:
-    triangles = pyvista.PolyData.from_regular_faces(surface.vertices, surface.faces)
-    triangles.active_texture_coordinates = surface.places
-    texture = pyvista.Texture(np.ascontiguousarray(surface.texture[::-1]))  # its first row is at the top
-    plotter.add_mesh(triangles, texture=texture, lighting=False)
-
-
-def _add_plate(plotter: Any, pyvista: Any, plate: Plate) -> None:
-    rectangle = pyvista.PolyData.from_regular_faces(plate.corners, np.array([[0, 1, 2], [0, 2, 3]]))
-    rectangle.active_texture_coordinates = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    texture = pyvista.Texture(np.ascontiguousarray(plate.rgb[::-1]))
-    plotter.add_mesh(rectangle, texture=texture, lighting=False, opacity=plate.opacity)
-
-
-def _add_mesh(plotter: Any, pyvista: Any, mesh: Mesh) -> None:
-    surface = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
-    plotter.add_mesh(surface, color=mesh.colour, opacity=mesh.opacity, lighting=False)
+def _add_textured(
+    plotter: Any,
+    pyvista: Any,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    places: np.ndarray,
+    image: np.ndarray,
+    opacity=1.0,
+) -> None:
+    triangles = pyvista.PolyData.from_regular_faces(vertices, faces)
+    triangles.active_texture_coordinates = places
+    texture = pyvista.Texture(np.ascontiguousarray(image[::-1]))  # its first row is at the top
+    plotter.add_mesh(triangles, texture=texture, lighting=False, opacity=opacity)
 
 
 def _place_camera(plotter: Any, camera: Camera) -> None:

@@ -6,40 +6,26 @@ the claim is right, the rank of the truth in what is claimed is uniform, and an 
 fraction p. The microphones of a draw are not independent, so that draws are the clusters of all standard errors.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import Counter
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas
+from matplotlib.figure import Figure
+from scipy.stats import binomtest
 
-from ..assessment.study_statistics import (
-    BINS,
-    COLUMNS,
-    LEVELS,
-    classified,
-    clustered,
-    json_columns,
-    quantiles,
-    rows_of,
-    selected,
-    share_grid,
-)
+from ..assessment import study_statistics as statistics
+from ..assessment.study_statistics import BINS, COLUMNS, LEVELS
 from ..model.storage import parse_toml, read_bytes, write_atomically
 from ..model.validation import InputError
 from ..session.study import version_text
-from .calibration_figure import html_table
+from .calibration_figure import html_page, html_table
 from .landscape import figure_bytes
-
-if TYPE_CHECKING:
-    import pandas
-    from matplotlib.figure import Figure
-
 
 MAX_PANELS = 8
 MAX_COLUMNS = 4
@@ -71,8 +57,6 @@ class StudyPanels:
 
     def drawn(self, width: float, height: float) -> tuple[Figure, list[tuple[Any, dict[str, Any]]]]:
         """Return a figure with one matplotlib axes for each panel, `width` x `height` inches or more, and panels."""
-        from matplotlib.figure import Figure
-
         rows = -(-len(self.panels) // self.columns)
         wide = max(width * self.columns, MIN_WIDTH)
         figure = Figure(figsize=(wide, FRAME + rows * max(height, 0.45 * wide / self.columns)), dpi=100)
@@ -127,7 +111,7 @@ def draw_success(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Figu
     figure, panels = shown.drawn(1.4 + 0.6 * len(x), 1.2 + 0.45 * len(y))
     drawn: Any = None
     for panel, values in panels:
-        share = share_grid(rows_of(rows, values), axes, (shown.y, shown.x), "found")
+        share = statistics.share_grid(statistics.rows_of(rows, values), axes, (shown.y, shown.x), "found")
         drawn = panel.imshow(share, vmin=0, vmax=1, cmap="viridis", aspect="auto", origin="lower")
         for (i, j), one in np.ndenumerate(share):
             if np.isfinite(one):
@@ -146,9 +130,9 @@ def draw_error(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Figure
     places = np.arange(len(axes[shown.x]))
     for panel, values in panels:
         for number, value in enumerate(axes.get(shown.y, [""])):
-            part = rows_of(rows, values | ({shown.y: value} if shown.y else {}))
-            low, middle, high = 1e3 * quantiles(part, axes, shown.x, "rms_error_m").T
-            bound = 1e3 * quantiles(part, axes, shown.x, "bound_m", (0.5,))[:, 0]
+            part = statistics.rows_of(rows, values | ({shown.y: value} if shown.y else {}))
+            low, middle, high = 1e3 * statistics.quantiles(part, axes, shown.x, "rms_error_m").T
+            bound = 1e3 * statistics.quantiles(part, axes, shown.x, "bound_m", (0.5,))[:, 0]
             colour = f"C{number % 10}"
             panel.plot(places, middle, "o-", color=colour, label=str(value) if shown.y else "error")
             panel.fill_between(places, low, high, color=colour, alpha=0.15)
@@ -168,7 +152,7 @@ def draw_error_bars(rows: pandas.DataFrame, shown: StudyPanels) -> Figure:
     known = rows.dropna(subset=["claimed_sigma_m", "rms_error_m"])
     ends = 1e3 * np.array([known["claimed_sigma_m"].min(), known["claimed_sigma_m"].max()])
     for panel, values in panels:
-        inside = rows_of(known, values)
+        inside = statistics.rows_of(known, values)
         for trusted, mark, name in ((True, ".", "verdict good"), (False, "x", "another verdict")):
             part = inside[inside["trusted"] == trusted]
             panel.loglog(1e3 * part["claimed_sigma_m"], 1e3 * part["rms_error_m"], mark, alpha=0.4, label=name)
@@ -191,9 +175,9 @@ def draw_verdicts(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Fig
         ("wrong", "good, and wrong", "tab:red"),
     )
     for panel, values in panels:
-        part, base = rows_of(rows, values), np.zeros(len(axes[shown.x]))
+        part, base = statistics.rows_of(rows, values), np.zeros(len(axes[shown.x]))
         for column, text, colour in kinds:
-            share = np.nan_to_num(share_grid(part, axes, (shown.x, ""), column)[:, 0])
+            share = np.nan_to_num(statistics.share_grid(part, axes, (shown.x, ""), column)[:, 0])
             panel.bar(range(len(base)), 100 * share, bottom=100 * base, color=colour, label=text)
             base = base + share
         panel.set_xticks(range(len(base)), [str(value) for value in axes[shown.x]])
@@ -241,7 +225,7 @@ def write_report(
     for name in names or ():
         if name not in axes:
             raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
-    rows = classified(selected(rows, axes, at))
+    rows = statistics.classified(statistics.selected(rows, axes, at))
     if not len(rows):
         raise InputError("no calibration of the study has these values", "leave out <at>", key="at")
     axes = {name: values for name, values in axes.items() if name not in at or name in (names or ())}
@@ -286,7 +270,7 @@ def _points(rows: Any, axes: dict[str, list]) -> tuple[list[str], list[list[str]
     lines = []
     part: Any
     for values in itertools.product(*(axes[name] for name in names)):
-        part = rows_of(rows, dict(zip(names, values, strict=True)))
+        part = statistics.rows_of(rows, dict(zip(names, values, strict=True)))
         if len(part):
             cells = [f"{1e3 * part[column].median():.3g}" for column in ("rms_error_m", "claimed_sigma_m", "bound_m")]
             shares = [_share(part[column]) for column in ("found", "trusted")]
@@ -296,8 +280,6 @@ def _points(rows: Any, axes: dict[str, list]) -> tuple[list[str], list[list[str]
 
 
 def _share(flags: Any) -> str:
-    from scipy.stats import binomtest
-
     low, high = binomtest(int(flags.sum()), len(flags)).proportion_ci(method="wilson")
     return f"{100 * flags.mean():.0f} ({100 * low:.0f} to {100 * high:.0f})"
 
@@ -306,7 +288,11 @@ def _wrong(rows: Any, axes: dict[str, list]) -> tuple[list[str], list[list[str]]
     """Return the heads and lines of a table of the calibrations that are good and wrong, the largest error first."""
     wrong = rows[rows["wrong"]].sort_values("rms_error_m", ascending=False).to_dict("records")
     lines = [
-        [*(str(row[name]) for name in axes), str(row["seed"]), *(f"{1e3 * row[key]:.3g}" for key in COLUMNS[:3])]
+        [
+            *(str(row[name]) for name in axes),
+            str(row["seed"]),
+            *(f"{1e3 * row[key]:.3g}" for key in COLUMNS[:3]),
+        ]
         for row in wrong
     ]
     return [*map(label_of, axes), "seed", "error (mm)", "largest (mm)", "claim (mm)"], lines
@@ -324,7 +310,6 @@ def _page(head: dict, rows: pandas.DataFrame, axes: dict[str, list], at: dict[st
         f'<img src="{name}.png" alt="{escape(text)}"></a>'
         for name, text in CAPTIONS.items()
     )
-    title = escape(str(head["title"]))
     about = "".join(f"<li>{escape(str(line))}</li>" for line in head.get("about", ()))  # older folders do not say
     tables = ""
     for words, (heads, lines) in (
@@ -332,10 +317,7 @@ def _page(head: dict, rows: pandas.DataFrame, axes: dict[str, list], at: dict[st
     ):  # fmt: skip
         shown = html_table(list(map(escape, heads)), lines[:MAX_LINES], max(0, len(lines) - MAX_LINES))
         tables += f"<h2>{words}</h2>{shown if lines else '<p>None.</p>'}"
-    return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
-        f"<h1>{title}</h1><p>{summary}</p><ul>{about}</ul>{pictures}{tables}</html>\n"
-    )
+    return html_page(str(head["title"]), STYLE, f"<p>{summary}</p><ul>{about}</ul>{pictures}{tables}")
 
 
 RANK_COLUMNS = 5  # panels in a row of the figure
@@ -460,14 +442,14 @@ def _scored(rows: Any) -> Any:
     if "inside" not in rows or not rows["inside"].notna().any():
         problem = "the rows of this study say nothing of coverage"
         raise InputError(problem, "run it again with this fdcal", key="report")
-    return classified(rows[rows["inside"].notna()])
+    return statistics.classified(rows[rows["inside"].notna()])
 
 
 def _bars_line(name: str, part: Any) -> str:
     good = part[part["trusted"] & (part["judged"] > 0)]
     if not len(good):
         return f"| {name} | 0 |" + " |" * (3 + len(LEVELS)) + "\n"
-    share, error = clustered(json_columns(good, "inside"), good["judged"].to_numpy(float))
+    share, error = statistics.clustered(statistics.json_columns(good, "inside"), good["judged"].to_numpy(float))
     cells = " | ".join(f"{100 * p:.1f} ± {100 * e:.1f}" for p, e in zip(share, error, strict=True))
     ratio = (good["error_m2"] / good["claimed_m2"]).median()
     sizes = " | ".join(f"{1e3 * np.sqrt(good[column].median()):.2g}" for column in ("error_m2", "claimed_m2"))
@@ -491,8 +473,6 @@ NAMED, FAULTS = ("named", "doubted_given"), ("faults", "wrong_given")
 
 def draw_ranks(head: dict, rows: Any) -> Figure:
     """Return the rank histograms of the good draws of every setting, with bands, and the coverage of all of them."""
-    from matplotlib.figure import Figure
-
     rows, key = _scored(rows), next(iter(head["axes"]))
     good = rows[rows["trusted"] & (rows["judged"] > 0)]
     names = [value for value in head["axes"][key] if np.any(good[key] == value)]
@@ -502,14 +482,14 @@ def draw_ranks(head: dict, rows: Any) -> Figure:
     cells: list[Any] = list(figure.subplots(lines, RANK_COLUMNS, squeeze=False).flat)
     for cell in cells[len(names) + 1 :]:
         cell.set_visible(False)
-    share, error = clustered(json_columns(good, "inside"), good["judged"].to_numpy(float))
+    share, error = statistics.clustered(statistics.json_columns(good, "inside"), good["judged"].to_numpy(float))
     cells[0].plot([0, 1], [0, 1], color="grey", linewidth=0.8)
     cells[0].errorbar(LEVELS, share, BAND * error, fmt="o", markersize=3)
     cells[0].set_title("coverage, all settings", fontsize=7)
     edges = np.linspace(0, 1, BINS + 1)
     for cell, name in zip(cells[1:], names, strict=False):
-        counts = json_columns(good[good[key] == name], "ranks")
-        share, error = clustered(counts, counts.sum(axis=1))
+        counts = statistics.json_columns(good[good[key] == name], "ranks")
+        share, error = statistics.clustered(counts, counts.sum(axis=1))
         cell.stairs(BINS * share, edges, fill=True, color="tab:blue", alpha=0.7)
         cell.fill_between(edges, *(1 + sign * BAND * BINS * _stepped(error) for sign in (-1, 1)), step="post",
                           color="grey", alpha=0.4)  # fmt: skip

@@ -39,7 +39,7 @@ class ArrivalRules:
     min_window: float = 2.5e-4  # seconds
     taper: float = 0.5  # fraction of the window, at either end, over which it rises and falls
     quiet: float = 2.0  # ratio of amplitudes by which the peak exceeds what precedes it
-    alike: float = 0.7  # least correlation with the template
+    min_correlation: float = 0.7  # with the template
     span: float = 0.02  # seconds, by which arrivals may differ: an array of some metres
     rounds: int = 4  # of template and times
     shifted: float = 0.4  # a above; 0.3 mm of 1.1 in rooms of image sources, 0.4 of 1.3 on a measured array
@@ -97,7 +97,7 @@ def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] 
         template = np.linalg.svd(unit[found], full_matrices=False)[2][0]
         for n in np.flatnonzero(found):
             at[n], correlation[n] = _best_lag(fine[n], at[n], template * window, window, before, after, pad)
-    found &= (correlation > DIRECT_SOUND.alike) & _quiet_before(fine, at, before, template)
+    found &= (correlation > DIRECT_SOUND.min_correlation) & _quiet_before(fine, at, before, template)
     found &= np.abs(at - np.median(at[found]) if np.any(found) else at) * step < DIRECT_SOUND.span
     if np.sum(found) < max(3, N // 2):
         return None
@@ -134,8 +134,8 @@ def _best_lag(h, at: float, template, window, before: int, after: int, pad: int)
     values = np.abs(cuts @ template) / np.maximum(size, np.finfo(float).tiny)
     best = int(np.clip(np.argmax(values), 1, len(lags) - 2))
     left, middle, right = values[best - 1 : best + 2]
-    bend = left - 2 * middle + right
-    shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
+    curvature = left - 2 * middle + right
+    shift = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
     return float(at + lags[best] + np.clip(shift, -1, 1)), float(values[best])
 
 

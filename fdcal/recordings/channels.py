@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..model.validation import InputError
 from .formats.positions import read_table
-from .recording import Recording, select_channels, time_blocks
+from .import_options import number_in
+from .recording import BLOCK_SAMPLES, Recording, ranges, read_samples, select_channels
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class ClippingThresholds:
 
 
 CLIPPING = ClippingThresholds()
+Edge = dict[float, int]  # the two greatest values of some samples, the greatest first, and how often each occurs
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ class ChannelWatch:
     def __init__(self, count: int):
         self._square, self._peak, self._longest = np.zeros(count), np.zeros(count), np.zeros(count, int)
         self._samples = 0
-        self._edges = [(Extremes(), Extremes()) for _ in range(count)]  # greatest and least values
+        self._edges: list[tuple[Edge, Edge]] = [({}, {}) for _ in range(count)]  # greatest and least values
         self._hashes = [hashlib.blake2b(digest_size=16) for _ in range(count)]
 
     def add(self, block: np.ndarray) -> None:
@@ -77,7 +80,7 @@ class ChannelWatch:
             run = _longest_run(np.abs(samples) >= top[n]) if greatest else 0
             self._longest[n] = run if top[n] > self._peak[n] else max(self._longest[n], run)
             high, low = self._edges[n]
-            self._edges[n] = high + extremes_of(samples), low + extremes_of(-samples)
+            self._edges[n] = _edge(samples, high), _edge(-samples, low)
         self._peak = np.maximum(self._peak, top)
 
     def health(self, full_scale: float | None) -> ChannelHealth:
@@ -96,48 +99,34 @@ class ChannelWatch:
 def inspect_channels(recording: Recording) -> ChannelHealth:
     """Return the state of every channel, after one pass over all samples, a block at a time."""
     watch = ChannelWatch(recording.count)
-    for block in time_blocks(recording):
-        watch.add(block)
+    for start, stop in ranges(recording.samples, BLOCK_SAMPLES // recording.count):
+        watch.add(read_samples(recording, start, stop))
     return watch.health(recording.full_scale)
 
 
-@dataclass(frozen=True)
-class Extremes:
-    """The two greatest values of some samples, and how often each occurs."""
-
-    top: float = -np.inf
-    times: int = 0
-    next: float = -np.inf
-    next_times: int = 0
-
-    def __add__(self, other: Extremes) -> Extremes:
-        times: dict[float, int] = {}
-        for edge in (self, other):
-            for value, number in ((edge.top, edge.times), (edge.next, edge.next_times)):
-                times[value] = times.get(value, 0) + number
-        first, second = sorted({*times, -np.inf}, reverse=True)[:2] if len(times) > 1 else (*times, -np.inf)
-        return Extremes(first, times[first], second, times.get(second, 0))
+def _edge(samples: np.ndarray, before: Edge) -> Edge:
+    """Return the edge of samples (t,) and of those before."""
+    times = Counter(before)
+    for _ in range(2):
+        if len(samples):
+            top, count = samples.max(), len(samples)
+            samples = samples[samples < top]
+            times[float(top)] += count - len(samples)
+    return dict(sorted(times.items(), reverse=True)[:2])
 
 
-def extremes_of(samples: np.ndarray) -> Extremes:
-    """Return the extremes of samples (t,)."""
-    top = samples.max()
-    below = samples[samples < top]
-    second = below.max(initial=-np.inf)
-    return Extremes(float(top), len(samples) - len(below), float(second), int(np.sum(below == second)))
-
-
-def _is_clipped(pair: tuple[Extremes, Extremes], full_scale: float | None) -> bool:
+def _is_clipped(pair: tuple[Edge, Edge], full_scale: float | None) -> bool:
     """Return whether many samples of a channel have its greatest (or least) value, and few the next one to it.
 
     The values of sound become rarer towards the greatest one, however coarse the quantisation; clipping does not.
     """
+    edges = [(max(edge, default=-np.inf), *edge.values(), 0, 0)[:3] for edge in pair]
     if full_scale:
-        at_full = [edge for edge in pair if edge.top >= CLIPPING.full_scale * full_scale]
-        rare = all(edge.times >= CLIPPING.full_scale_ratio * edge.next_times for edge in at_full)
-        if rare and sum(edge.times for edge in at_full) >= CLIPPING.full_scale_count:
+        at_full = [edge for edge in edges if edge[0] >= CLIPPING.full_scale * full_scale]
+        rare = all(times >= CLIPPING.full_scale_ratio * next_times for _, times, next_times in at_full)
+        if rare and sum(times for _, times, _ in at_full) >= CLIPPING.full_scale_count:
             return True
-    return any(e.times >= CLIPPING.edge_count and e.times >= CLIPPING.edge_ratio * e.next_times for e in pair)
+    return any(n >= CLIPPING.edge_count and n >= CLIPPING.edge_ratio * next_times for _, n, next_times in edges)
 
 
 def _longest_run(flags: np.ndarray) -> int:
@@ -173,10 +162,7 @@ def select_plane(recording: Recording, plane: str) -> Recording:
     if positions is None or positions.shape[1] != 3:
         problem = f"plane = {plane} needs positions in space, which {recording.path} does not contain"
         raise InputError(problem, "leave out <plane>", key="plane", value=plane)
-    try:
-        height = float(value)
-    except ValueError:
-        height = np.nan
+    height = number_in(value)
     if axis not in "xyz" or len(axis) != 1 or not np.isfinite(height):
         raise InputError(f'plane = "{plane}" is no plane', "write <plane> as z=0.1, metres", key="plane", value=plane)
     along = positions[:, "xyz".index(axis)]
@@ -218,22 +204,16 @@ def _drawn(recording: Recording, number: int, seed: int) -> Recording:
     if not 1 <= number <= recording.count:
         problem = f"subset = {number} cannot be drawn from {recording.count} microphones"
         raise InputError(problem, "give a smaller <subset>", key="subset", value=number)
-    if seed < 0:
-        raise InputError(f"seed = {seed} must not be negative", "use 0 or more", key="seed", value=seed)
     drawn = np.random.default_rng(seed).choice(recording.count, number, replace=False)
     return select_channels(recording, np.sort(drawn))
 
 
 def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Recording:
     """Return the recording without the channels that a list names; "bad" stands for all of `bad`, indices (n,)."""
-    excluded: set[int] = set()
-    for name in (part.strip() for part in text.split(",")):
-        if name == "bad":
-            excluded |= set(bad.tolist())
-        else:
-            excluded.add(_index_of(recording, name, "leave_out"))
-    left = [n for n in range(recording.count) if n not in excluded]
-    if not left:
+    names = [part.strip() for part in text.split(",")]
+    excluded = [_index_of(recording, name, "leave_out") for name in names if name != "bad"]
+    left = np.setdiff1d(np.arange(recording.count), [*excluded, *bad] if "bad" in names else excluded)
+    if not len(left):
         why = ": each is silent, clipped or a copy" if len(bad) == recording.count else ""
         raise InputError(f"leave_out = {text} leaves no channel{why}", "record again", key="leave_out", value=text)
     return select_channels(recording, left)
@@ -247,14 +227,14 @@ def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.n
     """
     if text.lower().endswith(".csv"):
         names, positions = read_table(text)
-        return _indices(recording, names), positions
+        return np.array([_index_of(recording, name, "known") for name in names]), positions
     if recording.positions is None:
         problem = f"known = {text}: {recording.path} contains no positions"
         raise InputError(problem, "give a table: <known> FILE.csv", key="known")
     if text == CORNERS:
         indices = _corners(recording.positions)
     else:
-        indices = _indices(recording, [part.strip() for part in text.split(",")])
+        indices = np.array([_index_of(recording, part.strip(), "known") for part in text.split(",")])
     return indices, recording.positions[indices]
 
 
@@ -265,10 +245,6 @@ def _corners(positions: np.ndarray) -> np.ndarray:
     corners = np.stack([c.ravel() for c in np.meshgrid(*sides)], axis=1)
     distances = np.linalg.norm(positions[None] - corners[:, None], axis=2)
     return np.unique(np.argmin(distances, axis=1))
-
-
-def _indices(recording: Recording, names: list[str]) -> np.ndarray:
-    return np.array([_index_of(recording, name, "known") for name in names], dtype=np.int64)
 
 
 def _index_of(recording: Recording, name: str, key: str) -> int:

@@ -111,10 +111,10 @@ def stationary_pressures(
     recording: Recording,
     band: tuple[float, float],
     sound_speed: float,
-    most: int = ROWS.max_rows,
+    max_rows: int = ROWS.max_rows,
     reference: int | None = None,
 ) -> Pressures:
-    """Return the pressures of a recording of a stationary source, or of several, of at most `most` rows.
+    """Return the pressures of a recording of a stationary source, or of several, of at most `max_rows` rows.
 
     `reference`: channel against which cross-spectra are taken, one row a frequency; without one, eigenvectors are.
     """
@@ -124,7 +124,7 @@ def stationary_pressures(
     window = 2 * recording.sample_rate / length
     spacing = room_spacing(powers, window)
     power = powers.mean(axis=0)
-    spare = max(20, min(2 * most, SEGMENTS.max_matrix // recording.count**2))  # some will prove too noisy
+    spare = max(20, min(2 * max_rows, SEGMENTS.max_matrix // recording.count**2))  # some will prove too noisy
     chosen = choose_frequencies(grid, power, np.zeros(len(grid)), spacing.step, spare)
     number = np.round(grid[chosen] * length / recording.sample_rate).astype(int)
     C, seen = cross_spectra(recording, number, length, starts)
@@ -143,27 +143,27 @@ def stationary_pressures(
         )
     f = seen[row]
     keep = keep[np.argsort(-snr[keep], kind="stable")]
-    rows = _within(row, keep, seen, band, most, 0.25 * window)
+    rows = _within(row, keep, seen, band, max_rows, 0.25 * window)
     how = f"{len(starts)} segments of {length / recording.sample_rate:.3g} s"
     how += ", eigenvectors" if reference is None else f", against microphone {recording.names[reference]}"
     k = 2 * np.pi * f[rows] / sound_speed
     return Pressures(f[rows], k.astype(complex), p[rows], noise[rows] / independent, how, spacing)
 
 
-def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int, apart: float) -> np.ndarray:
-    """Return at most `most` of the rows `keep`, ascending in frequency, which are `apart` Hz from each other.
+def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, max_rows: int, apart: float) -> np.ndarray:
+    """Return at most `max_rows` of the rows `keep`, ascending in frequency, which are `apart` Hz from each other.
 
     `row` (R,), index of the frequency of each row in `seen` (M,), Hz; `keep` (n,), those above the noise, best first.
     """
     counts = np.bincount(row[keep], minlength=len(seen))
     used = np.flatnonzero(counts)
     used = used[np.argsort(seen[used], kind="stable")]
-    wanted = max(1, int(most * len(used) / len(keep)))
+    wanted = max(1, int(max_rows * len(used) / len(keep)))
     kept = used[spread_over_band(seen[used], band, wanted, apart)]
-    while counts[kept].sum() > most and len(kept) > 1:  # few frequencies with many rows
+    while counts[kept].sum() > max_rows and len(kept) > 1:  # few frequencies with many rows
         kept = np.delete(kept, np.argmax(counts[kept]))
     chosen = keep[np.isin(row[keep], kept)]
-    return chosen[np.lexsort((np.arange(len(chosen)), seen[row[chosen]]))][:most]
+    return chosen[np.lexsort((np.arange(len(chosen)), seen[row[chosen]]))][:max_rows]
 
 
 def segments(recording: Recording, band: tuple[float, float]) -> tuple[int, np.ndarray]:
@@ -276,7 +276,10 @@ def eigenvectors(
 
 
 def against(C: np.ndarray, reference: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the same as `dominant`, by cross-spectra against one microphone; noise is what is not coherent with it."""
+    """Return pressures, noise and SNR as `eigenvectors` does, from cross-spectra against one microphone.
+
+    Noise is what is not coherent with it.
+    """
     diagonal = np.maximum(np.einsum("mii->mi", C).real, 1e-300)
     own = diagonal[:, reference]
     p = C[:, :, reference] / np.sqrt(own)[:, None]

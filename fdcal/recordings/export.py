@@ -26,7 +26,7 @@ from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice
 from . import formats
 from .formats.sound import SUFFIXES, open_for_writing
-from .recording import GROUP_SAMPLES, Recording, read_samples, recording_of
+from .recording import GROUP_SAMPLES, Recording, ranges, read_samples, recording_of
 
 FLAT = 1e-6  # metres: heights that differ less are one height
 
@@ -277,9 +277,7 @@ def corrected_blocks(recording: Recording, correction: Correction) -> Iterator[n
 
     filters = correction.filters(recording.sample_rate)
     reach = filters.shape[1] // 2
-    step = max(reach, GROUP_SAMPLES // 8 // recording.count)
-    for start in range(0, recording.samples, step):
-        stop = min(start + step, recording.samples)
+    for start, stop in ranges(recording.samples, max(reach, GROUP_SAMPLES // 8 // recording.count)):
         first, last = max(start - reach, 0), min(stop + reach, recording.samples)
         padding = (0, 0), (first - start + reach, stop + reach - last)
         samples = np.pad(read_samples(recording, first, last)[correction.source], padding)

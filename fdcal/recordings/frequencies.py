@@ -20,9 +20,8 @@ import numpy as np
 from ..acoustics.coherence import array_radius
 from ..acoustics.dictionary import f_max
 from ..acoustics.spectrum import fast_length
-from ..model.declared import require_positive
 from ..model.validation import InputError
-from .import_options import IMPORT_LIMITS, ImportOptions
+from .import_options import IMPORT_LIMITS, ImportOptions, refused_option
 from .recording import Recording, channel_groups
 
 MIN_SNR = 10.0  # decibels, of a frequency that is used
@@ -99,12 +98,12 @@ class NothingAboveNoise(InputError):
 
 
 def choose_frequencies(
-    frequencies: np.ndarray, power: np.ndarray, noise: np.ndarray, resolution: float, most: int = ROWS.max_rows
+    frequencies: np.ndarray, power: np.ndarray, noise: np.ndarray, resolution: float, max_rows: int = ROWS.max_rows
 ) -> np.ndarray:
     """Return the indices of the frequencies to use: in equal parts of the band the one nearest to the middle.
 
     `frequencies` (B,), Hz, evenly spaced and finer than the `resolution`, the least distance of two; `power`, `noise`
-    (B,), mean over the microphones; noise 0 where it is unknown; `most`: greatest number. Or NothingAboveNoise.
+    (B,), mean over the microphones; noise 0 where it is unknown; `max_rows`: greatest number. Or NothingAboveNoise.
     """
     floor = np.maximum(noise, power.max() * 10 ** (-DYNAMIC_RANGE / 10))
     snr = 10 * np.log10(np.maximum(power - noise, 1e-300) / floor)
@@ -114,15 +113,15 @@ def choose_frequencies(
         remedy = "record at a higher level, or choose another band: <frequencies> LO:HI"
         raise NothingAboveNoise(f"no frequency {band} is {MIN_SNR:g} dB above the noise", remedy, key="frequencies")
     at = np.flatnonzero(usable)
-    return at[spread_over_band(frequencies[at], (frequencies[0], frequencies[-1]), most, resolution)]
+    return at[spread_over_band(frequencies[at], (frequencies[0], frequencies[-1]), max_rows, resolution)]
 
 
-def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], most: int, apart: float) -> np.ndarray:
-    """Return the indices of at most `most` frequencies, the one nearest to the middle of each of equal parts of a band.
+def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], max_rows: int, apart: float) -> np.ndarray:
+    """Return the indices of the frequencies nearest to the middles of equal parts of a band, `max_rows` at most.
 
     `apart`: least width of a part, Hz; two frequencies, which ascend, are three quarters of it apart at least.
     """
-    count = max(1, min(most, int((band[1] - band[0]) / apart * (1 + 1e-9)) + 1))
+    count = max(1, min(max_rows, int((band[1] - band[0]) / apart * (1 + 1e-9)) + 1))
     width = (band[1] - band[0]) / max(1, count - 1)
     part = np.round((frequencies - band[0]) / width).astype(int) if count > 1 else np.zeros(len(frequencies), int)
     away = np.abs(frequencies - band[0] - part * width)
@@ -177,7 +176,6 @@ def _stated_radius(
 ) -> tuple[float, str]:
     """Return the radius, metres, that is given or follows from positions, and where it is from; 0 without one."""
     if options.array_radius is not None:
-        require_positive("array_radius", options.array_radius, "m")
         return options.array_radius, "for the radius given"
     complete = recording.positions is not None
     positions = recording.positions if complete else known_positions
@@ -185,8 +183,8 @@ def _stated_radius(
     if positions is not None:
         radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
     radius *= 1.0 if complete else IMPORT_LIMITS.known_radius_factor
-    share = f"{100 * (IMPORT_LIMITS.known_radius_factor - 1):.0f} % more than that of the known microphones"
-    return radius, f"for a radius of {radius:.2g} m, {'that of the positions in the file' if complete else share}"
+    other = f"{100 * (IMPORT_LIMITS.known_radius_factor - 1):.0f} % more than that of the known microphones"
+    return radius, f"for a radius of {radius:.2g} m, {'that of the positions in the file' if complete else other}"
 
 
 def _coherent_radius(recording: Recording, dimension: int, speed: float) -> float | None:
@@ -227,8 +225,7 @@ def frequency_band(
             low, high = (float(part) for part in options.frequencies.split(":"))
         except ValueError:
             problem = f'frequencies = "{options.frequencies}" is no band'
-            remedy = "write auto or LO:HI, as 20:300"
-            raise InputError(problem, remedy, key="frequencies", value=options.frequencies) from None
+            raise refused_option(options, "frequencies", problem, "write auto or LO:HI, as 20:300") from None
     if found.limit is not None and found.limit <= low and not found.estimated:
         problem = f"{recording.path}: an array of {found.radius:.3g} m radius is too large for {recording.count}"
         problem += f" microphones: they interpolate up to {found.limit:.3g} Hz, and the band begins at {low:g} Hz"
@@ -236,7 +233,7 @@ def frequency_band(
         raise InputError(problem, remedy, key="frequencies")
     if not 0 < low < high <= top:
         problem = f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold"
-        raise InputError(problem, f"use 0 < LO < HI <= {top:g} Hz", key="frequencies", value=options.frequencies)
+        raise refused_option(options, "frequencies", problem, f"use 0 < LO < HI <= {top:g} Hz")
     return low, high
 
 

@@ -1,10 +1,11 @@
 """The options of an import, each declared once: in Python, on the command line and in the documentation."""
 
+import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from ..model.declared import require_positive
-from ..model.validation import InputError, require_choice
+from ..model.declared import Seconds, check, positive, within
+from ..model.validation import InputError
 from .recording import KINDS, OLD_KINDS, sound_speed
 
 
@@ -21,14 +22,8 @@ class ImportLimits:
     min_periods: float = 4.0  # periods of the lowest frequency in a recording, by default
     max_frequency: float = 0.45  # relative to the sampling rate
     celsius: float = 20.0  # default temperature
-    # min_sound_speed, max_sound_speed: m/s, from that of heavy gases to that of solids
-    min_sound_speed: float = 100.0
-    max_sound_speed: float = 6000.0
-    min_celsius: float = -60.0
-    max_celsius: float = 80.0
     known_radius_factor: float = 1.2  # radius of an array relative to that of its known microphones
     coherent_radius_factor: float = 1.25  # radius of an array relative to the one of its coherence, on the safe side
-    max_count: int = 2000  # number of rows
 
 
 IMPORT_LIMITS = ImportLimits()
@@ -83,24 +78,29 @@ class ImportOptions:
 
     # In the order in which `fdcal import --help` lists them; `files_options` of the command line adds the last three.
     frequencies: str = _option("auto", "Band to choose from, Hz.", "auto|LO:HI")
-    most: int | None = _option(None, "Greatest number of rows of all takes.  [default: 400]", "M")
-    kind: str = _option(
+    most: Annotated[int, within(1, 2000)] | None = _option(
+        None, "Greatest number of rows of all takes.  [default: 400]", "M"
+    )
+    kind: Literal["auto", "impulse", "stationary"] = _option(
         "auto",
         "impulse: an impulse response, from silence to silence; stationary: a continuous sound.",
         choices=("auto", *KINDS),
     )
     window: str = _option("auto", "Exponential window, 1/s.", "auto|none|RATE")
-    temperature: float | None = _option(None, "Of the air, degrees Celsius; gives the sound speed.", "C")
-    sound_speed: float | None = _option(None, "Instead of a temperature.", "M/S")
-    dimension: int = _option(3, "Of the sound field.", choices=("2", "3"))
-    array_dimension: int | None = _option(
+    temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = _option(
+        None, "Of the air, degrees Celsius; gives the sound speed.", "C"
+    )
+    # from that of heavy gases to that of solids
+    sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = _option(None, "Instead of a temperature.", "M/S")
+    dimension: Literal[2, 3] = _option(3, "Of the sound field.", choices=("2", "3"))
+    array_dimension: Literal[2, 3] | None = _option(
         None,
         "Of the microphones: 2 in a plane.  [default: 2 where all heights are given and agree]",
         choices=("2", "3"),
     )
     plane: str | None = _option(None, "Use the microphones in a plane only, by the positions in the file.", "z=Z")
     subset: str | None = _option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")
-    seed: int = _option(0, "Random seed of --subset.", "S")
+    seed: Annotated[int, within(0)] = _option(0, "Random seed of --subset.", "S")
     leave_out: str | None = _option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
     known: str | None = _option(
         None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|corners|none|FILE.csv"
@@ -108,10 +108,12 @@ class ImportOptions:
     reference: str | None = _option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")
     reference_microphone: str | None = _option(None, "Take cross-spectra against this channel.", "NAME")
     array: str | None = _option(None, "Positions to render a measured room at: name,x,y,z from its centre.", "FILE.csv")
-    array_radius: float | None = _option(None, "Metres; determines the highest usable frequency.", "R")
+    array_radius: Annotated[float, positive("m")] | None = _option(
+        None, "Metres; determines the highest usable frequency.", "R"
+    )
     source: int | str | None = None
-    files: str = "auto"
-    split: float | None = None
+    files: Literal["auto", "takes", "channels"] = "auto"
+    split: Seconds | None = None
 
     def __post_init__(self):
         object.__setattr__(self, "kind", OLD_KINDS.get(self.kind, self.kind))
@@ -123,39 +125,30 @@ def refused_option(options: ImportOptions, key: str, problem: str, remedy: str =
     return InputError(problem, remedy, key=key, value=getattr(options, key))
 
 
+def number_in(text: str) -> float:
+    """Return the number that a text of an option holds; NaN for any other text."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def check_options(options: ImportOptions) -> None:
     """Raise InputError for options that are out of range or contradict each other."""
-    limits, celsius, speed = IMPORT_LIMITS, options.temperature, options.sound_speed
-    require_choice("kind", options.kind, ("auto", *KINDS))
-    require_choice("files", options.files, ("auto", "takes", "channels"))
+    check(options)
     if isinstance(options.source, str) and options.source != "all":
         raise refused_option(
             options, "source", f'source = "{options.source}" is no source', "use a number from 0, or all"
         )
-    if options.split is not None:
-        require_positive("split", options.split, "s")
-        if options.kind == "impulse" or options.reference is not None or options.array is not None:
-            what = "kind impulse" if options.kind == "impulse" else "a reference" if options.reference else "an array"
-            problem = f"split = {options.split:.3g} s cuts a stationary recording, and {what} is given"
-            raise refused_option(options, "split", problem, "leave out <split>, or record each take on its own")
-    if options.dimension not in (2, 3):
-        raise InputError(f"dimension = {options.dimension} is unknown", "use one of 2, 3", key="dimension")
-    if options.array_dimension not in (None, *range(2, options.dimension + 1)):
-        problem = f"array_dimension = {options.array_dimension} is not possible in a field of {options.dimension}"
-        raise refused_option(options, "array_dimension", problem, "use 2")
-    if options.most is not None and not 1 <= options.most <= limits.max_count:
-        raise refused_option(options, "most", f"most = {options.most} is out of range", f"use 1 to {limits.max_count}")
-    if celsius is not None and speed is not None:
+    if options.split is not None and (options.kind == "impulse" or options.reference or options.array):
+        what = "kind impulse" if options.kind == "impulse" else "a reference" if options.reference else "an array"
+        problem = f"split = {options.split:.3g} s cuts a stationary recording, and {what} is given"
+        raise refused_option(options, "split", problem, "leave out <split>, or record each take on its own")
+    if options.array_dimension == 3 and options.dimension == 2:
+        raise refused_option(options, "array_dimension", "array_dimension = 3 is not possible in a field of 2", "use 2")
+    if options.temperature is not None and options.sound_speed is not None:
         remedy = "give one of <temperature> and <sound_speed>"
         raise InputError("a temperature and a sound speed say the same", remedy, key="sound_speed")
-    if celsius is not None and not limits.min_celsius <= celsius <= limits.max_celsius:
-        span = f"{limits.min_celsius:g} to {limits.max_celsius:g}"
-        raise refused_option(options, "temperature", f"temperature = {celsius:g} must be in degrees Celsius, {span}")
-    if speed is not None:
-        require_positive("sound_speed", speed, "m/s")
-        if not limits.min_sound_speed <= speed <= limits.max_sound_speed:
-            problem = f"sound_speed = {speed:g} m/s is that of no medium"
-            raise refused_option(options, "sound_speed", problem, "air at 20 degrees Celsius has 343 m/s")
     if options.reference is not None and options.reference_microphone is not None:
         remedy = "give one of <reference> and <reference_microphone>"
         raise InputError("a reference signal and a reference microphone exclude each other", remedy, key="reference")

@@ -5,6 +5,7 @@ A file holds takes or channels of one take: a recording of all microphones with 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,7 +29,7 @@ from .frequencies import (
     frequency_band,
     highest_frequency,
 )
-from .import_options import IMPORT_LIMITS, ImportOptions, check_options, refused_option, sound_speed_of
+from .import_options import IMPORT_LIMITS, ImportOptions, check_options, number_in, refused_option, sound_speed_of
 from .impulse_response import MAX_SAMPLES, deconvolve, impulse_response_pressures, require_quiet_end, segment_levels
 from .recording import SAME_PLACE, Recording, join_channels, split
 
@@ -36,8 +37,31 @@ DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards 
 ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
 MAX_WINDOW_NEPERS = 50.0  # by how much an exponential window may attenuate the end of a recording
 DEFAULTS = ImportOptions()  # of an import
+LOWEST = 3  # frequencies of the lowest signal-to-noise ratio that are named
+MANY = 32  # microphones with which errors in a room are of the order of their uncertainty
+CLEAN_DB = 100.0  # above it the estimate of the noise is at its floor
+ARGUMENTS: Mapping[str, str] = {}  # by their own names
+KIND_WORDS = {"impulse": "impulse response: from silence to the end of the sound", "stationary": "stationary source"}
 
 Noise = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """What an import has read and taken."""
+
+    recording: Recording  # the channels that were used
+    kind: str  # one of `fdcal.recordings.recording.KINDS`
+    left_out: dict[str, str]  # name of each channel left out, and why
+    pressures: Pressures
+    speed: float  # sound speed, m/s
+    speed_from: str  # where it is from, in words
+    highest_frequency: float | None  # that the array can interpolate, Hz
+    highest_frequency_from: str  # which radius it follows from, in words
+    height: float | None = None  # of all given positions, metres, where the array is sought in this plane
+    # one each of several takes, the first of which the other fields describe; none of a single take
+    takes: tuple[ImportReport, ...] = ()
+    skipped: tuple[str, ...] = ()  # parts of a recording in which no sound rises above the noise
 
 
 def import_recording(
@@ -54,9 +78,10 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
     if not paths:
         raise InputError("no file is given", "give one or several", key="source")
     paths = [one for path in paths for one in formats.sound_files(path) or [path]]
-    twice = {str(path) for path in paths if sum(Path(path).resolve() == Path(one).resolve() for one in paths) > 1}
+    times = Counter(Path(path).resolve() for path in paths)
+    twice = sorted(str(path) for path in paths if times[Path(path).resolve()] > 1)
     if twice:
-        raise InputError(f"{sorted(twice)[0]} is given twice", "give each file once", key="source")
+        raise InputError(f"{twice[0]} is given twice", "give each file once", key="source")
     read = [recording for path in paths for recording in _recordings(path, options)]
     counts = [recording.count for recording in read]
     if len(read) == 1:
@@ -116,11 +141,11 @@ def measurement_of_takes(
     takes = [_flattened(one, options) for one in recordings]
     if options.split is not None:
         takes = [part for one in takes for part in _split(one, options.split, options)]
-    most = max(1, options.most // len(takes)) if options.most else default_max_rows(takes[0].count, len(takes))
+    max_rows = max(1, options.most // len(takes)) if options.most else default_max_rows(takes[0].count, len(takes))
     done, skipped = [], []
     for one in takes:
         try:
-            done.append(_measurement_of_take(one, options, most, left_out))
+            done.append(_measurement_of_take(one, options, max_rows, left_out))
         except NothingAboveNoise as error:
             skipped.append(one.path)
             if options.split is None or len(skipped) == len(takes):  # of parts, some may be pauses
@@ -136,18 +161,14 @@ def _split(recording: Recording, seconds: float, options: ImportOptions) -> list
     if recording.kind == "impulse":
         problem = f"split = {seconds:.3g} s cuts a stationary recording, and {recording.path} holds impulse responses"
         raise InputError(problem, "leave out <split>", key="split", value=seconds)
-    own = options.frequencies.partition(":")[0]
-    try:
-        low = float(own)
-    except ValueError:  # of the automatic band, or a mistake that is reported with it
-        low = IMPORT_LIMITS.low
+    low = number_in(options.frequencies.partition(":")[0])  # none in that of the automatic band, or a mistake
     return split(recording, seconds, min_duration(low if low > 0 else IMPORT_LIMITS.low))
 
 
 def _measurement_of_take(
-    recording: Recording, options: ImportOptions, most: int, left_out: dict[str, str]
+    recording: Recording, options: ImportOptions, max_rows: int, left_out: dict[str, str]
 ) -> tuple[Measurement, ImportReport]:
-    """Return the measurement of one take of at most `most` rows, and a report on it."""
+    """Return the measurement of one take of at most `max_rows` rows, and a report on it."""
     known, known_positions = np.zeros(0, int), None
     if options.known is not None:
         known, known_positions = select.known_microphones(recording, options.known)
@@ -158,10 +179,30 @@ def _measurement_of_take(
     taken = recording
     recording, kind, noise = _classified(taken, options, band)
     if kind == "stationary":
-        pressures = stationary_pressures(recording, band, speed, most, _reference_channel(recording, options))
+        pressures = stationary_pressures(recording, band, speed, max_rows, _reference_channel(recording, options))
     else:
-        pressures = impulse_response_pressures(recording, band, speed, _window_rate(recording, options), most, noise)
-    measurement = _measurement(recording, options, known, known_positions, pressures, speed)
+        pressures = impulse_response_pressures(
+            recording, band, speed, _window_rate(recording, options), max_rows, noise
+        )
+    axes = coordinate_count(recording, options, known_positions)
+    if known_positions is not None and known_positions.shape[1] != axes:
+        problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
+        raise refused_option(options, "known", problem, f"give {axes} coordinates")
+    f = pressures.frequencies
+    measurement = Measurement(
+        frequencies=f,
+        pressures=pressures.pressures,
+        sound_speed=speed,
+        dimension=options.dimension,
+        array_dimension=min(axes, options.dimension),
+        wavenumbers=pressures.wavenumbers,
+        noise_power=pressures.noise_power,
+        takes=np.zeros(len(f), np.int64) if np.any(np.diff(f) == 0) else None,
+        names=recording.names,
+        positions=recording.positions,
+        known=known,
+        known_positions=known_positions,
+    )
     if kind == "impulse":
         responses = recording
         if options.reference is not None:  # in its whole band: an onset is as sharp as the band is wide
@@ -276,69 +317,13 @@ def _window_rate(recording: Recording, options: ImportOptions) -> float | None:
     """Return the rate of the exponential window, 1/s; None where it is chosen automatically."""
     if options.window in ("auto", "none"):
         return None if options.window == "auto" else 0.0
-    try:
-        rate = float(options.window)
-    except ValueError:
-        rate = -1.0
+    rate = number_in(options.window)
     if not 0 <= rate * recording.duration <= MAX_WINDOW_NEPERS:
-        most = f"{MAX_WINDOW_NEPERS / recording.duration:.3g} per second"
+        limit = f"{MAX_WINDOW_NEPERS / recording.duration:.3g} per second"
         raise refused_option(
-            options, "window", f'window = "{options.window}" must be auto, none or a rate up to {most}'
+            options, "window", f'window = "{options.window}" must be auto, none or a rate up to {limit}'
         )
     return rate
-
-
-def _measurement(
-    recording: Recording,
-    options: ImportOptions,
-    known: np.ndarray,
-    known_positions: np.ndarray | None,
-    taken: Pressures,
-    speed: float,
-) -> Measurement:
-    axes = coordinate_count(recording, options, known_positions)
-    if known_positions is not None and known_positions.shape[1] != axes:
-        problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
-        raise refused_option(options, "known", problem, f"give {axes} coordinates")
-    return Measurement(
-        frequencies=taken.frequencies,
-        pressures=taken.pressures,
-        sound_speed=speed,
-        dimension=options.dimension,
-        array_dimension=min(axes, options.dimension),
-        wavenumbers=taken.wavenumbers,
-        noise_power=taken.noise_power,
-        takes=np.zeros(len(taken.frequencies), np.int64) if np.any(np.diff(taken.frequencies) == 0) else None,
-        names=recording.names,
-        positions=recording.positions,
-        known=known,
-        known_positions=known_positions,
-    )
-
-
-LOWEST = 3  # frequencies of the lowest signal-to-noise ratio that are named
-MANY = 32  # microphones with which errors in a room are of the order of their uncertainty
-CLEAN_DB = 100.0  # above it the estimate of the noise is at its floor
-ARGUMENTS: Mapping[str, str] = {}  # by their own names
-KIND_WORDS = {"impulse": "impulse response: from silence to the end of the sound", "stationary": "stationary source"}
-
-
-@dataclass(frozen=True)
-class ImportReport:
-    """What an import has read and taken."""
-
-    recording: Recording  # the channels that were used
-    kind: str  # one of `fdcal.recordings.recording.KINDS`
-    left_out: dict[str, str]  # name of each channel left out, and why
-    pressures: Pressures
-    speed: float  # sound speed, m/s
-    speed_from: str  # where it is from, in words
-    highest_frequency: float | None  # that the array can interpolate, Hz
-    highest_frequency_from: str  # which radius it follows from, in words
-    height: float | None = None  # of all given positions, metres, where the array is sought in this plane
-    # one each of several takes, the first of which the other fields describe; none of a single take
-    takes: tuple[ImportReport, ...] = ()
-    skipped: tuple[str, ...] = ()  # parts of a recording in which no sound rises above the noise
 
 
 def import_summary(measurement: Measurement, report: ImportReport, wording: Mapping[str, str] = ARGUMENTS) -> str:

@@ -41,13 +41,15 @@ class DecaySettings:
     segments: int = 48  # of the recording, in each of which the level is measured
     above_floor: float = 2.0  # nepers of power above the last tenth of the recording; a level nearer to it is noise
     min_power: float = 1e-6  # relative to the greatest power; what is below says nothing about the decay
-    zoom: float = 0.25  # share of the recording; a sound that fills less of it is measured again, in shorter segments
+    zoom: float = (
+        0.25  # fraction of the recording; a sound that fills less of it is measured again, in shorter segments
+    )
     extension: float = 1.2  # factor by which the end of the sound is moved until no mode rings on
     max_ringing: float = 4.0  # length of the part after the sound in which modes are sought that ring on, seconds
     max_loss: float = 0.5  # power that the cut may leave out, relative to the noise of a pressure
     false_alarm: float = 0.05  # probability that noise alone is taken for a mode that rings on
-    # min_tail_share, min_tail: share of the recording, or seconds if that is less, that noise must fill to be estimated
-    min_tail_share: float = 0.1
+    # min_tail_fraction, min_tail: of the recording, or seconds if that is less, that noise must fill to be estimated
+    min_tail_fraction: float = 0.1
     min_tail: float = 0.25
 
 
@@ -97,11 +99,12 @@ def extend_to_last_mode(
 
 def _min_tail(recording: Recording) -> float:
     """Return how much noise is needed to estimate its power, seconds."""
-    return min(DECAY.min_tail_share * recording.duration, DECAY.min_tail)
+    return min(DECAY.min_tail_fraction * recording.duration, DECAY.min_tail)
 
 
-def _measured_channels(recording: Recording) -> np.ndarray:
-    return np.unique(np.linspace(0, recording.count - 1, DECAY.channels).astype(int))
+def _measured_channels(recording: Recording, count: int = DECAY.channels) -> np.ndarray:
+    """Return the indices (n,) of `count` channels, or of all where they are fewer."""
+    return np.unique(np.linspace(0, recording.count - 1, count).astype(int))
 
 
 def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise) -> bool:
@@ -191,14 +194,14 @@ def whitened_levels(recording: Recording, band: tuple[float, float]) -> np.ndarr
         kept = irfft(rfft(row, whole) * above, whole)
         for at, start in enumerate(starts):
             power[at] += np.abs(rfft(kept[start : start + length] * taper, padded)[inside]) ** 2
-    least = 1e-12 * max(power.max(), 1e-300)
+    floor = 1e-12 * max(power.max(), 1e-300)
     quiet = np.percentile(power, 25, axis=0)
-    return np.exp(np.mean(np.log(np.maximum(power, least) / np.maximum(quiet, least)), axis=1))
+    return np.exp(np.mean(np.log(np.maximum(power, floor) / np.maximum(quiet, floor)), axis=1))
 
 
-def _reduced(recording: Recording, channels: np.ndarray, least: float) -> tuple[np.ndarray, float]:
-    """Return channels (n, t) averaged over neighbouring samples, at a rate of at least `least` Hz if possible."""
-    factor = max(1, int(recording.sample_rate / least))
+def _reduced(recording: Recording, channels: np.ndarray, min_rate: float) -> tuple[np.ndarray, float]:
+    """Return channels (n, t) averaged over neighbouring samples, at `min_rate`, Hz, at least if possible."""
+    factor = max(1, int(recording.sample_rate / min_rate))
     step = factor * max(1, GROUP_SAMPLES // (4 * factor * len(channels)))
     rows = []
     for start in range(0, recording.samples - factor + 1, step):
@@ -218,19 +221,19 @@ def impulse_response_pressures(
     band: tuple[float, float],
     sound_speed: float,
     window: float | None = None,
-    most: int = ROWS.max_rows,
+    max_rows: int = ROWS.max_rows,
     noise: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Pressures:
     """Return the pressures of an impulse response; what follows once the sound is below the noise is left out.
 
-    `window`: rate s, 1/s; as much as needed unless given; `most`: greatest number of frequencies; `noise`: noise power
-    of one sample of the transform, where it is known; else it is estimated from the tail.
+    `window`: rate s, 1/s; as much as needed unless given; `max_rows`: maximum number of frequencies; `noise`: power
+    of the noise in one sample of the transform, where it is known; else it is estimated from the tail.
     """
     if recording.samples > MAX_SAMPLES:
         problem = f"{recording.path} lasts {recording.duration:.0f} s, which is too long for an impulse response"
         raise InputError(problem, "give <kind> stationary", key="kind")
     if recording.modelled:
-        return _complete_pressures(recording, band, sound_speed, most)
+        return _complete_pressures(recording, band, sound_speed, max_rows)
     decay = extend_to_last_mode(recording, band, estimate_decay(recording, band), noise)
     s = max(0.0, SPECTRUM.decay / recording.duration - decay.rate) if window is None else window
     noise = noise or noise_of_tail(recording, decay)
@@ -241,7 +244,7 @@ def impulse_response_pressures(
     grid, power = mean_power(used, band, s, spacing.step / GRID)
     gain = used.sample_rate * -np.expm1(-2 * s * used.duration) / (2 * s) if s > 0 else used.samples
     density = np.zeros(len(grid)) if noise is None else noise(grid) * gain
-    chosen = choose_frequencies(grid, power, density, spacing.step, most)
+    chosen = choose_frequencies(grid, power, density, spacing.step, max_rows)
     f = grid[chosen]
     pressures = np.empty((len(f), used.count), dtype=complex)
     for channels, samples in channel_groups(used):
@@ -271,26 +274,28 @@ def _spacing(
     taper = np.hanning(len(bins) + 2)[1:-1]  # so that the direct sound does not spread over the times after it
     interval = padded / fs / len(bins)
     times = interval * np.arange(int(recording.duration / interval))
-    channels = np.unique(np.linspace(0, recording.count - 1, DECAY.channels).astype(int))
+    channels = _measured_channels(recording)
     weight, energy = np.exp(-s / fs * np.arange(samples)), np.zeros(len(times))
     for row in read_samples(recording, 0, samples, channels):
         spectrum = taper * rfft(row * weight, padded)[bins]
         energy += np.abs(np.fft.ifft(spectrum)[: len(times)]) ** 2 / len(channels)
-    share = 0.0 if noise is None else np.mean(taper**2 * noise(bins * fs / padded)) * interval * fs
-    found = spacing_of(energy, share * np.exp(-2 * s * times), interval)
+    level = 0.0 if noise is None else np.mean(taper**2 * noise(bins * fs / padded)) * interval * fs
+    found = spacing_of(energy, level * np.exp(-2 * s * times), interval)
     even = spacing_of_decay(rate + s)
     step = max(found.step, even.step, 1 / recording.duration)
     return replace(found, step=step, decorrelation=max(found.decorrelation, even.decorrelation))
 
 
-def _complete_pressures(recording: Recording, band: tuple[float, float], sound_speed: float, most: int) -> Pressures:
+def _complete_pressures(
+    recording: Recording, band: tuple[float, float], sound_speed: float, max_rows: int
+) -> Pressures:
     """Return the pressures of rendered responses: sums of waves that are complete however they end, without noise.
 
     All frequencies of the band that are independent of one another are taken, evenly spaced.
     """
     spacing = _spacing(recording, band, 0.0, None, 0.0)
     spacing = replace(spacing, step=1 / recording.duration)
-    step = max(spacing.step, (band[1] - band[0]) / most)
+    step = max(spacing.step, (band[1] - band[0]) / max_rows)
     f = np.arange(band[0], band[1], step)
     pressures = laplace_transform(read_samples(recording, 0, recording.samples), recording.sample_rate, 0.0, f)
     how = "rendering at the positions given: no window is needed, and there is no noise but that of the response"
@@ -350,7 +355,7 @@ def noise_of_tail(recording: Recording, decay: Decay) -> Callable[[np.ndarray], 
         return None
     start = int(decay.tail * recording.sample_rate)
     length = recording.samples - start
-    channels = np.unique(np.linspace(0, recording.count - 1, 4 * DECAY.channels).astype(int))
+    channels = _measured_channels(recording, 4 * DECAY.channels)
     hann = np.hanning(length)
     power = np.zeros(length // 2 + 1)
     for n in channels:
@@ -432,6 +437,6 @@ def _inverse(S: np.ndarray, f: np.ndarray, band: tuple[float, float]) -> np.ndar
     inside = taper > 0
     if not np.any(inside) or not power[inside].max() > 1e-20 * max(power.max(), 1e-300):
         return None
-    inverse, least = np.zeros_like(S), DECONVOLUTION.regularisation * power[inside].max()
-    inverse[inside] = taper[inside] * S[inside].conj() / (power[inside] + least)
+    inverse, floor = np.zeros_like(S), DECONVOLUTION.regularisation * power[inside].max()
+    inverse[inside] = taper[inside] * S[inside].conj() / (power[inside] + floor)
     return inverse

@@ -21,9 +21,11 @@ KINDS = ("impulse", "stationary")
 OLD_KINDS = {"response": "impulse", "work": "stationary"}  # spellings that older files and scripts contain
 ZERO_CELSIUS = 273.15  # K
 GROUP_SAMPLES = 16_000_000  # samples held in memory at a time: 128 MB as float64
+BLOCK_SAMPLES = GROUP_SAMPLES // 4  # of a block of all channels
 RANGE_SAMPLES = 500_000  # samples read at a time from a file with interleaved channels, so that they fit a CPU cache
 
 
+Block = Callable[[int, int, np.ndarray], np.ndarray]  # reads samples of the channels (n,) int64
 SAMPLE_RATES = (100.0, 1e7)  # Hz
 MAX_CHANNELS = 10_000
 MIN_SAMPLES = 16  # of a channel
@@ -41,7 +43,7 @@ class Recording:
     # count, samples: N and T
     count: int
     samples: int
-    block: Callable[[int, int, np.ndarray], np.ndarray]  # reads samples of the channels (n,) int64
+    block: Block
     names: tuple[str, ...] = ()  # each different; "0", "1", ... unless given
     positions: np.ndarray | None = None  # (N, D) float64 or None, of the microphones according to the file, metres
     sound_speed: float | None = None  # according to the file, m/s
@@ -52,18 +54,6 @@ class Recording:
 
     def __post_init__(self):
         object.__setattr__(self, "kind", OLD_KINDS.get(self.kind or "", self.kind))
-        self._require_size()
-        if self.sound_speed is not None:
-            require_positive(f"{self.path}: sound speed", self.sound_speed, "m/s")
-        names = tuple(self.names) or tuple(str(n) for n in range(self.count))
-        if len(names) != self.count or len(set(names)) < len(names):
-            raise InputError(f"{self.path}: its channels must have {self.count} different names", key="names")
-        object.__setattr__(self, "names", names)
-        if self.positions is not None:
-            places = require_array(f"{self.path}: positions", self.positions, "real", (self.count, None), "m")
-            object.__setattr__(self, "positions", places)
-
-    def _require_size(self) -> None:
         low, high = SAMPLE_RATES
         if not low <= self.sample_rate <= high:
             span = f"between {low:g} Hz and {high / 1e6:g} MHz"
@@ -75,6 +65,15 @@ class Recording:
         if self.samples < MIN_SAMPLES:
             problem = f"{self.path} holds {self.samples} samples per channel, which is too short for a recording"
             raise InputError(problem, f"give {MIN_SAMPLES} or more", key="samples", value=self.samples)
+        if self.sound_speed is not None:
+            require_positive(f"{self.path}: sound speed", self.sound_speed, "m/s")
+        names = tuple(self.names) or tuple(str(n) for n in range(self.count))
+        if len(names) != self.count or len(set(names)) < len(names):
+            raise InputError(f"{self.path}: its channels must have {self.count} different names", key="names")
+        object.__setattr__(self, "names", names)
+        if self.positions is not None:
+            places = require_array(f"{self.path}: positions", self.positions, "real", (self.count, None), "m")
+            object.__setattr__(self, "positions", places)
 
     @property
     def duration(self) -> float:
@@ -90,23 +89,22 @@ def sound_speed(celsius: float) -> float:
 def recording_of(path: str, kind: str | None, sample_rate: float, values, **others) -> Recording:
     """Return a recording of an array (N, T) that is in memory or memory-mapped; the others are of `Recording`."""
 
-    def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
-        return values[channels, start:stop]
+    count, samples = values.shape
+    return Recording(path, kind, float(sample_rate), int(count), int(samples), block_of(values), **others)
 
-    return Recording(path, kind, float(sample_rate), int(values.shape[0]), int(values.shape[1]), block, **others)
+
+def block_of(values: np.ndarray) -> Block:
+    """Return the function that reads samples of an array (N, T)."""
+    return lambda start, stop, channels: values[channels, start:stop]
 
 
 def select_channels(recording: Recording, channels) -> Recording:
     """Return the recording of some channels (n,) only, in the order given."""
     channels = frozen_array(channels, np.int64)
-
-    def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
-        return recording.block(start, stop, channels[chosen])
-
     return replace(
         recording,
         count=len(channels),
-        block=block,
+        block=lambda start, stop, chosen: recording.block(start, stop, channels[chosen]),
         names=tuple(recording.names[n] for n in channels),
         positions=None if recording.positions is None else recording.positions[channels],
     )
@@ -131,42 +129,27 @@ def read_samples(recording: Recording, start: int, stop: int, channels=None) -> 
     return values
 
 
-def sample_ranges(samples: int, channels: int) -> Iterator[tuple[int, int]]:
-    """Yield the ranges in which to read a number of samples from a file with interleaved channels."""
-    step = max(1, RANGE_SAMPLES // channels)
-    for first in range(0, samples, step):
-        yield first, min(first + step, samples)
+def ranges(count: int, step: int) -> Iterator[tuple[int, int]]:
+    """Yield the beginnings and ends of ranges of `step` that make up a count."""
+    for first in range(0, count, max(1, step)):
+        yield first, min(first + max(1, step), count)
 
 
-def in_memory(recording: Recording, most: int = 4 * GROUP_SAMPLES) -> Recording:
-    """Return the recording held in memory as float32 if it has at most `most` samples, else as it is."""
-    if recording.count * recording.samples > most:
+def in_memory(recording: Recording, max_samples: int = 4 * GROUP_SAMPLES) -> Recording:
+    """Return the recording held in memory as float32 if it has at most `max_samples`, else as it is."""
+    if recording.count * recording.samples > max_samples:
         return recording
     values = np.empty((recording.count, recording.samples), dtype=np.float32)
-    start = 0
-    for part in time_blocks(recording):
-        values[:, start : start + part.shape[1]] = part
-        start += part.shape[1]
-
-    def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
-        return values[channels, start:stop]
-
-    return replace(recording, block=block)
+    for start, stop in ranges(recording.samples, BLOCK_SAMPLES // recording.count):
+        values[:, start:stop] = read_samples(recording, start, stop)
+    return replace(recording, block=block_of(values))
 
 
-def channel_groups(recording: Recording, most: int = GROUP_SAMPLES) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def channel_groups(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield channels (n,) and all of their samples (n, T), a few channels at a time."""
-    step = max(1, most // recording.samples)
-    for first in range(0, recording.count, step):
-        channels = np.arange(first, min(first + step, recording.count))
+    for first, last in ranges(recording.count, GROUP_SAMPLES // recording.samples):
+        channels = np.arange(first, last)
         yield channels, read_samples(recording, 0, recording.samples, channels)
-
-
-def time_blocks(recording: Recording, most: int = GROUP_SAMPLES // 4) -> Iterator[np.ndarray]:
-    """Yield the samples of all channels, a block (N, t) at a time, in order."""
-    step = max(1, most // recording.count)
-    for start in range(0, recording.samples, step):
-        yield read_samples(recording, start, min(start + step, recording.samples))
 
 
 def join_channels(files: Sequence[Recording]) -> Recording:
@@ -222,27 +205,29 @@ def _names(files: Sequence[Recording]) -> tuple[str, ...]:
     return tuple(stem if one.count == 1 else f"{stem}.{name}" for one, stem in pairs for name in one.names)
 
 
-def split(recording: Recording, seconds: float, least: float) -> list[Recording]:
-    """Return parts of a recording, of `least` seconds; a remainder shorter than half a part is joined to the last."""
-    if seconds < least:
+def split(recording: Recording, seconds: float, min_seconds: float) -> list[Recording]:
+    """Return parts of `seconds`, not less than `min_seconds`; a remainder below half a part is joined to the last."""
+    if seconds < min_seconds:
         problem = f"split = {seconds:.3g} s is too short for a mean over segments of {recording.path}"
-        raise InputError(problem, f"use {least:.3g} s or more", key="split", value=seconds)
+        raise InputError(problem, f"use {min_seconds:.3g} s or more", key="split", value=seconds)
     length = int(seconds * recording.sample_rate)
     starts = list(range(0, recording.samples, length))
-    if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, least * recording.sample_rate):
+    if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, min_seconds * recording.sample_rate):
         starts.pop()
     if len(starts) < 2:
         problem = f"split = {seconds:.3g} s leaves {recording.path}, {recording.duration:.3g} s, in one part"
         longest = recording.duration / 1.5
-        remedy = f"use {longest:.3g} s or less" if longest >= least else "leave out <split>"
+        remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
         raise InputError(problem, remedy, key="split", value=seconds)
     return [_part(recording, a, b) for a, b in zip(starts, [*starts[1:], recording.samples], strict=True)]
 
 
 def _part(recording: Recording, first: int, last: int) -> Recording:
-    def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
-        return recording.block(first + start, first + stop, channels)
-
     fs = recording.sample_rate
-    where = f"{recording.path}, {first / fs:.4g} to {last / fs:.4g} s"
-    return replace(recording, path=where, kind="stationary", samples=last - first, block=block)
+    return replace(
+        recording,
+        path=f"{recording.path}, {first / fs:.4g} to {last / fs:.4g} s",
+        kind="stationary",
+        samples=last - first,
+        block=lambda start, stop, channels: recording.block(first + start, first + stop, channels),
+    )

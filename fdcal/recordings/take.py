@@ -20,7 +20,7 @@ from ..model.validation import InputError, StorageError
 from . import formats
 from .channels import ChannelHealth, ChannelWatch
 from .formats.sound import open_for_writing, require_whole_rate
-from .recording import MIN_SAMPLES, read_samples, select_channels
+from .recording import MIN_SAMPLES, ranges, read_samples, select_channels
 
 SUFFIXES = (".wav", ".w64")  # of files that a take is written to
 WAV_BYTES = 4e9  # that a WAV file can hold
@@ -157,9 +157,7 @@ def replayed(
     recording = select_channels(recording, np.arange(channels or recording.count))
 
     def blocks() -> Generator[Block, None, None]:
-        size = max(1, round(BLOCK * recording.sample_rate))
-        for start in range(0, recording.samples, size):
-            stop = min(start + size, recording.samples)
+        for start, stop in ranges(recording.samples, round(BLOCK * recording.sample_rate)):
             wait((stop - start) / recording.sample_rate)
             yield read_samples(recording, start, stop), False
 
@@ -205,7 +203,7 @@ def record_take(
 
     `watch`: called after each block, returns whether to go on. What was recorded is kept, also where the stream fails.
     """
-    path, most, count = Path(path), round(seconds * stream.sample_rate), len(stream.names)
+    path, wanted, count = Path(path), round(seconds * stream.sample_rate), len(stream.names)
     check_take(stream, path, seconds)
     channels, done, gaps, stopped, fault = ChannelWatch(count), 0, 0, False, ""
 
@@ -218,12 +216,12 @@ def record_take(
         ):
             try:
                 for samples, lost in blocks:
-                    block = np.asarray(samples[:, : most - done], float)
+                    block = np.asarray(samples[:, : wanted - done], float)
                     file.write(block.T)
                     channels.add(block)
                     done, gaps = done + block.shape[1], gaps + lost
                     stopped = not watch(_moment(stream, done, block, channels))
-                    if stopped or done >= most:
+                    if stopped or done >= wanted:
                         break
             except KeyboardInterrupt:
                 stopped = True
@@ -236,7 +234,7 @@ def record_take(
     write_atomically(path, write, force)
     return Take(
         path, done / stream.sample_rate, stream.sample_rate, stream.names, channels.health(stream.full_scale), gaps,
-        stopped and done < most, fault,
+        stopped and done < wanted, fault,
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..model.declared import check, convert, within
+from ..model.declared import convert, within
 from ..model.given_positions import MicrophonePositions, with_known, with_positions
 from ..model.measurement import Measurement
 from ..model.scene import Scene
@@ -93,9 +93,7 @@ def _import_options(texts: Sequence[str], options: dict):
     unknown = set(options) - {field.name for field in fields(ImportOptions)}
     if unknown:
         raise unexpected_argument("load", sorted(unknown)[0], [field.name for field in fields(ImportOptions)])
-    found = ImportOptions(**options)
-    check(found)
-    return found
+    return ImportOptions(**options)
 
 
 def _compared(measurement: Measurement, positions: Any, excluded: int) -> Measurement:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 import re
 import typing
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -132,10 +133,10 @@ class Setting:
         """Whether the step loads a scene, changed or not."""
         return bool(self.scene or self.changes or self.start_seed is not None)
 
-    OPTIONAL: typing.ClassVar = (
-        "scene", "changes", "start_seed", "reset", "modes", "automatic", "run", "frame", "microphone", "follow",
-        "map", "map_modes", "quantity", "order_offset", "scale", "minima", "trails", "ellipses", "view",
-    )  # fmt: skip
+    @staticmethod
+    def optional(table: dict) -> Iterable[str]:
+        """Return the keys that may be missing: all."""
+        return Setting.__dataclass_fields__
 
     def unfolded(self) -> Setting:
         """Return the setting with the values of its frame, where they are not given by themselves."""

@@ -35,20 +35,24 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     """Return `scene` with some keys changed, as {"room.walls": "absorbing", "seed": 3}; None removes a key."""
     table = table_of(scene)
     for key, value in changes.items():
-        *path, last = key.split(".")
         if isinstance(scene, MeasuredScene) and key.split(".")[0] not in ("solver", "seed", "title"):
             problem = f"{key} cannot be changed: the scene is a measurement"
             raise InputError(problem, "change solver or seed, or take a scene that is simulated", key=key, value=value)
-        inner = table
-        for part in path:
-            inner = inner.setdefault(part, {})
-            if not isinstance(inner, dict):
-                remedy = f"{part} is a value, not a table; set {part} itself"
-                raise InputError(f"{key} is not a key of a scene", remedy, key=key, value=value)
-        inner.pop(last, None)
-        if value is not None:
-            inner[last] = plain(value)
+        change(table, key, value)
     return build(type(scene), table)
+
+
+def change(table: dict[str, Any], key: str, value: Any) -> None:
+    """Set a key such as "room.walls" of the table of a scene; None removes it."""
+    *path, last = key.split(".")
+    for part in path:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            remedy = f"{part} is a value, not a table; set {part} itself"
+            raise InputError(f"{key} is not a key of a scene", remedy, key=key, value=value)
+    table.pop(last, None)
+    if value is not None:
+        table[last] = plain(value)
 
 
 def plain(value: Any) -> Any:
@@ -200,10 +204,10 @@ def _gauge(scene: Scene, parameters: SceneParameters, before: SceneParameters) -
     count = scene.array.number
     if (parameters.known, count) == (before.known, before.microphones):
         return scene.gauge
-    least, known = min_known(scene), parameters.known
-    if not least <= known < count:
+    lowest, known = min_known(scene), parameters.known
+    if not lowest <= known < count:
         problem = f"known = {known} of {count} microphones is impossible"
-        raise InputError(problem, f"use {least} to {count - 1}", key="known", value=known)
+        raise InputError(problem, f"use {lowest} to {count - 1}", key="known", value=known)
     positions = positions_of(replace(scene, gauge=Gauge(free=(0,))))
     return Gauge(known=spread_out(positions, parameters.known))
 

@@ -21,7 +21,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, overload
+from typing import Any, Literal
 
 import numpy as np
 
@@ -70,7 +70,7 @@ class StateCosts:
         return self._reference_cost is None or (found is not None and found[0]() is state)
 
     def compute_in_passing(self, state: RunState, spent: float) -> None:
-        """Compute the cost of a state after a step of `spent` s, unless costs have had their share."""
+        """Compute the cost of a state after a step of `spent` s, unless costs have taken COST_TIME already."""
         self._credit = min(self._credit + COST_TIME * spent, 2 * self._duration + COST_TIME * spent)
         if self._credit >= self._duration:
             self.compute(state)
@@ -101,12 +101,6 @@ class History(Sequence):
 
     def __len__(self) -> int:
         return self._count
-
-    @overload
-    def __getitem__(self, index: int) -> Any: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[Any]: ...
 
     def __getitem__(self, index: int | slice) -> Any:
         if isinstance(index, slice):
@@ -234,13 +228,11 @@ class CommandQueue:
         If none waits, block for one: for `timeout` seconds, not at all if that is not positive, without limit if None.
         """
         commands: list[Command] = []
-        if timeout is None:
-            commands.append(self._queue.get())
-        elif timeout > 0:
-            with contextlib.suppress(queue.Empty):
+        with contextlib.suppress(queue.Empty):
+            if timeout is None or timeout > 0:
                 commands.append(self._queue.get(timeout=timeout))
-        while not self._queue.empty():
-            commands.append(self._queue.get())
+            while True:
+                commands.append(self._queue.get_nowait())
         pairs = itertools.zip_longest(commands, commands[1:])
         return [command for command, after in pairs if after is None or not _replaced(command, after)]
 
@@ -284,7 +276,7 @@ class SolverRun:
     """The states of a run and the commands that change them; for one thread.
 
     Parameters as of `Session`; `on_change`: called after `view`, frozen, which any thread may read, has changed;
-    `pause_between_steps`: least time between two steps, s.
+    `pause_between_steps`: minimum time between two steps, s.
     """
 
     def __init__(
@@ -307,9 +299,7 @@ class SolverRun:
         self._reached: Callable[[Any], bool] | None = None  # true once the state reached ends the run
         self._gesture: object = None  # the gesture that the last state came from, if the user placed a microphone
         self.pause_between_steps = 0.0
-        self.spent: collections.deque[float] = collections.deque(
-            [0.0], maxlen=3
-        )  # s of the processor, by the last steps
+        self.spent = collections.deque([0.0], maxlen=3)  # s of the processor, by the last steps
         history = History(self._states, count)
         self._costs.compute(self._states[index])
         self.view = SessionView(self._states[index], index, count, False, "", history, self._costs)
@@ -397,7 +387,7 @@ class SolverRun:
         state = bounded(self._problem, view.state, self._module.step(self._problem, view.state))
         self.spent.append(time.thread_time() - began)
         self._costs.compute_in_passing(state, self.spent[-1])
-        if state.finished or self._reached is None or self._reached(state):
+        if state.finished or (self._reached is not None and self._reached(state)):
             self._reached = None
         states, lineage = self._up_to(view.index + 1)
         states.append(state)
@@ -504,7 +494,7 @@ class Session:
 
     @property
     def step_time(self) -> float:
-        """Processor time of a step, s: the least of the last three, since one may have been compiled meanwhile."""
+        """Processor time of a step, s: the minimum of the last three, since one may have been compiled meanwhile."""
         return min(self._run.spent.copy())
 
     def play(self) -> None:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from .. import solvers
-from ..model.declared import build
+from ..model.declared import build, convert
 from ..model.measurement import load_measurement, save_measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
@@ -122,8 +122,7 @@ def _table(text: bytes) -> dict:
         remedy = f"this fdcal reads version {VERSION}"
         raise InputError(f"fdcal_session = {found!r}", remedy, key="fdcal_session", value=found)
     for key, kind in (("scene", dict), ("choices", dict), ("start_seed", int), ("index", int)):
-        if not isinstance(table[key], kind) or isinstance(table[key], bool):
-            raise InputError(f"{key} must be of type {kind.__name__}")
+        convert(table[key], kind, key)
     return table
 
 
@@ -153,10 +152,10 @@ def _opening(table: dict, packed: bytes) -> OpenRequest:
 def kept_states(run, index: int | None) -> list[int]:
     """Return the indices of the states to keep: all, or so many that the file stays small, state `index` among them."""
     largest = max(state_bytes(state) for state in (run[0], run[len(run) // 2], run[-1]))
-    most = min(MAX_STATES, max(2, WRITTEN_BYTES // largest))
-    if len(run) <= most:
+    max_count = min(MAX_STATES, max(2, WRITTEN_BYTES // largest))
+    if len(run) <= max_count:
         return list(range(len(run)))
-    even = np.linspace(0, len(run) - 1, most - 1).round().astype(int).tolist()
+    even = np.linspace(0, len(run) - 1, max_count - 1).round().astype(int).tolist()
     return sorted({*even, len(run) - 1 if index is None else index})
 
 
@@ -212,8 +211,8 @@ class StateReader:
         """Raise InputError unless `table` has the fields of a dataclass."""
         names = {field.name for field in dataclasses.fields(Record)}
         if not isinstance(table, dict) or set(table) != names:
-            odd = ", ".join(sorted(set(table) ^ names)) if isinstance(table, dict) else "all fields"
-            problem = f"{key}: fields that differ from those of this version of fdcal: {shown(odd, 300)}"
+            others = ", ".join(sorted(set(table) ^ names)) if isinstance(table, dict) else "all fields"
+            problem = f"{key}: fields that differ from those of this version of fdcal: {shown(others, 300)}"
             raise InputError(problem, "open the file with the version that wrote it", key=key)
 
     def record(self, key: str, table: Any, Record: type) -> Any:
@@ -288,15 +287,36 @@ def _not_finite() -> InputError:
     return InputError("the run has reached numbers that are not finite", "rewind before you save it")
 
 
-class _ArrayStore:
-    """Arrays and settings, each kept once."""
+class _StateWriter:
+    """Values of states as JSON has them, with arrays and settings, each kept once."""
 
     def __init__(self):
         self.stacks: dict[tuple, list[np.ndarray]] = {}
         self.settings: list[SolverSettings] = []
         self._references: dict[int, tuple[np.ndarray, dict]] = {}  # with the array, so that its identity stays its own
 
-    def put(self, array: np.ndarray) -> dict:
+    def value(self, value: Any) -> Any:
+        """Return a value of a state as JSON has it."""
+        if isinstance(value, np.ndarray):
+            return self._array(value)
+        if isinstance(value, SolverSettings):
+            if value not in self.settings:
+                self.settings.append(value)
+            return {"settings": self.settings.index(value)}
+        if dataclasses.is_dataclass(value):
+            return {"record": {f.name: self.value(getattr(value, f.name)) for f in dataclasses.fields(value)}}
+        if isinstance(value, tuple):
+            return {"tuple": [self.value(inner) for inner in value]}
+        value = value.item() if isinstance(value, np.generic) else value
+        if isinstance(value, float) and not math.isfinite(value):
+            if math.isnan(value):
+                raise _not_finite()
+            return {"number": str(value)}
+        if value is None or isinstance(value, (bool, int, float, str)):
+            return value
+        raise TypeError(f"a state holds a {type(value).__name__}, which a file cannot")
+
+    def _array(self, array: np.ndarray) -> dict:
         if id(array) not in self._references:
             if array.dtype.kind not in NUMERIC_KINDS or not np.isfinite(array).all():
                 raise _not_finite()
@@ -306,57 +326,32 @@ class _ArrayStore:
             self._references[id(array)] = array, {"array": [list(self.stacks).index(key), len(stack) - 1]}
         return self._references[id(array)][1]
 
-    def put_settings(self, settings: SolverSettings) -> dict:
-        if settings not in self.settings:
-            self.settings.append(settings)
-        return {"settings": self.settings.index(settings)}
-
 
 def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray]]:
     """Return the states as a table for JSON and arrays by name; InputError for numbers that are not finite."""
-    store = _ArrayStore()
+    writer = _StateWriter()
     kinds = list(dict.fromkeys(state.solver for state in states))
     tables = []
     for name in kinds:
         mine = [state for state in states if state.solver == name]
-        columns = {f.name: [_out(getattr(s, f.name), store) for s in mine] for f in dataclasses.fields(mine[0])}
+        columns = {f.name: [writer.value(getattr(s, f.name)) for s in mine] for f in dataclasses.fields(mine[0])}
         tables.append({"solver": name, "fields": columns})
     order = [kinds.index(state.solver) for state in states]
-    table = {"order": order, "kinds": tables, "settings": [plain(dataclasses.asdict(s)) for s in store.settings]}
-    return table, {f"states_{i}": np.array(stack) for i, stack in enumerate(store.stacks.values())}
-
-
-def _out(value: Any, store: _ArrayStore) -> Any:
-    """A value of a state as JSON has it."""
-    if isinstance(value, np.ndarray):
-        return store.put(value)
-    if isinstance(value, SolverSettings):
-        return store.put_settings(value)
-    if dataclasses.is_dataclass(value):
-        return {"record": {f.name: _out(getattr(value, f.name), store) for f in dataclasses.fields(value)}}
-    if isinstance(value, tuple):
-        return {"tuple": [_out(inner, store) for inner in value]}
-    value = value.item() if isinstance(value, np.generic) else value
-    if isinstance(value, float) and not math.isfinite(value):
-        if math.isnan(value):
-            raise _not_finite()
-        return {"number": str(value)}
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    raise TypeError(f"a state holds a {type(value).__name__}, which a file cannot")
+    table = {"order": order, "kinds": tables, "settings": [plain(dataclasses.asdict(s)) for s in writer.settings]}
+    return table, {f"states_{i}": np.array(stack) for i, stack in enumerate(writer.stacks.values())}
 
 
 def read_states(
-    table: Any, arrays: Mapping[str, np.ndarray], problem: Problem, solver: str, most: int
+    table: Any, arrays: Mapping[str, np.ndarray], problem: Problem, solver: str, max_count: int
 ) -> tuple[RunState, ...]:
-    """Return the states, `most` at most, of a table of `write_states` out of JSON and its arrays.
+    """Return the states, `max_count` at most, of a table of `write_states` out of JSON and its arrays.
 
     InputError for what is not of the type, the shape and the range that a state of `problem` has. Of a chain, states of
     each of its members are possible.
     """
     order, kinds, settings = (_list(table, key) for key in ("order", "kinds", "settings"))
-    if not 1 <= len(order) <= most:
-        remedy = f"a session holds 1 to {most} states"
+    if not 1 <= len(order) <= max_count:
+        remedy = f"a session holds 1 to {max_count} states"
         raise InputError(f"states.order has {len(order)} entries", remedy, key="states.order", value=len(order))
     read_settings = [build(SolverSettings, one if isinstance(one, dict) else {}, "settings.") for one in settings]
     reader = StateReader(arrays, read_settings, problem)

@@ -76,9 +76,7 @@ def load_input(
         return replace(measurement_input(_of_takes(texts, excluded, options), name), excluded=excluded)
     text = texts[0]
     if is_recording(text):
-        from ..recordings import importer  # brings the signal library, which a measurement does not need
-
-        measurement = _without(importer.import_recording(text, options or importer.DEFAULTS)[0], excluded)
+        measurement = _imported(texts, excluded, options)
     elif text.lower().endswith(".npz"):
         measurement = load_measurement(text, excluded)
     else:
@@ -94,18 +92,22 @@ def _of_takes(texts: Sequence[str], excluded: tuple[str, ...], options: ImportOp
     """Return the measurement of several files: of recordings, or of measurements that become takes."""
     recorded = [is_recording(text) for text in texts]
     if all(recorded):
-        from ..recordings import importer
-
-        return _without(importer.import_recording(texts, options or importer.DEFAULTS)[0], excluded)
+        return _imported(texts, excluded, options)
     other = next((text for text, one in zip(texts, recorded, strict=True) if not one), texts[0])
     if any(recorded):
         problem = f"{other} holds no recordings, and other files do"
         raise InputError(problem, "give recordings only, or measurements only", key="source", value=other)
     scene = next((text for text in texts if not text.lower().endswith(".npz")), None)
     if scene is not None:
-        problem = f"{scene} is no recording and no measurement,, and stands among several files"
+        problem = f"{scene} is no recording and no measurement, and stands among several files"
         raise InputError(problem, "give one scene, or files of takes", key="source", value=scene)
     return Measurement.from_takes([load_measurement(text, excluded) for text in texts])
+
+
+def _imported(texts: Sequence[str], excluded: tuple[str, ...], options: ImportOptions | None) -> Measurement:
+    from ..recordings import importer  # brings the signal library, which a measurement does not need
+
+    return _without(importer.import_recording(texts, options or importer.DEFAULTS)[0], excluded)
 
 
 def measurement_input(
@@ -245,8 +247,7 @@ class OpenRequest:
     fewer_modes: bool = False  # whether the number of modes is reduced to those available
 
     def __post_init__(self):
-        if self.start_seed is not None and self.start_seed < 0:
-            raise refusal("start_seed", self.start_seed, "must not be negative", "use 0 or more")
+        convert(self.start_seed, Seed | None, "start_seed")
         if self.index is not None and not 0 <= self.index < len(self.states):
             count = len(self.states)
             remedy = f"use 0 to {count - 1}" if count else "give states, or no index"

@@ -156,7 +156,6 @@ class EarlyCheck:
     def __init__(self, day: Day, stream: SoundStream, wait: bool = False):
         self._day, self._stream, self._wait = day, stream, wait
         self._blocks: list[np.ndarray] = []
-        self._held = 0
         self._worker: LatestWorker | None = None
         self._done = EARLY * stream.sample_rate * len(stream.names) > EARLY_SAMPLES
 

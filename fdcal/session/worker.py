@@ -25,20 +25,13 @@ class Delivery:
     ended: float = 0.0
 
 
-class WakeEvent:
-    """Ends the waiting of a loop early."""
+class WakeEvent(threading.Event):
+    """Ends the waiting of a loop early; any thread may `set` it."""
 
-    def __init__(self):
-        self._event = threading.Event()
-
-    def set(self) -> None:
-        """Wake the loop; any thread may do it."""
-        self._event.set()
-
-    def wait(self, timeout: float) -> bool:
+    def wait(self, timeout: float | None = None) -> bool:
         """Block until the event is set, and clear it; return False if it is not set within `timeout`, s."""
-        happened = self._event.wait(timeout)
-        self._event.clear()
+        happened = super().wait(timeout)
+        self.clear()
         return happened
 
 
@@ -115,6 +108,6 @@ class LatestWorker:
         try:
             return Delivery(arguments, result=self._function(*arguments))
         except Exception as error:
-            expected = isinstance(error, (InputError, OSError))  # whoever asked reports it, in one line
+            expected = isinstance(error, (InputError, OSError))  # the caller reports it, in one line
             log.log(logging.DEBUG if expected else logging.ERROR, "%s failed", self._thread.name, exc_info=True)
             return Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)

@@ -1,6 +1,7 @@
 """Bad input and files of another kind: exit code 2, one line that names value and remedy."""
 
 import ast
+import functools
 import json
 import re
 from collections.abc import Iterator
@@ -230,6 +231,11 @@ ALLOWED = {  # the page says how to list the commands; options of git
 }
 
 
+@functools.cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def texts(tree: ast.AST) -> Iterator[ast.Constant]:
     """Every string of a module but its docstrings."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -251,7 +257,7 @@ def remedies(tree: ast.AST) -> Iterator[str]:
 def test_no_text_below_the_command_line_holds_one_of_its_options():
     for path in BELOW:
         name = path.relative_to(PACKAGE).as_posix()
-        for text in texts(ast.parse(path.read_text(encoding="utf-8"))):
+        for text in texts(parsed(path)):
             found = set(OPTION.findall(STYLE.sub("", text.value))) - ALLOWED.get(name, set())
             assert not found, f"{name}:{text.lineno}: {found}; name the argument in angle brackets"
 
@@ -260,7 +266,7 @@ def test_every_argument_that_a_remedy_names_has_an_option():
     named = {
         name
         for path in sorted(PACKAGE.rglob("*.py"))
-        for remedy in remedies(ast.parse(path.read_text(encoding="utf-8")))
+        for remedy in remedies(parsed(path))
         for name in re.findall(r"<([a-z_]+)>", remedy)
     }
     assert named

@@ -7,16 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from replays import Reader, contents, wait_for
+from replays import Reader, contents, offline_page, wait_for
 from running import exit_code
 
 from fdcal import load, solvers
 from fdcal.commands import gallery_pages
 from fdcal.commands.cli import main
+from fdcal.model.measurement import load_measurement
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.model.storage import folder_in_progress
 from fdcal.model.validation import InputError, StorageError, parse_modes
 from fdcal.session.lesson import load_lesson
+from fdcal.viewer import opening
 
 PAGES = {
     "index.html", "array1.html", "array2.html", "fig1.html", "ball3d.html", "faults.html", "race.html",
@@ -60,7 +62,9 @@ def test_what_a_show_names_is_in_its_scene(show):
     scene, address = load_scene(show.scene), dict(part.split("=") for part in show.address.split("&"))
     assert show.solver in solvers.names()
     assert int(address["microphone"]) == show.microphone < scene.array.number
-    assert not address.get("modes") or parse_modes(address["modes"], len(load(show.scene).frequencies))
+    shipped = show.scene == opening.SCENE  # its measurement; of another scene the solver's modes, which it has at least
+    count = len(load_measurement(opening.MEASUREMENT).frequencies) if shipped else scene.solver.modes
+    assert not address.get("modes") or parse_modes(address["modes"], count)
 
 
 def test_the_site_is_complete_small_and_needs_no_network(site):
@@ -86,56 +90,45 @@ def test_its_runs_are_what_it_says(site):
 
 
 def test_every_page_opens_from_the_disk(site, browser):
-    faults = []
-    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
-    page.on("pageerror", lambda error: faults.append(str(error)))
-    page.on("console", lambda message: faults.append(message.text))
-    page.goto((site / "index.html").as_uri())
-    links = [link.get_attribute("href") for link in page.get_by_role("link").all()]
-    assert len(links) == 7 and links[0] == "lesson-1.html" and page.get_by_role("img").count() == 8
-    for number, link in enumerate(links):
-        page.get_by_role("link").nth(number).click()
-        page.wait_for_url(f"**/{link}")
-        if not link.startswith("race"):
-            wait_for(page, "Boolean(window.replay?.map)")
-            assert page.locator("#note").inner_text() == ""
-        page.go_back()
-    page.context.close()
-    assert not faults
+    with offline_page(browser, site / "index.html", ready="true") as page:
+        links = [link.get_attribute("href") for link in page.get_by_role("link").all()]
+        assert len(links) == 7 and links[0] == "lesson-1.html" and page.get_by_role("img").count() == 8
+        for number, link in enumerate(links):
+            page.get_by_role("link").nth(number).click()
+            page.wait_for_url(f"**/{link}")
+            if not link.startswith("race"):
+                wait_for(page, "Boolean(window.replay?.map)")
+                assert page.locator("#note").inner_text() == ""
+            page.go_back()
 
 
 def test_a_lesson_asks_shows_its_runs_and_is_resumed(site, browser):
     """The numbers are those of its text, which `test_lesson_claims` compares with the solver."""
-    faults, lesson = [], load_lesson(LESSON)
-    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
-    page.on("pageerror", lambda error: faults.append(str(error)))
-    page.goto((site / "fig1.html").as_uri())  # as its entry in the index shows it, also without an address
-    wait_for(page, "window.replay?.map?.n == 9 && replay.map.indices.length == 1")
-    page.goto((site / "lesson-1.html").as_uri())
-    page.get_by_text(lesson.steps[0].question).wait_for()
-    assert "mean 224 mm" in page.locator("#errors").inner_text()
-    page.get_by_role("button", name=lesson.steps[0].choices[0]).click()
-    page.get_by_text("Not quite.").wait_for()
-    page.keyboard.press("End")
-    page.get_by_text("step 91, sweep 7; modes 1 to 20").wait_for()
-    assert "mean 190 mm" in page.locator("#errors").inner_text()
-    page.get_by_role("button", name="Next step").click()
-    page.get_by_text("step 0, sweep 0; modes 1 to 20").wait_for()
-    wait_for(page, "replay.map?.minima.count > 1")
-    lowest = page.evaluate("replay.map.minima.lowest[0]")
-    truth = load("tiny").positions
-    assert truth is not None
-    assert math.dist(lowest, truth[8]) == pytest.approx(0.44, abs=0.01), "44 cm, as the step says"
-    page.get_by_role("button", name=lesson.steps[1].choices[1]).click()
-    page.get_by_text("Right.").wait_for()
-    wait_for(page, "replay.map?.indices.length == 3 && replay.map.minima.count == 1")
-    wait_for(page, "location.hash.startsWith('#lesson=2,2&')")
-    page.reload()
-    page.get_by_text("Right.").wait_for()
-    page.get_by_role("button", name="Again").click()
-    page.get_by_role("button", name=lesson.steps[1].choices[0]).wait_for()
-    page.context.close()
-    assert not faults
+    lesson, one_mode = load_lesson(LESSON), "window.replay?.map?.n == 9 && replay.map.indices.length == 1"
+    with offline_page(browser, site / "fig1.html", ready=one_mode) as page:  # as the index shows it, without an address
+        page.goto((site / "lesson-1.html").as_uri())
+        page.get_by_text(lesson.steps[0].question).wait_for()
+        assert "mean 224 mm" in page.locator("#errors").inner_text()
+        page.get_by_role("button", name=lesson.steps[0].choices[0]).click()
+        page.get_by_text("Not quite.").wait_for()
+        page.keyboard.press("End")
+        page.get_by_text("step 91, sweep 7; modes 1 to 20").wait_for()
+        assert "mean 190 mm" in page.locator("#errors").inner_text()
+        page.get_by_role("button", name="Next step").click()
+        page.get_by_text("step 0, sweep 0; modes 1 to 20").wait_for()
+        wait_for(page, "replay.map?.minima.count > 1")
+        lowest = page.evaluate("replay.map.minima.lowest[0]")
+        truth = load("tiny").positions
+        assert truth is not None
+        assert math.dist(lowest, truth[8]) == pytest.approx(0.44, abs=0.01), "44 cm, as the step says"
+        page.get_by_role("button", name=lesson.steps[1].choices[1]).click()
+        page.get_by_text("Right.").wait_for()
+        wait_for(page, "replay.map?.indices.length == 3 && replay.map.minima.count == 1")
+        wait_for(page, "location.hash.startsWith('#lesson=2,2&')")
+        page.reload()
+        page.get_by_text("Right.").wait_for()
+        page.get_by_role("button", name="Again").click()
+        page.get_by_role("button", name=lesson.steps[1].choices[0]).wait_for()
 
 
 def test_the_lessons_of_the_gallery_keep_their_scene():
@@ -145,22 +138,20 @@ def test_the_lessons_of_the_gallery_keep_their_scene():
 
 
 def test_the_race_leads_both_replays_by_one_clock(site, browser):
-    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
-    page.goto((site / "race.html").as_uri())
-    slow, quick = (page.frame_locator(f"iframe[title={name}]") for name in ("descent", "joint"))
-    for frame in (slow, quick):
-        frame.get_by_text("step 0, sweep 0").wait_for()
-    page.get_by_label("Processor time").focus()
-    page.keyboard.press("End")
-    page.get_by_text("descent has finished, joint has finished").wait_for()
-    for name, frame in (("descent", slow), ("joint", quick)):
-        last = contents((site / f"race-{name}.html").read_text(encoding="utf-8"))[1]["step"][-1]
-        frame.get_by_text(f"step {last}, ").wait_for()
-    page.get_by_label("Processor time").fill("930")  # of 1000; it plays 1000 in 16 s
-    page.get_by_role("button", name="Play").click()
-    page.get_by_text("descent has finished").wait_for()
-    page.get_by_role("button", name="Play").wait_for()
-    page.context.close()
+    with offline_page(browser, site / "race.html", ready="true") as page:
+        slow, quick = (page.frame_locator(f"iframe[title={name}]") for name in ("descent", "joint"))
+        for frame in (slow, quick):
+            frame.get_by_text("step 0, sweep 0").wait_for()
+        page.get_by_label("Processor time").focus()
+        page.keyboard.press("End")
+        page.get_by_text("descent has finished, joint has finished").wait_for()
+        for name, frame in (("descent", slow), ("joint", quick)):
+            last = contents((site / f"race-{name}.html").read_text(encoding="utf-8"))[1]["step"][-1]
+            frame.get_by_text(f"step {last}, ").wait_for()
+        page.get_by_label("Processor time").fill("930")  # of 1000; it plays 1000 in 16 s
+        page.get_by_role("button", name="Play").click()
+        page.get_by_text("descent has finished").wait_for()
+        page.get_by_role("button", name="Play").wait_for()
 
 
 @pytest.fixture

@@ -37,7 +37,7 @@ def test_a_reader_at_fault_is_found(read, words, tmp_path, monkeypatch):
 # What a hostile page sends, the same in every run: an honest page goes on, and the server logs no error.
 
 
-MESSAGES, SEEDS = 80, 200  # connections, and those whose messages are looked at alone
+MESSAGES, SEEDS = 40, 200  # connections, and those whose messages are looked at alone
 
 
 def test_no_message_of_a_page_disturbs_another():

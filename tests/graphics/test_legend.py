@@ -49,15 +49,8 @@ def scene():
 @pytest.fixture(scope="module")
 def measurement(scene):
     positions = np.random.default_rng(5).uniform([0.5, 0.35], [0.9, 0.75], (8, 2))
-    return Measurement(
-        frequencies=np.array([100.0]),
-        pressures=np.exp(1j * positions.sum(axis=1))[None],
-        sound_speed=343.0,
-        positions=positions,
-        known=np.array([0, 1]),
-        known_positions=positions[:2],
-        search=scene.search,
-    )
+    p = np.exp(1j * positions.sum(axis=1))[None]
+    return Measurement([100.0], p, 343.0, positions=positions, known=[0, 1], search=scene.search)
 
 
 @pytest.fixture(scope="module")

@@ -49,17 +49,7 @@ def listen(positions, known=(0, 1, 2), search=None, seed=0, **more) -> Measureme
     k = np.array([1.0, 2.0, 3.0])
     towards = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     p = np.exp(1j * (k[:, None, None] * (towards @ np.asarray(positions)[:, :2].T) + phases[:, :, None])).sum(axis=1)
-    known = np.array(known, int)
-    return Measurement(
-        frequencies=k * 343 / (2 * np.pi),
-        pressures=p,
-        sound_speed=343.0,
-        positions=positions,
-        known=known,
-        known_positions=np.asarray(positions)[known],
-        search=search,
-        **more,
-    )
+    return Measurement(k * 343 / (2 * np.pi), p, 343.0, positions=positions, known=known, search=search, **more)
 
 
 @pytest.fixture(scope="module")

@@ -2,16 +2,17 @@
 
 import dataclasses
 import re
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from replays import Reader, contents, wait_for
+from replays import Reader, contents, offline_page, wait_for
+from running import exit_code
 
 import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.commands.cli import main
 from fdcal.cost.expansion import ReferenceCost, reference_cost_of
 from fdcal.cost.maps import eq7_maps, minima_of, refined
 from fdcal.graphics.replay import MAX_BYTES, replay_html
@@ -103,32 +104,35 @@ def test_it_plays_in_a_browser_without_a_network(run, browser, tmp_path):
     scene, measurement, states = run
     path = tmp_path / "replay.html"
     path.write_text(replay_html(scene, measurement, states, EVIL), encoding="utf-8")
-    faults = []
-    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
-    page.on("pageerror", lambda error: faults.append(str(error)))
-    page.on("console", lambda message: faults.append(message.text))
-    page.on("dialog", lambda dialog: (faults.append(dialog.message), dialog.dismiss()))
-    page.goto(path.as_uri())
-    page.get_by_text("step 0, sweep 0; modes 1 to ").wait_for()
-    page.keyboard.press("End")
-    last = states[-1]
-    page.get_by_text(f"step {last.step}, sweep {last.sweep}; ").wait_for()
-    mean = 1e3 * position_errors(last.positions, measurement.positions)[measurement.problem().free].mean()
-    assert f"mean {mean:.3g} mm" in page.locator("#errors").inner_text()
-    drawn = [page.locator("#view").screenshot() for _ in range(2)]
-    page.get_by_role("button", name="3-D").click()
-    drawn.append(page.locator("#view").screenshot())
-    page.get_by_role("button", name="Dark").click()
-    drawn.append(page.locator("#view").screenshot())
-    assert drawn[0] == drawn[1] and len(set(drawn)) == 3, "turned, then dark"
-    page.keyboard.press("Home")
-    page.get_by_label("Speed").select_option("50")
-    page.get_by_role("button", name="Play").click()
-    page.get_by_role("button", name="Pause").wait_for()
-    page.get_by_text(f"step {last.step}, sweep {last.sweep}; ").wait_for()
-    page.get_by_role("button", name="Play").wait_for()
-    page.context.close()
-    assert not faults
+    with offline_page(browser, path, ready="true") as page:
+        page.get_by_text("step 0, sweep 0; modes 1 to ").wait_for()
+        page.keyboard.press("End")
+        last = states[-1]
+        page.get_by_text(f"step {last.step}, sweep {last.sweep}; ").wait_for()
+        mean = 1e3 * position_errors(last.positions, measurement.positions)[measurement.problem().free].mean()
+        assert f"mean {mean:.3g} mm" in page.locator("#errors").inner_text()
+        drawn = [page.locator("#view").screenshot() for _ in range(2)]
+        page.get_by_role("button", name="3-D").click()
+        drawn.append(page.locator("#view").screenshot())
+        page.get_by_role("button", name="Dark").click()
+        drawn.append(page.locator("#view").screenshot())
+        assert drawn[0] == drawn[1] and len(set(drawn)) == 3, "turned, then dark"
+        page.keyboard.press("Home")
+        page.get_by_label("Speed").select_option("50")
+        page.get_by_role("button", name="Play").click()
+        page.get_by_role("button", name="Pause").wait_for()
+        page.get_by_text(f"step {last.step}, sweep {last.sweep}; ").wait_for()
+        page.get_by_role("button", name="Play").wait_for()
+
+
+DRAWN = """window.drawn = [];
+for (const name of ["fillText", "stroke"]) {
+  const draw = CanvasRenderingContext2D.prototype[name];
+  CanvasRenderingContext2D.prototype[name] = function (...given) {
+    if (this.canvas.id == "error") window.drawn.push([given[0] ?? this.strokeStyle, given[2]]);
+    draw.apply(this, given);
+  };
+}"""
 
 
 @pytest.mark.parametrize("ends_true", [True, False])
@@ -142,25 +146,13 @@ def test_a_curve_has_a_place_for_no_error_and_marks_where_the_solver_began_again
         for i, (number, place) in enumerate(zip(restarts, places, strict=True))
     ]
     path.write_text(replay_html(scene, measurement, shown, "Restarts"), encoding="utf-8")
-    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
-    page.add_init_script(
-        """window.drawn = [];
-        for (const name of ["fillText", "stroke"]) {
-          const draw = CanvasRenderingContext2D.prototype[name];
-          CanvasRenderingContext2D.prototype[name] = function (...given) {
-            if (this.canvas.id == "error") window.drawn.push([given[0] ?? this.strokeStyle, given[2]]);
-            draw.apply(this, given);
-          };
-        }"""
-    )
-    page.goto(path.as_uri())
-    page.get_by_text("step 10, sweep 0; modes 1 to ").wait_for()
-    scale = {text: height for text, height in page.evaluate("window.drawn") if height is not None}
-    colours = {text for text, height in page.evaluate("window.drawn") if height is None}
-    assert ("#8c5ab4" in colours) == page.get_by_text("Violet ticks").is_visible() == ends_true
-    above = [height for text, height in scale.items() if text != "0" and height < scale.get("0", np.inf)]
-    assert len(above) >= 2 and (not ends_true or max(above) + 10 < scale["0"]), "below all that a logarithm has"
-    page.context.close()
+    with offline_page(browser, path, ready="true", script=DRAWN) as page:
+        page.get_by_text("step 10, sweep 0; modes 1 to ").wait_for()
+        scale = {text: height for text, height in page.evaluate("window.drawn") if height is not None}
+        colours = {text for text, height in page.evaluate("window.drawn") if height is None}
+        assert ("#8c5ab4" in colours) == page.get_by_text("Violet ticks").is_visible() == ends_true
+        above = [height for text, height in scale.items() if text != "0" and height < scale.get("0", np.inf)]
+        assert len(above) >= 2 and (not ends_true or max(above) + 10 < scale["0"]), "below all that a logarithm has"
 
 
 def test_a_calibration_shows_its_run_inside_a_notebook(run, browser):
@@ -171,26 +163,21 @@ def test_a_calibration_shows_its_run_inside_a_notebook(run, browser):
     _, arrays, positions = contents(replay.html)
     np.testing.assert_allclose(positions[-1], found.positions, atol=1e-6)
     assert arrays["mean"][-1] == pytest.approx(found.mean_error, rel=1e-3)
-    page, faults = browser.new_context(offline=True).new_page(), []
-    page.on("pageerror", lambda error: faults.append(str(error)))
-    page.set_content(f"<h1>Notebook</h1>{replay._repr_html_()}")
-    frame = page.frame_locator("iframe")
-    frame.get_by_text("step 0, sweep 0").wait_for()
-    frame.get_by_role("button", name="Joint step").click()
-    frame.get_by_text("One joint step: up to").wait_for()
-    page.wait_for_timeout(400)  # the time after which a page of its own writes its address
-    assert frame.get_by_text("your positions").is_visible() and page.get_by_text("Notebook").is_visible()
-    page.context.close()
-    assert not faults
+    with offline_page(browser) as page:
+        page.set_content(f"<h1>Notebook</h1>{replay._repr_html_()}")
+        frame = page.frame_locator("iframe")
+        frame.get_by_text("step 0, sweep 0").wait_for()
+        frame.get_by_role("button", name="Joint step").click()
+        frame.get_by_text("One joint step: up to").wait_for()
+        page.wait_for_timeout(400)  # the time after which a page of its own writes its address
+        assert frame.get_by_text("your positions").is_visible() and page.get_by_text("Notebook").is_visible()
     with pytest.raises(fdcal.InputError, match="read from a file"):
         fdcal.Calibration.from_json(found.to_json()).show()
 
 
 def test_the_command_writes_a_run(tmp_path, capsys):
     path = tmp_path / "run.html"
-    with pytest.raises(SystemExit) as left:
-        main(["replay", "tiny", "--solver", "joint", "--microphone", "9", "-o", str(path)])
-    assert not left.value.code, capsys.readouterr().err
+    assert exit_code("replay", "tiny", "--solver", "joint", "--microphone", "9", "-o", path) == 0
     data, arrays, _ = contents(path.read_text(encoding="utf-8"))
     said = capsys.readouterr().out
     assert f"{data['count']} states of joint" in said and data["count"] > 5 and data["microphone"] == 9
@@ -203,9 +190,7 @@ def test_the_replay_of_a_solver_that_is_given_nothing_has_the_errors_of_calibrat
     text, path = (scene_folder() / "tiny.toml").read_text(encoding="utf-8"), tmp_path / "given_none.toml"
     path.write_text(text.replace('name = "robust"', 'name = "joint"\nknown = "none"'), encoding="utf-8")
     scene = load_scene(path)
-    with pytest.raises(SystemExit) as left:
-        main(["replay", str(path), "-o", str(tmp_path / "run.html")])
-    assert not left.value.code
+    assert exit_code("replay", path, "-o", tmp_path / "run.html") == 0
     data, arrays, _ = contents((tmp_path / "run.html").read_text(encoding="utf-8"))
     found = fdcal.calibrate(cached_measurement(scene), settings=scene.solver)
     assert data["aligned"] and data["known"] == []
@@ -219,9 +204,7 @@ def test_a_measurement_without_search_domain_has_maps_too(known, run, tmp_path):
     if not known:
         measurement = dataclasses.replace(measurement, known=(), known_positions=None)
     save_measurement(measurement, tmp_path / "hall.npz")
-    with pytest.raises(SystemExit) as left:
-        main(["replay", str(tmp_path / "hall.npz"), "-o", str(tmp_path / "hall.html")])
-    assert not left.value.code
+    assert exit_code("replay", tmp_path / "hall.npz", "-o", tmp_path / "hall.html") == 0
     data, arrays, positions = contents((tmp_path / "hall.html").read_text(encoding="utf-8"))
     assert data["maps"]["modes"] and np.isfinite(arrays["cost"]).all()
     low = np.array(data["maps"]["origin"])
@@ -274,15 +257,11 @@ def states_of(measurement, count=4, channels=None):
     ]
 
 
-def opened(browser, path, text, address="", faults=None):
+@contextmanager
+def opened(browser, path, text, address=""):
     path.write_text(text, encoding="utf-8")
-    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
-    if faults is not None:
-        page.on("pageerror", lambda error: faults.append(str(error)))
-        page.on("console", lambda message: faults.append(message.text))
-    page.goto(path.as_uri() + address)
-    wait_for(page, "Boolean(window.replay?.map)")
-    return page
+    with offline_page(browser, path, address) as page:
+        yield page
 
 
 @pytest.mark.parametrize("dimension, array_dimension", [(2, 2), (3, 2), (3, 3)])
@@ -294,37 +273,33 @@ def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimensio
         rng = np.random.default_rng(3)
         channels = ChannelCorrection(np.exp(rng.normal(size=44) * (0.3 + 1j)), rng.uniform(1, 9, 44))
     problem, states = measurement.problem(), states_of(measurement, channels=channels)
-    faults = []
     text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
-    page = opened(browser, tmp_path / "maps.html", text, faults=faults)
-    data, _, positions = contents(text)
-    modes, lattice = data["maps"]["modes"], refined(problem.search, POINTS)
-    for t, n in ((0, 7), (3, 20)):
-        indices = [0, len(modes) // 2, len(modes) - 1]
-        values = np.array(page.evaluate(MAP, [t, n, indices]))
-        found = values[:, :-1].reshape(3, *lattice.shape[1::-1]) / values[:, -1].sum()
-        chosen = [modes[i] for i in indices]
-        maps = eq7_maps(problem, positions[t], n, chosen, data["maps"]["order_offset"], lattice, channels)
-        np.testing.assert_allclose(found, maps, atol=1e-4 * maps.max())
-    page.context.close()
-    assert not faults
+    with opened(browser, tmp_path / "maps.html", text) as page:
+        data, _, positions = contents(text)
+        modes, lattice = data["maps"]["modes"], refined(problem.search, POINTS)
+        for t, n in ((0, 7), (3, 20)):
+            indices = [0, len(modes) // 2, len(modes) - 1]
+            values = np.array(page.evaluate(MAP, [t, n, indices]))
+            found = values[:, :-1].reshape(3, *lattice.shape[1::-1]) / values[:, -1].sum()
+            chosen = [modes[i] for i in indices]
+            maps = eq7_maps(problem, positions[t], n, chosen, data["maps"]["order_offset"], lattice, channels)
+            np.testing.assert_allclose(found, maps, atol=1e-4 * maps.max())
 
 
 def test_the_map_shown_is_the_sum_of_the_modes_chosen_and_its_minima_are_marked(browser, tmp_path):
     measurement = measured(2, 2)
     problem, states = measurement.problem(), states_of(measurement)
     text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
-    page = opened(browser, tmp_path / "sum.html", text, "#step=30&microphone=12&modes=2-6")
     _, _, positions = contents(text)
-    lattice = refined(problem.search, FINE_POINTS)  # of few modes
-    total = eq7_maps(problem, positions[3], 12, range(2, 7), 2, lattice).sum(axis=0)
-    cost = np.array(page.evaluate("[...replay.map.cost]")).reshape(total.shape)
-    np.testing.assert_allclose(cost, total, atol=1e-4 * total.max())
-    marked, there = page.evaluate("replay.map.minima"), minima_of(total, lattice)
-    assert marked["count"] == there.count and len(marked["lowest"]) == len(there.lowest)
-    for name, places in (("lowest", there.lowest), ("others", there.others)):
-        np.testing.assert_allclose(np.reshape(marked[name], (-1, 2)), places, atol=1.01 * lattice.step)
-    page.context.close()
+    with opened(browser, tmp_path / "sum.html", text, "#step=30&microphone=12&modes=2-6") as page:
+        lattice = refined(problem.search, FINE_POINTS)  # of few modes
+        total = eq7_maps(problem, positions[3], 12, range(2, 7), 2, lattice).sum(axis=0)
+        cost = np.array(page.evaluate("[...replay.map.cost]")).reshape(total.shape)
+        np.testing.assert_allclose(cost, total, atol=1e-4 * total.max())
+        marked, there = page.evaluate("replay.map.minima"), minima_of(total, lattice)
+        assert marked["count"] == there.count and len(marked["lowest"]) == len(there.lowest)
+        for name, places in (("lowest", there.lowest), ("others", there.others)):
+            np.testing.assert_allclose(np.reshape(marked[name], (-1, 2)), places, atol=1.01 * lattice.step)
 
 
 def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
@@ -333,58 +308,51 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
     measurement = dataclasses.replace(measurement, names=tuple(names))
     problem, states = measurement.problem(), states_of(measurement)
     text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
-    faults = []
-    page = opened(browser, tmp_path / "moment.html", text, "#step=20&microphone=A%20%26%20B&modes=2-5&view=3d", faults)
-    page.get_by_text("step 20, sweep 0").wait_for()
-    assert page.get_by_role("button", name="3-D").get_attribute("aria-pressed") == "true"
-    assert page.locator("#microphone").input_value() == "0" and page.get_by_text("modes 2 to 5").is_visible()
-    page.get_by_label("State", exact=True).focus()
-    page.keyboard.press("ArrowRight")
-    page.locator("#microphone").select_option("m7")
-    page.get_by_label("Last mode").focus()
-    page.keyboard.press("ArrowRight")
-    page.keyboard.press("t")
-    wait_for(page, "location.hash == '#step=30&microphone=m7&modes=2-6&view=top'")
-    page.get_by_label("Same as solver").check()
-    wait_for(page, "location.hash == '#step=30&microphone=m7&view=top'")
-    wait_for(page, "replay.map?.indices.length == 7")
-    address = "#step=10&microphone=none&modes=3&view=40,25&zoom=2,0.1,-0.05&map=on&trails=on&theme=dark"
-    page.evaluate(f"location.hash = '{address}'")
-    page.get_by_text("step 10, sweep 0").wait_for()
-    wait_for(page, "replay.map?.n == 4 && replay.map.indices.length == 1")  # the one that the step moved
-    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
-    page.keyboard.press("ArrowRight")
-    page.keyboard.press("ArrowLeft")
-    assert page.get_by_role("button", name="Reset view").is_visible()
-    after = "#step=10&modes=3&view=40,25&zoom=2,0.1,-0.05&trails=on&theme=dark"
-    wait_for(page, f"location.hash == '{after}'")
-    again = opened(browser, tmp_path / "moment.html", text, after)
-    wait_for(page, "replay.map")
-    assert page.locator("#view").screenshot() == again.locator("#view").screenshot()
-    again.get_by_role("button", name="Reset view").click()
-    wait_for(again, "location.hash == '#step=10&modes=3&view=3d&trails=on&theme=dark'")
-    assert not again.get_by_role("button", name="Reset view").is_visible()
-    again.context.close()
-    page.context.close()
-    assert not faults
+    address = "#step=20&microphone=A%20%26%20B&modes=2-5&view=3d"
+    with opened(browser, tmp_path / "moment.html", text, address) as page:
+        page.get_by_text("step 20, sweep 0").wait_for()
+        assert page.get_by_role("button", name="3-D").get_attribute("aria-pressed") == "true"
+        assert page.locator("#microphone").input_value() == "0" and page.get_by_text("modes 2 to 5").is_visible()
+        page.get_by_label("State", exact=True).focus()
+        page.keyboard.press("ArrowRight")
+        page.locator("#microphone").select_option("m7")
+        page.get_by_label("Last mode").focus()
+        page.keyboard.press("ArrowRight")
+        page.keyboard.press("t")
+        wait_for(page, "location.hash == '#step=30&microphone=m7&modes=2-6&view=top'")
+        page.get_by_label("Same as solver").check()
+        wait_for(page, "location.hash == '#step=30&microphone=m7&view=top'")
+        wait_for(page, "replay.map?.indices.length == 7")
+        address = "#step=10&microphone=none&modes=3&view=40,25&zoom=2,0.1,-0.05&map=on&trails=on&theme=dark"
+        page.evaluate(f"location.hash = '{address}'")
+        page.get_by_text("step 10, sweep 0").wait_for()
+        wait_for(page, "replay.map?.n == 4 && replay.map.indices.length == 1")  # the one that the step moved
+        assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+        page.keyboard.press("ArrowRight")
+        page.keyboard.press("ArrowLeft")
+        assert page.get_by_role("button", name="Reset view").is_visible()
+        after = "#step=10&modes=3&view=40,25&zoom=2,0.1,-0.05&trails=on&theme=dark"
+        wait_for(page, f"location.hash == '{after}'")
+        with opened(browser, tmp_path / "moment.html", text, after) as again:
+            wait_for(page, "replay.map")
+            assert page.locator("#view").screenshot() == again.locator("#view").screenshot()
+            again.get_by_role("button", name="Reset view").click()
+            wait_for(again, "location.hash == '#step=10&modes=3&view=3d&trails=on&theme=dark'")
+            assert not again.get_by_role("button", name="Reset view").is_visible()
 
 
 def test_what_an_address_asks_for_in_vain_is_said(browser, tmp_path):
     measurement = measured(2, 2)
     problem, states = measurement.problem(), states_of(measurement)
     text = replay_html(None, measurement, states, "Waves", problem=problem)
-    faults = []
-    page = opened(
-        browser, tmp_path / "vain.html", text, "#step=1e9&microphone=99&modes=7-3&view=%3Cb%3E&zoom=0,0,0", faults
-    )
-    note = page.locator("#note").inner_text()
-    assert note == "Not in this replay: step=1e9, microphone=99, modes=7-3, view=<b>, zoom=0,0,0"
-    page.get_by_text("step 0, sweep 0").wait_for()
-    page.evaluate("location.hash = 'step=999999&modes=1-3'")  # the last step is the nearest one
-    page.get_by_text("step 30, sweep 0").wait_for()
-    assert page.locator("#note").inner_text() == ""
-    page.context.close()
-    assert not faults
+    address = "#step=1e9&microphone=99&modes=7-3&view=%3Cb%3E&zoom=0,0,0"
+    with opened(browser, tmp_path / "vain.html", text, address) as page:
+        note = page.locator("#note").inner_text()
+        assert note == "Not in this replay: step=1e9, microphone=99, modes=7-3, view=<b>, zoom=0,0,0"
+        page.get_by_text("step 0, sweep 0").wait_for()
+        page.evaluate("location.hash = 'step=999999&modes=1-3'")  # the last step is the nearest one
+        page.get_by_text("step 30, sweep 0").wait_for()
+        assert page.locator("#note").inner_text() == ""
 
 
 def test_a_large_measurement_keeps_the_lowest_modes_within_the_bound():
@@ -402,10 +370,8 @@ def test_a_replay_without_search_domain_has_no_map(browser, tmp_path):
     text = replay_html(None, measurement, states_of(measurement), "No domain", problem=measurement.problem())
     path = tmp_path / "none.html"
     path.write_text(text, encoding="utf-8")
-    page = browser.new_page()
-    page.goto(path.as_uri())
-    page.get_by_text("step 0, sweep 0").wait_for()
-    assert not page.get_by_label("Same as solver").is_visible() and re.search(
-        "mean", page.locator("#errors").inner_text()
-    )
-    page.close()
+    with offline_page(browser, path, ready="true") as page:
+        page.get_by_text("step 0, sweep 0").wait_for()
+        assert not page.get_by_label("Same as solver").is_visible() and re.search(
+            "mean", page.locator("#errors").inner_text()
+        )

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browsing import WAIT
-from replays import contents, wait_for
+from replays import contents, offline_page, wait_for
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -34,15 +34,10 @@ def page(browser, run, tmp_path_factory):
     path.write_text(
         replay_html(scene, measurement, states, "Play", reference_cost_of(problem), problem=problem), encoding="utf-8"
     )
-    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
-    page.set_default_timeout(WAIT * 1e3)
-    faults = []
-    page.on("pageerror", lambda error: faults.append(str(error)))
-    page.goto(f"{path.as_uri()}#step=0&microphone={MICROPHONE}&modes=1-3&view=top")
-    wait_for(page, f"window.replay?.map?.n == {MICROPHONE}")
-    yield page
-    page.context.close()
-    assert not faults
+    address, ready = f"#step=0&microphone={MICROPHONE}&modes=1-3&view=top", f"window.replay?.map?.n == {MICROPHONE}"
+    with offline_page(browser, path, address, ready) as page:
+        page.set_default_timeout(WAIT * 1e3)
+        yield page
 
 
 @pytest.mark.parametrize("modes", [3, 20])

@@ -32,15 +32,8 @@ def measurement(scene):
     """Twelve microphones on a coarse grid, so that no marker hides another."""
     x, y = np.meshgrid(np.linspace(0.52, 0.86, 4), np.linspace(0.38, 0.7, 3))
     positions = np.stack([x.ravel(), y.ravel()], axis=1)
-    return Measurement(
-        frequencies=np.array([100.0]),
-        pressures=np.exp(1j * positions.sum(axis=1))[None],
-        sound_speed=343.0,
-        positions=positions,
-        known=np.array([0, 3, 9]),
-        known_positions=positions[[0, 3, 9]],
-        search=scene.search,
-    )
+    p = np.exp(1j * positions.sum(axis=1))[None]
+    return Measurement([100.0], p, 343.0, positions=positions, known=[0, 3, 9], search=scene.search)
 
 
 @pytest.fixture(scope="module")

@@ -20,11 +20,6 @@ PLACES = np.random.default_rng(0).uniform(-0.3, 0.3, (24, 3))
 ROOM = str(response_path("listening_lab"))
 
 
-def run_command(arguments: list[str]) -> int:
-    """Run a command and return its exit code."""
-    return exit_code(*arguments)
-
-
 @pytest.fixture
 def layout(tmp_path):
     path = tmp_path / "layout.csv"
@@ -55,14 +50,14 @@ def test_frequencies_are_evenly_spaced_and_independent(layout):
 
 def test_the_command_says_what_is_modelled(layout, tmp_path, capsys):
     path = tmp_path / "lab.npz"
-    assert run_command(["import", ROOM, "--array", layout, "-o", str(path)]) == 0
+    assert exit_code("import", ROOM, "--array", layout, "-o", str(path)) == 0
     assert "between the microphones is modelled" in capsys.readouterr().out
     assert load_measurement(path).count == 24
 
 
 def test_positions_are_needed_and_belong_to_a_measured_room_alone(layout, tmp_path, capsys):
     for command in (["import", ROOM, "-o", str(tmp_path / "lab.npz")], ["calibrate", ROOM]):
-        assert run_command(command) == 2
+        assert exit_code(*command) == 2
         assert "--array FILE.csv" in capsys.readouterr().err
     other = tmp_path / "recording.npz"
     np.savez(other, recordings=np.ones((3, 400)), sample_rate=8000.0)
@@ -83,11 +78,11 @@ def test_a_response_that_wraps_round_or_is_missing_is_refused(layout, tmp_path, 
     table = {key: value for key, value in loadmat(ROOM).items() if key[0] != "_"}
     path, output = tmp_path / "wrapped.mat", str(tmp_path / "lab.npz")
     savemat(path, table | {key: np.roll(table[key], -100) for key in ("p", "azi_rad", "ele_rad")})
-    assert run_command(["import", str(path), "--array", layout, "-o", output]) == 2
+    assert exit_code("import", str(path), "--array", layout, "-o", output) == 2
     assert "wraps round" in capsys.readouterr().err
-    assert run_command(["import", str(tmp_path / "none.mat"), "--array", layout, "-o", output]) == 3
+    assert exit_code("import", str(tmp_path / "none.mat"), "--array", layout, "-o", output) == 3
     shutil.copy(layout, tmp_path / "layout.mat")
-    assert run_command(["import", str(tmp_path / "layout.mat"), "--array", layout, "-o", output]) == 2
+    assert exit_code("import", str(tmp_path / "layout.mat"), "--array", layout, "-o", output) == 2
 
 
 @pytest.fixture

@@ -1,12 +1,12 @@
 """Several files, sources or parts of a recording: takes of one array, or the channels of one take."""
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+import recorded
 import soundfile
-from recorded import CENTRE, FS, ROOM, SPEED, mismatch_db, noisy, places
+from recorded import FS, SPEED, mismatch_db, noisy, places
 from running import exit_code
 from scipy.signal import butter, fftconvolve, resample_poly, sosfilt
 
@@ -24,21 +24,12 @@ from fdcal.recordings.recording import recording_of, split
 COUNT = 16
 SOURCES = ((4.3, 3.4, 0.8), (0.6, 3.2, 2.3), (4.4, 0.5, 2.5))  # m
 FEW = 100  # rows of a calibration: the time grows with their number, and the laws hold at any
-ASKED = ImportOptions(sound_speed=SPEED, array_radius=0.5)
+GIVEN = {"sound_speed": SPEED, "array_radius": 0.5}
 
 
-@cache
 def responses(source: int) -> np.ndarray:
     """Impulse responses (COUNT, 2400) of one place of the source."""
-    import pyroomacoustics
-
-    pyroomacoustics.constants.set("c", SPEED)
-    room = pyroomacoustics.ShoeBox(ROOM, fs=FS, materials=pyroomacoustics.Material(0.45), max_order=22)
-    room.add_source(SOURCES[source])
-    room.add_microphone_array((places(COUNT) + CENTRE).T)
-    room.compute_rir()
-    rows = [np.asarray(row[0], dtype=float) for row in room.rir]
-    return np.array([np.pad(row, (0, max(0, 2400 - len(row))))[:2400] for row in rows])
+    return recorded.responses(COUNT, SOURCES[source])
 
 
 def playing(source: int, seconds: float, seed: int) -> np.ndarray:
@@ -84,8 +75,8 @@ def rms(positions: np.ndarray) -> float:
 
 def test_files_of_the_same_channels_are_takes(folder, tmp_path, monkeypatch, capsys):
     files = [folder / f"take{s}.wav" for s in range(3)]
-    single = [fdcal.load(file, sound_speed=SPEED, array_radius=0.5, most=40) for file in files]
-    together = fdcal.load(files, sound_speed=SPEED, array_radius=0.5, most=120)
+    single = [fdcal.load(file, **GIVEN, most=40) for file in files]
+    together = fdcal.load(files, **GIVEN, most=120)
     assert together.take_count == 3
     same(together, fdcal.Measurement.from_takes(single))
     monkeypatch.chdir(tmp_path)
@@ -99,8 +90,7 @@ def test_files_of_the_same_channels_are_takes(folder, tmp_path, monkeypatch, cap
 
 def test_files_of_one_channel_are_the_channels_of_one_take(folder):
     files = sorted((folder / "single").iterdir())
-    options = {"sound_speed": SPEED, "array_radius": 0.5}
-    joined, whole = fdcal.load(files, **options), fdcal.load(folder / "take0.wav", **options)
+    joined, whole = fdcal.load(files, **GIVEN), fdcal.load(folder / "take0.wav", **GIVEN)
     assert joined.names == tuple(f"mic{n:02d}" for n in range(COUNT))
     assert joined.take_count == 1
     same(joined, whole)
@@ -113,14 +103,13 @@ def test_files_of_several_channels_can_be_channels_of_one_take(folder, tmp_path)
     files = [tmp_path / "left.wav", tmp_path / "right.wav"]
     with pytest.raises(InputError, match=r"6 channels and .* 10 channels.*channels for one take"):
         fdcal.load(files)
-    joined = fdcal.load(files, files="channels", sound_speed=SPEED, array_radius=0.5)
+    joined = fdcal.load(files, files="channels", **GIVEN)
     assert joined.names[5:7] == ("left.5", "right.0")
     assert joined.count == COUNT
 
 
 def test_measurements_of_several_files_are_takes(folder, tmp_path):
-    options = {"sound_speed": SPEED, "array_radius": 0.5, "most": 40}
-    single = [fdcal.load(folder / f"take{s}.wav", **options) for s in range(2)]
+    single = [fdcal.load(folder / f"take{s}.wav", most=40, **GIVEN) for s in range(2)]
     for s, one in enumerate(single):
         save_measurement(one, tmp_path / f"{s}.npz")
     same(fdcal.load([tmp_path / "0.npz", tmp_path / "1.npz"]), fdcal.Measurement.from_takes(single))
@@ -147,7 +136,7 @@ def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
     quiet = 1e-3 * rng.standard_normal((COUNT, 8 * FS))
     samples = np.concatenate([playing(0, 8, 1), quiet, playing(1, 8, 2)], axis=1)
     path = write(tmp_path / "pause.wav", samples + 1e-3 * rng.standard_normal(samples.shape))
-    measurement, report = import_recording(path, ImportOptions(sound_speed=SPEED, array_radius=0.5, split=8.0))
+    measurement, report = import_recording(path, ImportOptions(**GIVEN, split=8.0))
     assert measurement.take_count == 2
     assert "skipped" in import_summary(measurement, report) and "8 to 16 s" in report.skipped[0]
 
@@ -207,10 +196,10 @@ def test_a_reference_serves_every_take(tmp_path):
     for s in range(2):
         heard = np.array([fftconvolve(np.pad(signal, (0, FS)), h)[: 5 * FS] for h in responses(s)])
         write(tmp_path / f"{s}.wav", noisy(heard, 40, seed=s))
-    files, options = [tmp_path / "0.wav", tmp_path / "1.wav"], {"sound_speed": SPEED, "array_radius": 0.5}
+    files = [tmp_path / "0.wav", tmp_path / "1.wav"]
     reference = str(tmp_path / "played.wav")
-    single = [fdcal.load(one, reference=reference, most=60, **options) for one in files]
-    same(fdcal.load(files, reference=reference, most=120, **options), fdcal.Measurement.from_takes(single))
+    single = [fdcal.load(one, reference=reference, most=60, **GIVEN) for one in files]
+    same(fdcal.load(files, reference=reference, most=120, **GIVEN), fdcal.Measurement.from_takes(single))
 
 
 def test_a_channel_that_is_faulty_in_one_take_is_left_out_of_all(folder, tmp_path):
@@ -219,8 +208,8 @@ def test_a_channel_that_is_faulty_in_one_take_is_left_out_of_all(folder, tmp_pat
     soundfile.write(tmp_path / "faulty.wav", samples.T, FS, subtype="FLOAT")
     files = [folder / "take0.wav", tmp_path / "faulty.wav"]
     with pytest.raises(InputError, match="channel 3 is silent"):
-        import_recording(files, ASKED)
-    measurement, report = import_recording(files, ImportOptions(leave_out="bad", sound_speed=SPEED, array_radius=0.5))
+        import_recording(files, ImportOptions(**GIVEN))
+    measurement, report = import_recording(files, ImportOptions(leave_out="bad", **GIVEN))
     assert measurement.count == COUNT - 1 and "3" not in measurement.names
     assert report.left_out == {"3": "silent"}
 
@@ -243,8 +232,7 @@ def test_every_source_of_a_folder_is_a_take(tmp_path):
 @pytest.mark.parametrize("sources", [1, 2])
 def test_each_independent_source_gives_a_row(sources):
     samples = sum(level * playing(s, 30, 20 + s) for s, level in zip(range(sources), (1.0, 0.5), strict=False))
-    recorded = recording_of("room.wav", "stationary", FS, noisy(samples, 40))
-    taken = stationary_pressures(recorded, (40.0, 380.0), SPEED)
+    taken = stationary_pressures(recording_of("room.wav", "stationary", FS, noisy(samples, 40)), (40.0, 380.0), SPEED)
     f, rows = np.unique(taken.frequencies, return_counts=True)
     assert rows.max() <= sources
     assert np.mean(rows == sources) > 0.9
@@ -259,7 +247,7 @@ def test_each_independent_source_gives_a_row(sources):
 
 def test_rows_of_several_sources_are_said_and_stored(tmp_path):
     samples = playing(0, 30, 20) + playing(1, 30, 21)
-    measurement, report = import_recording(write(tmp_path / "two.wav", noisy(samples, 40)), ASKED)
+    measurement, report = import_recording(write(tmp_path / "two.wav", noisy(samples, 40)), ImportOptions(**GIVEN))
     assert "up to 2 eigenvalues above noise and leakage" in import_summary(measurement, report)
     assert measurement.take_count == 1
     save_measurement(measurement, tmp_path / "m.npz")

@@ -33,11 +33,10 @@ def blind(remembered_runs):
     return run
 
 
-@pytest.mark.parametrize(("factor", "solver"), [(1.0, "robust"), (1.02, "joint")])
-def test_the_sound_speed_follows_the_distance(blind, factor, solver):
-    found = blind(factor, solver)
+def test_the_sound_speed_follows_the_distance(blind):
+    found = blind(1.02, "joint")
     assert found.verdict == "good"
-    assert found.sound_speed == pytest.approx(343 * factor, rel=5e-3)
+    assert found.sound_speed == pytest.approx(343 * 1.02, rel=5e-3)
 
 
 @pytest.mark.parametrize(("factor", "solver"), [(0.8, "robust"), (1.12, "joint"), (300.0, "joint")])
@@ -65,6 +64,7 @@ def test_solver_robust_estimates_the_sound_speed_too(given):
     if "distance" in given:
         given = given | {"distance": (0, 15, float(((x[0] - x[15]) ** 2).sum() ** 0.5))}
     found = fdcal.calibrate(slower, solver="robust", estimate_sound_speed=True, **given)
+    assert found.verdict == "good"
     assert found.sound_speed == pytest.approx(measurement.sound_speed, rel=5e-3)
     assert found.max_error < 5e-3
 

@@ -123,16 +123,16 @@ def test_play_ends_where_the_solver_finishes(make):
     assert session.view.count == 13
 
 
-def test_sweep_stops_where_the_sweep_rises(make):
+def test_a_run_stops_where_the_sweep_or_the_stage_has_risen_as_often_as_asked_for(make):
     session = make(Counter())
     session.step()
     session.sweep()
     assert session.wait_for(lambda view: view.state.sweep == 1 and not view.running, WAIT)
     assert session.view.state.step == 3
-
-
-def test_several_sweeps_or_steps_are_one_run(make):
-    session = make(Counter())
+    session.stage()
+    assert session.wait_for(lambda view: view.state.stage == 1 and not view.running, WAIT)
+    assert session.view.state.step == 6
+    session.reset()
     session.step(2)
     assert session.wait_for(lambda view: view.state.step == 2 and not view.running, WAIT)
     session.sweep(2)
@@ -142,11 +142,18 @@ def test_several_sweeps_or_steps_are_one_run(make):
     assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
 
 
-def test_going_on_from_an_older_state_drops_the_later_ones(make):
+def test_seek_is_bounded_and_pauses_and_going_on_from_an_older_state_drops_the_later_ones(make):
     session = make(Counter())
     session.sweep()
     assert session.wait_for(lambda view: view.count == 4 and not view.running, WAIT)
     before = session.view.history
+    assert [state.step for state in before[1:3]] == [1, 2] and before[-1].step == 3
+    with pytest.raises(IndexError):
+        before[4]
+    for index, shown in ((-7, 0), (10**6, 3)):
+        session.seek(index)
+        assert session.wait_for(lambda view, shown=shown: view.index == shown and view.count == 4, WAIT)
+        assert not session.view.running
     session.seek(1)
     assert session.wait_for(lambda view: view.index == 1, WAIT)
     assert session.view.count == 4 and session.view.history is before
@@ -155,17 +162,6 @@ def test_going_on_from_an_older_state_drops_the_later_ones(make):
     assert session.view.count == 3
     assert [state.step for state in session.view.history] == [0, 1, 2]
     assert [state.step for state in before] == [0, 1, 2, 3], "a published history has changed"
-
-
-def test_seek_is_bounded_and_pauses(make):
-    session = make(Counter())
-    session.sweep()
-    assert session.wait_for(lambda view: view.count == 4 and not view.running, WAIT)
-    session.seek(-7)
-    assert session.wait_for(lambda view: view.index == 0 and view.count == 4, WAIT)
-    session.seek(10**6)
-    assert session.wait_for(lambda view: view.index == 3, WAIT)
-    assert not session.view.running
 
 
 def test_modes_change_the_state_looked_at(make):
@@ -245,17 +241,9 @@ def test_views_are_frozen_and_whole(make):
         seen[0].index = 3
 
 
-def test_history_is_a_sequence(make):
-    session = make(Counter())
-    session.sweep()
-    assert session.wait_for(lambda view: view.count == 4, WAIT)
-    history = session.view.history
-    assert [state.step for state in history[1:3]] == [1, 2] and history[-1].step == 3
-    with pytest.raises(IndexError):
-        history[4]
-
-
-def test_close_ends_the_thread_while_playing():
+def test_close_ends_the_thread_while_playing_and_an_error_in_the_first_init_reaches_the_caller():
+    with pytest.raises(ValueError, match="seed below zero"):
+        Session(None, None, -1, module=Counter())
     solver = Counter(gated=True)
     session = Session(None, None, 0, module=solver)
     session.play()
@@ -263,11 +251,6 @@ def test_close_ends_the_thread_while_playing():
     assert not session.close(timeout=0.0)  # the step under way holds it
     solver.gate.release()
     assert session.close(WAIT) and not session.view.running
-
-
-def test_an_error_in_the_first_init_reaches_the_caller():
-    with pytest.raises(ValueError, match="seed below zero"):
-        Session(None, None, -1, module=Counter())
 
 
 def test_worker_runs_the_newest_request_only():
@@ -327,13 +310,6 @@ def test_a_worker_logs_no_traceback_for_what_its_caller_reports(error, caplog):
 
 
 # -- user moves, stages, other solvers, long runs -----------------------------------------------
-
-
-def test_stage_stops_where_the_stage_rises(make):
-    session = make(Counter())
-    session.stage()
-    assert session.wait_for(lambda view: view.state.stage == 1 and not view.running, WAIT)
-    assert session.view.state.step == 6
 
 
 def test_a_slow_pace_holds_up_no_command(make):

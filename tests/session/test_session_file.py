@@ -51,6 +51,18 @@ def same(one, other) -> bool:
     return one == other
 
 
+@pytest.fixture
+def reopened(tmp_path):
+    """Function that writes a session and reads it again."""
+
+    def reopen(given: OpenRequest) -> OpenRequest:
+        path = tmp_path / "left.zip"
+        path.write_bytes(session_file.write(given))
+        return session_file.read(path)
+
+    return reopen
+
+
 @pytest.fixture(scope="module")
 def joint_session():
     return left("joint", 3)
@@ -80,11 +92,9 @@ def folder(tmp_path, joint_session):
 
 
 @pytest.mark.parametrize("name", solvers.names())
-def test_a_reopened_session_equals_the_saved_one(name, tmp_path):
+def test_a_reopened_session_equals_the_saved_one(name, reopened):
     given = left(name, 2)
-    path = tmp_path / "left.zip"
-    path.write_bytes(session_file.write(given))
-    found = session_file.read(path)
+    found = reopened(given)
     assert found.scene == given.scene and (found.start_seed, found.index) == (5, 2)
     assert found.choices == {**CHOICES, "modes": [2, 5]}
     assert same(found.measurement, given.measurement)
@@ -98,14 +108,13 @@ def test_a_reopened_session_equals_the_saved_one(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", solvers.names())
-def test_a_saved_run_goes_on_as_if_it_had_not_stopped(name, tmp_path):
+def test_a_saved_run_goes_on_as_if_it_had_not_stopped(name, reopened):
     """From its middle to its end, through the file."""
     scene = edited(load_scene("tiny"), {"solver.name": name, "solver.modes": 12, "measurement.snr_db": 40.0})
     measurement = cached_measurement(scene)
     states = list(solvers.run(measurement.problem(scene.solver.weights), scene.solver, 5))
-    middle, path = len(states) // 2, tmp_path / "left.zip"
-    path.write_bytes(session_file.write(OpenRequest(scene, 5, measurement, tuple(states), middle)))
-    found = session_file.read(path)
+    middle = len(states) // 2
+    found = reopened(OpenRequest(scene, 5, measurement, tuple(states), middle))
     assert all(map(same, found.states, states))
     problem, solver = found.measurement.problem(found.scene.solver.weights), solvers.load(name)
     state = found.states[middle]
@@ -115,27 +124,19 @@ def test_a_saved_run_goes_on_as_if_it_had_not_stopped(name, tmp_path):
     assert state.finished
 
 
-def test_a_session_of_an_older_version_is_refused_in_one_line(folder):
-    with pytest.raises(InputError, match=r"fdcal_session = '?1'?; this fdcal reads version 2") as caught:
-        session_file.read(folder(lambda table: table.update(fdcal_session=1)))
-    assert "\n" not in str(caught.value)
-
-
-def test_without_noise_the_scene_comes_back_too(tmp_path):
-    scene = load_scene("tiny")
+@pytest.mark.parametrize("name", ["tiny", "listening_lab"])
+def test_a_scene_without_noise_and_one_in_a_measured_room_come_back_too(name, reopened):
+    scene = load_scene(name)
+    scene = dataclasses.replace(scene, solver=dataclasses.replace(scene.solver, modes=12))
     measurement = cached_measurement(scene)
-    state = solvers.load(scene.solver.name).init(measurement.problem(), scene.solver, 0)
-    path = tmp_path / "left.zip"
-    path.write_bytes(session_file.write(OpenRequest(scene, 0, measurement, (state,))))
-    assert np.isinf(scene.measurement.snr_db) and session_file.read(path).scene == scene
+    state = solvers.load(scene.solver.name).init(measurement.problem(scene.solver.weights), scene.solver, 0)
+    assert np.isinf(scene.measurement.snr_db) or name != "tiny"
+    assert reopened(OpenRequest(scene, 0, measurement, (state,))).scene == scene
 
 
-def test_a_measurement_without_a_scene_stays_one(joint_session, tmp_path):
-    measurement = joint_session.measurement
-    scene = placeholder_scene(measurement, "mine", joint_session.scene.solver)
-    path = tmp_path / "left.zip"
-    path.write_bytes(session_file.write(dataclasses.replace(joint_session, scene=scene)))
-    found = session_file.read(path).scene
+def test_a_measurement_without_a_scene_stays_one(joint_session, reopened):
+    scene = placeholder_scene(joint_session.measurement, "mine", joint_session.scene.solver)
+    found = reopened(dataclasses.replace(joint_session, scene=scene)).scene
     assert found == scene and type(found) is type(scene), "no walls are drawn of an unknown room"
 
 
@@ -183,7 +184,7 @@ def put_inside(record, key, value):
     ("change", "word"),
     [
         (lambda table: table.pop("states"), "session"),
-        (lambda table: table.update(fdcal_session=99), "version"),
+        (lambda table: table.update(fdcal_session=1), r"fdcal_session = '?1'?; this fdcal reads version 2"),
         (lambda table: table.update(index=999), "index"),
         (lambda table: table.update(index="2"), "index"),
         (lambda table: table.update(start_seed=-1), "start_seed"),
@@ -211,6 +212,7 @@ def put_inside(record, key, value):
         (put_inside("model", "kernel", "no_kernel"), "kernel"),
         (put_inside("model", "contradicted", True), "contradicted"),
         (put_inside("progress", "rounds", -1), "rounds"),
+        (put_inside("progress", "stage", 6), r"progress\.stage = 6 must be from 0 to 5"),
         (put("progress", {"record": {}}), "version"),
         (put("progress", {"tuple": []}), "progress"),
         (put("settings", {"settings": 7}), "settings"),
@@ -227,11 +229,6 @@ def test_a_changed_table_is_refused(folder, change, word):
         session_file.read(folder(change))
     assert "\n" not in str(caught.value) and "session.json" in str(caught.value)
     assert len(str(caught.value)) < 1000 + len(str(Path.cwd()))
-
-
-def test_a_stage_that_the_schedule_does_not_have_is_refused(folder):
-    with pytest.raises(InputError, match=r"progress\.stage = 6 must be from 0 to 5"):
-        session_file.read(folder(put_inside("progress", "stage", 6)))
 
 
 @pytest.mark.parametrize(
@@ -294,19 +291,6 @@ def test_a_missing_half_is_reported(folder, tmp_path):
         session_file.read(tmp_path / "nowhere.zip")
 
 
-def test_reading_changes_nothing(joint_session, tmp_path):
+def test_reading_changes_nothing(joint_session, reopened):
     before = copy.deepcopy(joint_session.states)
-    path = tmp_path / "left.zip"
-    path.write_bytes(session_file.write(joint_session))
-    path.write_bytes(session_file.write(session_file.read(path)))
-    assert all(map(same, session_file.read(path).states, before))
-
-
-def test_a_session_in_a_measured_room_comes_back(tmp_path):
-    scene = load_scene("listening_lab")
-    scene = dataclasses.replace(scene, solver=dataclasses.replace(scene.solver, modes=12))
-    measurement = cached_measurement(scene)
-    problem, solver = measurement.problem(scene.solver.weights), solvers.load(scene.solver.name)
-    path = tmp_path / "lab.zip"
-    path.write_bytes(session_file.write(OpenRequest(scene, 0, measurement, (solver.init(problem, scene.solver, 0),))))
-    assert session_file.read(path).scene == scene
+    assert all(map(same, reopened(reopened(joint_session)).states, before))

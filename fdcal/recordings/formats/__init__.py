@@ -7,9 +7,10 @@ Readers whose C library a damaged file may crash are called in a process of thei
 import importlib
 import pkgutil
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,13 @@ from ...model import libraries as process
 from ...model.given_positions import MicrophonePositions
 from ...model.storage import require_regular
 from ...model.validation import InputError, StorageError
-from ..recording import Recording
+from ..recording import Recording, block_of
 
 NUMBERS = re.compile(r"([0-9]+)")  # in the name of a file
 MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this: a header that announces more is damaged
+
+
+Read = Callable[[Path, int | None], Recording]
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ class Format:
 
     suffixes: tuple[str, ...]
     # recording of a file; of several sources one, counted from 0, the first for None
-    read: Callable[[Path, int | None], Recording] | None = None
+    read: Read | None = None
     # writes positions to a file; into a copy of the original if one is given and the format can hold it
     write: Callable[[Path, MicrophonePositions, str | None], None] | None = None
     source_count: Callable[[Path], int] | None = None  # of a format that may hold several sources
@@ -39,6 +43,17 @@ class Format:
     # speed, m/s
     render: Callable[[Path, tuple[str, ...], np.ndarray, float], Recording] | None = None
     recognises: Callable[[Path], bool] = lambda path: False  # where the suffix does not identify the format
+
+
+@contextmanager
+def damaged(problem: str, remedy: str = "") -> Iterator[None]:
+    """Turn any error, as the library of a format raises it for a damaged file, into an InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(f"{problem}: {error}", remedy) from error
 
 
 @cache
@@ -103,6 +118,15 @@ def read(path: str | Path, source: int | None = None) -> Recording:
         raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
 
 
+def wanted_source(path: Path, source: int | None, count: int) -> int:
+    """Return the number of the source that is asked for, the first for None; InputError where a file lacks it."""
+    source = source or 0
+    if not 0 <= source < count:
+        problem = f"source = {source} does not exist"
+        raise InputError(problem, f"{path} has sources 0 to {count - 1}", key="source", value=source)
+    return source
+
+
 def source_count(path: str | Path) -> int:
     """Return the number of sources in a file or folder; 1 where nothing can read it, which `read` then reports."""
     path = Path(path)
@@ -152,29 +176,21 @@ def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: An
         raise InputError(f"{path} cannot be read: {error}", "it is damaged: copy or write it again") from error
 
 
-Read = Callable[[Path, int | None], Recording]
-
-
 def isolated(read: Read) -> Read:
     """Return a reader that does what `read` does, a function of a module, in a process of its own."""
 
     def read_apart(path: Path, source: int | None = None) -> Recording:
         fields, values = isolated_call(path, _content, read, path, source, MAX_HELD)
-
-        def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
-            if values is not None:
-                return values[chosen, start:stop]
-            return isolated_call(path, _block, read, path, source, start, stop, chosen)
-
-        return Recording(**fields, block=block)
+        by_call = partial(isolated_call, path, _block, read, path, source)
+        return Recording(**fields, block=by_call if values is None else block_of(values))
 
     return read_apart
 
 
-def _content(read: Read, path: Path, source: int | None, most: int) -> tuple[dict[str, Any], np.ndarray | None]:
-    """Return the fields of a recording, except for its block, and its samples (N, T) if at `most` so many."""
+def _content(read: Read, path: Path, source: int | None, max_held: int) -> tuple[dict[str, Any], np.ndarray | None]:
+    """Return the fields of a recording, except for its block, and its samples (N, T) if they are at most `max_held`."""
     found = read(path, source)
-    held = found.count * found.samples <= most
+    held = found.count * found.samples <= max_held
     values = found.block(0, found.samples, np.arange(found.count)) if held else None
     return {key: value for key, value in vars(found).items() if key != "block"}, values
 

@@ -16,7 +16,7 @@ import numpy as np
 from ...model.storage import read_archive, require_regular
 from ...model.validation import InputError, StorageError, require_array, require_choice
 from ..recording import KINDS, OLD_KINDS, Recording, recording_of
-from . import Format
+from . import Format, wanted_source
 
 MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
 KEYS = {
@@ -87,10 +87,7 @@ def _is_meshrir(path: Path) -> bool:
 def _read_meshrir(path: Path, source: int | None = None) -> Recording:
     """Return the responses to one source, the first by default; raise InputError for a damaged folder."""
     places, sources = (_positions(path / name) for name in ("pos_mic.npy", "pos_src.npy"))
-    source = 0 if source is None else source
-    if not 0 <= source < len(sources):
-        problem = f"source = {source} does not exist"
-        raise InputError(problem, f"{path} has sources 0 to {len(sources) - 1}", key="source", value=source)
+    source = wanted_source(path, source, len(sources))
     missing = [n for n in range(len(places)) if not (path / f"ir_{n}.npy").exists()]
     if missing:
         problem = f"{path} has {len(places)} positions but no ir_{missing[0]}.npy ({len(missing)} missing)"
@@ -100,21 +97,15 @@ def _read_meshrir(path: Path, source: int | None = None) -> Recording:
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
         values = np.empty((len(chosen), stop - start))
         for row, n in enumerate(chosen):
-            file = path / f"ir_{n}.npy"
+            file, wanted = path / f"ir_{n}.npy", (len(sources), samples)
             data = _mapped(file)
-            if data.shape != (len(sources), samples):
-                wanted = (len(sources), samples)
+            if data.shape != wanted:
                 problem = f"{file} has shape {data.shape}, but pos_src.npy and ir_0.npy call for {wanted}"
                 raise InputError(problem, "copy it again")
             values[row] = data[source, start:stop]
         return values
 
     return Recording(str(path), "impulse", MESHRIR_RATE, len(places), samples, block, positions=places)
-
-
-def _source_count(path: Path) -> int:
-    """Return the number of sources of a folder."""
-    return len(_positions(path / "pos_src.npy"))
 
 
 def _positions(path: Path) -> np.ndarray:
@@ -142,5 +133,5 @@ def _mapped(path: Path) -> np.ndarray:
 
 FORMATS = (
     Format((".npz",), read=_read_npz),
-    Format((), read=_read_meshrir, recognises=_is_meshrir, source_count=_source_count),
+    Format((), _read_meshrir, recognises=_is_meshrir, source_count=lambda path: len(_positions(path / "pos_src.npy"))),
 )

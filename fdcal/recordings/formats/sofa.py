@@ -18,7 +18,7 @@ from ...model.given_positions import MicrophonePositions
 from ...model.libraries import needs
 from ...model.validation import InputError, StorageError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
-from . import Format, isolated, isolated_call
+from . import Format, damaged, isolated, isolated_call, wanted_source
 from .hdf5 import require_whole_file
 
 AXES = "MRNE"  # measurements, receivers, samples, emitters
@@ -34,15 +34,10 @@ def open_sofa(path: Path):
     """Yield the open file with its `variables`; any error of its reader becomes an InputError."""
     sofar = needs("sofar")
     require_whole_file(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about conventions that have been replaced, which are read all the same
-            with sofar.SofaStream(str(path)) as stream:
-                yield stream._file
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file raises anything
-        raise InputError(f"{path} is not a SOFA file that can be read: {error}") from error
+    with damaged(f"{path} is not a SOFA file that can be read"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about conventions that have been replaced, which are read all the same
+        with sofar.SofaStream(str(path)) as stream:
+            yield stream._file
 
 
 def values_of(file, path: Path, name: str) -> np.ndarray:
@@ -119,24 +114,18 @@ def each_of(values: np.ndarray, path: Path, name: str, count: int) -> np.ndarray
 def sources_of(file, path: Path, measurements: int) -> np.ndarray:
     """Return the place of the source of each measurement : (M,) int64; places count in the order of the file."""
     places = positions_of(file, path, "SourcePosition", measurements)
-    firsts: list[int] = []
-    member = np.zeros(measurements, np.int64)
-    for m in range(measurements):
-        near = [g for g, f in enumerate(firsts) if np.linalg.norm(places[m] - places[f]) < SAME_POSITION]
-        member[m] = near[0] if near else len(firsts)
-        if not near:
-            firsts.append(m)
-    return member
+    firsts, member = list[np.ndarray](), list[int]()
+    for place in places:
+        near = [g for g, first in enumerate(firsts) if np.linalg.norm(place - first) < SAME_POSITION]
+        member.append(near[0] if near else len(firsts))
+        firsts += [] if near else [place]
+    return np.array(member)
 
 
 def measurements_of(file, path: Path, measurements: int, emitters: int, wanted: int | None) -> tuple[np.ndarray, int]:
     """Return the measurements of one source, and its emitter; sources are counted in the order of the file."""
     member = sources_of(file, path, measurements)
-    count = (int(member.max()) + 1) * emitters
-    wanted = 0 if wanted is None else wanted
-    if not 0 <= wanted < count:
-        problem = f"source = {wanted} does not exist"
-        raise InputError(problem, f"{path} has sources 0 to {count - 1}", key="source", value=wanted)
+    wanted = wanted_source(path, wanted, (int(member.max()) + 1) * emitters)
     return np.flatnonzero(member == wanted // emitters), wanted % emitters
 
 
@@ -247,7 +236,7 @@ def _blank(sofar, count: int):
 
 def _copied(sofar, original: str):
     """Return the content of the original file, to be written elsewhere."""
-    if Path(original).suffix.lower() not in (".sofa",):
+    if Path(original).suffix.lower() != ".sofa":
         problem = f"original = {original} is no SOFA file"
         remedy = "give the .sofa file that the result was calibrated from as <original>"
         raise InputError(problem, remedy, key="original", value=original)
@@ -299,10 +288,7 @@ def _repetitions(sofa) -> np.ndarray:
         return np.arange(measurements)
     cells = np.round(source.reshape(measurements, -1) / SAME_POSITION)
     which = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-    repetition = np.zeros(measurements, int)
-    for one in range(which.max() + 1):
-        repetition[which == one] = np.arange(np.sum(which == one))
-    return repetition
+    return np.array([np.sum(which[:m] == one) for m, one in enumerate(which)])
 
 
 def _set_cartesian(sofa, name: str, value: np.ndarray) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...model.validation import InputError
-from ..recording import Recording, sample_ranges
+from ..recording import RANGE_SAMPLES, Recording, ranges
 from . import Format
 
 # What libsndfile logs about a chunk longer than the file: of WAV, AIFF, AU, W64 and RF64.
@@ -23,11 +23,6 @@ def _name(path: Path) -> Any:
     return os.fsencode(path)
 
 
-def _reason(error: Exception) -> str:
-    """Return what went wrong; soundfile puts the name of the file before it, as Python writes bytes."""
-    return str(getattr(error, "error_string", error))
-
-
 def _read_sound(path: Path, source: int | None = None) -> Recording:
     """Return the recording of a sound file, read in pieces; raise InputError for a file that is damaged."""
     import soundfile
@@ -37,8 +32,9 @@ def _read_sound(path: Path, source: int | None = None) -> Recording:
             channels, samples, rate = file.channels, file.frames, file.samplerate
             log, seekable = file.extra_info, file.seekable()
             whole = "FLOAT" not in file.subtype and file.subtype != "DOUBLE"
-    except (soundfile.LibsndfileError, RuntimeError, ValueError) as error:
-        reason = "the file is empty" if path.is_file() and not path.stat().st_size else _reason(error)
+    except (RuntimeError, ValueError) as error:  # LibsndfileError is one of the first
+        # soundfile puts the name of the file before the reason, as Python writes bytes
+        reason = str(getattr(error, "error_string", error)) if path.stat().st_size else "the file is empty"
         raise InputError(f"{path} is not a sound file that can be read: {reason}") from error
     if not seekable or samples >= 2**62:
         raise InputError(f"the length of {path} is unknown", "convert it to WAV or FLAC")
@@ -50,10 +46,10 @@ def _read_sound(path: Path, source: int | None = None) -> Recording:
         try:
             with soundfile.SoundFile(_name(path)) as file:
                 file.seek(start)
-                for first, last in sample_ranges(stop - start, channels):
+                for first, last in ranges(stop - start, RANGE_SAMPLES // channels):
                     part = file.read(last - first, dtype=dtype, always_2d=True)
                     values[:, first:last] = part.T[chosen]  # raises where the file ends too soon
-        except (soundfile.LibsndfileError, RuntimeError, ValueError, IndexError) as error:
+        except (RuntimeError, ValueError, IndexError) as error:
             raise InputError(f"{path} is truncated near sample {start}: {error}", "copy the file again") from error
         return values
 

@@ -6,7 +6,7 @@ import json
 import math
 import subprocess
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +21,7 @@ from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_table
 from ...model.storage import parse_toml, read_bytes
 from ...model.validation import InputError, shown
-from ..scene_edits import SceneParameters, parameters_of, with_parameters
+from ..scene_edits import SceneParameters, change, parameters_of, with_parameters
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class Setting:
     known_sigma: Annotated[float, within(0, 1, "m")] | None = None
     sound_speed_sigma: Annotated[float, within(1e-6, 0.1)] | None = None
 
-    OPTIONAL = tuple(
-        "low high snr_db noise takes known known_error misplaced gain_db phase_deg inverted dead absorption cardioid"
-        " sound_speed_error known_sigma sound_speed_sigma".split()
-    )
+    @staticmethod
+    def optional(table: dict) -> list[str]:
+        """Return the keys that may be missing: those that have a default."""
+        return [one.name for one in fields(Setting) if one.default is not MISSING]
 
     def __post_init__(self):
         check(self, f"settings.{self.name}.")
@@ -131,8 +131,11 @@ class Study:
             if key in OWN or ("." not in key and key not in PARAMETERS):
                 remedy = f"use a key of the scene, such as solver.modes, or one of {', '.join(PARAMETERS)}"
                 raise InputError(f'no scene has the key "{shown(key)}"', remedy, key=f"axes.{shown(key)}")
+        self._require_few("axes")
+
+    def _require_few(self, key: str) -> None:
         if self.count > MAX_TASKS:
-            raise InputError(f"the study has {self.count:.3g} calibrations", f"use at most {MAX_TASKS:.0e}", key="axes")
+            raise InputError(f"the study has {self.count:.3g} calibrations", f"use at most {MAX_TASKS:.0e}", key=key)
 
     def _check_settings(self) -> None:
         names = [setting.name for setting in self.settings]
@@ -143,10 +146,7 @@ class Study:
             if name in names[:i]:
                 raise InputError(f'two settings have the name "{shown(name)}"', "rename one", key="settings")
         object.__setattr__(self, "axes", {SETTING: names})
-        if self.count > MAX_TASKS:
-            raise InputError(
-                f"the study has {self.count:.3g} calibrations", f"use at most {MAX_TASKS:.0e}", key="draws"
-            )
+        self._require_few("draws")
 
     def setting(self, name: str) -> Setting:
         """Return the setting of a name."""
@@ -207,7 +207,7 @@ def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
     table = _table_of(values.pop(SCENE, study.scene))
     for key, value in values.items():
         if "." in key:
-            _put(table, key, value)
+            change(table, key, value)
     scene = build(Scene, {**table, "seed": seed})
     changed = {key: value for key, value in values.items() if "." not in key}
     parameters = asdict(parameters_of(scene)) | changed
@@ -289,15 +289,6 @@ def _table_of(scene: str) -> dict:
         problem = f"{loaded.name} is a measurement, and a study simulates"
         raise InputError(problem, "give a scene that is simulated", key="scene", value=scene)
     return scene_table(scene)
-
-
-def _put(table: dict, key: str, value: Any) -> None:
-    *groups, last = key.split(".")
-    for group in groups:
-        table = table.setdefault(group, {})
-        if not isinstance(table, dict):
-            raise InputError(f'no scene has the key "{shown(key)}"', "correct the axis", key=f"axes.{key}")
-    table[last] = value
 
 
 RIGID_DECAY = 3.0  # 1/s, of the sound between rigid walls

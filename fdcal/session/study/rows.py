@@ -34,8 +34,8 @@ from ..scene_edits import spread_out
 from ..sources import CalibrationInput
 from . import RIGID_DECAY, SETTING, Setting, Study, admittance_of, code_version, scene_at
 
-CLEARANCE_M = 0.7  # least distance of a source from every microphone
-FROM_WALL_M = 0.3  # least distance of a microphone from every wall
+CLEARANCE_M = 0.7  # minimum distance of a source from every microphone
+FROM_WALL_M = 0.3  # minimum distance of a microphone from every wall
 ROOM_SPREAD = 0.1  # by which the lengths of a room differ at most, relative
 BELOW_LIMIT = 0.9  # highest frequency over what the array can interpolate (Eq. 9)
 GRADIENT_M = 0.02  # between the two monopoles of a cardioid source
@@ -188,9 +188,6 @@ def run_task(study: Study, number: int) -> dict[str, Any]:
     }
 
 
-NOBODY = frozenset[str]()
-
-
 def _posed(
     study: Study, point: dict[str, Any], seed: int
 ) -> tuple[CalibrationInput, float, frozenset[str], frozenset[str]]:
@@ -209,7 +206,12 @@ def _posed(
     scene = _with_source(study, scene_at(study, point, seed), seed)
     measurement = measured(scene, _sound_fields(scene))
     inputs = CalibrationInput(scene.name, scene, measurement, scene.solver, seed, time_limit=study.time_limit)
-    return inputs, scene.measurement.snr_db, frozenset(map(str, (*scene.faults.inverted, *scene.faults.dead))), NOBODY
+    return (
+        inputs,
+        scene.measurement.snr_db,
+        frozenset(map(str, (*scene.faults.inverted, *scene.faults.dead))),
+        frozenset(),
+    )
 
 
 def _sound_fields(scene: Scene) -> tuple[ModalPressures, ...]:
@@ -231,9 +233,9 @@ def _with_source(study: Study, scene: Scene, seed: int) -> Scene:
     if scene.source is None or scene.room.size is None:
         raise InputError("drawn.source needs a rectangular room with a source", "remove it", key="drawn.source")
     rng, microphones = np.random.default_rng([seed, 5]), positions_of(scene)
-    size, least = scene.room.size, study.drawn.least_distance
+    size, clearance = scene.room.size, study.drawn.least_distance
     places = [
-        random_source(size, microphones, least, rng, lambda at: _allowed(_moved(scene, [at])))
+        random_source(size, microphones, clearance, rng, lambda at: _allowed(_moved(scene, [at])))
         for _ in scene.source.places
     ]
     drawn = [place for place in places if place is not None]

@@ -73,12 +73,12 @@ class Results:
             self._require_own(_head(head), own, resume)
         elif any(path.name != ROWS for path in self.folder.iterdir()):
             raise InputError(f"{folder} is not empty", "choose another folder", key="output", value=str(folder))
-        if not any(self.folder.glob(PARTS)):  # whoever writes the first row has begun the folder
+        if not any(self.folder.glob(PARTS)):  # the first row makes the folder that of its study
             text = json.dumps(own, indent=1) + "\n"
             write_atomically(head, lambda file: file.write_text(text, encoding="utf-8"), force=True)
 
     def _require_own(self, head: dict, own: dict, resume: bool) -> None:
-        """Raise InputError unless the folder was begun by this study and this code, and may be gone on with."""
+        """Raise InputError unless the folder holds this study, computed by this code, and may be continued."""
 
         def refuse(problem: str, remedy: str) -> NoReturn:
             raise InputError(f"{self.folder} {problem}", remedy, key="output", value=str(self.folder))
@@ -240,8 +240,12 @@ def _run(study: Study, results: Results, client: Client, progress) -> int:
     threads: Any = client.nthreads()
     width = max(1, sum(threads.values()))
     completed = as_completed(with_results=True)
-    for batch in _batches(tasks, size, PACE.ahead * width):
-        completed.add(client.submit(run_batch, study, batch, pure=False))
+
+    def submit(count: int) -> None:
+        for batch in filter(None, (list(islice(tasks, size)) for _ in range(count))):
+            completed.add(client.submit(run_batch, study, batch, pure=False))
+
+    submit(PACE.ahead * width)
     try:
         for future, (batch_rows, seconds) in completed:
             future.release()
@@ -249,8 +253,7 @@ def _run(study: Study, results: Results, client: Client, progress) -> int:
             finished += len(batch_rows)
             wanted = PACE.batch_seconds * len(batch_rows) / max(seconds, 1e-6)
             size = int(min(max(1, wanted), 2 * len(batch_rows), PACE.max_batch))
-            for batch in _batches(tasks, size, 1):
-                completed.add(client.submit(run_batch, study, batch, pure=False))
+            submit(1)
             if len(rows) >= PACE.write_rows or time.monotonic() - written > PACE.write_seconds:
                 results.append(rows)
                 rows, written = [], time.monotonic()
@@ -259,14 +262,6 @@ def _run(study: Study, results: Results, client: Client, progress) -> int:
     finally:
         results.append(rows)
     return finished
-
-
-def _batches(tasks: Iterator[int], size: int, count: int) -> Iterator[list[int]]:
-    for _ in range(count):
-        batch = list(islice(tasks, size))
-        if not batch:
-            return
-        yield batch
 
 
 def run_batch(study: Study, numbers: list[int]) -> tuple[list[dict[str, Any]], float]:

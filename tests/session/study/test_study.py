@@ -46,6 +46,17 @@ def file(tmp_path):
     return path
 
 
+ROWS = {}
+
+
+def row_of(study, number):
+    """The row of a calibration, computed once."""
+    key = study.digest(), number
+    if key not in ROWS:
+        ROWS[key] = run_task(study, number)
+    return dict(ROWS[key])
+
+
 def test_points_are_the_product_of_the_axes(file):
     study = load_study(file)
     assert (study.points, study.count) == (4, 12)
@@ -76,6 +87,7 @@ def test_tasks_of_a_long_study_are_not_listed(tmp_path):
         ("draws = 3", "drafts = 3"),
         ("[20, 40]", '["loud"]'),
         ("[20, 40]", "[[20]]"),
+        ("[20, 40]", '[20, "forty"]'),  # of one axis all values are of one kind
         ("snr_db = [20, 40]", "microphones = [10000000000000000000000]"),
         ("snr_db = [20, 40]", 'microphones = ["many"]'),
         ("snr_db = [20, 40]", "microphones = [nan]"),
@@ -114,7 +126,7 @@ def test_a_study_has_either_a_scene_or_an_axis_of_scenes(file, line):
 
 def test_a_calibration_is_determined_by_its_number(file):
     study = load_study(file)
-    one, same, other = run_task(study, 5), run_task(study, 5), run_task(study, 9)
+    one, same, other = row_of(study, 5), run_task(study, 5), row_of(study, 9)
     one.pop("seconds"), same.pop("seconds")
     assert one == same
     assert (one["draw"], other["draw"]) == (1, 2)
@@ -139,19 +151,29 @@ def test_a_row_has_the_errors_of_calibrate_whatever_is_known():
 def test_the_source_of_a_draw_is_the_same_at_all_points(file):
     """So that points differ by their axes alone: with less noise the same array comes out better."""
     study = load_study(file)
-    errors = np.array([[run_task(study, 4 * draw + point)["rms_error_m"] for point in (1, 3)] for draw in range(3)])
+    errors = np.array([[row_of(study, 4 * draw + point)["rms_error_m"] for point in (1, 3)] for draw in range(3)])
     assert np.all(errors[:, 1] < errors[:, 0])
 
 
-def test_the_table_goes_on_where_it_was_left(file, tmp_path):
+def test_the_table_goes_on_where_it_was_left_is_one_whatever_a_part_lacks_and_has_one_writer(file, tmp_path):
+    import pandas
+
     study, folder = load_study(file), tmp_path / "out"
-    first = Results(folder, study, False)
-    first.append([{"task": 0, "verdict": "good"}, {"task": 3, "verdict": "good"}])
+    first, at = Results(folder, study, False), {"draw": 0, "seed": 0, "snr_db": 20, "solver.modes": 12}
+    first.append([{"task": 0, "verdict": "refused", "reason": "why", **at}])
+    first.append([{"task": 3, "verdict": "good", "rms_error_m": 0.01, **at}])
     with pytest.raises(InputError, match="resume"):
         Results(folder, study, False)
     again = Results(folder, study, True)
     assert again.done() == {0, 3}
     assert list(study.tasks(again.done()))[:3] == [1, 2, 4]
+    rows = pandas.read_parquet(folder / "rows").sort_values("task")
+    assert rows["verdict"].tolist() == ["refused", "good"] and rows["rms_error_m"].tolist()[1] == 0.01
+    assert rows["snr_db"].tolist() == [20, 20]
+    with first.held(), pytest.raises(InputError, match="another run"), again.held():
+        pytest.fail("both run")
+    with again.held():
+        pass
 
 
 def test_a_damaged_part_of_the_table_is_named_and_its_tasks_are_done_again(file, tmp_path, caplog):
@@ -249,37 +271,9 @@ def test_the_hash_of_sources_is_of_what_a_row_depends_on(tmp_path):
 
 
 def test_a_row_names_the_code_that_computed_it(file):
-    row = run_task(load_study(file), 0)
+    row = row_of(load_study(file), 1)
     assert (row["source"], row["version"]) == (code_version().source, fdcal_version("fdcal"))
     assert len(row["source"]) == 16 and set(row) >= set(asdict(code_version()))
-
-
-def test_all_parts_are_one_table_whatever_is_missing_in_some(file, tmp_path):
-    import pandas
-
-    results = Results(tmp_path / "out", load_study(file), False)
-    at = {"snr_db": 20, "solver.modes": 12}
-    results.append([{"task": 0, "draw": 0, "seed": 0, "verdict": "refused", "reason": "why", **at}])
-    results.append([{"task": 1, "draw": 0, "seed": 0, "verdict": "good", "rms_error_m": 0.01, **at}])
-    rows = pandas.read_parquet(tmp_path / "out" / "rows").sort_values("task")
-    assert rows["verdict"].tolist() == ["refused", "good"] and rows["rms_error_m"].tolist()[1] == 0.01
-    assert rows["snr_db"].tolist() == [20, 20]
-
-
-def test_two_runs_do_not_write_to_one_folder(file, tmp_path):
-    study = load_study(file)
-    first = Results(tmp_path / "out", study, False)
-    with first.held(), pytest.raises(InputError, match="another run"), Results(tmp_path / "out", study, True).held():
-        pytest.fail("both run")
-    with Results(tmp_path / "out", study, True).held():
-        pass
-
-
-def test_values_of_one_axis_are_of_one_kind(tmp_path):
-    path = tmp_path / "study.toml"
-    path.write_text('scene = "tiny"\ndraws = 1\n[axes]\n"solver.name" = ["joint", 3]\n')
-    with pytest.raises(InputError, match="mixes"):
-        load_study(path)
 
 
 def test_a_full_disk_is_a_storage_error_and_leaves_no_part(file, tmp_path, monkeypatch):
@@ -315,41 +309,39 @@ def free_port():
         yield bound.getsockname()[1]
 
 
-def test_a_killed_worker_costs_no_row(tmp_path):
-    path = tmp_path / "study.toml"
-    path.write_text(TEXT.format(draws=3))
-    study, notes = load_study(path), []
-    results = Results(tmp_path / "out", study, False)
-    with connected(2, None) as client:
-        pids = client.run(os.getpid)
-
-        def progress(done, note):
-            notes.append(note)
-            if len(notes) == 2:
-                os.kill(next(iter(pids.values())), signal.SIGKILL)
-
-        assert run_study(study, results, client, progress) == study.count
-    _, rows = read_results(tmp_path / "out")
-    assert sorted(rows["task"]) == list(range(study.count))
-    assert results.done() == set(range(study.count))
-
-
-def test_a_killed_study_goes_on_and_draws_its_report(tmp_path):
+def test_a_killed_study_goes_on_a_killed_worker_costs_no_row_and_its_report_is_drawn(tmp_path, monkeypatch):
     import pandas
 
     path, folder = tmp_path / "study.toml", tmp_path / "out"
-    path.write_text(TEXT.format(draws=6))
-    command = [*FDCAL, "study", str(path), "-o", str(folder), "--workers", "1"]  # with one it lasts long enough
-    process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    path.write_text(TEXT.format(draws=8))
+    command = ["study", str(path), "-o", str(folder), "--workers"]
+    process = subprocess.Popen(  # with one worker it lasts long enough
+        [*FDCAL, *command, "1"], start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     waited = threading.Event()
     while process.poll() is None and not list(folder.glob(PARTS)):
         waited.wait(0.05)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     study = load_study(path)
-    before = Results(folder, study, True).done()
-    assert before
-    done(*command[len(FDCAL) :], "--resume", folder=tmp_path)
+    assert Results(folder, study, True).done()
+    killed = []
+
+    def killing_one(study, results, client, progress):
+        pids, notes = list(client.run(os.getpid).values()), []
+
+        def noted(done, note):
+            notes.append(note)
+            if len(notes) == 2:
+                os.kill(pids[0], signal.SIGKILL)
+                killed.append(pids[0])
+            progress(done, note)
+
+        return run_study(study, results, client, noted)
+
+    monkeypatch.setattr(study_run, "run_study", killing_one)
+    done(*command, "2", "--resume", folder=tmp_path)
+    assert len(killed) == 1
     head, rows = read_results(folder)
     assert sorted(rows["task"]) == list(range(study.count))
     assert len(pandas.read_parquet(folder / "rows")) == study.count, "no calibration was done twice"
@@ -377,18 +369,17 @@ def test_a_field_that_points_of_a_draw_share_changes_no_row(tmp_path, monkeypatc
         found = run_task(study, number)
         return {key: value for key, value in found.items() if key != "seconds"}
 
-    monkeypatch.setattr(study_rows, "_fields", {})
-    alone = []
-    for number in range(study.count):
-        study_rows._fields.clear()
+    numbers, alone = range(6), []  # all of the first draw, and those of the second that differ in the radius
+    for number in numbers:
+        monkeypatch.setattr(study_rows, "_fields", {})
         alone.append(row(number))
-    study_rows._fields.clear()
+    monkeypatch.setattr(study_rows, "_fields", {})
     monkeypatch.setattr(study_rows, "sound_field", counted)
-    assert [row(number) for number in range(study.count)] == alone
+    assert [row(number) for number in numbers] == alone
     assert len(computed) == 4, "two draws of two radii"
 
 
-def test_statistics_of_a_table():
+def test_statistics_of_a_table_and_its_rows_at_values_of_the_axes():
     import pandas
 
     table = pandas.DataFrame(
@@ -410,11 +401,7 @@ def test_statistics_of_a_table():
     with pytest.raises(InputError):
         selected(rows, axes, {"snr_db": "30"})
 
-
-def test_a_value_of_an_axis_of_whole_and_other_numbers_is_found():
-    """The column of such an axis holds 10.0 where the study's file says 10."""
-    import pandas
-
+    # a value of an axis of whole and other numbers: its column holds 10.0 where the study's file says 10
     rows = pandas.DataFrame(
         {"snr_db": [10.0, 20.5, 10.0], "known": ["all", "none", "all"], "walls": [True, False, True]}
     )
@@ -470,18 +457,18 @@ def test_settings_are_the_points_of_a_study(settings):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("old", "new", "words"),
     [
-        (("[4.0, 3.0]", "[4.0, 3.0, 2.0]"), "three lengths"),
-        (('"living room"', '"flat"'), "two settings have the name"),
-        (("draws = 2", 'draws = 2\nscene = "tiny"'), "no scene"),
-        (("inverted = 1", "inverted = 12"), "too few microphones"),
+        ("[4.0, 3.0]", "[4.0, 3.0, 2.0]", "3 lengths"),
+        ('"living room"', '"flat"', "two settings have the name"),
+        ("draws = 2", 'draws = 2\nscene = "tiny"', "no scene"),
+        ("inverted = 1", "inverted = 12", "too few microphones"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(tmp_path, change, words):
+def test_settings_that_cannot_be_are_refused(tmp_path, old, new, words):
     path = tmp_path / "wrong.toml"
-    path.write_text(SETTINGS.replace(*change))
-    with pytest.raises(InputError, match=words.replace("three", "3|three")):
+    path.write_text(SETTINGS.replace(old, new))
+    with pytest.raises(InputError, match=words):
         load_study(path)
 
 
@@ -517,7 +504,7 @@ def test_the_field_of_a_rectangle_solves_helmholtz_equation_and_is_rigid_at_the_
 
 
 def test_a_row_counts_what_its_ellipses_hold_and_who_is_accused(settings):
-    row = run_task(settings, 0)
+    row = row_of(settings, 0)
     inside, ranks = json.loads(row["inside"]), json.loads(row["ranks"])
     assert inside == sorted(inside) and inside[-1] <= row["judged"] <= 12 - 4 - 1
     assert sum(ranks) == 2 * row["judged"] and row["sound"] == 11 and row["right_given"] == 4
@@ -541,7 +528,7 @@ def test_the_standard_error_of_a_fraction_takes_the_draws_for_clusters():
 
 def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
     results = Results(tmp_path / "out", settings, False)
-    rows = [run_task(settings, number) for number in range(2)]
+    rows = [row_of(settings, number) for number in range(2)]
     good = rows[0] | {"verdict": "good", "worst_sigmas": 7.0, "task": 2, "draw": 1, "seed": 6}
     few = {key: rows[0][key] for key in ("setting", "seed", "source", "version", "commit")}
     results.append([*rows, good, few | {"task": 3, "draw": 1, "verdict": "refused", "reason": "no room for a source"}])
