@@ -225,7 +225,7 @@ def write_report(
     for name in names or ():
         if name not in axes:
             raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
-    rows = statistics.judged(statistics.selected(rows, axes, at))
+    rows = statistics.classified(statistics.selected(rows, axes, at))
     if not len(rows):
         raise InputError("no calibration of the study has these values", "leave out <at>", key="at")
     axes = {name: values for name, values in axes.items() if name not in at or name in (names or ())}
@@ -442,7 +442,7 @@ def _scored(rows: Any) -> Any:
     if "inside" not in rows or not rows["inside"].notna().any():
         problem = "the rows of this study say nothing of coverage"
         raise InputError(problem, "run it again with this fdcal", key="report")
-    return statistics.judged(rows[rows["inside"].notna()])
+    return statistics.classified(rows[rows["inside"].notna()])
 
 
 def _bars_line(name: str, part: Any) -> str:

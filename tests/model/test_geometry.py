@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdcal.acoustics.box_field import point_source_pressures
-from fdcal.acoustics.measure import measure
+from fdcal.acoustics.measure import cached_measurement, measure
 from fdcal.cost.expansion import usable_modes
 from fdcal.graphics.landscape import landscape_panels
 from fdcal.model.arrays import (
@@ -274,7 +274,7 @@ def test_the_measurement_is_the_field_at_the_microphones(name):
 def shipped(request):
     """A scene that ships and its measurement."""
     scene = load_scene(request.param)
-    return scene, measure(scene)
+    return scene, cached_measurement(scene)
 
 
 def test_scenes_in_space_are_calibrated_all_at_once(shipped):
