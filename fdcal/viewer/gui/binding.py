@@ -187,7 +187,7 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
     """Return a value of a request's choices, which may come from a file."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     whole, x = number and isinstance(value, int), float(value) if number else math.nan
-    some_modes = isinstance(value, (list, tuple)) and len(value) > 0
+    numbers = list(value) if isinstance(value, (list, tuple)) else []
     possible = {name: isinstance(value, bool) for name in SWITCHES}
     possible |= {name: low <= x <= high for name, (low, high) in BOUNDS.items()}
     possible |= {
@@ -197,10 +197,10 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
         "ellipse_scale": whole and value in ELLIPSE_SCALES.values(),
         "slice_axis": value in SLICES.values(),
         "slice_position": value is None or number,
-        "modes": value is None or (some_modes and all(isinstance(n, int) and 1 <= n <= modes for n in value)),
+        "modes": value is None or (bool(numbers) and all(isinstance(n, int) and 1 <= n <= modes for n in numbers)),
     }
     if possible.get(key):
-        return tuple(sorted(set(value))) if some_modes else x if key in BOUNDS and number else value
+        return tuple(sorted(set(numbers))) if numbers else x if key in BOUNDS and number else value
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
         f"use microphone (0 to {count - 1}), take (0 to {max(takes)}), modes (from 1 to {modes}),"
