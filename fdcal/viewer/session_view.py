@@ -35,11 +35,11 @@ from ..session.process import one_blas_thread
 from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
-from .background.cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, map_modes
-from .background.prepare import PreparedRun, Threads
+from .background.cost_maps import CostMap, CostMapWorker, MapStyle
+from .background.prepare import Last, PreparedRun, Same, Threads
 from .display_frame import DisplayFrame
 from .drop import Drop, Dropped
-from .gui.binding import Binding, Choices, PositionUncertainty, RunSummary, Same, Tick
+from .gui.binding import Binding, Choices, PositionUncertainty, RunSummary, Tick
 from .gui.html import CONTROLS, canvas_legend
 from .gui.overlay import CanvasWords
 from .panels import SessionFolders, Tabs
@@ -126,8 +126,7 @@ class SessionPicture:
         self._measurement = with_display_domain(run.measurement, start)
         self.places = start
         self._static: dict[tuple, Picture] = {}  # by whether the page is dark, and for a projector, and by the take
-        self._faded: tuple[Floor, Floor] | None = None  # a map, and the same with another opacity
-        self._faded_volume: tuple[Volume, float, bool, Volume] | None = None  # likewise, on a dark page or not
+        self._floor, self._volume = Last(), Last()  # with the opacity that was chosen
 
     def draw(
         self,
@@ -211,26 +210,17 @@ class SessionPicture:
             self._static[key] = static_picture(scene, measurement, dark, None, lecture, take)
         return self._static[key]
 
-    def faded(self, floor: Floor, opacity: float) -> Floor:
-        """Return a map with an opacity, 0 to 1; the same object for the same arguments as last time."""
-        if self._faded is None or self._faded[0] is not floor or self._faded[1].opacity != opacity:
-            self._faded = floor, replace(floor, opacity=opacity)
-        return self._faded[1]
-
     def faded_parts(self, drawn: CostMap | None, style: MapStyle) -> tuple[Floor | None, Volume | None]:
-        """Return the map on the floor and the volume in space with the opacity of a style; None for what is missing."""
-        floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
-        return (
-            None if floor is None else self.faded(floor, style.opacity),
-            None if volume is None else self.faded_volume(volume, style.opacity, style.dark),
-        )
+        """Return the map on the floor and the volume in space with the opacity of a style; None for what is missing.
 
-    def faded_volume(self, volume: Volume, opacity: float, dark: bool) -> Volume:
-        """Return a volume with an opacity, 0 to 1; the same object for the same arguments as last time."""
-        last = self._faded_volume
-        if last is None or last[0] is not volume or last[1:3] != (opacity, dark):
-            self._faded_volume = last = volume, opacity, dark, faded(volume, opacity, dark)
-        return last[3]
+        They are the same objects for the same arguments as last time.
+        """
+        floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
+        opacity, dark = style.opacity, style.dark
+        return (
+            floor and self._floor.of(lambda: replace(floor, opacity=opacity), Same(floor), opacity),
+            volume and self._volume.of(lambda: faded(volume, opacity, dark), Same(volume), opacity, dark),
+        )
 
 
 RUN_INTERVAL = 0.15  # s at least between two states that are shown while the solver runs
@@ -246,7 +236,7 @@ class Viewer:
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
     function that makes the main loop update the page at once; `words`: on the canvas, or None. Raises InputError: the
     request of the run has choices that are not possible. `view`: the states as they are shown; `snapshot`: what is on
-    the screen; `call`: runs a function on viser's event loop.
+    the screen; `fault`: the last exception of the page, as long as the status lines show it.
     """
 
     def __init__(
@@ -261,10 +251,10 @@ class Viewer:
         words: CanvasWords | None = None,
     ):
         self.run, self.nodes, self._folders = run, nodes, folders
-        self.call = server.get_event_loop().call_soon_threadsafe
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
-        self.binding = Binding(folders.gui, run, modes, open_other, before, wake, self.call)
-        self._fault, self._fault_time = "", 0.0
+        call = server.get_event_loop().call_soon_threadsafe
+        self.binding = Binding(folders.gui, run, modes, open_other, before, wake, call)
+        self.fault, self._fault_time = "", 0.0
         self.view, self._viewed = run.session.view, 0.0
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
@@ -299,11 +289,6 @@ class Viewer:
         """The picture on the screen."""
         return self.snapshot.picture
 
-    @property
-    def fault(self) -> str:
-        """The last exception of the page, as long as the status lines show it."""
-        return self._fault
-
     def redraw(self) -> None:
         """Draw everything again with the next tick."""
         self._key = ()
@@ -332,14 +317,14 @@ class Viewer:
             self.tick(now)
         except Exception as error:
             text = f"{type(error).__name__}: {error}"
-            if text != self._fault:
+            if text != self.fault:
                 log.exception("the page could not be updated")
-            self._fault, self._fault_time = text, now
+            self.fault, self._fault_time = text, now
             with contextlib.suppress(Exception):
                 self.tabs.run_bar.show_status(Tick(self.run.session.view, fault=text))
         else:
             if now - self._fault_time > FAULT_TIME:
-                self._fault = ""
+                self.fault = ""
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date at the time `now`, s."""
@@ -357,7 +342,7 @@ class Viewer:
                 uncertainty = replace(uncertainty, axes=frame.axes(newest.state.positions, uncertainty.axes))
             self._assessed = found, uncertainty
         tick = Tick(
-            view, now, self._revision, self._selected, drawn, reason, fault=self._fault,
+            view, now, self._revision, self._selected, drawn, reason, fault=self.fault,
             note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._assessed[1],
             assessing=self._verdict.pending(newest), runs=tabs.comparison.worker.update(now), sought=sought,
         )  # fmt: skip
@@ -421,19 +406,8 @@ class Viewer:
     ) -> tuple[CostMap | None, str]:
         if not choices.shown or self.run.problem.search is None:
             return None, ""
-        state, order_offset = view.state, choices.map_order
-        wanted = CostMapRequest(
-            revision=self._revision,
-            microphone=state.moved if following and state.moved >= 0 else self._selected,
-            modes=map_modes(self.run, state, choices.modes, order_offset, choices.take),
-            order_offset=order_offset,
-            custom_modes=choices.modes is not None,
-            style=replace(choices.style, opacity=1.0),  # another opacity needs no other map
-            follow=following,
-            state=state,
-            lineage=view.history.lineage,
-            take=choices.take,
-        )
+        microphone = view.state.moved if following and view.state.moved >= 0 else self._selected
+        wanted = choices.map_request(self.run, view, microphone, self._revision, following)
         drawn, reason = self.maps.newest(wanted, view.running, now)
         return self.tabs.sweep.map_for(wanted, drawn, reason)
 

@@ -45,10 +45,11 @@ function projector(w, h) {
   const corners = [x0, x1].flatMap(x => [y0, y1].flatMap(y => [z0, z1].map(z => turn([x, y, z]))));
   const ends = [0, 1].map(i => [Math.min(...corners.map(c => c[i])), Math.max(...corners.map(c => c[i]))]);
   const [u, v] = ends.map(([low, high]) => (low + high) / 2), [wide, tall] = ends.map(([low, high]) => high - low);
-  const inset = captionWidth(), scale = eye.zoom * Math.min((w - inset - 90) / wide, (h - 64 - STRIP) / tall);
+  const inset = captionWidth(), below = $("words").textContent ? 48 : 0;  // pixels, of the words of the opening
+  const scale = eye.zoom * Math.min((w - inset - 90) / wide, (h - 64 - STRIP - below) / tall);
   const project = p => {
     const [a, b] = turn(p);
-    return [(w + inset) / 2 + 14 + scale * (a - u + eye.x), (h + STRIP) / 2 - 8 - scale * (b - v + eye.y)];
+    return [(w + inset) / 2 + 14 + scale * (a - u + eye.x), (h + STRIP - below) / 2 - 8 - scale * (b - v + eye.y)];
   };
   return [project, scale];
 }
@@ -66,6 +67,13 @@ function cross(pen, [x, y], r, colour, width) {
 }
 function ring(pen, [x, y], r, colour, width) {
   withHalo((c, w) => { pen.beginPath(); pen.arc(x, y, r, 0, 7); pen.strokeStyle = c; pen.lineWidth = w; pen.stroke(); }, colour, width, 2.4);
+}
+// The microphone that a viewer moves: a ball, as on the page of fdcal.
+function ball(pen, [x, y], r) {
+  const shine = pen.createRadialGradient(x - 0.35 * r, y - 0.4 * r, 0.05 * r, x, y, r);
+  [[0, "#fff"], [0.2, "#f2616d"], [0.6, RED], [1, "#8f0d1c"]].forEach(stop => shine.addColorStop(...stop));
+  pen.fillStyle = "rgba(0, 0, 0, 0.3)"; pen.beginPath(); pen.arc(x + 0.25 * r, y + 0.3 * r, r, 0, 7); pen.fill();
+  pen.fillStyle = shine; pen.beginPath(); pen.arc(x, y, r, 0, 7); pen.fill();
 }
 function square(pen, [x, y], r) {
   pen.fillStyle = "#fff"; pen.fillRect(x - r - 1.5, y - r - 1.5, 2 * r + 3, 2 * r + 3);
@@ -114,8 +122,8 @@ function room(pen, project) {
       pen.fillText(text, p[0] - (left ? 8 : 0), p[1] + (left ? 4 : 18));
     });
     const end = project(at(high));
-    pen.textAlign = left ? "center" : "left";
-    pen.fillText(left ? "y (m)" : "x (m)", end[0] + (left ? 0 : 6), end[1] + (left ? -7 : 5));
+    pen.textAlign = left ? "center" : "right";
+    pen.fillText(left ? "y (m)" : "x (m)", end[0], end[1] + (left ? -7 : 32));
   }
   pen.textAlign = "left";
 }
@@ -127,9 +135,8 @@ function scene() {
   pen.font = "12px system-ui, sans-serif"; pen.lineJoin = "round"; pen.lineCap = "round";
   if (mapShown()) floorMap(pen, project);
   room(pen, project);
-  // in a relief the microphone of the map and its true position are on its surface
-  const on = ([x, y, z], n) => project([x, y, z + (n == subject() ? depth([x, y]) : 0)]), now = [...Array(N).keys()].map(n => on(placeOf(at, n), n));
-  const held = new Map(data.known.map((n, i) => [n, project(givenOf(i))]));
+  const on = ([x, y, z]) => project([x, y, z + depth([x, y])]), now = [...Array(N).keys()].map(n => on(placeOf(at, n)));
+  const held = new Map(data.known.map((n, i) => [n, on(givenOf(i))]));
   const covered = n => held.has(n) && Math.hypot(now[n][0] - held.get(n)[0], now[n][1] - held.get(n)[1]) <= r;  // by its square
   if ($("trails").checked) for (let n = 0; n < N; n++) {
     if (known.has(n)) continue;
@@ -138,7 +145,7 @@ function scene() {
     stroke(pen, path, TRAIL, 1.4);
   }
   if (truth) for (let n = 0; n < N; n++) {
-    const p = on(truthOf(n), n);
+    const p = on(truthOf(n));
     if (!covered(n)) withHalo((c, width) => stroke(pen, [p, now[n]], c, width), "#000", 1.3, 1.6);
     ring(pen, p, r, "#000", Math.max(1.6, r * 0.28));
   }
@@ -148,8 +155,8 @@ function scene() {
   const n = subject();
   if (n >= 0) {
     if (D == 3 && !flat) stroke(pen, [now[n], project([...placeOf(at, n).slice(0, 2), z0])], RED, 1.6);  // down to the map
-    if (truth) ring(pen, on(truthOf(n), n), 1.9 * r, "#000", Math.max(2, r * 0.4));
-    if (covered(n)) square(pen, held.get(n), 1.3 * r); else cross(pen, now[n], 1.45 * r, RED, Math.max(2.4, r * 0.5));
+    if (truth) ring(pen, on(truthOf(n)), 1.9 * r, "#000", Math.max(2, r * 0.4));
+    if (covered(n)) square(pen, held.get(n), 1.3 * r); else if (known.has(n)) cross(pen, now[n], 1.45 * r, RED, Math.max(2.4, r * 0.5)); else ball(pen, now[n], 1.5 * r);
     pen.font = "600 13px system-ui, sans-serif";
     pen.lineWidth = 4; pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
     const left = now[n][0] > w - 150, x = now[n][0] + (left ? -2.4 : 2.4) * r;

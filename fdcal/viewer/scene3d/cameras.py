@@ -106,7 +106,7 @@ KEPT_POSITIONS = 6  # last positions of a camera that are remembered
 FOV_NUDGE = 1e-4  # relative change of a field of view that makes the page report its camera
 MARGINS = (76, 234, 34, 40)  # pixels left, bottom, right and top of the search domain, for rulers, legend and bar
 LECTURE_MARGINS = (110, 350, 60, 50)  # likewise, in larger type
-CAPTION, LECTURE_CAPTION = 350, 470  # pixels, of the width of a caption
+CAPTION, LECTURE_CAPTION = 350, 486  # pixels, of the width of a caption
 WIDE = 900  # pixels, of a canvas that has a caption at its right
 # Of a canvas with so many pixels and so much wider than high, whose legend stands beside the map; as in page.js.
 BROAD, BROAD_RATIO = 1000, 1.4

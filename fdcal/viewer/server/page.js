@@ -126,7 +126,12 @@ function show(uuid, content) {
   if (name == "greeting") { [greeted, server] = [true, html]; introduce(); return; }
   if (name == "address") { shared = html.replaceAll("&amp;", "&"); write(); return; }
   if (name == "labels") { setLabels(html); return; }
-  if (name == "lecture") { root.toggleAttribute("data-lecture", Boolean(html)); return; }
+  if (name == "lecture") {
+    root.toggleAttribute("data-lecture", Boolean(html));
+    for (const label of labels) label.size = null;  // in larger type
+    drawnFrom = "";
+    return;
+  }
   const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
   if (!region) return;
   made.innerHTML = html;

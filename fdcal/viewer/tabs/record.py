@@ -8,6 +8,7 @@ page reads and writes nowhere else. A browser uploads nothing: its parts of 512 
 server accepts, and viser holds a whole upload in memory.
 """
 
+import collections
 import os
 import time
 from collections.abc import Callable
@@ -22,9 +23,9 @@ import viser
 from ...model.validation import InputError
 from ...session.sources import OpenRequest, measurement_request
 from ...session.worker import Delivery
-from ..background.prepare import Threads
+from ..background.prepare import Same, Threads
 from ..gui import html
-from ..gui.binding import Same, bind
+from ..gui.binding import Due, bind
 from ..gui.html import CONTROLS
 
 if TYPE_CHECKING:
@@ -271,7 +272,7 @@ class RecordTab:
     def __init__(self, gui: viser.GuiApi, recorder: Recorder | None, folder: str):
         self._recorder, self._folder, self._number = recorder, folder, 0
         self._offered: tuple[Folder, Card] | None = None
-        self._shown: dict[int, tuple] = {}
+        self._due = collections.defaultdict[int, Due](Due)  # by the place of a text
         if recorder is None:
             gui.add_html(html.remark(REMOTE))
             return
@@ -355,9 +356,7 @@ class RecordTab:
 
     def _put(self, place: viser.GuiHtmlHandle, state: tuple, text: Callable[[], str]) -> None:
         """Put a text into its place where what it says has changed."""
-        key = tuple(map(Same, state))
-        if self._shown.get(id(place)) != key:
-            self._shown[id(place)] = key
+        if self._due[id(place)](0.0, *map(Same, state)):
             place.content = text()
 
     def _offer(self, files: Folder, card: Card) -> None:

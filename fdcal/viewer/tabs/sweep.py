@@ -34,9 +34,9 @@ from ..background.cost_maps import (
     modes_label,
     of_take,
 )
-from ..background.prepare import PreparedRun, Threads
+from ..background.prepare import Last, PreparedRun, Same, Threads
 from ..gui import html
-from ..gui.binding import FLOOR, Binding, Same, Tab, Tick
+from ..gui.binding import FLOOR, Binding, Due, Tab, Tick
 from ..gui.html import CARD
 from ..gui.plots import BLUE, RED, Plot, dots
 from .map import MapTab
@@ -104,7 +104,7 @@ class SweepWorker:
     def __init__(self, run: PreparedRun, threads: Threads):
         self._run = run
         self._sweep: Sweep | None = None
-        self._drawn: tuple[SweepFrame, bool, CostMap] | None = None
+        self._drawn = Last()
         self.worker = threads.start(self._compute, "fdcal-sweep")
 
     def sweep(self, wanted: SweepRequest) -> Sweep | None:
@@ -133,11 +133,12 @@ class SweepWorker:
         return None if frame is None or sweep.of_first(count) != wanted.modes else self._image(frame, wanted)
 
     def _image(self, frame: SweepFrame, wanted: CostMapRequest) -> CostMap:
-        if self._drawn is None or self._drawn[0] is not frame or self._drawn[1] != wanted.style.minima:
+        def draw() -> CostMap:
             image = TABLE[frame.numbers] if frame.floor.areas else of_colour_numbers(frame.numbers)
             floor = replace(frame.floor, rgb=image, show_minima=wanted.style.minima)
-            self._drawn = frame, wanted.style.minima, replace(frame.map, request=wanted, floor=floor, fine=True)
-        return self._drawn[2]
+            return replace(frame.map, request=wanted, floor=floor, fine=True)
+
+        return self._drawn.of(draw, Same(frame), wanted.style.minima)
 
     def _compute(self, request: SweepRequest) -> None:
         """On the thread: map after map, until another sweep is requested."""
@@ -261,34 +262,31 @@ class SweepTab(Tab):
         self._playing: Playback | None = None
         self._wanted: SweepRequest | None = None  # of the last sweep that was asked for
         self._revision, self._updated = NOT_ASKED, -1e9
-        self._drawn: tuple = ()  # what the curve shows
+        self._due = Due()  # the curve
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
+        self._last: CostMap | None = None  # the map that was shown last
         with binding.gui.add_folder(f"Add {binding.row}s"):
-            self._add_controls()
+            self._add_controls(binding, binding.modes, binding.row)
             self._plot = Plot(
                 binding.gui, "Local minima of the sum", curve_series(), f"{binding.row}s summed",
                 height=140, whole=True, legend=False,
             )  # fmt: skip
 
-    def _add_controls(self) -> None:
-        gui, on, modes, row = self._binding.gui, self._binding.on, self._binding.modes, self._binding.row
-        self.play = on(
-            gui.add_button("Play", icon=viser.Icon.PLUS, hint=f"Add one {row} after the other to the map"),
-            lambda _: self.toggle(),
+    def _add_controls(self, binding: Binding, modes: int, row: str) -> None:
+        self.play = binding.button(
+            "Play", lambda _: self.toggle(), icon=viser.Icon.PLUS, hint=f"Add one {row} after the other to the map"
         )
-        self.summed = on(
-            gui.add_slider(f"{row.title()}s summed", 1, modes, 1, modes, hint=f"How many {row}s the map is the sum of"),
-            self.sum_modes,
+        self.summed = binding.slider(
+            f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes, hint=f"How many {row}s the map is the sum of"
         )
-        with gui.add_folder("Order and speed", expand_by_default=False):
+        with binding.gui.add_folder("Order and speed", expand_by_default=False):
             hint = f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down"
-            self.order = on(gui.add_dropdown("Order", ORDERS, initial_value=UP, hint=hint), lambda _: self._restart())
-            self.highest = on(
-                gui.add_slider(f"Highest {row}", 1, modes, 1, modes, hint="Of the whole sum"),
-                lambda _: self._restart(),
+            self.order = binding.dropdown("Order", ORDERS, UP, lambda _: self._restart(), hint=hint)
+            self.highest = binding.slider(
+                f"Highest {row}", 1, modes, 1, modes, lambda _: self._restart(), hint="Of the whole sum"
             )
-            self.rate = on(gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE), self._set_rate)
-        self.text = gui.add_html(html.remark(ADVICE.format(row)))
+            self.rate = binding.slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE, self._set_rate)
+        self.text = binding.gui.add_html(html.remark(ADVICE.format(row)))
 
     @property
     def playing(self) -> bool:
@@ -362,11 +360,20 @@ class SweepTab(Tab):
     # Below: the main loop alone.
 
     def map_for(self, wanted: CostMapRequest, drawn: CostMap | None, reason: str) -> tuple[CostMap | None, str]:
-        """Return the map of the sweep in place of `drawn`, where the sweep has the one that is wanted."""
+        """Return the map of the sweep in place of `drawn`, where the sweep has the one that is wanted.
+
+        While it plays, the map of the modes before stays until the next one is there.
+        """
         if drawn is not None:
             self._panels = drawn.panels
         swept = self.worker.map_of(wanted)
-        return (drawn, reason) if swept is None else (replace(swept, panels=self._panels), "")
+        found = drawn if swept is None else replace(swept, panels=self._panels)
+        last, reason = self._last, reason if swept is None else ""
+        if found is None and not reason and self.playing and last is not None:
+            kept = last.request.microphone == wanted.microphone and last.request.style == wanted.style
+            return (last if kept else None), ""
+        self._last = found
+        return found, reason
 
     def show(self, tick: Tick) -> None:
         """Request the maps of a sweep that plays or was asked for, play it, and bring the tab up to date."""
@@ -428,9 +435,7 @@ class SweepTab(Tab):
         self._plot.visible = sweep is not None
         if sweep is None or not sweep.frames:
             return
-        key = Same(sweep), len(sweep.frames), summed
-        if self._drawn != key:
-            self._drawn = key
+        if self._due(0.0, Same(sweep), len(sweep.frames), summed):
             self._plot.show(curve(sweep.stops, sweep.counts, summed), limits=(0.0, max(sweep.counts) + 1.0))
 
     def _caption(self) -> str:

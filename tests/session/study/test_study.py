@@ -15,7 +15,7 @@ from running import FDCAL, done
 
 import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
-from fdcal.assessment.study_statistics import clustered, judged, selected, share_grid
+from fdcal.assessment.study_statistics import classified, clustered, selected, share_grid
 from fdcal.graphics.study_report import write_page, write_report
 from fdcal.model.room import Room
 from fdcal.model.validation import InputError, StorageError
@@ -393,7 +393,7 @@ def test_statistics_of_a_table_and_its_rows_at_values_of_the_axes():
             "max_error_m": [0.01, 0.1, 0.1, None],
         }
     )
-    rows, axes = judged(table), {"snr_db": [20, 40]}
+    rows, axes = classified(table), {"snr_db": [20, 40]}
     assert rows["found"].tolist() == [True, False, False, False]
     assert rows["wrong"].tolist() == [False, False, True, False]
     assert share_grid(rows, axes, ("snr_db", ""), "found")[:, 0].tolist() == [0.5, 0.0]
