@@ -148,11 +148,12 @@ class Fault:
     channel: bool = True  # whether it is one of a channel, which must be named
 
 
-def _one(change: Callable[[np.ndarray, int, np.random.Generator], np.ndarray], fixed: bool = True):
+def _one(change: Callable[[np.ndarray, int, np.random.Generator], np.ndarray], fixed: bool = False):
     """A fault that changes the samples (T,) of one channel in every take; if `fixed`, by the same gain, delay or so."""
 
     def injected(data: DataSet, n: int, rng) -> DataSet:
-        takes, seed = [np.array(samples) for samples in data.takes], int(rng.integers(2**32))
+        takes = [np.array(samples) for samples in data.takes]
+        seed = int(rng.integers(2**32)) if fixed else 0
         for samples in takes:
             samples[n] = change(samples[n], data.rate, np.random.default_rng(seed) if fixed else rng)
         return replace(data, takes=tuple(takes))
@@ -244,25 +245,30 @@ FAULTS = {
     "a copy of another": Fault("samples", ("copy",), _copied, ALL, False),
     "wrapped": Fault("wrapped", ("wrapped",), _wrapped, ("dead", "rendered", "measured"), False),
     "clock drifts by 10 to 80 ppm": Fault("synchronous", ("drift",), _one(_drifting), STATIONARY),
-    "8 to 400 samples lost": Fault("synchronous", ("jump",), _one(_losing, False), STATIONARY),
+    "8 to 400 samples lost": Fault("synchronous", ("jump",), _one(_losing), STATIONARY),
     "no common field": Fault("field", ("field",), _no_field, STATIONARY, False),
     "simulated by rays": Fault("measured", ("rays",), _by_rays, ("dead",), False),
     "inverted": Fault("channels", ("inverted",), _one(lambda x, rate, rng: -x), ALL),
-    "6 dB": Fault("channels", ("gain",), _one(lambda x, rate, rng: x * 10 ** (rng.choice([-1, 1]) * 6 / 20)), ALL),
-    "late by 0.5 to 2 ms": Fault(
-        "channels", ("delayed",), _one(lambda x, rate, rng: np.roll(x, round(rate * rng.uniform(5e-4, 2e-3)))), ALL
+    "6 dB": Fault(
+        "channels", ("gain",), _one(lambda x, rate, rng: x * 10 ** (rng.choice([-1, 1]) * 6 / 20), True), ALL
     ),
-    "high-pass at 60 to 150 Hz": Fault("channels", ("high_pass",), _one(_high_pass), WIDE),
+    "late by 0.5 to 2 ms": Fault(
+        "channels",
+        ("delayed",),
+        _one(lambda x, rate, rng: np.roll(x, round(rate * rng.uniform(5e-4, 2e-3))), True),
+        ALL,
+    ),
+    "high-pass at 60 to 150 Hz": Fault("channels", ("high_pass",), _one(_high_pass, True), WIDE),
     "noise only": Fault(
         "channels",
         ("dead", "noisy"),
-        _one(lambda x, rate, rng: np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x)), False),
+        _one(lambda x, rate, rng: np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x))),
         ALL,
     ),
     "noise of 0 dB": Fault(
         "channels",
         ("dead", "noisy"),
-        _one(lambda x, rate, rng: x + np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x)), False),
+        _one(lambda x, rate, rng: x + np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x))),
         STATIONARY,
     ),
     "list: two swapped": Fault("list", ("exchanged",), _swapped, ALL),

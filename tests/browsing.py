@@ -1,11 +1,6 @@
 """How to find things in the page of a real browser, for the tests that have one."""
 
 import contextlib
-import os
-import re
-import signal
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from queue import Queue
 from types import SimpleNamespace
@@ -37,24 +32,8 @@ ARGUMENTS += ["--host-resolver-rules=MAP evil.example 127.0.0.1"]  # a foreign n
 
 
 @contextlib.contextmanager
-def serving(path):
-    """Serve a scene's page with `fdcal view`; give its address, and require that it ends in good order on Ctrl-C."""
-    command = [sys.executable, "-m", "fdcal", "view", str(path), "--port", "0", "--no-browser"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
-    try:
-        url = server.stdout.readline().strip()
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or server.stderr.read()
-        yield url
-        server.send_signal(signal.SIGINT)
-        _, errors = server.communicate(timeout=WAIT)
-        assert server.returncode == 0 and "Traceback" not in errors, errors
-    finally:
-        server.kill()
-
-
-@contextlib.contextmanager
 def serving_here(scene=None, port=0, lessons=()):
-    """Serve a scene's page from a thread of this process, which saves the imports of `serving`; give its address.
+    """Serve a scene's page from a thread of this process, which saves another one's imports; give its address.
 
     It has a session, controls and panels of its own. Without a scene the opening plays.
     """

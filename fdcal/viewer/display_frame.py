@@ -14,7 +14,7 @@ from ..model.gauge import align, rigid_motion
 from ..model.validation import Reals, frozen_array
 from ..session.session import SessionView
 from ..solvers.interface import RunState
-from .background.prepare import PreparedRun
+from .background.prepare import Last, PreparedRun, Same
 
 ROUNDS = 100  # at most, until a placed microphone is drawn where it was placed
 NEGLIGIBLE = 1e-12  # m
@@ -41,7 +41,7 @@ class DisplayFrame:
     def __init__(self, run: PreparedRun):
         self._run, self._anchor = run, anchor_of(run)
         self.by = np.arange(run.measurement.count)
-        self._last: tuple[Any, ...] = None, None, None  # a state, by what it was moved, and the state moved
+        self._moved = Last()
 
     def move_by(self, microphones: np.ndarray) -> None:
         """Let these microphones determine the motion: those whose errors count."""
@@ -61,11 +61,10 @@ class DisplayFrame:
         """Return a state with its positions as the page draws them; the same one for the same as last time."""
         if self._anchor is None:
             return state
-        before, by, moved = self._last
-        if before is not state or by is not self.by:
-            moved = replace(state, positions=frozen_array(self.positions(state.positions), float))
-            self._last = state, self.by, moved
-        return moved
+        return self._moved.of(
+            lambda: replace(state, positions=frozen_array(self.positions(state.positions), float)),
+            Same(state), Same(self.by),
+        )  # fmt: skip
 
     def view(self, view: SessionView) -> SessionView:
         """Return the view of a session with the state that is shown as the page draws it; the history is as it was."""

@@ -18,6 +18,7 @@ from ..model.settings import Search
 from ..model.validation import Reals
 from ..session.session import SessionView
 from .background.cost_maps import CostMap
+from .background.prepare import Last
 from .gui.binding import Binding
 from .gui.overlay import NO_BUTTONS, CanvasWords
 
@@ -90,7 +91,7 @@ class Drop:
         self._released = self._rolls = math.nan  # when the microphone was let go, and began to roll, s
         self._placed: tuple[SessionView, float] | None = None  # when the session was sent the end: its view, and s
         self._count = 0  # states of the history at the last tick
-        self._cost: tuple[CostMap, np.ndarray, Search, Basins] | None = None  # of the last map; of the thread alone
+        self._cost = Last()  # of the map; of the thread alone
         self.tries = self.home = 0
         self.worker = binding.threads.start(self._compute, "fdcal-drop", wakes=True)
 
@@ -204,10 +205,7 @@ class Drop:
     def _compute(self, drag: Drag, drawn: CostMap) -> Fall:
         """Return where a microphone falls from its place, by the cost that a map shows."""
         run, request = self._binding.run, drawn.request
-        if self._cost is None or self._cost[0].request != request or self._cost[0].fine != drawn.fine:
-            cost, search = self._cost_of(drawn)
-            self._cost = drawn, cost, search, basins_of(cost)
-        _, cost, search, basins = self._cost
+        cost, search, basins = self._cost.of(lambda: self._cost_of(drawn), request, drawn.fine)
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
         decibels = request.order_offset is not None
         truth = self._binding.frame.truth(request.state.positions)
@@ -218,12 +216,12 @@ class Drop:
         home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # at its height in a layer
         return Fall(path, decibels, bool(home), float(np.linalg.norm(end - place)))
 
-    def _cost_of(self, drawn: CostMap) -> tuple[np.ndarray, Search]:
-        """Return the cost that a map shows, and a lattice that has the minima marked on it."""
+    def _cost_of(self, drawn: CostMap) -> tuple[np.ndarray, Search, Basins]:
+        """Return the cost that a map shows, a lattice that has the minima marked on it, and the basins."""
         request, run = drawn.request, self._binding.run
         if drawn.sampled is not None:
-            return drawn.sampled.cost, drawn.sampled.search
-        search = lattice_of(run.problem, request.modes)
-        maps = cost_maps(run.problem, run.solver, request.state, request.microphone, request.modes,
-                         request.order_offset, search)  # fmt: skip
-        return maps.sum(axis=0), search
+            cost, search = drawn.sampled.cost, drawn.sampled.search
+        else:
+            n, modes, search = request.microphone, request.modes, lattice_of(run.problem, request.modes)
+            cost = cost_maps(run.problem, run.solver, request.state, n, modes, request.order_offset, search).sum(axis=0)
+        return cost, search, basins_of(cost)

@@ -12,9 +12,9 @@ from contextlib import AbstractContextManager, contextmanager
 import numpy as np
 import viser
 
-from .background.prepare import SessionSwitcher
+from .background.prepare import Same, SessionSwitcher
 from .gui import html
-from .gui.binding import MAX_RATE, Binding, Same, Tab, Tick
+from .gui.binding import MAX_RATE, Binding, Due, Tab, Tick
 from .gui.overlay import Overlay
 from .tabs.comparison import ComparisonTab
 from .tabs.curves import CurvesTab
@@ -62,7 +62,7 @@ class StatusBar:
     """Owns the line above the panel while a session is prepared, or after a request was refused."""
 
     def __init__(self, panels: Panels, switcher: SessionSwitcher):
-        self._switcher, self._shown, gui = switcher, (), panels.gui
+        self._switcher, self._due, gui = switcher, Due(), panels.gui
         with panels.top:
             self.line = gui.add_html("", visible=False)
             self.bar = gui.add_progress_bar(0.0, visible=False)
@@ -80,10 +80,9 @@ class StatusBar:
         """
         progress, error, title = self._switcher.progress, self._switcher.error, self._switcher.title
         text, percent = ("", 0) if progress is None else (progress.text, round(100 * progress.done))
-        shown = title, text, percent, Same(error), first
-        if shown == self._shown:
+        if not self._due(0.0, title, text, percent, Same(error), first):
             return
-        self._shown, busy = shown, progress is not None
+        busy = progress is not None
         self.line.content = html.waiting(title, text) if busy else html.complaint(html.error_message(error))
         self.line.visible = busy or error is not None
         self.bar.value, self.bar.visible = float(percent), busy
@@ -137,34 +136,25 @@ class RunBar:
     """
 
     def __init__(self, binding: Binding, restart: Callable[[], None]):
-        self._binding, self._restart, gui, on = binding, restart, binding.gui, binding.on
+        self._binding, self._restart, gui = binding, restart, binding.gui
         self._watched = binding.run.solver.TRAITS.moves_all  # whether a run begins slowly
         self._since, self._paced = -1.0, float(self._rate)  # when the run began, s, or below 0; its steps per second
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
-        self.run = on(
-            gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused"),
-            lambda _: self.toggle(),
+        self.run = binding.button(
+            "Run", lambda _: self.toggle(), icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused"
         )
-        self.steps = on(
-            gui.add_button_group(
-                "Solve", STEPS,
-                hint="Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
-                " until a mode is added or the objective changes. Reset: return to the start",
-            ),
-            self.press,
+        self.steps = binding.button_group(
+            "Solve", STEPS, self.press,
+            hint="Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
+            " until a mode is added or the objective changes. Reset: return to the start",
         )  # fmt: skip
-        self.time = on(
-            gui.add_slider(
-                "State", 0, 1, 1, 0, disabled=True, hint="Rewind to an earlier state; the solver continues from there"
-            ),
-            binding.session.seek,
-        )
-        self.speed = on(
-            gui.add_slider(
-                "Steps per second", 1, MAX_RATE, 1, self._rate,
-                hint=f"Of Run; {MAX_RATE}: as fast as the machine can",
-            ),
-            self.limit_rate,
+        self.time = binding.slider(
+            "State", 0, 1, 1, 0, binding.session.seek, disabled=True,
+            hint="Rewind to an earlier state; the solver continues from there",
+        )  # fmt: skip
+        self.speed = binding.slider(
+            "Steps per second", 1, MAX_RATE, 1, self._rate, self.limit_rate,
+            hint=f"Of Run; {MAX_RATE}: as fast as the machine can",
         )  # fmt: skip
 
     @property

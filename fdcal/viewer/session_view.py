@@ -14,18 +14,8 @@ import viser
 
 from ..assessment.findings import root_mean_square
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
+from ..graphics import overlays
 from ..graphics.annotations import legend_of
-from ..graphics.overlays import (
-    ellipse_scale,
-    with_ball,
-    with_bound,
-    with_comparison,
-    with_cut,
-    with_ellipses,
-    with_faulty_channels,
-    with_trails,
-    with_volume,
-)
 from ..graphics.picture import static_picture, with_display_domain, with_estimate, with_floor
 from ..graphics.primitives import Floor, Picture
 from ..graphics.volume import Volume, faded
@@ -35,11 +25,11 @@ from ..session.process import one_blas_thread
 from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
-from .background.cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, map_modes
-from .background.prepare import PreparedRun, Threads
+from .background.cost_maps import CostMap, CostMapWorker, MapStyle
+from .background.prepare import Last, PreparedRun, Same, Threads
 from .display_frame import DisplayFrame
 from .drop import Drop, Dropped
-from .gui.binding import Binding, Choices, PositionUncertainty, RunSummary, Same, Tick
+from .gui.binding import Binding, Choices, PositionUncertainty, RunSummary, Tick
 from .gui.html import CONTROLS, canvas_legend
 from .gui.overlay import CanvasWords
 from .panels import SessionFolders, Tabs
@@ -126,8 +116,7 @@ class SessionPicture:
         self._measurement = with_display_domain(run.measurement, start)
         self.places = start
         self._static: dict[tuple, Picture] = {}  # by whether the page is dark, and for a projector, and by the take
-        self._faded: tuple[Floor, Floor] | None = None  # a map, and the same with another opacity
-        self._faded_volume: tuple[Volume, float, bool, Volume] | None = None  # likewise, on a dark page or not
+        self._floor, self._volume = Last(), Last()  # with the opacity that was chosen
 
     def draw(
         self,
@@ -154,22 +143,24 @@ class SessionPicture:
         static = self._static_picture(choices, floor)
         drawn = with_estimate(static, self._measurement, positions, microphone, floor, self._frame.truth(positions))
         picture = with_floor(drawn, floor)
-        picture = with_volume(picture, volume)
+        picture = overlays.with_volume(picture, volume)
         if dropped is not None and dropped.microphone == microphone:
-            picture = with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
+            picture = overlays.with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
         elif (floor or volume) and (choices.release or microphone not in self._run.problem.known):
-            picture = with_ball(picture, positions[microphone], floor)
+            picture = overlays.with_ball(picture, positions[microphone], floor)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
-            picture = with_trails(picture, np.array([self._frame.positions(state.positions) for state in past]), floor)
+            picture = overlays.with_trails(
+                picture, np.array([self._frame.positions(state.positions) for state in past]), floor
+            )
         if choices.ellipses and uncertainty is not None:
             picture = self._with_ellipses(picture, positions, uncertainty, floor, choices.ellipse_scale)
         if uncertainty is not None and uncertainty.channels is not None:
-            picture = with_faulty_channels(picture, positions, self._faulty(uncertainty), floor)
+            picture = overlays.with_faulty_channels(picture, positions, self._faulty(uncertainty), floor)
         if choices.cut is not None:
-            picture = with_cut(picture, choices.cut, floor)
+            picture = overlays.with_cut(picture, choices.cut, floor)
         marks = {run.name: self._frame.positions(run.positions) for run in runs}
-        return with_comparison(picture, marks, self._run.problem.free, floor)
+        return overlays.with_comparison(picture, marks, self._run.problem.free, floor)
 
     def _drawn_plan(self, choices: Choices, planned: PlannedArray | None) -> Picture:
         """Return the picture of the planned array; `planned` may be of places a moment ago, or None."""
@@ -179,16 +170,18 @@ class SessionPicture:
         picture = static_picture(self._run.known_scene, array, choices.style.dark, None, choices.lecture, choices.take)
         axes = np.zeros((0, 2, 2)) if planned is None else planned.axes
         self.places = positions
-        return with_bound(picture, positions, axes)
+        return overlays.with_bound(picture, positions, axes)
 
     def _with_ellipses(
         self, picture: Picture, positions: np.ndarray, found: PositionUncertainty, floor: Floor | None, scale: float
     ) -> Picture:
         """Return the picture with error ellipses `scale` times enlarged, 0 for as much as makes them visible."""
         extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])
-        scale = scale or ellipse_scale(found.axes, extent)
+        scale = scale or overlays.ellipse_scale(found.axes, extent)
         sigma = root_mean_square(found.sigma[self._sought(found)])  # as the verdict has it
-        return with_ellipses(picture, positions, found.axes, floor, scale, f"one sigma {length_text(sigma, 2)}")
+        return overlays.with_ellipses(
+            picture, positions, found.axes, floor, scale, f"one sigma {length_text(sigma, 2)}"
+        )
 
     def _sought(self, found: PositionUncertainty) -> np.ndarray:
         """Return the microphones sought that have a sound channel, else all : (K,) int64."""
@@ -211,26 +204,17 @@ class SessionPicture:
             self._static[key] = static_picture(scene, measurement, dark, None, lecture, take)
         return self._static[key]
 
-    def faded(self, floor: Floor, opacity: float) -> Floor:
-        """Return a map with an opacity, 0 to 1; the same object for the same arguments as last time."""
-        if self._faded is None or self._faded[0] is not floor or self._faded[1].opacity != opacity:
-            self._faded = floor, replace(floor, opacity=opacity)
-        return self._faded[1]
-
     def faded_parts(self, drawn: CostMap | None, style: MapStyle) -> tuple[Floor | None, Volume | None]:
-        """Return the map on the floor and the volume in space with the opacity of a style; None for what is missing."""
-        floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
-        return (
-            None if floor is None else self.faded(floor, style.opacity),
-            None if volume is None else self.faded_volume(volume, style.opacity, style.dark),
-        )
+        """Return the map on the floor and the volume in space with the opacity of a style; None for what is missing.
 
-    def faded_volume(self, volume: Volume, opacity: float, dark: bool) -> Volume:
-        """Return a volume with an opacity, 0 to 1; the same object for the same arguments as last time."""
-        last = self._faded_volume
-        if last is None or last[0] is not volume or last[1:3] != (opacity, dark):
-            self._faded_volume = last = volume, opacity, dark, faded(volume, opacity, dark)
-        return last[3]
+        They are the same objects for the same arguments as last time.
+        """
+        floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
+        opacity, dark = style.opacity, style.dark
+        return (
+            floor and self._floor.of(lambda: replace(floor, opacity=opacity), Same(floor), opacity),
+            volume and self._volume.of(lambda: faded(volume, opacity, dark), Same(volume), opacity, dark),
+        )
 
 
 RUN_INTERVAL = 0.15  # s at least between two states that are shown while the solver runs
@@ -246,7 +230,7 @@ class Viewer:
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
     function that makes the main loop update the page at once; `words`: on the canvas, or None. Raises InputError: the
     request of the run has choices that are not possible. `view`: the states as they are shown; `snapshot`: what is on
-    the screen; `call`: runs a function on viser's event loop.
+    the screen; `fault`: the last exception of the page, as long as the status lines show it.
     """
 
     def __init__(
@@ -261,10 +245,10 @@ class Viewer:
         words: CanvasWords | None = None,
     ):
         self.run, self.nodes, self._folders = run, nodes, folders
-        self.call = server.get_event_loop().call_soon_threadsafe
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
-        self.binding = Binding(folders.gui, run, modes, open_other, before, wake, self.call)
-        self._fault, self._fault_time = "", 0.0
+        call = server.get_event_loop().call_soon_threadsafe
+        self.binding = Binding(folders.gui, run, modes, open_other, before, wake, call)
+        self.fault, self._fault_time = "", 0.0
         self.view, self._viewed = run.session.view, 0.0
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
@@ -299,11 +283,6 @@ class Viewer:
         """The picture on the screen."""
         return self.snapshot.picture
 
-    @property
-    def fault(self) -> str:
-        """The last exception of the page, as long as the status lines show it."""
-        return self._fault
-
     def redraw(self) -> None:
         """Draw everything again with the next tick."""
         self._key = ()
@@ -332,14 +311,14 @@ class Viewer:
             self.tick(now)
         except Exception as error:
             text = f"{type(error).__name__}: {error}"
-            if text != self._fault:
+            if text != self.fault:
                 log.exception("the page could not be updated")
-            self._fault, self._fault_time = text, now
+            self.fault, self._fault_time = text, now
             with contextlib.suppress(Exception):
                 self.tabs.run_bar.show_status(Tick(self.run.session.view, fault=text))
         else:
             if now - self._fault_time > FAULT_TIME:
-                self._fault = ""
+                self.fault = ""
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date at the time `now`, s."""
@@ -357,7 +336,7 @@ class Viewer:
                 uncertainty = replace(uncertainty, axes=frame.axes(newest.state.positions, uncertainty.axes))
             self._assessed = found, uncertainty
         tick = Tick(
-            view, now, self._revision, self._selected, drawn, reason, fault=self._fault,
+            view, now, self._revision, self._selected, drawn, reason, fault=self.fault,
             note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._assessed[1],
             assessing=self._verdict.pending(newest), runs=tabs.comparison.worker.update(now), sought=sought,
         )  # fmt: skip
@@ -411,31 +390,14 @@ class Viewer:
             self._selected = choices.microphone
         elif not following and view.state.moved >= 0:
             self._selected = view.state.moved
-        drawn, reason = self._newest_map(view, choices, following, now)
+        if not choices.shown or self.run.problem.search is None:
+            return None, ""
+        microphone = view.state.moved if following and view.state.moved >= 0 else self._selected
+        wanted = choices.map_request(self.run, view, microphone, self._revision, following)
+        drawn, reason = self.tabs.sweep.map_for(wanted, *self.maps.newest(wanted, view.running, now))
         if following and drawn is not None:
             self._selected = drawn.request.microphone
         return drawn, reason
-
-    def _newest_map(
-        self, view: SessionView, choices: Choices, following: bool, now: float
-    ) -> tuple[CostMap | None, str]:
-        if not choices.shown or self.run.problem.search is None:
-            return None, ""
-        state, order_offset = view.state, choices.map_order
-        wanted = CostMapRequest(
-            revision=self._revision,
-            microphone=state.moved if following and state.moved >= 0 else self._selected,
-            modes=map_modes(self.run, state, choices.modes, order_offset, choices.take),
-            order_offset=order_offset,
-            custom_modes=choices.modes is not None,
-            style=replace(choices.style, opacity=1.0),  # another opacity needs no other map
-            follow=following,
-            state=state,
-            lineage=view.history.lineage,
-            take=choices.take,
-        )
-        drawn, reason = self.maps.newest(wanted, view.running, now)
-        return self.tabs.sweep.map_for(wanted, drawn, reason)
 
     def export(self, client: viser.ClientHandle, kind: str) -> None:
         """Send a file of what is on the screen to one browser; on viser's event loop."""

@@ -36,6 +36,8 @@ def test_a_plan_is_written_in_each_format(tmp_path, capsys):
         (LAYOUT, "--room", "lshape"),
         (LAYOUT, "--room", "0.4x4x3"),
         (LAYOUT, "--gain-sigma", "1"),
+        (LAYOUT, "--kind", "impulse"),
+        (LAYOUT, "--kind", "speech"),
         (LAYOUT, "-o", "plan.txt"),
     ],
 )

@@ -107,3 +107,12 @@ def page_of(server, scene, kernels, progress_texts):
     made.close()
     server.gui.reset()
     server.scene.reset()
+
+
+@pytest.fixture
+def opened(page_of, scene):
+    """What the page shows of `tiny`, and the function that ticks it until something happens."""
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None)
+    return page.viewer, turn_until

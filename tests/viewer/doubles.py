@@ -1,4 +1,4 @@
-"""Stand-ins for a session, its states and its solver."""
+"""Stand-ins for a session, its states and its solver, and clients of the page that are no browsers."""
 
 import dataclasses
 import threading
@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from browsing import WAIT
 
+from benchmarks.protocol import CAMERA, connect, messages, send
 from fdcal import solvers
+from fdcal.assessment.calibration import Evidence
+from fdcal.session.calibration_run import Assessment
 from fdcal.session.session import History, SessionView
 from fdcal.viewer.server.client_values import fits, is_plain
 
@@ -40,6 +43,13 @@ class State:
     channels: None = None
 
 
+def assessment(verdict, text, **changes) -> Assessment:
+    """What the page is told of the end of a run with three microphones, the first one known."""
+    covariance = np.array([0.0, 3e-4, 3e-4])[:, None, None] ** 2 / 2 * np.eye(2)
+    numbers = dict(covariance=covariance, search_spread=np.zeros(3), evidence=Evidence(1.0))
+    return Assessment(np.zeros((3, 2)), None, verdict, text, **numbers | changes)
+
+
 class Recorder:
     """A session that records its commands."""
 
@@ -54,6 +64,19 @@ class Recorder:
 
     def __getattr__(self, name):
         return lambda *arguments: self.commands.append((name, *arguments))
+
+
+class CallRecorder:
+    """An object that records all calls of its methods."""
+
+    def __init__(self, calls, name="", **held):
+        self.__dict__.update(_calls=calls, _name=name, **held)
+
+    def __getattr__(self, name):
+        return CallRecorder(self._calls, f"{self._name}.{name}".lstrip("."))
+
+    def __call__(self, *arguments, **named):
+        self._calls.append((self._name, *arguments, *named.items()))
 
 
 def view_of(states, **changes) -> SessionView:
@@ -88,3 +111,28 @@ class Solver:
         cost = np.ones((modes.stop - modes.start, *search.shape[::-1]))
         cost[0, 0, round((self.search.origin[0] - search.origin[0] + n * self.search.step) / search.step)] = 0.5
         return cost
+
+
+NAN, INFINITE = float("nan"), float("inf")
+HOSTILE_CAMERAS = [
+    *({name: [bad] * 3} for name in ("position", "look_at", "up_direction") for bad in (NAN, INFINITE, 1e308, -1e308)),
+    *({name: [0.0] * count} for name in ("position", "look_at", "up_direction") for count in (0, 2, 4)),
+    *({name: bad} for name in ("position", "look_at", "up_direction") for bad in (None, 3, "abc", ["a", "b", "c"])),
+    {"position": [[1, 2, 3]] * 3}, {"position": [1e308, 0, 0], "look_at": [-1e308, 0, 0]},
+    {"look_at": CAMERA["position"]}, {"up_direction": [0, 0, 0]}, {"up_direction": {"z": 1}}, {"up_direction": True},
+    {"wxyz": [0, 0, 0]}, {"wxyz": [NAN] * 4}, {"wxyz": "no"}, {"fov": NAN}, {"fov": 1e308}, {"fov": -1},
+    {"near": NAN}, {"far": INFINITE}, {"near": 9.0, "far": 0.1}, {"near": 0},
+    {"image_width": NAN}, {"image_width": 10**18}, {"image_height": "wide"}, {"image_height": -5},
+]  # fmt: skip
+
+
+def join(server):
+    """Connect to a viser server of this process."""
+    return connect(f"ws://127.0.0.1:{server.get_port()}")
+
+
+def is_served(server) -> bool:
+    """Whether a new client is sent the whole page."""
+    with join(server) as client:
+        send(client, **CAMERA)
+        return any(message["type"] == "ReplayDoneMessage" for message in messages(client))

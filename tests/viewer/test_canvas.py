@@ -4,30 +4,17 @@ import re
 
 import numpy as np
 import pytest
-from browsing import (
-    COARSE,
-    WAIT,
-    begin_anew,
-    choose,
-    on_screen,
-    opened_page,
-    press,
-    run_to_the_end,
-    serving_here,
-    tab,
-)
+from browsing import COARSE, WAIT, begin_anew, choose, on_screen, opened_page, press, run_to_the_end, serving_here, tab
+from doubles import assessment
 
+from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer.gui.binding import MAP_KINDS, NOTHING, VOLUME
+from fdcal.viewer.gui.html import verdict_html
 from fdcal.viewer.panels import LEFT, LEFT_WIDTH, RIGHT
+from fdcal.viewer.server.hardening import STYLE
 
-DESKTOPS = ((1280, 720), (1440, 900))
-PHONE = (390, 844)
-
-
-ON_A_DESKTOP = pytest.mark.parametrize("page", DESKTOPS[:1], indirect=True)
-ON_EACH_DESKTOP = pytest.mark.parametrize("page", DESKTOPS, indirect=True)
-ON_A_PHONE = pytest.mark.parametrize("page", [PHONE], indirect=True)
+DESKTOP, LARGE, PHONE = (1280, 720), (1440, 900), (390, 844)
 
 
 @pytest.fixture(scope="module")
@@ -38,23 +25,34 @@ def address(kernels):
 
 
 @pytest.fixture(scope="module")
-def page(address, browser, request):
-    """A page of a size, with its picture and its legend; one at a time."""
-    page = opened_page(browser, address, COARSE, *request.param)
-    page.size = request.param
+def desktop(address, browser):
+    page = opened_page(browser, address, COARSE, *DESKTOP)
     legend_of(page).get_by_text("dB").wait_for()
     yield page
     page.close()
 
 
-@pytest.fixture(autouse=True)
-def at_the_start(request):
-    """The solver stands at its start again after a test that has a page."""
-    yield
-    if "page" in request.fixturenames:
-        page = request.getfixturevalue("page")
-        if not page.get_by_text("step 0, sweep 0").first.is_visible():
-            begin_anew(page)
+@pytest.fixture
+def page(desktop):
+    """The page on a desktop; the solver stands at its start."""
+    if not desktop.get_by_text("step 0, sweep 0").first.is_visible():
+        begin_anew(desktop)
+    return desktop
+
+
+@pytest.fixture(scope="module")
+def phone(desktop, address, browser):
+    desktop.close()  # it draws, too
+    page = opened_page(browser, address, COARSE, *PHONE)
+    legend_of(page).get_by_text("dB").wait_for()
+    yield page
+    page.close()
+
+
+def resized(page, size):
+    """Give the window a size, pixels."""
+    page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+    page.wait_for_function(f"innerWidth == {size[0]}")
 
 
 def legend_of(page):
@@ -65,16 +63,17 @@ def entries(page):
     return [text.strip() for text in legend_of(page).locator("span").all_inner_texts()]
 
 
-@ON_EACH_DESKTOP
-def test_the_legend_stands_on_the_canvas_below_the_map(page):
+@pytest.mark.parametrize("size", [LARGE, DESKTOP])
+def test_the_legend_stands_on_the_canvas_below_the_map(page, size):
     scene = load_scene("tiny")
+    resized(page, size)
     page.locator("canvas").first.wait_for()
     canvas = page.locator("canvas").first.bounding_box()
     x, y = scene.search.origin[:2]
     (left, bottom), (right, _) = on_screen(page, scene, [(x, y, 0.0), (x + 0.1, y, 0.0)])
     box = legend_of(page).bounding_box()
     assert canvas["x"] <= box["x"] and box["x"] + box["width"] <= canvas["x"] + canvas["width"]
-    assert bottom + 30 < box["y"] and box["y"] + box["height"] <= page.size[1], "below the numbers of the ruler"
+    assert bottom + 30 < box["y"] and box["y"] + box["height"] <= size[1], "below the numbers of the ruler"
     numbers = page.locator("#fdcal-labels .number:visible", has_text=re.compile(r"^[\d.]+$")).filter(visible=True)
     assert numbers.count() >= 6
     for number in numbers.all()[:3]:
@@ -84,7 +83,6 @@ def test_the_legend_stands_on_the_canvas_below_the_map(page):
     assert "px" in numbers.first.evaluate("element => getComputedStyle(element).textShadow"), "outlined"
 
 
-@ON_A_DESKTOP
 def test_the_map_fits_beside_the_legend_whatever_pixels_the_screen_has(page):
     """viser reports the pixels of the screen, of which a page has a quarter here and twice as many on a telephone."""
     scene = load_scene("tiny")
@@ -94,7 +92,6 @@ def test_the_map_fits_beside_the_legend_whatever_pixels_the_screen_has(page):
     )
 
 
-@ON_A_DESKTOP
 def test_the_legend_follows_what_is_drawn(page):
     assert {"true", "estimate", "known"} < set(entries(page)) and "trail" not in entries(page)
     press(page, "Step")
@@ -112,50 +109,15 @@ def test_the_legend_follows_what_is_drawn(page):
     legend_of(page).get_by_text("dB").wait_for()
 
 
-@ON_A_PHONE
-@pytest.mark.parametrize("folded", [False, True], ids=["open", "folded"])
-def test_on_a_phone_the_legend_stands_above_the_scene(page, folded):
-    bar, run = page.get_by_text(re.compile("fdcal · tiny")), page.get_by_role("button", name="Run", exact=True)
-    if folded:
-        bar.click()
-        run.wait_for(state="hidden")
-    legend_of(page).get_by_text("estimate").wait_for()
-    box = legend_of(page).bounding_box()
-    assert box["x"] >= 0 and box["y"] >= 0 and box["width"] <= PHONE[0] and box["height"] < 0.2 * PHONE[1]
-    if folded:
-        bar.click()
-        run.wait_for()
-
-
-@ON_A_PHONE
-def test_on_a_phone_the_sheet_stays_as_wide_as_the_screen(page):
-    page.get_by_text("Cost (Eq. 7", exact=False).last.wait_for()  # a plot, which fills the width
-    press(page, "Step")
-    page.get_by_text("step 1, sweep 1").wait_for()
-    page.wait_for_timeout(300)  # a sheet that grows does so within a few frames
-    widths = "areas => areas.map(area => area.scrollWidth)"
-    assert max(page.locator(".mantine-ScrollArea-viewport").evaluate_all(widths)) == PHONE[0]
-
-
-@ON_A_PHONE
-def test_on_a_phone_every_tab_can_be_opened(page):
-    for name in (*RIGHT, *LEFT):
-        there = page.get_by_role("tab", name=name, exact=True)
-        there.click()
-        assert there.get_attribute("aria-selected") == "true"
-    sheet = page.get_by_role("tab", name="Scene", exact=True).locator("xpath=ancestor::*[@role='tablist']")
-    box = sheet.bounding_box()
-    assert box["width"] > 0.9 * PHONE[0], "the sheet uses the whole width"
-
-
-@ON_EACH_DESKTOP
-def test_the_tabs_of_a_panel_stand_in_one_row(page):
+@pytest.mark.parametrize("size", [LARGE, DESKTOP])
+def test_the_tabs_of_a_panel_stand_in_one_row(page, size):
+    resized(page, size)
     for names in (RIGHT, LEFT):
         boxes = [page.get_by_role("tab", name=name, exact=True).bounding_box() for name in names]
         assert len({box["y"] for box in boxes}) == 1
         ends = [box["x"] + box["width"] for box in boxes]
         assert all(end <= box["x"] + 0.5 for end, box in zip(ends, boxes[1:], strict=False))
-        assert ends[-1] <= page.size[0] if names is RIGHT else ends[-1] <= LEFT_WIDTH
+        assert ends[-1] <= size[0] if names is RIGHT else ends[-1] <= LEFT_WIDTH
 
 
 def canvas_width(page):
@@ -175,18 +137,17 @@ def letters(page):
     return legend_of(page).get_by_text("estimate").bounding_box()["height"]
 
 
-@ON_A_DESKTOP
 def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(page):
     width, small = canvas_width(page), letters(page)
     tab(page, "View")
     page.get_by_role("checkbox", name="Lecture mode").click()
-    wait_for_width(page, lambda now: now == page.size[0])
+    wait_for_width(page, lambda now: now == DESKTOP[0])
     end = page.get_by_role("button", name="End lecture mode")
     end.wait_for()
     assert letters(page) > 1.25 * small
     for part in (legend_of(page), end):
         box = part.bounding_box()
-        assert box["x"] >= 0 and box["x"] + box["width"] <= page.size[0] and box["y"] + box["height"] <= page.size[1]
+        assert box["x"] >= 0 and box["x"] + box["width"] <= DESKTOP[0] and box["y"] + box["height"] <= DESKTOP[1]
     end.click()
     wait_for_width(page, lambda now: abs(now - width) < 2)
     end.wait_for(state="hidden")
@@ -194,7 +155,6 @@ def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(page):
     assert not page.get_by_role("checkbox", name="Lecture mode").is_checked()
 
 
-@ON_A_DESKTOP
 def test_a_key_begins_and_ends_lecture_mode(page):
     width = canvas_width(page)
     page.keyboard.press("h")
@@ -203,7 +163,6 @@ def test_a_key_begins_and_ends_lecture_mode(page):
     wait_for_width(page, lambda now: abs(now - width) < 2)
 
 
-@ON_A_DESKTOP
 def test_the_legend_says_how_large_the_ellipses_are_drawn(page):
     run_to_the_end(page)
     page.get_by_text(re.compile(r"one sigma [\d.]+ mm")).first.wait_for()
@@ -220,7 +179,6 @@ def test_the_legend_says_how_large_the_ellipses_are_drawn(page):
     legend_of(page).get_by_text("error ellipse").wait_for(state="detached")
 
 
-@ON_A_DESKTOP
 def test_the_race_is_visible_whole(page):
     tab(page, "Race")
     press(page, "Start")
@@ -230,7 +188,81 @@ def test_the_race_is_visible_whole(page):
     last.scroll_into_view_if_needed()  # does nothing where it is in view
     for part in (last, page.get_by_role("button", name="Clear", exact=True)):
         box = part.bounding_box()
-        assert box["y"] >= 0 and box["y"] + box["height"] <= DESKTOPS[0][1]
+        assert box["y"] >= 0 and box["y"] + box["height"] <= DESKTOP[1]
     legend_of(page).get_by_text("robust").wait_for()
     press(page, "Clear")
     page.get_by_role("button", name="Clear", exact=True).wait_for(state="hidden")
+
+
+@pytest.mark.parametrize("folded", [False, True], ids=["open", "folded"])
+def test_on_a_phone_the_legend_stands_above_the_scene(phone, folded):
+    bar, run = phone.get_by_text(re.compile("fdcal · tiny")), phone.get_by_role("button", name="Run", exact=True)
+    if folded:
+        bar.click()
+        run.wait_for(state="hidden")
+    legend_of(phone).get_by_text("estimate").wait_for()
+    box = legend_of(phone).bounding_box()
+    assert box["x"] >= 0 and box["y"] >= 0 and box["width"] <= PHONE[0] and box["height"] < 0.2 * PHONE[1]
+    if folded:
+        bar.click()
+        run.wait_for()
+
+
+def test_on_a_phone_the_sheet_stays_as_wide_as_the_screen(phone):
+    begin_anew(phone)
+    phone.get_by_text("Cost (Eq. 7", exact=False).last.wait_for()  # a plot, which fills the width
+    press(phone, "Step")
+    phone.get_by_text("step 1, sweep 1").wait_for()
+    phone.wait_for_timeout(300)  # a sheet that grows does so within a few frames
+    widths = "areas => areas.map(area => area.scrollWidth)"
+    assert max(phone.locator(".mantine-ScrollArea-viewport").evaluate_all(widths)) == PHONE[0]
+
+
+def test_on_a_phone_every_tab_can_be_opened(phone):
+    for name in (*RIGHT, *LEFT):
+        there = phone.get_by_role("tab", name=name, exact=True)
+        there.click()
+        assert there.get_attribute("aria-selected") == "true"
+    sheet = phone.get_by_role("tab", name="Scene", exact=True).locator("xpath=ancestor::*[@role='tablist']")
+    box = sheet.bounding_box()
+    assert box["width"] > 0.9 * PHONE[0], "the sheet uses the whole width"
+
+
+SIZES = f"<style>{STYLE.read_text(encoding='utf-8')}</style>"  # of type
+
+
+def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_them(browser):
+    words = "the residual of 10 of 63 microphones is large: " + "one cause, or another; " * 20
+    faulty = Channels(*np.zeros((5, 50)), (ChannelFault("20", "inverted"),))
+    shown = [
+        None,
+        assessment("good", "short"),
+        assessment("model_mismatch", words, evidence=Evidence(1.0, leave_one_out_db=-9.0)),
+    ]
+    shown += [assessment("model_mismatch", words, evidence=Evidence(1.0, leave_one_out_db=-9.0), channels=faulty)]
+    page, heights = browser.new_page(viewport={"width": 340, "height": 720}), []
+    for one in shown:
+        page.set_content(f"{SIZES}<div id='box'>{verdict_html(one, pending=True)}</div>")
+        heights.append(page.locator("#box").bounding_box()["height"])
+    page.locator("summary").click()
+    assert words.strip() in page.locator("summary").inner_text() and page.get_by_text("-9.0 dB").is_visible()
+    opened = page.locator("#box").bounding_box()["height"]
+    page.close()
+    assert np.ptp(heights) < 1 and opened > heights[0] + 100, heights
+
+
+def test_the_names_of_two_odd_channels_are_seen_without_a_click(browser):
+    odd = "nothing speaks against the positions of the other microphones; one sigma 0.45 mm; faulty: microphone 20: "
+    odd += "inverted; microphone 45: dead"
+    faults = (ChannelFault("20", "inverted"), ChannelFault("45", "dead"))
+    page = browser.new_page(viewport={"width": 340, "height": 720})
+    hidden = []
+    for channels in (None, Channels(*np.zeros((5, 50)), faults)):
+        line = verdict_html(assessment("good", odd, channels=channels))
+        page.set_content(
+            f"{SIZES}<body style='margin: 0; font: 14px DejaVu Sans, sans-serif'>{line}</body>"
+        )  # as viser's
+        words = page.locator("summary div").first
+        hidden.append(words.evaluate("words => words.scrollHeight > words.clientHeight + 2"))
+    page.close()
+    assert hidden == [True, False]

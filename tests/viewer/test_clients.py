@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from browsing import WAIT
-from clients import HOSTILE_CAMERAS, is_served, join
+from doubles import HOSTILE_CAMERAS, is_served, join
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
 

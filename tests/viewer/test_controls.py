@@ -1,17 +1,29 @@
-"""Controls without a browser: their commands, and which of them are shown."""
+"""Controls and keys without a browser: their commands, which of them are shown, and the parameters of a scene."""
 
 import contextlib
 import dataclasses
+import itertools
+import re
+import typing
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
-from doubles import INVALID_VALUES, State, set_by_client, view_of
+from doubles import INVALID_VALUES, CallRecorder, State, finish, set_by_client, view_of
+from viser import _messages
 
 from fdcal.graphics.picture import static_picture
+from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.model.validation import InputError
+from fdcal.session.scene_edits import parameters_of
+from fdcal.session.session import StateCosts
 from fdcal.viewer.background.cost_maps import CostMapRequest, MapStyle, map_modes
-from fdcal.viewer.gui.binding import FLOOR, NOTHING, RELIEF, Binding, Tick, kind_of
-from fdcal.viewer.tabs import map
+from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, Explore, run_curve
+from fdcal.viewer.gui.binding import FLOOR, MAP_KINDS, NOTHING, RELIEF, Binding, Tick, kind_of
+from fdcal.viewer.tabs import help, map
+from fdcal.viewer.tabs import scene as scenetab
+from fdcal.viewer.tabs.help import KEYS, add_keys
+from fdcal.viewer.tabs.map import LINEAR, LOG
 
 
 def test_controls_without_effect_are_hidden(controls):
@@ -184,3 +196,253 @@ def test_a_run_is_followed_from_its_beginning_and_one_of_slow_steps_is_not_held_
     panel.run_bar.limit_rate(7)
     panel.run_bar.show(Tick(dataclasses.replace(session.view, running=True), 20.0))
     assert session.commands[-1] == ("pace", 7), "a speed that somebody has chosen stays"
+
+
+CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # used by viser
+
+
+@pytest.fixture
+def page():
+    """A page that records what is done to it, and the records."""
+    calls = []
+    style = SimpleNamespace(log=True, dark=False)
+    view = SimpleNamespace(index=4, state=SimpleNamespace(first=1, last=3))
+    binding = SimpleNamespace(
+        choices=SimpleNamespace(modes=None, style=style, trails=True), modes=20,
+        measurement=SimpleNamespace(count=16), session=CallRecorder(calls, "session", view=view),
+    )  # fmt: skip
+    handles = {
+        "microphone": SimpleNamespace(value=15),
+        "kind": SimpleNamespace(value=MAP_KINDS[-1]),
+        "kinds": MAP_KINDS,
+    }
+    tabs = CallRecorder(calls, binding=binding, map=CallRecorder(calls, "map", **handles))
+    viewer = SimpleNamespace(tabs=tabs)
+    return CallRecorder(calls, viewer=viewer), calls
+
+
+@pytest.fixture
+def keyboard(page):
+    """Function that presses a key by its face."""
+    made = {}
+
+    def add_command(label, hotkey, modifier):
+        handle = SimpleNamespace(on_trigger=lambda act: made.__setitem__((hotkey, modifier), act))
+        return handle
+
+    add_keys(SimpleNamespace(add_command=add_command), page[0])
+    return lambda key, modifier=None, client="me": finish(made[key, modifier](SimpleNamespace(client=client)))
+
+
+def test_no_key_moves_the_camera_or_is_used_twice():
+    faces = [key.name for key in KEYS]
+    assert len(set(faces)) == len(faces)
+    assert not {key.key for key in KEYS} & set(CAMERA_KEYS), "viser moves the camera with these"
+    assert {key.key for key in KEYS} <= set(typing.get_args(_messages.HotkeyKey))
+
+
+@pytest.mark.parametrize(
+    ("key", "modifier", "done"),
+    [
+        ("R", None, ("run_bar.toggle",)),
+        ("N", None, ("run_bar.press", "Step")),
+        ("G", None, ("run_bar.press", "Sweep")),
+        ("T", None, ("run_bar.press", "Stage")),
+        ("X", None, ("run_bar.press", "Reset")),
+        ("B", None, ("session.seek", 3)),
+        ("F", None, ("session.seek", 5)),
+        ("M", None, ("map.pick", 0)),
+        ("M", "shift", ("map.pick", 14)),
+        ("O", None, ("map.choose_modes", range(1, 5))),
+        ("I", None, ("map.choose_modes", range(1, 3))),
+        ("P", None, ("sweep.toggle",)),
+        ("U", None, ("map.choose_modes", None)),
+        ("V", None, ("map.show_as", MAP_KINDS[0])),
+        ("L", None, ("map.scale_as", LINEAR)),
+        ("Y", None, ("view.draw", ("trails", False))),
+        ("K", None, ("view.darken", True)),
+        ("1", None, ("look", "me", "top")),
+        ("2", None, ("nodes.cameras.request", "me", "3d")),
+        ("3", None, ("look", "me", "close")),
+        ("J", None, ("lessons.go", "Next")),
+        ("J", "shift", ("lessons.go", "Back")),
+    ],
+)
+def test_a_key_does_what_its_button_does(page, keyboard, key, modifier, done):
+    keyboard(key, modifier)
+    assert page[1] == [done]
+
+
+def test_keys_keep_the_modes_of_the_map_in_range(page, keyboard):
+    choices = page[0].viewer.tabs.binding.choices
+    choices.modes = (20,)
+    keyboard("O")
+    choices.modes = (1,)
+    keyboard("I")
+    assert page[1] == [("map.choose_modes", range(1, 21)), ("map.choose_modes", range(1, 2))]
+    choices.style.log = False
+    keyboard("L")
+    assert page[1][-1] == ("map.scale_as", LOG)
+
+
+def test_keys_before_there_is_a_session_do_nothing(page, keyboard):
+    page[0].__dict__["viewer"] = None
+    for key in KEYS:
+        if key.key not in "2J":
+            keyboard(key.key, key.modifier)
+    assert page[1] == []
+
+
+def test_help_lists_every_key_and_mark():
+    html = help.text()
+    for key in KEYS:
+        assert f"<b>{key.name}</b>" in html and key.label in html
+    for word in ("true", "estimate", "known", "lowest cost", "other minimum", "(mm)", "(Hz)", "fdcal"):
+        assert word in html
+    for one, other in itertools.pairwise(["Keys", "Mouse", "Marks", "Numbers", "More"]):
+        assert html.index(f">{one}<") < html.index(f">{other}<")
+
+
+def test_apply_opens_the_scene_with_the_chosen_parameters(controls, scene):
+    panel, session = controls
+    tab = panel.scene
+    set_by_client(tab.apply, True)
+    set_by_client(tab.noise, True)
+    set_by_client(tab.snr, 25)
+    set_by_client(tab.walls, "absorbing")
+    set_by_client(tab.absorption, 10.0)
+    set_by_client(tab.known, 5)
+    assert tab.snr.visible and tab.absorption.visible
+    set_by_client(tab.apply, True)
+    same, changed = (opening.scene for opening in session.opened)
+    assert same is scene, "a value that the user has not changed stays exactly as it was"
+    parameters = parameters_of(changed)
+    assert (parameters.snr_db, parameters.walls, parameters.known) == (25, "absorbing", 5)
+    assert parameters.absorption == pytest.approx(0.1) and changed.room.size == scene.room.size
+
+
+def test_an_impossible_scene_is_refused_in_one_line(controls):
+    panel, session = controls
+    set_by_client(panel.scene.radius, 2.5)
+    set_by_client(panel.scene.apply, True)
+    assert session.opened == [] and "outside the room" in panel.scene.message.content
+    set_by_client(panel.scene.name, "array1_circle")
+    assert panel.scene.microphones.value == 65 and panel.scene.message.content == ""
+    set_by_client(panel.scene.apply, True)
+    assert [opening.scene for opening in session.opened] == [load_scene("array1_circle")]
+
+
+def test_restart_opens_another_solver_and_resets_the_same_one(controls):
+    panel, session = controls
+    set_by_client(panel.run_bar.steps, "Reset")
+    set_by_client(panel.solver.name, "descent")
+    assert panel.solver.start.value == "random" and panel.solver.seed.visible
+    set_by_client(panel.solver.seed, 5)
+    set_by_client(panel.run_bar.steps, "Reset")
+    assert session.commands == [("reset", 0)]
+    (opening,) = session.opened
+    assert (opening.scene.solver.name, opening.scene.solver.start, opening.seed) == ("descent", "random", 5)
+    assert opening.measurement is panel.binding.measurement
+
+
+def test_a_seed_without_effect_is_hidden(controls):
+    panel, _ = controls
+    assert not panel.solver.seed.visible and not panel.solver.start.visible, "robust has starts of its own"
+    set_by_client(panel.solver.name, "joint")
+    assert not panel.solver.seed.visible and panel.solver.start.visible, "joint from its affine start"
+    set_by_client(panel.solver.start, "random")
+    assert panel.solver.seed.visible
+    set_by_client(panel.solver.name, "room")
+    assert not panel.solver.seed.visible and not panel.solver.start.visible, "it has a start of its own"
+    set_by_client(panel.solver.name, "descent")
+    assert panel.solver.seed.visible and panel.solver.start.visible
+
+
+def test_a_measured_array_is_among_the_scenes_and_opens_without_anything_to_edit(controls):
+    panel, session = controls
+    tab = panel.scene
+    set_by_client(tab.name, "frl_array")
+    edited = (
+        tab.microphones,
+        tab.radius,
+        tab.walls,
+        tab.absorption,
+        tab.noise,
+        tab.snr,
+        tab.speed,
+        tab.known,
+        tab.seed,
+    )
+    assert not any(handle.visible for handle in edited)
+    assert tab.title.visible and "7 microphones in a laboratory" in tab.title.content
+    for words in ("nominal positions", "CC BY 4.0", "cannot be edited"):
+        assert words in tab.message.content
+    assert tab.apply.visible and tab.apply.label == "Open"
+    set_by_client(tab.apply, True)
+    (opening,) = session.opened
+    assert opening.scene == load_scene("frl_array") and opening.measurement is None
+    set_by_client(tab.name, "tiny")
+    assert tab.apply.label == "Apply" and tab.radius.visible and not tab.title.visible
+
+
+def test_a_measurement_has_no_simulation_settings(server, work):
+    measured = placeholder_scene(work.measurement, "hall", work.scene.solver)
+    opened = []
+    tab = scenetab.SceneTab(Binding(server.gui, dataclasses.replace(work, scene=measured), 6, opened.append))
+    parameters = (tab.microphones, tab.radius, tab.walls, tab.noise, tab.speed, tab.known, tab.seed, tab.apply)
+    assert not any(handle.visible for handle in parameters) and "a measurement" in tab.message.content
+    set_by_client(tab.apply, True)
+    assert opened == [], "a client can press a button that it does not see"
+    set_by_client(tab.name, "tiny")
+    assert all(handle.visible for handle in parameters) and "a measurement" not in tab.message.content
+    set_by_client(tab.apply, True)
+    assert [one.scene.name for one in opened] == ["tiny"]
+    set_by_client(tab.name, "hall")
+    assert not tab.apply.visible
+    namesake = dataclasses.replace(work, scene=placeholder_scene(work.measurement, "tiny", work.scene.solver))
+    tab = scenetab.SceneTab(Binding(server.gui, namesake, 6, opened.append))
+    assert tab.name.value == "tiny (measured)" and not tab.apply.visible
+    set_by_client(tab.name, "tiny")
+    assert tab.apply.visible, "the scene of that name is there, too"
+    server.gui.reset()
+
+
+def test_a_measured_room_has_no_walls_to_set_and_says_what_is_modelled(controls):
+    panel, session = controls
+    tab = panel.scene
+    set_by_client(tab.walls, "absorbing")
+    set_by_client(tab.name, "listening_lab")
+    assert not tab.walls.visible and not tab.absorption.visible and tab.microphones.visible
+    assert "response is measured" in tab.message.content and "is modelled" in tab.message.content
+    set_by_client(tab.snr, 30)
+    set_by_client(tab.walls, "rigid")  # a client can set what is hidden
+    set_by_client(tab.apply, True)
+    (opening,) = session.opened
+    assert opening.scene.room == load_scene("listening_lab").room and opening.scene.measurement.snr_db == 30
+    set_by_client(tab.name, "tiny")
+    assert tab.walls.visible and tab.message.content == ""
+
+
+@pytest.mark.parametrize("count", [2, 7, 1000])
+def test_the_curve_falls_with_the_cost_and_has_few_points(count):
+    states = [State(np.zeros((1, 2)), step=i, cost=-float(i)) for i in range(count)]
+    view = dataclasses.replace(view_of(states), costs=StateCosts(lambda state: state.cost))
+    assert run_curve(view) == "", "no cost is computed here"
+    for state in states:
+        view.costs.compute(state)
+    x, y = np.array([pair.split() for pair in re.split("[ML]", run_curve(view))[1:]], float).T
+    assert 2 <= len(x) <= CURVE_POINTS and (x[0], x[-1]) == (0, 100) and (np.diff(x) > 0).all()
+    assert (np.diff(y) >= 0).all() and 0 < y[0] < y[-1] < CURVE_HEIGHT, "downwards on a screen"
+
+
+def test_before_the_first_session_the_bar_says_what_is_prepared_and_how_far_it_is():
+    shown = {}
+    overlay = SimpleNamespace(on=lambda *_: None, show=lambda region, html: shown.update({region: html}))
+    switcher = SimpleNamespace(progress=SimpleNamespace(text="Simulating 3 %"), error=None, title="A < B")
+    page = SimpleNamespace(viewer=None, panels=SimpleNamespace(overlay=overlay), switcher=switcher)
+    explore = Explore(page, SimpleNamespace(page=page))
+    explore.show()
+    assert "A &lt; B" in shown["bar"] and "Simulating 3 %" in shown["bar"] and "button" not in shown["bar"]
+    switcher.progress = None
+    explore.show()
+    assert shown == {"bar": ""}

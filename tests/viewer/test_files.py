@@ -1,15 +1,29 @@
-"""Files that the page saves."""
+"""Files that the page saves: they show what is on the screen, and each page gets its own."""
 
 import dataclasses
+import os
 import re
 import threading
+import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from browsing import WAIT
 from doubles import State, view_of
+from matplotlib.colors import to_rgb
 
+from fdcal import solvers
+from fdcal.acoustics.measure import cached_measurement
+from fdcal.cost.maps import map_positions, minima_of
+from fdcal.graphics.landscape import draw_landscape
+from fdcal.graphics.markers import ESTIMATE, LOWEST
 from fdcal.model.validation import InputError
+from fdcal.session.sources import OpenRequest
+from fdcal.viewer.background import prepare
+from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
+from fdcal.viewer.background.prepare import Threads
+from fdcal.viewer.gui.binding import Choices
 from fdcal.viewer.tabs import view as exports
 
 
@@ -63,3 +77,124 @@ def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monk
     saving.ask(client, "broken", viewer.snapshot)
     assert saving.worker.wait_for(lambda latest: latest is not None, WAIT)
     assert notified[-1][0] == "The file could not be made" and str(error) in notified[-1][1]
+
+
+MICROPHONE, MODES = 9, (7, 9, 20)
+
+
+@pytest.fixture(scope="module")
+def snapshot(scene, kernels):
+    """The page on `tiny` with the map of a few modes, the array a little off the truth."""
+    measurement, solver = cached_measurement(scene), solvers.load("joint")
+    problem = measurement.problem()
+    state = solver.init(problem, scene.solver, 0)
+    away = 0.01 * np.random.default_rng(4).normal(size=measurement.positions.shape)
+    view = view_of([dataclasses.replace(state, positions=measurement.positions + away)])
+    run = prepare.PreparedRun(scene, measurement, problem, solver, SimpleNamespace(view=view), OpenRequest(scene))
+    choices = Choices(MICROPHONE, modes=MODES, order_offset=0)
+    return exports.ViewSnapshot(run, None, view, choices, MICROPHONE, None)
+
+
+@pytest.fixture(scope="module")
+def drawn(snapshot, threads):
+    """The map as the page shows it once nothing changes."""
+    worker, wanted, began = CostMapWorker(snapshot.run, threads), snapshot.map_request, time.monotonic()
+    while time.monotonic() - began < WAIT:
+        found, error = worker.newest(wanted, False, time.monotonic())
+        assert not error
+        if found is not None and found.fine:
+            return found
+        time.sleep(IDLE_TIME / 10)
+    pytest.fail("there is no fine map")
+
+
+def test_the_fine_map_is_begun_only_after_the_one_on_the_lattice_of_the_solver(snapshot, monkeypatch, threads):
+    """However long that one takes: it is the first that a browser shows."""
+    begun, gate = [], threading.Event()
+    coarse, fine = CostMapWorker._compute, CostMapWorker._compute_fine
+    monkeypatch.setattr(CostMapWorker, "_compute", lambda *args: (gate.wait(WAIT), coarse(*args))[1])
+    monkeypatch.setattr(CostMapWorker, "_compute_fine", lambda *args: (begun.append(True), fine(*args))[1])
+    worker, wanted = CostMapWorker(snapshot.run, threads), snapshot.map_request
+    for now in (0.0, 2 * IDLE_TIME, 9 * IDLE_TIME):
+        worker.newest(wanted, False, now)
+    assert not worker._fine_worker.busy and not begun
+    gate.set()
+    assert worker.worker.wait_for(lambda latest: latest is not None, WAIT)
+    worker.newest(wanted, False, 9 * IDLE_TIME)
+    assert worker._fine_worker.wait_for(lambda latest: latest is not None, WAIT) and begun
+
+
+def test_the_file_for_paraview_has_the_map_of_the_screen(snapshot, drawn, tmp_path):
+    import pyvista
+
+    path = tmp_path / "map.vti"
+    path.write_bytes(exports.KINDS["Map (VTI for ParaView)"].make(snapshot))
+    grid = pyvista.read(path)
+    assert grid.dimensions[:2] == drawn.floor.rgb.shape[1::-1], "as fine as the screen"
+    total = grid["sum"].reshape(drawn.panels.total.shape)
+    np.testing.assert_allclose(total, drawn.panels.total, rtol=1e-6)
+    assert np.allclose(grid.points[grid["sum"].argmin()][:2], drawn.floor.lowest[0])
+    marked = minima_of(total.astype(float), drawn.panels.search)
+    assert np.allclose(marked.lowest, drawn.floor.lowest) and np.allclose(marked.others, drawn.minima.others)
+    assert path.stat().st_size < 30e6
+
+
+def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
+    figures = []
+    monkeypatch.setattr(exports, "call", lambda _, __, *drawn: figures.append(draw_landscape(*drawn)) or b"")
+    exports.KINDS["Maps as in Fig. 1 (PNG)"].make(snapshot)
+    panels = [axes for axes in figures[0].axes if axes.images]
+    assert len(panels) == len(MODES) + 1
+    for axes, cost in zip(panels, [*drawn.panels.maps, drawn.panels.total], strict=True):
+        lines = {line.get_label(): line for line in axes.lines}
+        row, column = np.unravel_index(cost.argmin(), cost.shape)
+        lowest = map_positions(np.array([[row, column]]), drawn.panels.search)[0]
+        assert np.allclose(lines["lowest cost"].get_xydata()[0], lowest)
+        assert np.allclose(lines["true"].get_xydata()[0], snapshot.run.measurement.positions[MICROPHONE])
+        estimate = snapshot.view.state.positions[MICROPHONE]
+        assert np.allclose(lines["estimate"].get_xydata()[0], estimate) and lines["estimate"].get_marker() == "x"
+        assert np.allclose(to_rgb(lines["estimate"].get_color()), np.array(ESTIMATE) / 255), (
+            "a red cross is an estimate"
+        )
+        assert np.allclose(to_rgb(lines["lowest cost"].get_color()), np.array(LOWEST) / 255)
+        assert axes.images[0].get_array().shape == cost.shape, "as fine as the screen"
+    assert np.allclose(
+        {line.get_label(): line for line in panels[-1].lines}["lowest cost"].get_xydata()[0], drawn.floor.lowest[0]
+    )
+
+
+def test_files_leave_nothing_open(snapshot, drawn, kernels):
+    """Each session makes them on a thread of its own, for each of which matplotlib would keep fonts open."""
+    shown, got, open_files = dataclasses.replace(snapshot, drawn=drawn), [], []
+    client = SimpleNamespace(
+        add_notification=lambda *_, **__: None, send_file_download=lambda name, *_, **__: got.append(name)
+    )
+    kinds = sorted(exports.KINDS.keys() - {exports.PICTURE})
+    for _ in range(2):
+        session = Threads()
+        saving = exports.Exports(session)
+        for kind in kinds:
+            saving.ask(client, kind, shown)
+        worker = saving.worker
+        assert worker.wait_for(lambda _, worker=worker: not worker.busy, WAIT)
+        session.close(WAIT)
+        open_files.append(len(os.listdir("/proc/self/fd")))
+    assert len(got) == 2 * len(kinds) and open_files[0] == open_files[1]
+
+
+def test_the_thumbnails_are_of_the_lattice_of_the_map(snapshot, drawn):
+    assert drawn.panels.maps.shape == (3, *drawn.panels.total.shape) and drawn.panels.modes == MODES
+    np.testing.assert_allclose(drawn.panels.maps.sum(axis=0), drawn.panels.total)
+    row, column = np.unravel_index(drawn.panels.total.argmin(), drawn.panels.total.shape)
+    lowest = map_positions(np.array([[row, column]]), drawn.panels.search)[0]
+    assert np.allclose(lowest, drawn.floor.lowest[0])
+
+
+def test_a_file_takes_the_maps_that_are_on_the_screen_and_computes_others(snapshot, drawn):
+    shown = dataclasses.replace(snapshot, drawn=drawn)
+    found = shown.fine_panels(8)
+    assert found.modes == MODES and found.total is drawn.panels.total and shown.fine_panels(2).modes == (7, 20)
+    assert dataclasses.replace(shown, microphone=MICROPHONE + 1).fine_panels(8) is None
+    assert dataclasses.replace(shown, choices=dataclasses.replace(shown.choices, modes=(7,))).fine_panels(8) is None
+    assert dataclasses.replace(shown, drawn=dataclasses.replace(drawn, fine=False)).fine_panels(8) is None
+    assert snapshot.fine_panels(8) is None

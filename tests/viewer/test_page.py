@@ -1,4 +1,4 @@
-"""The page in a real browser: keys, a lesson, and clients that send malformed or hostile messages."""
+"""The page in a real browser: address, keys, a lesson, malformed and hostile clients, a server that comes back."""
 
 import contextlib
 import http.server
@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 import viser
-from browsing import begin_anew, opened_page, press, serving_here
+from browsing import COARSE, begin_anew, choose, opened_page, press, serving_here, slider, tab, unfold
 from websockets.exceptions import ConnectionClosed
 
 from benchmarks.protocol import CAMERA, connect, send
@@ -26,21 +26,20 @@ LESSON = "3_too_many_too_soon"
 
 @pytest.fixture(scope="module")
 def served(kernels):
-    """Address of a server, and a function that replaces it by another one at the same address."""
+    """Address of a server, and functions that stop it and start another one at the same address."""
     scene, lessons = load_scene("tiny"), (load_lesson(LESSON),)
     with contextlib.ExitStack() as stack:
         url = stack.enter_context(serving_here(scene, lessons=lessons))
 
-        def restart():
-            stack.close()
+        def start():
             stack.enter_context(serving_here(scene, lessons=lessons, port=int(url.rpartition(":")[2])))
 
-        yield SimpleNamespace(url=url, restart=restart)
+        yield SimpleNamespace(url=url, stop=stack.close, start=start)
 
 
 @pytest.fixture(scope="module")
 def page(served, browser):
-    page = opened_page(browser, served.url)
+    page = opened_page(browser, served.url, f"{COARSE}&microphone=5&modes=2-4&map=none")
     page.get_by_text("step 0, sweep 0").wait_for()
     yield page
     page.close()
@@ -62,13 +61,43 @@ def alive(page):
     page.get_by_text(re.compile("^step 1, ")).wait_for()
 
 
+def test_the_page_follows_its_address_the_theme_and_the_arrows_and_its_address_follows_it(page, served, browser):
+    page.wait_for_function("location.hash.includes('scene=tiny&microphone=5&modes=2-4&map=none')")
+    page.emulate_media(color_scheme="dark")
+    page.locator("html[data-mantine-color-scheme=dark]").wait_for()
+    page.evaluate("location.hash = 'microphone=7&map=none'")
+    page.wait_for_function("location.hash.includes('microphone=7')")
+    tab(page, "Map")
+    handle = slider(page, "Microphone")
+    handle.focus()
+    place = "window.__viserMutable.camera.position.toArray().join()"
+    before = page.evaluate(place)
+    handle.press("ArrowRight", delay=300)
+    page.wait_for_function("location.hash.includes('microphone=8')")
+    assert page.evaluate(place) == before, "the arrows move the slider alone"
+    page.goto("about:blank")  # away, while another browser goes on
+    other = opened_page(browser, served.url, f"{COARSE}&microphone=3&map=none")
+    other.wait_for_function("location.hash.includes('microphone=3')")
+    page.go_back()
+    page.wait_for_function("location.hash.includes('microphone=3')")
+    other.wait_for_timeout(500)
+    assert "microphone=3" in other.evaluate("location.hash"), "who comes back leaves the session as it is"
+    other.evaluate("location.hash = 'microphone=8&map=none&scene=t%69ny'")
+    page.wait_for_function("location.hash.includes('microphone=8')")
+    other.close()
+    page.keyboard.press("v")  # a map again
+    page.keyboard.press("u")
+
+
 def test_keys_do_what_buttons_do(page):
     begin_anew(page)
     page.keyboard.press("n")
     page.get_by_text(re.compile("^step 1, ")).wait_for()
     page.keyboard.press("b")
     page.get_by_text("step 0, sweep 0").wait_for()
-    page.get_by_role("tab", name="Map", exact=True).click()
+    page.evaluate("location.hash = 'microphone=1&map=flat&face=expert'")
+    tab(page, "Map")
+    page.get_by_text(re.compile("^microphone 1,")).first.wait_for()
     page.keyboard.press("m")
     page.get_by_text(re.compile("^microphone 2,")).first.wait_for()
     page.keyboard.press("Shift+M")
@@ -90,23 +119,45 @@ def test_a_key_does_nothing_while_a_text_is_typed(page):
     page.keyboard.press("u")
 
 
-def test_a_lesson_runs_from_its_start_to_the_answer(page):
+def test_a_lesson_is_taken_with_clicks_and_keys_and_what_was_before_comes_back(page):
     lesson = load_lesson(LESSON)
+    begin_anew(page)
+    press(page, "Step")
+    page.get_by_text(re.compile("^step 1, ")).wait_for()
+    tab(page, "Map")
+    handle = slider(page, "Microphone")
+    handle.focus()
+    handle.press("Home")
+    unfold(page, "Scale and quantity")
+    choose(page, "Scale", "Linear")
+    page.get_by_text("microphone 0, ").first.wait_for()
     press(page, "Lessons")
     press(page, lesson.title)
     page.get_by_text(f"{lesson.title}, step 1 of 3").wait_for()
+    page.get_by_text(lesson.steps[0].question).wait_for()
     page.get_by_text("modes 1 to 20, 102.1 to 591.8 Hz").wait_for()
     page.locator(".fdcal-legend").get_by_text("modes 1 to 20").wait_for()
-    press(page, lesson.steps[0].choices[1])
-    page.get_by_text("Right.", exact=True).wait_for()
+    press(page, lesson.steps[0].choices[0])  # a wrong answer, in its own words
+    page.get_by_text(f"The answer is: {lesson.steps[0].choices[1]}.").wait_for()
     page.get_by_text("After 7 sweeps").wait_for()
     page.get_by_text("sweep 7").wait_for()
     page.get_by_text("Converged", exact=True).wait_for()
-    press(page, "Next step")
+    page.keyboard.press("j")  # nothing on the page takes it as a letter
     page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
     page.get_by_text("step 0, sweep 0").wait_for()
-    press(page, "End lesson")
+    page.keyboard.press("Shift+J")
+    page.get_by_text(f"{lesson.title}, step 1 of 3").wait_for()
+    press(page, lesson.steps[0].choices[1])
+    page.get_by_text("Right.", exact=True).wait_for()
+    end = page.get_by_role("button", name="End lesson", exact=True).element_handle()
+    press(page, "Restore settings")
+    end.click()  # the answers above it go and come meanwhile, and it is still what it was
     page.locator("[data-region=caption]").wait_for(state="hidden")
+    page.get_by_text(re.compile("^step 1, ")).wait_for()
+    tab(page, "Map")
+    page.get_by_text("microphone 0, ").first.wait_for()
+    number = page.get_by_text("Scale", exact=True).get_attribute("for")
+    assert page.locator(f"[id='{number}']").input_value() == "Linear"
 
 
 # -- hostile and malformed clients -----------------------------------------------------------------------------------
@@ -186,8 +237,16 @@ def test_a_page_of_another_site_is_refused_by_a_real_browser(served, browser, el
         visitor.close()
 
 
-def test_a_page_reconnects_to_a_restarted_server(served, page):
+def test_the_page_comes_back_with_the_server_as_it_was(served, page):
     alive(page)
-    served.restart()
-    page.get_by_text("step 0, sweep 0").wait_for()
+    page.evaluate("location.hash = 'microphone=8&map=none&face=expert'")
+    page.wait_for_function("location.hash.includes('microphone=8')")
+    served.stop()
+    page.get_by_text("The connection is lost").wait_for()
+    page.wait_for_timeout(3000)  # in which viser alone would make Chromium delay its attempts
+    served.start()
+    page.get_by_text("The connection was lost and is back").wait_for()
+    page.wait_for_function("location.hash.includes('microphone=8')")
+    tab(page, "Map")
+    assert slider(page, "Microphone").get_attribute("aria-valuenow") == "8"
     alive(page)

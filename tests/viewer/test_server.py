@@ -24,8 +24,6 @@ from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import parameters_of
 from fdcal.viewer import app
 from fdcal.viewer.server import client_values, hardening
-from fdcal.viewer.server import hardening as message_buffer
-from fdcal.viewer.server import hardening as origin_probe
 from fdcal.viewer.server.hardening import encoded, titled
 
 MAIN = threading.main_thread()
@@ -181,7 +179,7 @@ def refused(opened):
 
 
 def test_a_server_that_opens_refuses_a_foreign_page(server):
-    origin_probe.require_foreign_origin_refused("127.0.0.1", server.get_port())
+    hardening.require_foreign_origin_refused("127.0.0.1", server.get_port())
 
 
 @pytest.mark.parametrize(
@@ -194,6 +192,8 @@ def test_a_server_that_opens_refuses_a_foreign_page(server):
         ("localhost:{port}", "http://localhost", 403),
         ("127.0.0.1:{port}", "http://localhost:{port}", 403),
         ("localhost:{port}", "null", 403),
+        ("127.0.0.1:{port}", "http://127.0.0.1.evil.example", 403),
+        ("localhost:{port}", "https://localhost.evil:80", 403),
         ("evil.example:{port}", "http://evil.example:{port}", 403),  # a name that was made to lead to this machine
         ("localhost:{port}", None, 403),
     ],
@@ -264,7 +264,7 @@ def test_viser_without_a_private_name_is_not_served(monkeypatch, opened, name):
 
 
 def test_viser_without_its_message_buffer_is_not_served(monkeypatch, opened):
-    monkeypatch.delattr(message_buffer._infra, "AsyncMessageBuffer")
+    monkeypatch.delattr(hardening._infra, "AsyncMessageBuffer")
     refused(opened)
     assert not opened
 

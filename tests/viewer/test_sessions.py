@@ -1,12 +1,14 @@
-"""From a request to a session on the page, and from one session to the next."""
+"""From a request to a session on the page, from one session to the next, and what the old one leaves."""
 
 import collections
 import dataclasses
+import gc
 import os
 import subprocess
 import sys
 import threading
 import time
+import weakref
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,12 +16,14 @@ import pytest
 from browsing import WAIT
 from doubles import finish
 
+from benchmarks.bench_switches import MAX_GROWTH, soak
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import OpenRequest
+from fdcal.viewer import page as page_module
 from fdcal.viewer.background import prepare as preparing
 from fdcal.viewer.background.prepare import SessionSwitcher
 from fdcal.viewer.preview import show_cached
@@ -332,6 +336,9 @@ def ready(url):
         os.kill(os.getpid(), signal.SIGINT)
     threading.Thread(target=interrupt, daemon=True, name="finger").start()
 serve(OpenRequest(load_scene(sys.argv[1]), play=True), "127.0.0.1", 0, ready)
+end = time.monotonic() + 30  # `serve` does not wait for the search for files and sound cards
+while time.monotonic() < end and any(thread.name in ("fdcal-cards", "fdcal-files") for thread in threading.enumerate()):
+    time.sleep(0.05)
 print(*(thread.name for thread in threading.enumerate() if thread is not threading.main_thread()), sep="|")
 """
 
@@ -339,7 +346,62 @@ print(*(thread.name for thread in threading.enumerate() if thread is not threadi
 def test_ctrl_c_leaves_no_thread(edited):
     """Of a solver whose steps are short; one that is in the middle of a long one ends with the process."""
     command = [sys.executable, "-c", ENDING, str(edited({"solver.name": '"descent"'}))]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT, env=os.environ)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=3 * WAIT, env=os.environ)
     assert run.returncode == 0 and "Traceback" not in run.stderr, run.stderr
     left = [name for name in run.stdout.strip().split("|") if name]
     assert not [name for name in left if name.startswith("fdcal")], left
+
+
+def test_a_session_that_was_replaced_is_released(page_of, scene, server, monkeypatch):
+    """Without waiting for Python's own collector, and with no message left about controls that were removed."""
+    monkeypatch.setattr(page_module, "RELEASE_DELAY", 0.1)
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None)
+    messages, sizes = server._websock_server._broadcast_buffer.message_from_id, []
+    gc.disable()
+    try:
+        for n in range(3):
+            old, viewer = weakref.ref(page.viewer), page.viewer
+            page.open(OpenRequest(scene, start_seed=n))
+            turn_until(lambda viewer=viewer: page.viewer is not viewer)
+            del viewer
+            turn_until(lambda old=old: old() is None)
+            sizes.append(len(messages))
+    finally:
+        gc.enable()
+    assert np.ptp(sizes[1:]) < 20, sizes
+
+
+def test_a_session_is_released_though_a_release_was_due_as_it_was_replaced(page_of, scene, monkeypatch):
+    """Each session has a release of its own after its end: one that is due at once finds it still in use."""
+    monkeypatch.setattr(page_module, "RELEASE_DELAY", 0.1)
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None)  # from now on a release is due
+    old, used = weakref.ref(page.viewer), page.viewer
+    gc.disable()
+    try:
+        page.open(OpenRequest(scene, start_seed=1))
+        page.tick(0.0)  # prepares it
+        turn_until_ready(page)
+        time.sleep(0.1)
+        page.tick(time.perf_counter())  # both at once
+        assert page.viewer is not used
+        del used
+        turn_until(lambda: old() is None)
+    finally:
+        gc.enable()
+
+
+def turn_until_ready(page):
+    """Wait until the session in preparation can be shown, and do not show it."""
+    current, end = page.switcher._current, time.perf_counter() + WAIT
+    while not current.done:
+        assert time.perf_counter() < end
+        time.sleep(0.01)
+
+
+def test_the_memory_of_a_server_does_not_grow_by_scene_switches():
+    seen = soak(8, ["tiny"], settle_time=3.0)
+    assert seen.end - seen.start <= MAX_GROWTH and seen.threads_left <= 0 and not seen.errors

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from browsing import WAIT
-from doubles import State, view_of
+from doubles import State, assessment, view_of
 
 import fdcal
 from fdcal import solvers
@@ -17,13 +17,12 @@ from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.graphics.overlays import with_faulty_channels
 from fdcal.graphics.picture import static_picture
 from fdcal.model.settings import SolverSettings
-from fdcal.session.calibration_run import Assessment, assess_state, healthy_microphones, solve
+from fdcal.session.calibration_run import assess_state, healthy_microphones, solve
 from fdcal.session.process import one_blas_thread
 from fdcal.session.session import History
 from fdcal.session.sources import CalibrationInput, OpenRequest, scene_input
 from fdcal.viewer.background import prepare
 from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, verdict_html
-from fdcal.viewer.server.hardening import STYLE
 from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, uncertainty_of
 from fdcal.viewer.tabs.microphones import channel_table, given_table
 
@@ -55,26 +54,20 @@ def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
     assert made.of(dataclasses.replace(state, step=99), False, now) is None, "of another state"
 
 
-def found(verdict, text, **changes):
-    covariance = np.array([0.0, 3e-4, 3e-4])[:, None, None] ** 2 / 2 * np.eye(2)
-    numbers = dict(covariance=covariance, search_spread=np.zeros(3), evidence=Evidence(1.0))
-    return Assessment(np.zeros((3, 2)), None, verdict, text, **numbers | changes)
-
-
 def test_the_line_is_coloured_by_the_code():
     assert verdict_html(None) == ""
-    good = verdict_html(found("good", "the positions & more"))
+    good = verdict_html(assessment("good", "the positions & more"))
     assert GOOD in good and "<b>good</b>: the positions &amp; more" in good
-    bad = verdict_html(found("model_mismatch", "no", evidence=Evidence(1.0, leave_one_out_db=-12.34)))
+    bad = verdict_html(assessment("model_mismatch", "no", evidence=Evidence(1.0, leave_one_out_db=-12.34)))
     assert "<b>model mismatch</b>" in bad, "words, not a code"
     assert DOUBTFUL in bad and GOOD not in bad and "leave-one-out error -12.3 dB" in bad
-    dead = found("good", "faulty: b dead", channels=Channels(*np.zeros((5, 3)), (ChannelFault("b", "dead"),)))
+    dead = assessment("good", "faulty: b dead", channels=Channels(*np.zeros((5, 3)), (ChannelFault("b", "dead"),)))
     assert FAULTY in verdict_html(dead) and GOOD not in verdict_html(dead), "not all is good"
 
 
 def test_odd_channels_do_not_count_in_the_mean_error_once_they_are_named():
     faults = (ChannelFault("b", "dead"), ChannelFault("c", "misplaced", 0.1, "m"))
-    judged = found("good", "", channels=Channels(*np.zeros((5, 4)), faults))
+    judged = assessment("good", "", channels=Channels(*np.zeros((5, 4)), faults))
     assert healthy_microphones(np.array([1, 2, 3]), "abcd", judged).tolist() == [2, 3]
     assert healthy_microphones(np.array([1]), "abcd", judged).tolist() == [1], "where no other is left"
     assert healthy_microphones(np.array([1, 2]), "abcd", None).tolist() == [1, 2]
@@ -83,53 +76,13 @@ def test_odd_channels_do_not_count_in_the_mean_error_once_they_are_named():
 def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_again_after_a_reset(work, threads):
     worker, states = VerdictWorker(work, threads), [State(work.measurement.positions, step) for step in range(2)]
     names, lineage = work.measurement.names, object()
-    judged = found("good", "", channels=Channels(*np.zeros((5, 10)), (ChannelFault(names[5], "dead"),)))
+    judged = assessment("good", "", channels=Channels(*np.zeros((5, 10)), (ChannelFault(names[5], "dead"),)))
     view = dataclasses.replace(view_of(states), history=History(states, 2, lineage))
     assert worker.sought(view, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
     assert worker.sought(view, judged).tolist() == [3, 4, 6, 7, 8, 9]
     assert worker.sought(view, None).tolist() == [3, 4, 6, 7, 8, 9], "another state of the same run"
     again = dataclasses.replace(view, history=History(states, 1, object()))
     assert worker.sought(again, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
-
-
-SIZES = f"<style>{STYLE.read_text(encoding='utf-8')}</style>"  # of type
-
-
-def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_them(browser):
-    words = "the residual of 10 of 63 microphones is large: " + "one cause, or another; " * 20
-    faulty = Channels(*np.zeros((5, 50)), (ChannelFault("20", "inverted"),))
-    shown = [
-        None,
-        found("good", "short"),
-        found("model_mismatch", words, evidence=Evidence(1.0, leave_one_out_db=-9.0)),
-    ]
-    shown += [found("model_mismatch", words, evidence=Evidence(1.0, leave_one_out_db=-9.0), channels=faulty)]
-    page, heights = browser.new_page(viewport={"width": 340, "height": 720}), []
-    for one in shown:
-        page.set_content(f"{SIZES}<div id='box'>{verdict_html(one, pending=True)}</div>")
-        heights.append(page.locator("#box").bounding_box()["height"])
-    page.locator("summary").click()
-    assert words.strip() in page.locator("summary").inner_text() and page.get_by_text("-9.0 dB").is_visible()
-    opened = page.locator("#box").bounding_box()["height"]
-    page.close()
-    assert np.ptp(heights) < 1 and opened > heights[0] + 100, heights
-
-
-def test_the_names_of_two_odd_channels_are_seen_without_a_click(browser):
-    odd = "nothing speaks against the positions of the other microphones; one sigma 0.45 mm; faulty: microphone 20: "
-    odd += "inverted; microphone 45: dead"
-    faults = (ChannelFault("20", "inverted"), ChannelFault("45", "dead"))
-    page = browser.new_page(viewport={"width": 340, "height": 720})
-    hidden = []
-    for channels in (None, Channels(*np.zeros((5, 50)), faults)):
-        line = verdict_html(found("good", odd, channels=channels))
-        page.set_content(
-            f"{SIZES}<body style='margin: 0; font: 14px DejaVu Sans, sans-serif'>{line}</body>"
-        )  # as viser's
-        words = page.locator("summary div").first
-        hidden.append(words.evaluate("words => words.scrollHeight > words.clientHeight + 2"))
-    page.close()
-    assert hidden == [True, False]
 
 
 INVERTED = 9

@@ -23,7 +23,7 @@ from fdcal.viewer.scene3d.nodes import SceneNodes
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.comparison import ComparisonTab
 from fdcal.viewer.tabs.map import MapTab, caption
-from fdcal.viewer.tabs.view import ViewSnapshot, map_request
+from fdcal.viewer.tabs.view import ViewSnapshot
 
 MICROPHONE = 10
 
@@ -67,8 +67,8 @@ def first(worker, wanted, fine):
 
 
 def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(worker, snapshot):
-    coarse = first(worker, map_request(snapshot), False)
-    fine = first(worker, map_request(snapshot), True)
+    coarse = first(worker, snapshot.map_request, False)
+    fine = first(worker, snapshot.map_request, True)
     assert coarse.floor is None and fine.floor is None
     assert len(fine.volume.surface.faces) > 2 * len(coarse.volume.surface.faces)
     assert fine.cost_here == pytest.approx(coarse.cost_here, rel=0.05)
@@ -81,7 +81,7 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(worker, snapshot)
 
 
 def test_the_slice_goes_through_the_estimate_until_it_is_moved(worker, snapshot):
-    wanted = map_request(snapshot)
+    wanted = snapshot.map_request
     place = wanted.state.positions[MICROPHONE]
     for axis, number in (("x", 0), ("y", 1), ("z", 2)):
         request = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_axis=axis))
@@ -98,7 +98,7 @@ def test_the_slice_goes_through_the_estimate_until_it_is_moved(worker, snapshot)
 
 
 def test_another_microphone_or_other_modes_make_another_volume(worker, snapshot):
-    wanted = map_request(snapshot)
+    wanted = snapshot.map_request
     costs = {
         first(worker, dataclasses.replace(wanted, **change), False).lowest
         for change in ({}, {"microphone": 11}, {"modes": (2, 6)})
@@ -107,7 +107,7 @@ def test_another_microphone_or_other_modes_make_another_volume(worker, snapshot)
 
 
 def test_a_moved_slice_is_drawn_from_the_same_volume_and_the_last_one_stays_meanwhile(worker, snapshot):
-    wanted = map_request(snapshot)
+    wanted = snapshot.map_request
     drawn = first(worker, wanted, True)
     moved = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_position=1.1))
     elsewhere = dataclasses.replace(moved, microphone=3)
@@ -120,19 +120,19 @@ def test_a_moved_slice_is_drawn_from_the_same_volume_and_the_last_one_stays_mean
 
 
 def test_basins_in_space_are_a_slice_without_isosurfaces_that_follows_its_slider(worker, snapshot):
-    wanted = map_request(snapshot)
+    wanted = snapshot.map_request
     style = dataclasses.replace(wanted.style, basins=True)
     drawn = first(worker, dataclasses.replace(wanted, style=style), True)
-    assert drawn.bar is None and not len(drawn.volume.surface.faces) and drawn.volume.minima
-    assert drawn.areas[0].text.startswith("basin of the true position") and "ends within" in drawn.note
+    assert drawn.volume.bar is None and not len(drawn.volume.surface.faces) and drawn.volume.minima
+    assert drawn.volume.areas[0].text.startswith("basin of the true position") and "ends within" in drawn.note
     moved = first(worker, dataclasses.replace(wanted, style=dataclasses.replace(style, slice_position=0.9)), False)
-    assert moved.areas == drawn.areas and moved.volume.plate.position == pytest.approx(0.9, abs=0.02)
+    assert moved.volume.areas == drawn.volume.areas and moved.volume.plate.position == pytest.approx(0.9, abs=0.02)
     assert not np.array_equal(moved.volume.plate.rgb, drawn.volume.plate.rgb)
     picture = with_volume(compose(snapshot.run.scene, snapshot.run.measurement), drawn.volume)
-    assert picture.bar is None and picture.areas == drawn.areas
+    assert picture.bar is None and picture.areas == drawn.volume.areas
     same = dataclasses.replace(drawn.volume.plate, position=0.0)
     middle = same.rgb[same.rgb.shape[0] // 2, same.rgb.shape[1] // 2]
-    assert any(tuple(middle) == area.colour for area in drawn.areas)
+    assert any(tuple(middle) == area.colour for area in drawn.volume.areas)
 
 
 def test_the_vti_file_has_the_volume(snapshot, tmp_path):
@@ -184,7 +184,7 @@ def test_the_scene_has_surfaces_and_slice_and_moves_the_slice_without_a_new_node
         return made[-1]
 
     monkeypatch.setattr(server.scene, "add_image", adding)
-    run, nodes, wanted = snapshot.run, SceneNodes(server), map_request(snapshot)
+    run, nodes, wanted = snapshot.run, SceneNodes(server), snapshot.map_request
     picture = compose(run.scene, run.measurement, snapshot.view.state.positions, MICROPHONE)
     nodes.show(with_volume(picture, first(worker, wanted, True).volume))
     assert {"isosurfaces", "slice", "lowest"} <= set(nodes.parts)

@@ -188,13 +188,13 @@ def _lattice(x: np.ndarray) -> np.ndarray:
     low, high = x.min(axis=0), x.max(axis=0)
     margin = RULES.margin * float((high - low).max())
     low, high = low - margin, high + margin
-    if x.shape[1] == 2:
-        axes = [np.linspace(low[a], high[a], RULES.lattice) for a in range(2)]
-        return np.stack(np.meshgrid(*axes), axis=-1)
-    axes = [np.linspace(low[a], high[a], RULES.lattice_3d) for a in range(2)]
+    flat = x.shape[1] == 2
+    count = RULES.lattice if flat else RULES.lattice_3d
+    across, along = np.meshgrid(*(np.linspace(low[a], high[a], count) for a in range(2)))
+    if flat:
+        return np.stack([across, along], axis=-1)
     heights = np.linspace(low[2] + margin, high[2] - margin, RULES.layers)
-    x, y = np.meshgrid(*axes)
-    return np.stack([np.stack([x, y, np.full_like(x, z)], axis=-1) for z in heights])
+    return np.stack([np.stack([across, along, np.full_like(across, z)], axis=-1) for z in heights])
 
 
 def best_tape(request: PlanRequest, information: Information) -> TapeMeasure:

@@ -38,9 +38,7 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
 
     Their own coordinates where these lie inside; otherwise the array is moved off the room's middle.
     """
-    size, x = np.array(request.room), request.layout.positions
-    if len(size) == 3:
-        x = request.layout.in_space(LIMITS.place[2] * size[2])
+    size, x = np.array(request.room), _stated_places(request)
     if _inside(x, size):
         return x
     extent = np.ptp(x, axis=0)
@@ -53,11 +51,13 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
 
 def is_moved(request: PlanRequest) -> bool:
     """Return whether the array's own coordinates do not lie inside the room, so that it is moved there."""
-    if request.room is None:
-        return False
-    size, x = np.array(request.room), request.layout.positions
-    x = request.layout.in_space(LIMITS.place[2] * size[2]) if len(size) == 3 else x
-    return not _inside(x, size)
+    return request.room is not None and not _inside(_stated_places(request), np.array(request.room))
+
+
+def _stated_places(request: PlanRequest) -> np.ndarray:
+    """Return the microphones by their own coordinates, in as many as the room has : (N, 2 or 3) float64, metres."""
+    size = request.room or ()
+    return request.layout.in_space(LIMITS.place[2] * size[2]) if len(size) == 3 else request.layout.positions
 
 
 def _inside(places: np.ndarray, size: np.ndarray) -> bool:

@@ -15,26 +15,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...cost.basins import Basins, basins_of
+from ...cost import maps
+from ...cost.basins import basins_of
 from ...cost.expansion import ORDER_OFFSET, expansion_of
-from ...cost.maps import (
-    VOLUME_NEGLIGIBLE,
-    CostVolume,
-    cost_maps,
-    cost_volume,
-    interpolate,
-    lattice_of,
-    map_minima,
-    minima_of,
-    mode_shape,
-    power_shares,
-    refined,
-)
 from ...cost.scale import Minima
 from ...graphics.basin_map import basin_floor, basin_slice, descent_text
 from ...graphics.heatmap import cost_floor, cost_label, field_floor
 from ...graphics.picture import row_word, z_range_of
-from ...graphics.primitives import Area, ColourBar, Floor
+from ...graphics.primitives import Floor
 from ...graphics.volume import AXES, PIXELS, POINTS, SampledVolume, Volume, drawn_volume, sampled_volume, sliced
 from ...model.measurement import Measurement
 from ...model.problem import Problem
@@ -43,7 +31,7 @@ from ...model.validation import InputError
 from ...solvers.interface import RunState
 from ..display_frame import drawn_truth
 from ..gui.html import error_message
-from .prepare import PreparedRun, Threads
+from .prepare import Last, PreparedRun, Threads
 
 
 @dataclass(frozen=True)
@@ -83,17 +71,12 @@ class CostMapRequest:
         """Whether this map may be shown in place of `wanted`: while running, the map of an older state may."""
         if self == wanted or not running:
             return self == wanted
-        mine, theirs = (
-            (
-                None if wanted.follow else one.microphone,
-                one.modes if one.custom_modes else None,
-                one.order_offset,
-                one.style,
-                one.take,
-            )
-            for one in (self, wanted)
-        )
-        return mine == theirs and self.lineage is wanted.lineage
+
+        def fixed(one: CostMapRequest) -> tuple:
+            microphone, modes = None if wanted.follow else one.microphone, one.modes if one.custom_modes else None
+            return microphone, modes, one.order_offset, one.style, one.take
+
+        return fixed(self) == fixed(wanted) and self.lineage is wanted.lineage
 
     def differs_in_style(self, wanted: CostMapRequest) -> bool:
         """Whether `wanted` is this map of costs or field in another style; its state may be newer."""
@@ -165,11 +148,7 @@ def modes_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
 
 
 def map_modes(
-    run: PreparedRun,
-    state: RunState,
-    chosen: tuple[int, ...] | None,
-    order_offset: int | None,
-    take: int | None = None,
+    run: PreparedRun, state: RunState, chosen: tuple[int, ...] | None, order_offset: int | None, take: int | None = None
 ) -> tuple[int, ...]:
     """Return the modes of a map, counted from 1.
 
@@ -222,13 +201,13 @@ def fine_panels(
     problem, modes, offset = run.problem, request.modes, request.order_offset
     if problem.search is None:
         raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
-    search, shown = refined(problem.search), set(shown_modes(len(modes), max_count).tolist())
-    fraction = np.ones(len(modes)) if offset is None else power_shares(problem, request.state, modes)
+    search, shown = maps.refined(problem.search), set(shown_modes(len(modes), max_count).tolist())
+    fraction = np.ones(len(modes)) if offset is None else maps.power_shares(problem, request.state, modes)
     total, kept = np.zeros(1), []
     for i, mode in enumerate(modes):
         if cancelled():
             return None
-        cost = cost_maps(problem, run.solver, request.state, request.microphone, (mode,), offset, search)[0]
+        cost = maps.cost_maps(problem, run.solver, request.state, request.microphone, (mode,), offset, search)[0]
         total = total + fraction[i] * cost
         if i in shown:
             kept.append(fraction[i] * cost)
@@ -250,29 +229,9 @@ class CostMap:
     note: str = ""  # on the basins of attraction, in words; "" of other maps
     sampled: SampledVolume | None = None  # values of a volume; None of a map on the floor
 
-    @property
-    def areas(self) -> tuple[Area, ...]:
-        """What its colours stand for, where they have no scale."""
-        part = self.volume if self.floor is None else self.floor
-        return () if part is None else part.areas
-
-    @property
-    def bar(self) -> ColourBar | None:
-        """The scale of its colours; None where they stand for areas."""
-        if self.volume is not None:
-            return self.volume.bar
-        if self.floor is None:
-            raise ValueError("a map has a floor or a volume")
-        return self.floor.bar
-
 
 def cost_map(
-    run: PreparedRun,
-    request: CostMapRequest,
-    total,
-    search: Search,
-    minima: Minima,
-    panels: ModePanels | None = None,
+    run: PreparedRun, request: CostMapRequest, total, search: Search, minima: Minima, panels: ModePanels | None = None
 ) -> CostMap:
     """Return a finished map on the floor.
 
@@ -280,12 +239,13 @@ def cost_map(
     `total`; `minima`: to be marked; `panels`: maps of single modes, or None.
     """
     style, n = request.style, request.microphone
-    here = interpolate(total, search, request.state.positions[n])
+    here = maps.interpolate(total, search, request.state.positions[n])
     figures = minima, here, min(here, float(total.min()))  # the lowest cost may lie between lattice points
     height = z_range_of(run.known_scene, run.measurement)[0]
     if style.basins:
-        floor, note = basins_floor(run, request, total, search, minima, height)
-        return CostMap(request, floor, panels, *figures, note=note)
+        basins, (place, name) = basins_of(total), place_of_basin(run, request)
+        floor = replace(basin_floor(basins, search, minima, place, name, height), show_minima=style.minima)
+        return CostMap(request, floor, panels, *figures, note=descent_text(basins, search, place, name))
     label = f"{map_label(run, request)}, {modes_label(run.measurement, request.modes)}"
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:.2f} m"
@@ -295,18 +255,6 @@ def cost_map(
         decibels=request.order_offset is not None,
     )  # fmt: skip
     return CostMap(request, replace(floor, show_minima=style.minima), panels, *figures)
-
-
-def basins_floor(
-    run: PreparedRun, request: CostMapRequest, total: np.ndarray, search: Search, minima: Minima, height: float
-) -> tuple[Floor, str]:
-    """Return the basins of attraction of a cost (ny, nx), and a sentence on them.
-
-    `run`, `request`, `search`, `minima`: as of `cost_map`; `height`: of the map, metres.
-    """
-    basins, (place, name) = basins_of(total), place_of_basin(run, request)
-    floor = basin_floor(basins, search, minima, place, name, height)
-    return replace(floor, show_minima=request.style.minima), descent_text(basins, search, place, name)
 
 
 def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarray, str]:
@@ -323,23 +271,20 @@ COARSE_PIXELS = 80  # of a slice, along its longer edge
 
 
 class VolumeMaps:
-    """Computes volumes on the threads of the maps, and keeps the last of each."""
+    """Computes volumes on the threads of the maps, and keeps the last of each, coarse and fine."""
 
     def __init__(self, run: PreparedRun):
         self._run = run
-        self._sampled: dict[bool, tuple[tuple, SampledVolume]] = {}  # by whether fine
-        self._drawn: dict[bool, tuple[tuple, Volume]] = {}  # likewise, without a slice
-        self._found: dict[bool, tuple[tuple, Basins]] = {}  # likewise
+        # by whether fine: the values, what is drawn of them without a slice, and their basins
+        self._sampled, self._drawn, self._found = ({False: Last(), True: Last()} for _ in range(3))
 
     def coarse(self, request: CostMapRequest) -> CostMap:
         """Return the volume on a coarse lattice, or the fine one where that is there already; with a coarse slice."""
-        found = self._sampled.get(True)  # in one look: the other thread may store the next one meanwhile
-        if found is not None and found[0] == _key(request):
-            return self._map(request, found[1], True, COARSE_PIXELS)
-        sampled = self._sample(request, False, lambda: False)
+        fine = self._sampled[True].get(_key(request))
+        sampled = fine or self._sample(request, False, lambda: False)
         if sampled is None:
             raise ValueError("a volume that nobody cancels is complete")
-        return self._map(request, sampled, False, COARSE_PIXELS)
+        return self._map(request, sampled, fine is not None, COARSE_PIXELS)
 
     def fine(self, request: CostMapRequest, cancelled: Callable[[], bool]) -> CostMap | None:
         """Return the volume on a fine lattice; None once cancelled."""
@@ -348,45 +293,29 @@ class VolumeMaps:
 
     def _sample(self, request: CostMapRequest, fine: bool, cancelled: Callable[[], bool]) -> SampledVolume | None:
         """Return the values of the volume of a request, the last ones where they are of the same cost."""
-        key = _key(request)
-        found = self._sampled.get(fine)
-        if found is not None and found[0] == key:
-            return found[1]
-        negligible = VOLUME_NEGLIGIBLE if fine else COARSE_NEGLIGIBLE
-        terms = terms_of(self._run.problem, request, cancelled, negligible)
-        sampled = None if terms is None else sampled_volume(terms, POINTS if fine else COARSE_POINTS, cancelled)
-        if sampled is not None:
-            self._sampled[fine] = key, sampled
-        return sampled
+
+        def sample() -> SampledVolume | None:
+            negligible = maps.VOLUME_NEGLIGIBLE if fine else COARSE_NEGLIGIBLE
+            terms = terms_of(self._run.problem, request, cancelled, negligible)
+            return None if terms is None else sampled_volume(terms, POINTS if fine else COARSE_POINTS, cancelled)
+
+        return self._sampled[fine].of(sample, _key(request))
 
     def _map(self, request: CostMapRequest, sampled: SampledVolume, fine: bool, pixels: int) -> CostMap:
-        if request.style.basins:
-            return self._basins(request, sampled, fine)
-        style = request.style
-        key = (_key(request), style.log, style.minima)
-        drawn = self._drawn.get(fine)
-        if drawn is None or drawn[0] != key:
-            drawn = self._drawn[fine] = key, drawn_volume(sampled, style.log, style.minima)
-        position = request.state.positions[request.microphone]
-        volume = sliced(
-            drawn[1], sampled, style.slice_axis, place_of(style, position), style.log,
-            pixels,
-        )  # fmt: skip
-        figures, fine = _figures(sampled, position), fine and pixels == PIXELS
-        return CostMap(request, None, None, *figures, fine, volume, sampled=sampled)
-
-    def _basins(self, request: CostMapRequest, sampled: SampledVolume, fine: bool) -> CostMap:
-        """Return a slice through the basins of attraction; another slice needs no new ones."""
-        key, style = _key(request), request.style
-        if self._found.get(fine, (None,))[0] != key:
-            self._found[fine] = key, basins_of(sampled.cost)
-        basins, (place, name) = self._found[fine][1], place_of_basin(self._run, request)
-        position = request.state.positions[request.microphone]
-        volume = basin_slice(
-            basins, sampled.search, style.slice_axis, place_of(style, position), sampled.minima, place, name
-        )
-        volume = volume if style.minima else replace(volume, minima=None)
-        note = descent_text(basins, sampled.search, place, name)
+        key, style, position = _key(request), request.style, request.state.positions[request.microphone]
+        place, note = place_of(style, position), ""
+        if style.basins:  # a slice through them; another slice needs no new ones
+            basins = self._found[fine].of(lambda: basins_of(sampled.cost), key)
+            home, name = place_of_basin(self._run, request)
+            volume = basin_slice(basins, sampled.search, style.slice_axis, place, sampled.minima, home, name)
+            volume = volume if style.minima else replace(volume, minima=None)
+            note = descent_text(basins, sampled.search, home, name)
+        else:
+            drawn = self._drawn[fine].of(
+                lambda: drawn_volume(sampled, style.log, style.minima), key, style.log, style.minima
+            )
+            volume = sliced(drawn, sampled, style.slice_axis, place, style.log, pixels)
+            fine = fine and pixels == PIXELS
         return CostMap(request, None, None, *_figures(sampled, position), fine, volume, note, sampled)
 
 
@@ -394,13 +323,13 @@ def terms_of(
     problem: Problem,
     request: CostMapRequest,
     cancelled: Callable[[], bool] = lambda: False,
-    negligible: float = VOLUME_NEGLIGIBLE,
-) -> CostVolume | None:
+    negligible: float = maps.VOLUME_NEGLIGIBLE,
+) -> maps.CostVolume | None:
     """Return the cost in space of a request, which is that of Eq. 7; None once cancelled."""
     state, offset = request.state, request.order_offset
     offset = ORDER_OFFSET if offset is None else offset
     n, modes = request.microphone, request.modes
-    return cost_volume(problem, state.positions, n, modes, offset, state.channels, cancelled, negligible)
+    return maps.cost_volume(problem, state.positions, n, modes, offset, state.channels, cancelled, negligible)
 
 
 def place_of(style: MapStyle, position: np.ndarray) -> float:
@@ -434,7 +363,7 @@ class CostMapWorker:
     def __init__(self, run: PreparedRun, threads: Threads):
         self._run, self._since = run, 0.0
         self._volumes = VolumeMaps(run)
-        self._costs: dict[str, tuple] = {}  # of each thread: the key of its last costs, and the costs
+        self._costs, self._fine_costs = Last(), Last()  # maps of single modes and minima, of each thread
         self.worker = threads.start(self._compute, "fdcal-map", wakes=True)
         self._fine_worker = threads.start(self._compute_fine, "fdcal-fine-map")
 
@@ -475,13 +404,8 @@ class CostMapWorker:
             self._since = now
             self.worker.newest(wanted)
         drawn = latest is not None and latest.request[0] == wanted
-        if (
-            not wanted.style.shape
-            and drawn
-            and not running
-            and self.worker.wants(wanted)
-            and now - self._since > IDLE_TIME
-        ):
+        idle = not running and now - self._since > IDLE_TIME
+        if drawn and idle and not wanted.style.shape and self.worker.wants(wanted):
             self._fine_worker.newest(wanted)
         return wanted
 
@@ -496,42 +420,41 @@ class CostMapWorker:
             return self._volumes.coarse(request)
         if request.style.shape:
             return self._compute_shape(request)
-        run = self._run  # of basins on a lattice without false minima
-        search = lattice_of(run.problem, request.modes) if request.style.basins else self._search()
-        key = (request.revision, request.microphone, request.modes, request.order_offset, search)
-        if self._costs.get("fast", (None,))[0] != key:
-            n, modes = request.microphone, request.modes
-            maps = cost_maps(run.problem, run.solver, request.state, n, modes, request.order_offset, search)
-            shown = shown_modes(len(modes))
-            panels = ModePanels(tuple(modes[i] for i in shown), maps[shown], maps.sum(axis=0), search)
-            found = map_minima(
-                run.problem, run.solver, request.state, n, modes, request.order_offset, panels.total, search
-            )
-            self._costs["fast"] = key, panels, found
-        _, panels, minima = self._costs["fast"]
-        return cost_map(self._run, request, panels.total, panels.search, minima, panels)
+        run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
+        # of basins on a lattice without false minima
+        search = maps.lattice_of(run.problem, modes) if request.style.basins else self._search()
+
+        def compute() -> tuple[ModePanels, Minima]:
+            each = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search)
+            shown, total = shown_modes(len(modes)), each.sum(axis=0)
+            panels = ModePanels(tuple(modes[i] for i in shown), each[shown], total, search)
+            return panels, maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
+
+        panels, minima = self._costs.of(compute, _key(request), search)
+        return cost_map(run, request, panels.total, search, minima, panels)
 
     def _compute_shape(self, request: CostMapRequest) -> CostMap:
         """On the fast thread: the sound field of a mode."""
         run, mode = self._run, request.modes[-1]
         state = request.state
-        shape = mode_shape(run.problem, state.positions, mode, state.order_offset, state.channels)
+        shape = maps.mode_shape(run.problem, state.positions, mode, state.order_offset, state.channels)
         label = f"pressure of {row_label(run.measurement, mode)} (normalised to a peak of 1)"
         height = z_range_of(run.known_scene, run.measurement)[0]
         return CostMap(request, field_floor(shape, self._search(), label, height), None, None, 0.0, 0.0)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
-        run, n = self._run, request.microphone
+        cancelled = lambda: not self.worker.wants(request)  # noqa: E731
         if request.style.volume:
-            return self._volumes.fine(request, lambda: not self.worker.wants(request))
-        key = (request.revision, n, request.modes, request.order_offset)
-        if self._costs.get("fine", (None,))[0] != key:
-            panels = fine_panels(run, request, lambda: not self.worker.wants(request))
-            if panels is None:
-                return None
-            self._costs["fine"] = key, panels, minima_of(panels.total, panels.search)
-        _, panels, minima = self._costs["fine"]
+            return self._volumes.fine(request, cancelled)
+
+        def compute() -> tuple[ModePanels, Minima] | None:
+            panels = fine_panels(self._run, request, cancelled)
+            return None if panels is None else (panels, maps.minima_of(panels.total, panels.search))
+
+        if (found := self._fine_costs.of(compute, _key(request))) is None:
+            return None
+        panels, minima = found
         if request.style.relief:  # a finer surface would take seconds to send: only the maps side by side are finer
             latest = self.worker.latest
             drawn = None if latest is None or latest.request[0] != request else latest.result

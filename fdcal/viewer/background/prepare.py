@@ -11,7 +11,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -31,6 +31,19 @@ from ...session.sources import OpenRequest, as_given
 from ...session.worker import Delivery, LatestWorker
 from ...solvers import warmup_calls
 from ...solvers.interface import RunState, Solver
+
+
+@dataclass(frozen=True, eq=False)
+class Same:
+    """An object in a key: equal to the same object alone, which it holds, for an id is given again to another one."""
+
+    value: object
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Same) and other.value is self.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
 
 
 class Closable(Protocol):
@@ -74,6 +87,25 @@ class Background(LatestWorker):
         """End the thread after the work in progress; False if that takes longer than `timeout`, s."""
         self.cancel()
         return super().close(timeout)
+
+
+class Last:
+    """Keeps the value that was made last, for its own key alone; None is no value. Threads may share it."""
+
+    def __init__(self):
+        self._kept: tuple[Any, Any] = None, None
+
+    def get(self, *key) -> Any:
+        """Return the value where it was made for this key, else None."""
+        own, value = self._kept
+        return value if own == key else None
+
+    def of(self, make: Callable[[], Any], *key) -> Any:
+        """Return the value for a key, made anew where the last one had another key."""
+        value = self.get(*key)
+        if value is None and (value := make()) is not None:
+            self._kept = key, value
+        return value
 
 
 class Threads:

@@ -2,7 +2,7 @@
 
 The choices, apart from those that belong to the session, are saved with it.
 
-A control, its bounds and its effect are declared together: `binding.on(gui.add_slider("SNR (dB)", 1, 60, 1, 30), act)`.
+A control, its bounds and its effect are declared together: `binding.slider("SNR (dB)", 1, 60, 1, 30, act)`.
 A value that the control cannot have never arrives; `server.hardening` drops it. Callbacks are `async`, so that viser
 runs them in order on its own event loop. None of them blocks. viser sends a property only where it differs from what
 the browsers have; so a tab assigns all that it shows at each tick.
@@ -28,7 +28,7 @@ from ...session.calibration_run import Assessment
 from ...session.lesson import MAX_ORDER_OFFSET
 from ...session.session import SessionView
 from ...session.sources import OpenRequest
-from ..background.cost_maps import CostMap, MapStyle
+from ..background.cost_maps import CostMap, CostMapRequest, MapStyle, map_modes
 from ..background.prepare import PreparedRun, Threads
 from ..display_frame import DisplayFrame
 
@@ -116,6 +116,20 @@ class Choices:
         """What is added to ceil(k R) in the map; None for the solver's objective, which no volume shows."""
         return None if self.objective and not self.style.volume else self.order_offset
 
+    def map_request(
+        self, run: PreparedRun, view: SessionView, microphone: int, revision: int = 0, follow: bool = False
+    ) -> CostMapRequest:
+        """Return the request for the map of a microphone, counted from 0, in the state that is shown.
+
+        `revision`: counts the states on the screen; `follow`: whether the map of any microphone will do. Another
+        opacity needs no other map.
+        """
+        state, order = view.state, self.map_order
+        return CostMapRequest(
+            revision, microphone, map_modes(run, state, self.modes, order, self.take), order, self.modes is not None,
+            replace(self.style, opacity=1.0), follow, state, view.history.lineage, self.take,
+        )  # fmt: skip
+
     def with_values(self, values: Mapping[str, Any]) -> Choices:
         """Return the choices with some values changed, by the names of the fields of Choices and of MapStyle."""
         style = {key: value for key, value in values.items() if hasattr(self.style, key)}
@@ -172,24 +186,21 @@ def has_volume(measurement: Measurement) -> bool:
 def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> Any:
     """Return a value of a request's choices, which may come from a file."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    whole = number and isinstance(value, int)
-    if key in SWITCHES and isinstance(value, bool):
-        return value
-    if key in ("modes", "slice_position", "take") and value is None:
-        return None
-    if key in BOUNDS and number and BOUNDS[key][0] <= value <= BOUNDS[key][1]:
-        return float(value)
-    if (key == "microphone" and whole and 0 <= value < count) or (key == "take" and whole and value in takes):
-        return value
-    if key == "order_offset" and whole and 0 <= value <= MAX_ORDER_OFFSET:
-        return value
-    if (key == "ellipse_scale" and whole and value in ELLIPSE_SCALES.values()) or (
-        key == "slice_axis" and value in SLICES.values()
-    ):
-        return value
-    if key == "modes" and isinstance(value, (list, tuple)) and value:
-        if all(isinstance(mode, int) and 1 <= mode <= modes for mode in value):
-            return tuple(sorted(set(value)))
+    whole, x = number and isinstance(value, int), float(value) if number else math.nan
+    numbers = list(value) if isinstance(value, (list, tuple)) else []
+    possible = {name: isinstance(value, bool) for name in SWITCHES}
+    possible |= {name: low <= x <= high for name, (low, high) in BOUNDS.items()}
+    possible |= {
+        "microphone": whole and 0 <= x < count,
+        "take": value is None or (whole and value in takes),
+        "order_offset": whole and 0 <= x <= MAX_ORDER_OFFSET,
+        "ellipse_scale": whole and value in ELLIPSE_SCALES.values(),
+        "slice_axis": value in SLICES.values(),
+        "slice_position": value is None or number,
+        "modes": value is None or (bool(numbers) and all(isinstance(n, int) and 1 <= n <= modes for n in numbers)),
+    }
+    if possible.get(key):
+        return tuple(sorted(set(numbers))) if numbers else x if key in BOUNDS and number else value
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
         f"use microphone (0 to {count - 1}), take (0 to {max(takes)}), modes (from 1 to {modes}),"
@@ -288,17 +299,18 @@ class Tick:
     sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
 
 
-@dataclass(frozen=True, eq=False)
-class Same:
-    """An object in a key: equal to the same object alone, which it holds, for an id is given again to another one."""
+class Due:
+    """Tells when something is to be brought up to date: what it shows has changed, and `interval`, s, has passed."""
 
-    value: object
+    def __init__(self, interval: float = 0.0):
+        self._interval, self._key, self._since = interval, None, -math.inf
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same) and other.value is self.value
-
-    def __hash__(self) -> int:
-        return id(self.value)
+    def __call__(self, now: float, *key) -> bool:
+        """Whether it is due at the time `now`, s, to show `key`; then it counts as shown."""
+        if key == self._key or now - self._since < self._interval:
+            return False
+        self._key, self._since = key, now
+        return True
 
 
 def bind(handle: Control, act: Callable[[Any], object]) -> Control:
@@ -347,7 +359,7 @@ class Binding:
         call: Callable[[Callable[[], object]], object] = lambda function: function(),
     ):
         self.gui, self.run, self.session, self.measurement = gui, run, run.session, run.measurement
-        self.modes, self.weights, self.open, self.call = modes, run.scene.solver.weights, open_other, call
+        self.modes, self.open, self.call = modes, open_other, call
         self.row, self.frame = row_word(run.measurement), DisplayFrame(run)
         self.choices, self._wake = initial_choices(run, modes, before), wake
         self.threads = Threads(wake)
@@ -366,6 +378,29 @@ class Binding:
                     raise
 
         return bind(handle, respond)
+
+    # Controls of viser, with their bounds and their effect.
+
+    def slider(self, label: str, low, high, step, value, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_slider(label, low, high, step, value, **options), act)
+
+    def number(self, label: str, value, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_number(label, value, **options), act)
+
+    def checkbox(self, label: str, value: bool, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_checkbox(label, value, **options), act)
+
+    def dropdown(self, label: str, names: tuple[str, ...], value: str, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_dropdown(label, names, initial_value=value, **options), act)
+
+    def text(self, label: str, value: str, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_text(label, value, **options), act)
+
+    def button(self, label: str, act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_button(label, **options), act)
+
+    def button_group(self, label: str, names: tuple[str, ...], act: Callable[[Any], object], **options: Any):
+        return self.on(self.gui.add_button_group(label, names, **options), act)
 
     def on_client(self, handle: Control, act: Callable[[viser.ClientHandle, Any], object]) -> Control:
         """Call `act(client, value)` when a client has pressed a button; return the button."""

@@ -53,7 +53,6 @@ def bounded(value, low: int, high: int, otherwise: int) -> int:
 
 
 MAX_COORDINATE = 1e6  # metres, of a camera or a pointer, from the origin
-MAX_INTEGER = 2**53  # what a browser can count to
 MAX_ITEMS, MAX_DEPTH = 64, 4  # of one message
 MIN_LENGTH = 1e-9  # metres, of a direction and of a line of sight
 CAMERA = "ViewerCameraMessage"
@@ -110,7 +109,7 @@ def _is_plain(value, depth: int, items) -> bool:
     if isinstance(value, float):
         return math.isfinite(value)
     if isinstance(value, int):
-        return abs(value) <= MAX_INTEGER
+        return abs(value) <= MAX_NUMBER
     if isinstance(value, dict):
         return all(isinstance(key, str) and _is_plain(inner, depth + 1, items) for key, inner in value.items())
     if isinstance(value, (list, tuple)):

@@ -275,16 +275,6 @@ class SafeMessageBuffer(AsyncMessageBuffer):
                 self.event_loop.call_soon_threadsafe(self.message_event.set)
 
 
-def use_safe_buffers() -> None:
-    """Have viser use these buffers for servers and clients that are created from now on.
-
-    Raises AttributeError: viser no longer has the name under which it takes them.
-    """
-    if not hasattr(_infra, "AsyncMessageBuffer"):
-        raise AttributeError("viser has no AsyncMessageBuffer")
-    setattr(_infra, "AsyncMessageBuffer", SafeMessageBuffer)  # noqa: B010  the name is private to viser's module
-
-
 LEVEL = 1  # of compression, 0 to 9
 QUALITY = 75  # of a JPEG image unless given
 
@@ -308,14 +298,11 @@ def encoded(
     return file.getvalue()
 
 
-def use_quick_encoding() -> None:
-    """Have viser encode images by this module from now on.
-
-    Raises AttributeError: viser no longer has the name under which it takes the function.
-    """
-    if not hasattr(_scene_api, "cv2_imencode_with_fallback"):
-        raise AttributeError("viser has no cv2_imencode_with_fallback")
-    setattr(_scene_api, "cv2_imencode_with_fallback", encoded)  # noqa: B010  the name is private to viser's module
+def replace_private(module: Any, name: str, replacement: object) -> None:
+    """Have viser use something else from now on. Raises AttributeError: viser no longer has the name."""
+    if not hasattr(module, name):
+        raise AttributeError(f"viser has no {name}")
+    setattr(module, name, replacement)
 
 
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
@@ -381,8 +368,8 @@ def _open_restricted(host: str, port: int, film: str) -> viser.ViserServer:
     """Open a server, or refuse where viser or websockets no longer have what the restrictions hang on."""
     server = None
     try:
-        use_safe_buffers()
-        use_quick_encoding()
+        replace_private(_infra, "AsyncMessageBuffer", SafeMessageBuffer)  # for servers and clients created from now on
+        replace_private(_scene_api, "cv2_imencode_with_fallback", encoded)
         with _restricted_listening(host, film):
             server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
         for message in BLOCKED_MESSAGES:

@@ -25,9 +25,9 @@ from ...model.validation import length_text
 from ...session.comparison import Comparison, ComparisonRun
 from ...session.session import SessionView
 from ...solvers.interface import RunState
-from ..background.prepare import PreparedRun, Threads
+from ..background.prepare import PreparedRun, Same, Threads
 from ..gui import html
-from ..gui.binding import Binding, RunSummary, Same, Tab, Tick
+from ..gui.binding import Binding, Due, RunSummary, Tab, Tick
 from ..gui.html import error_message, symbol
 from ..gui.plots import Plot, decades_of
 from .solver import MAX_SEED, STARTS
@@ -253,10 +253,7 @@ ALL = "all"
 INTERVAL = 0.5  # s between two updates of the curves
 PLOT_HEIGHT = 150  # pixels; with them the whole tab has room in a window 720 pixels high
 MIN_ERROR = 1e-3  # mm, drawn for anything below: logarithms have no zero
-NO_SEARCH = (
-    "No race: the file has no search domain, and the positions could not be estimated to make one. Add search_origin,"
-    " search_size, search_step and radius (metres) to the file of the measurement."
-)
+NO_SEARCH = f"No race: {html.NO_DOMAIN}"
 
 
 def combinations() -> dict[str, tuple[str, ...]]:
@@ -272,12 +269,10 @@ class ComparisonTab(Tab):
     """
 
     def __init__(self, binding: Binding):
-        self._binding, self.worker, self._updated = binding, ComparisonWorker(binding.run, binding.threads), -1e9
-        self._shown: tuple[RunSummary, ...] | None = None
+        self._binding, self.worker = binding, ComparisonWorker(binding.run, binding.threads)
+        self._start_due, self._table_due, self._curves_due = Due(), Due(), Due(INTERVAL)
         self._names: tuple[str, ...] = ()  # of the solvers that the plots are made for
         self._plots: list[Plot] = []
-        self._setup: ComparisonSetup | None = None  # that the remark on the start is of
-        self._tabled: tuple = ()  # what the table is of
         self._possible = binding.run.problem.search is not None
         if self._possible:
             self._add_controls()
@@ -285,22 +280,22 @@ class ComparisonTab(Tab):
             binding.gui.add_html(html.remark(NO_SEARCH))
 
     def _add_controls(self) -> None:
-        gui, on, worker = self._binding.gui, self._binding.on, self.worker
+        binding, gui, worker = self._binding, self._binding.gui, self.worker
         self._combinations = combinations()
         self.solvers = gui.add_dropdown("Solvers", tuple(self._combinations), initial_value=ALL)
         self.start = gui.add_dropdown("Start from", STARTS, initial_value="random", hint="The same for all solvers")
         self.seed = gui.add_number(
-            "Random seed", self._binding.choices.seed, min=0, max=MAX_SEED, step=1,
+            "Random seed", binding.choices.seed, min=0, max=MAX_SEED, step=1,
             hint="Of the random start, and of the order in which descent moves the microphones",
         )  # fmt: skip
-        self.run = on(
-            gui.add_button("Start", icon=viser.Icon.FLAG, hint="Start; press again to pause and to resume"),
-            lambda _: worker.toggle(self.setup),
-        )
-        self.restart = on(
-            gui.add_button_group("", ("Reset", "Clear"), visible=False, hint="Restart or clear the race"),
-            lambda value: (worker.reset if value == "Reset" else worker.stop)(),
-        )
+        self.run = binding.button(
+            "Start", lambda _: worker.toggle(self.setup), icon=viser.Icon.FLAG,
+            hint="Start; press again to pause and to resume",
+        )  # fmt: skip
+        self.restart = binding.button_group(
+            "", ("Reset", "Clear"), lambda value: (worker.reset if value == "Reset" else worker.stop)(), visible=False,
+            hint="Restart or clear the race",
+        )  # fmt: skip
         self.far = gui.add_html("", visible=False)
         self.marks = gui.add_checkbox("Show marks", True, hint="Mark the estimates of each solver")
         self.table = gui.add_html("")
@@ -324,15 +319,13 @@ class ComparisonTab(Tab):
         self.restart.visible = bool(summaries)
         for handle in (self.solvers, self.start, self.seed):  # those of the next race
             handle.visible = not summaries
-        if setup != self._setup:
-            self._setup, self.far.content = setup, remark_on_start(setup)
+        if self._start_due(tick.now, setup):
+            self.far.content = remark_on_start(setup)
         self.far.visible = bool(self.far.content) and not summaries
-        if (Same(summaries), worker.error) != self._tabled:
-            self._tabled = Same(summaries), worker.error
+        if self._table_due(tick.now, Same(summaries), worker.error):
             rows = table(summaries, self._binding.measurement.nominal)
             self.table.content = html.complaint(worker.error) + rows
-        if summaries is not self._shown and tick.now - self._updated >= INTERVAL:
-            self._updated, self._shown = tick.now, summaries
+        if self._curves_due(tick.now, Same(summaries)):
             self._show_curves(summaries)
 
     def _show_curves(self, summaries: tuple[RunSummary, ...]) -> None:

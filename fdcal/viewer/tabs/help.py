@@ -76,34 +76,9 @@ def _next_kind(tabs) -> None:
     tabs.map.show_as(kinds[(kinds.index(tabs.map.kind.value) + 1) % len(kinds)])
 
 
-def _toggle_scale(tabs) -> None:
-    tabs.map.scale_as(LINEAR if tabs.binding.choices.style.log else LOG)
-
-
-def _toggle_trails(tabs) -> None:
-    tabs.view.draw(trails=not tabs.binding.choices.trails)
-
-
-def _toggle_dark(tabs) -> None:
-    tabs.view.darken(not tabs.binding.choices.style.dark)
-
-
-def _toggle_lecture(tabs) -> None:
-    tabs.view.lecture_mode(not tabs.binding.choices.lecture)
-
-
-def _place_camera(view: str) -> Callable:
-    return lambda page, client: page.nodes.cameras.request(client, view)
-
-
 def _look(view: str) -> Callable:
     """Place the camera, and let the map rise or lie down."""
-
-    def do(page, client) -> None:
-        if page.viewer is not None:
-            page.viewer.tabs.look(client, view)
-
-    return do
+    return lambda page, client: page.viewer and page.viewer.tabs.look(client, view)
 
 
 KEYS = (
@@ -121,34 +96,38 @@ KEYS = (
     Key("P", "Play or pause the sweep of modes", _with_tabs(lambda tabs: tabs.sweep.toggle())),
     Key("U", "Map of the modes in use", _with_tabs(lambda tabs: tabs.map.choose_modes(None))),
     Key("V", "Flat map, relief, mode shape, basins, isosurfaces, no map", _with_tabs(_next_kind)),
-    Key("L", "Logarithmic or linear scale", _with_tabs(_toggle_scale)),
-    Key("Y", "Trails", _with_tabs(_toggle_trails)),
-    Key("K", "Dark or light page", _with_tabs(_toggle_dark)),
-    Key("H", "Lecture mode: large type, panels folded away", _with_tabs(_toggle_lecture)),
+    Key(
+        "L",
+        "Logarithmic or linear scale",
+        _with_tabs(lambda tabs: tabs.map.scale_as(LINEAR if tabs.binding.choices.style.log else LOG)),
+    ),
+    Key("Y", "Trails", _with_tabs(lambda tabs: tabs.view.draw(trails=not tabs.binding.choices.trails))),
+    Key("K", "Dark or light page", _with_tabs(lambda tabs: tabs.view.darken(not tabs.binding.choices.style.dark))),
+    Key(
+        "H",
+        "Lecture mode: large type, panels folded away",
+        _with_tabs(lambda tabs: tabs.view.lecture_mode(not tabs.binding.choices.lecture)),
+    ),
     Key("1", "Plan view", _look("top")),
-    Key("2", "Whole room", _place_camera("3d")),
+    Key("2", "Whole room", lambda page, client: page.nodes.cameras.request(client, "3d")),
     Key("3", "3-D view of the array", _look("close")),
     Key("J", "Next step of the lesson", lambda page, client: page.lessons.go(NEXT)),
     Key("J", "Previous step of the lesson", lambda page, client: page.lessons.go(BACK), "shift"),
 )
 
 
-def add_keys(gui: viser.GuiApi, page, keys: tuple[Key, ...] = KEYS) -> None:
-    """Add the shortcuts to every browser that opens the page.
+def add_keys(gui: viser.GuiApi, page) -> None:
+    """Add the shortcuts, which act on the page, to every browser that opens it."""
 
-    `page`: on which they act; `keys`: the shortcuts.
-    """
-    for key in keys:
-        _add(gui, page, key)
+    def act_on(key: Key) -> Callable:
+        async def act(event) -> None:
+            if event.client is not None:
+                key.act(page, event.client)
 
+        return act
 
-def _add(gui: viser.GuiApi, page, key: Key) -> None:
-    command = gui.add_command(key.label, hotkey=key.key, modifier=key.modifier)
-
-    @command.on_trigger
-    async def _(event) -> None:
-        if event.client is not None:
-            key.act(page, event.client)
+    for key in KEYS:
+        gui.add_command(key.label, hotkey=key.key, modifier=key.modifier).on_trigger(act_on(key))
 
 
 NUMBERS = {

@@ -14,7 +14,7 @@ from ...graphics.volume import AXES
 from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
 from ..background.cost_maps import CostMap, count_label, modes_label, of_take
-from ..background.prepare import PreparedRun
+from ..background.prepare import PreparedRun, Same
 from ..display_frame import drawn_truth
 from ..gui import html
 from ..gui.binding import (
@@ -26,14 +26,14 @@ from ..gui.binding import (
     SLICES,
     VOLUME,
     Binding,
-    Same,
+    Choices,
+    Due,
     Tab,
     Tick,
     kind_of,
     kinds_of,
     style_of,
 )
-from ..gui.html import CARD
 
 
 def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
@@ -92,22 +92,19 @@ class SliceControls:
     """
 
     def __init__(self, binding: Binding):
-        self._binding, gui, style = binding, binding.gui, binding.choices.style
+        self._binding, style = binding, binding.choices.style
         self._shown: tuple[int, float] | None = None  # axis and place that the slider was set to last
-        self.axis = binding.on(
-            gui.add_dropdown(
-                "Slice across", tuple(SLICES), initial_value=AXIS_LABELS[style.slice_axis],
-                hint="A plane through the isosurfaces, coloured by the cost; it begins at the estimate of the"
-                " microphone",
-            ),
-            self.cut_across,
+        self.axis = binding.dropdown(
+            "Slice across", tuple(SLICES), AXIS_LABELS[style.slice_axis], self.cut_across,
+            hint="A plane through the isosurfaces, coloured by the cost; it begins at the estimate of the"
+            " microphone",
         )  # fmt: skip
         low, high = self._ends()
         place = low if style.slice_position is None else min(max(style.slice_position, low), high)
-        self.position = binding.on(
-            gui.add_slider("Slice at (m)", low, high, 0.01, place, hint="Along that axis"),
-            lambda value: binding.choose_style(slice_position=value),
-        )
+        self.position = binding.slider(
+            "Slice at (m)", low, high, 0.01, place, lambda value: binding.choose_style(slice_position=value),
+            hint="Along that axis",
+        )  # fmt: skip
 
     def _ends(self) -> tuple[float, float]:
         """The lowest and the highest place of the slice, metres."""
@@ -145,10 +142,7 @@ EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
 QUANTITIES: tuple[str, ...] = (EQ7, OBJECTIVE)
 SCALES: tuple[str, ...] = (LOG, LINEAR)
 ALL_TAKES = "All takes"
-NO_SEARCH = (
-    "No map: the file has no search domain, and the positions could not be estimated to make one. Add search_origin,"
-    " search_size, search_step and radius (metres) to the file of the measurement."
-)
+NO_SEARCH = f"No map: {html.NO_DOMAIN}"
 
 
 def take_label(take: int | None) -> str:
@@ -162,103 +156,62 @@ class MapTab(Tab):
     def __init__(self, binding: Binding):
         self._binding = binding
         self._possible = binding.run.problem.search is not None
-        self._shown: tuple = ()  # what the caption is of
+        self._due = Due()  # the caption
         self.kinds = kinds_of(binding.measurement)
-        self._add_kind()
-        self._add_microphone()
-        self._add_modes()
+        self._add_controls(binding, binding.choices, binding.row)
         self.caption = binding.gui.add_html("")
         with binding.gui.add_folder("Scale and quantity", expand_by_default=False):
-            self._add_quantity()
-            self._add_scale()
+            self._add_quantity_and_scale(binding, binding.choices)
         self.refresh()
 
-    def _add_microphone(self) -> None:
-        binding, gui, on, choices = self._binding, self._binding.gui, self._binding.on, self._binding.choices
-        self.microphone = on(
-            gui.add_slider(
-                "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone,
-                hint="Or click a microphone in the scene; drag it to move its estimate",
-            ),
-            self.choose_microphone,
+    def _add_controls(self, binding: Binding, choices: Choices, row: str) -> None:
+        self.kind = binding.dropdown("Show", self.kinds, kind_of(choices), self.show_as, visible=self._possible)
+        self.relief = binding.slider(
+            "Relief height (%)", 5, 100, 5, round(100 * choices.style.relief_height),
+            lambda value: binding.choose_style(relief_height=value / 100),
+            hint="Of the highest cost, of the longer side of the map",
         )  # fmt: skip
-        self.follow = on(
-            gui.add_checkbox(
-                "Follow solver", choices.follow, visible=not binding.run.solver.TRAITS.moves_all,
-                hint="Show the microphone that the last step moved",
-            ),
-            self.follow_solver,
+        self.slice, self._risen = SliceControls(binding), ""  # and the kind of map that `rise` has chosen
+        self.microphone = binding.slider(
+            "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone, self.choose_microphone,
+            hint="Or click a microphone in the scene; drag it to move its estimate",
+        )  # fmt: skip
+        self.follow = binding.checkbox(
+            "Follow solver", choices.follow, self.follow_solver, visible=not binding.run.solver.TRAITS.moves_all,
+            hint="Show the microphone that the last step moved",
         )  # fmt: skip
         self.take = None
         takes = np.unique(binding.measurement.takes).tolist()
         self._takes: dict[str, int | None] = {take_label(take): take for take in (None, *takes)}
         if binding.measurement.take_count > 1:
-            self.take = on(
-                gui.add_dropdown(
-                    "Take", tuple(self._takes), initial_value=take_label(choices.take),
-                    hint="Whose rows the maps sum and whose spectrum is shown; a take is one place of the source",
-                ),
-                self.choose_take,
+            self.take = binding.dropdown(
+                "Take", tuple(self._takes), take_label(choices.take), self.choose_take,
+                hint="Whose rows the maps sum and whose spectrum is shown; a take is one place of the source",
             )  # fmt: skip
-
-    def _add_modes(self) -> None:
-        binding, gui, on, modes = self._binding, self._binding.gui, self._binding.on, self._binding.choices.modes
-        row = binding.row
-        self.which = on(
-            gui.add_dropdown(
-                f"{row.title()}s shown", (SAME_AS_SOLVER, CUSTOM),
-                initial_value=SAME_AS_SOLVER if modes is None else CUSTOM,
-                hint="Of the map; the solver keeps its own",
-            ),
+        self.which = binding.dropdown(
+            f"{row.title()}s shown", (SAME_AS_SOLVER, CUSTOM), SAME_AS_SOLVER if choices.modes is None else CUSTOM,
             lambda value: self.choose_modes(self._in_use() if value == CUSTOM else None),
+            hint="Of the map; the solver keeps its own",
         )  # fmt: skip
-        modes = modes or (1,)
-        self.upto = on(
-            gui.add_slider(
-                f"Up to {row}", 1, binding.modes, 1, modes[-1],
-                hint=f"From {row} 1 to this one",
-            ),
-            lambda value: self.choose_modes(range(1, value + 1)),
+        modes = choices.modes or (1,)
+        self.upto = binding.slider(
+            f"Up to {row}", 1, binding.modes, 1, modes[-1], lambda value: self.choose_modes(range(1, value + 1)),
+            hint=f"From {row} 1 to this one",
         )  # fmt: skip
-        text = modes_text(modes)
-        self.text = on(gui.add_text(f"{row.title()} numbers", text, hint="For example 1-3, 5"), self._read)
+        self.text = binding.text(f"{row.title()} numbers", modes_text(modes), self._read, hint="For example 1-3, 5")
 
-    def _add_quantity(self) -> None:
-        gui, on, choices = self._binding.gui, self._binding.on, self._binding.choices
-        self.quantity = on(
-            gui.add_dropdown(
-                "Quantity", QUANTITIES, initial_value=OBJECTIVE if choices.objective else EQ7,
-                hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
-            ),
-            self.show_quantity,
+    def _add_quantity_and_scale(self, binding: Binding, choices: Choices) -> None:
+        self.quantity = binding.dropdown(
+            "Quantity", QUANTITIES, OBJECTIVE if choices.objective else EQ7, self.show_quantity,
+            hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
         )  # fmt: skip
-        self.order = on(
-            gui.add_slider(
-                "Extra orders", 0, MAX_ORDER_OFFSET, 1, choices.order_offset,
-                hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
-            ),
-            self.set_order,
+        self.order = binding.slider(
+            "Extra orders", 0, MAX_ORDER_OFFSET, 1, choices.order_offset, self.set_order,
+            hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
         )  # fmt: skip
-
-    def _add_kind(self) -> None:
-        binding, gui, on, choices = self._binding, self._binding.gui, self._binding.on, self._binding.choices
-        self.kind = on(
-            gui.add_dropdown("Show", self.kinds, initial_value=kind_of(choices), visible=self._possible), self.show_as
-        )
-        self.relief = on(
-            gui.add_slider(
-                "Relief height (%)", 5, 100, 5, round(100 * choices.style.relief_height),
-                hint="Of the highest cost, of the longer side of the map",
-            ),
-            lambda value: binding.choose_style(relief_height=value / 100),
-        )  # fmt: skip
-        self.slice, self._risen = SliceControls(binding), ""  # and the kind of map that `rise` has chosen
-
-    def _add_scale(self) -> None:
-        gui, on, style = self._binding.gui, self._binding.on, self._binding.choices.style
-        self.scale = on(gui.add_dropdown("Scale", SCALES, initial_value=LOG if style.log else LINEAR), self.scale_as)
-        self.minima = on(
-            gui.add_checkbox("Mark minima", style.minima, hint="Mark and count the local minima"), self.mark_minima
+        self.scale = binding.dropdown("Scale", SCALES, LOG if choices.style.log else LINEAR, self.scale_as)
+        self.minima = binding.checkbox(
+            "Mark minima", choices.style.minima, self.mark_minima, hint="Mark and count the local minima"
         )
 
     def refresh(self) -> None:
@@ -367,10 +320,9 @@ class MapTab(Tab):
             binding.keep(self.microphone, tick.microphone)  # set by the user, who may still be dragging the slider
         binding.send(self.microphone, tick.microphone)
         self.slice.show(drawn)
-        key = Same(drawn and (drawn.floor or drawn.volume)), tick.reason, choices.modes_error, choices.shown
-        if self._shown == key:
+        shown = Same(drawn and (drawn.floor or drawn.volume))
+        if not self._due(tick.now, shown, tick.reason, choices.modes_error, choices.shown):
             return
-        self._shown = key
         reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map"
         words = caption(drawn, binding.measurement, orders_text(binding.run, drawn))
         words = words or html.remark(tick.reason or reason)
@@ -419,12 +371,10 @@ class MapsPanel(Tab):
         with gui.add_folder(f"{binding.row.capitalize()} by {binding.row}", expand_by_default=False):
             self.image = gui.add_image(np.full((8, 8, 3), 128, np.uint8), format="jpeg", jpeg_quality=92, visible=False)
             self.caption = gui.add_html(panels_caption(None, binding.measurement))
-            self.shared = binding.on(
-                gui.add_checkbox(
-                    "Same scale", binding.choices.style.shared, hint="One scale for all maps instead of one for each"
-                ),
-                lambda value: binding.choose_style(shared=value),
-            )
+            self.shared = binding.checkbox(
+                "Same scale", binding.choices.style.shared, lambda value: binding.choose_style(shared=value),
+                hint="One scale for all maps instead of one for each",
+            )  # fmt: skip
         self.worker = binding.threads.start(lambda drawn: panel_image(binding.run, drawn), "fdcal-map-grid")
 
     def show(self, tick: Tick) -> None:
@@ -455,11 +405,11 @@ class MapsPanel(Tab):
 def panels_caption(drawn: CostMap | None, measurement: Measurement) -> str:
     """Return what the maps show, as HTML."""
     if drawn is None or drawn.panels is None:
-        return f"<div style='{CARD} opacity: 0.65'>no maps</div>"
+        return f"<div style='{html.CARD} opacity: 0.65'>no maps</div>"
     request, word = drawn.request, row_word(measurement)
     scale = "one scale for all maps" if request.style.shared else "each map with its own scale"
     summed = count_label(measurement, request.modes)
     return (
-        f"<div style='{CARD}'>Cost of moving <b>microphone {request.microphone}</b>, {word} by {word} and summed"
+        f"<div style='{html.CARD}'>Cost of moving <b>microphone {request.microphone}</b>, {word} by {word} and summed"
         f" ({summed}); {scale}, {'logarithmic' if request.style.log else 'linear'}</div>"
     )

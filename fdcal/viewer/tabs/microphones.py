@@ -15,7 +15,8 @@ from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
 from ...session.session import SessionView
-from ..gui.binding import Binding, PositionUncertainty, Same, Tab, Tick
+from ..background.prepare import Same
+from ..gui.binding import Binding, Due, PositionUncertainty, Tab, Tick
 from ..gui.html import CARD, verdict_word
 from ..gui.plots import BLUE, RED, Plot, decades_of, dots
 
@@ -115,7 +116,7 @@ class MicrophonesTab(Tab):
     """Owns the plot and the tables."""
 
     def __init__(self, binding: Binding):
-        self._binding, self._updated, self._key, gui = binding, -1e9, (), binding.gui
+        self._binding, self._due, gui = binding, Due(TABLE_INTERVAL), binding.gui
         self.error_by_distance = ErrorByDistance(gui, binding.measurement)
         self.table, self.channels, self.given = gui.add_html(""), gui.add_html(""), gui.add_html("")
 
@@ -123,10 +124,8 @@ class MicrophonesTab(Tab):
         """Bring plot and tables up to date."""
         view, found, measurement = tick.view, tick.uncertainty, self._binding.measurement
         self.error_by_distance.show(view, tick.now)
-        key = Same(view.state), tick.microphone, Same(found)
-        if key == self._key or tick.now - self._updated <= TABLE_INTERVAL:
+        if not self._due(tick.now, Same(view.state), tick.microphone, Same(found)):
             return
-        self._key, self._updated = key, tick.now
         sigma = None if found is None else found.sigma
         sought = slice(None) if tick.sought is None else tick.sought
         self.table.content = table(measurement, np.asarray(view.state.positions), sigma, tick.microphone, sought)
@@ -140,7 +139,7 @@ class ErrorByDistance:
     """
 
     def __init__(self, gui: viser.GuiApi, measurement: Measurement):
-        self._truth, self._updated, self._key = measurement.positions, -1e9, ()
+        self._truth, self._due = measurement.positions, Due(PLOT_INTERVAL)
         self._states: list[Any] = []  # whose errors are in _sums
         self._sums: list[np.ndarray] = []  # of the errors up to each state, (N,) float64, mm
         self.plot: Plot | None = None
@@ -160,10 +159,8 @@ class ErrorByDistance:
 
     def show(self, view: SessionView, now: float) -> None:
         """Bring the plot up to date; called by the main loop. The run ends with the state that is shown."""
-        key = Same(view.state), view.index
-        if self.plot is None or key == self._key or now - self._updated < PLOT_INTERVAL:
+        if self.plot is None or not self._due(now, Same(view.state), view.index):
             return
-        self._key, self._updated = key, now
         self._update_sums(view.history)
         mean = self._sums[view.index] / (view.index + 1)
         here = self._sums[view.index] - (self._sums[view.index - 1] if view.index else 0.0)

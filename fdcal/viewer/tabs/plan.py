@@ -114,48 +114,34 @@ class PlanTab(Tab):
         self._add_controls(binding.choices.plan)
 
     def _add_controls(self, plan: PlanChoices) -> None:
-        binding, gui, on, choose = self._binding, self._binding.gui, self._binding.on, self._choose
-        self.shown = on(gui.add_checkbox("Show the plan", plan.shown, hint=HINT), lambda value: choose(shown=value))
-        self.snr = on(
-            gui.add_slider(
-                "Planned SNR (dB)", *RANGES.snr_db, 1, round(plan.snr_db),
-                hint="Signal-to-noise ratio of each frequency",
-            ),
-            lambda value: choose(snr_db=float(value)),
+        binding, choose, low = self._binding, self._choose, RANGES.min_frequencies
+        self.shown = binding.checkbox("Show the plan", plan.shown, lambda value: choose(shown=value), hint=HINT)
+        self.snr = binding.slider(
+            "Planned SNR (dB)", *RANGES.snr_db, 1, round(plan.snr_db), lambda value: choose(snr_db=float(value)),
+            hint="Signal-to-noise ratio of each frequency",
         )  # fmt: skip
-        low = RANGES.min_frequencies
-        self.frequencies = on(
-            gui.add_slider(
-                "Frequencies", low, low + 1, 1, low + 1, visible=False,
-                hint="The lowest so many of the independent ones",
-            ),
+        self.frequencies = binding.slider(
+            "Frequencies", low, low + 1, 1, low + 1,
             lambda value: choose(frequencies=None if value >= self._max else value),  # the end stands for all
+            visible=False, hint="The lowest so many of the independent ones",
         )  # fmt: skip
-        self.known = on(
-            gui.add_slider(
-                "Given positions", 0, binding.measurement.count - 1, 1, len(plan.known),
-                hint="Microphones whose positions will be measured",
-            ),
+        self.known = binding.slider(
+            "Given positions", 0, binding.measurement.count - 1, 1, len(plan.known),
             lambda value: choose(known=first_known(binding, value)),
+            hint="Microphones whose positions will be measured",
         )  # fmt: skip
-        self.gain = on(
-            gui.add_slider(
-                "Gain sigma (dB)", *RANGES.gain_sigma_db, 0.1, plan.gain_sigma_db, hint="Spread of the channels' gains"
-            ),
-            lambda value: choose(gain_sigma_db=value),
-        )
-        self.takes = on(
-            gui.add_slider(
-                "Places of the source", *RANGES.takes, 1, plan.takes,
-                hint="Takes: one recording of the same length from each",
-            ),
-            lambda value: choose(takes=value),
+        self.gain = binding.slider(
+            "Gain sigma (dB)", *RANGES.gain_sigma_db, 0.1, plan.gain_sigma_db,
+            lambda value: choose(gain_sigma_db=value), hint="Spread of the channels' gains",
         )  # fmt: skip
-        self.reset = on(
-            gui.add_button("Original positions", icon=viser.Icon.ARROW_BACK_UP, disabled=True),
-            lambda _: choose(moved=()),
+        self.takes = binding.slider(
+            "Places of the source", *RANGES.takes, 1, plan.takes, lambda value: choose(takes=value),
+            hint="Takes: one recording of the same length from each",
+        )  # fmt: skip
+        self.reset = binding.button(
+            "Original positions", lambda _: choose(moved=()), icon=viser.Icon.ARROW_BACK_UP, disabled=True
         )
-        self.summary = gui.add_html("")
+        self.summary = binding.gui.add_html("")
 
     def _choose(self, **changes) -> None:
         self._binding.choose(plan=replace(self._binding.choices.plan, **changes))

@@ -8,6 +8,7 @@ page reads and writes nowhere else. A browser uploads nothing: its parts of 512 
 server accepts, and viser holds a whole upload in memory.
 """
 
+import collections
 import os
 import time
 from collections.abc import Callable
@@ -22,10 +23,9 @@ import viser
 from ...model.validation import InputError
 from ...session.sources import OpenRequest, measurement_request
 from ...session.worker import Delivery
-from ..background.prepare import Threads
+from ..background.prepare import Same, Threads
 from ..gui import html
-from ..gui.binding import Same, bind
-from ..gui.html import CONTROLS
+from ..gui.binding import Due, bind
 
 if TYPE_CHECKING:
     from ...recordings.take import Moment, Take
@@ -187,7 +187,7 @@ class Recorder:
         try:
             stream = sound_card()
         except InputError as error:
-            return Card(missing=error.worded(CONTROLS))
+            return Card(missing=error.worded(html.CONTROLS))
         return Card(f"{stream.name}, {len(stream.names)} inputs, {stream.sample_rate:g} Hz")
 
     def _day(self, given: Given) -> "Day":
@@ -195,7 +195,7 @@ class Recorder:
         from ...session.takes import Day
 
         options = ImportOptions(leave_out="bad", files="takes", temperature=given.temperature)
-        return Day(str(self._folder / given.positions) if given.positions else None, options, CONTROLS)
+        return Day(str(self._folder / given.positions) if given.positions else None, options, html.CONTROLS)
 
     def _record(self, job: Job) -> "Take":
         from ...recordings.take import fits_wav, next_take, record_take, replayed, sound_card
@@ -253,29 +253,16 @@ MISSING = 'Nothing to record with: {reason}. When a sound card is there, press "
 LOWEST_DB = -60.0  # level at which a bar begins
 
 
-@dataclass(frozen=True)
-class Ranges:
-    """Between which bounds the controls can be set."""
-
-    channels: tuple[int, int] = (0, 1024)
-    seconds: tuple[int, int] = (2, 600)
-    celsius: tuple[float, float] = (-60.0, 80.0)
-
-
-RANGES = Ranges()
-
-
 class RecordTab:
     """Owns the controls of the tab; `recorder`: what they act on, None on a page that other machines can reach."""
 
     def __init__(self, gui: viser.GuiApi, recorder: Recorder | None, folder: str):
         self._recorder, self._folder, self._number = recorder, folder, 0
         self._offered: tuple[Folder, Card] | None = None
-        self._shown: dict[int, tuple] = {}
+        self._due = collections.defaultdict[int, Due](Due)  # by the place of a text
         if recorder is None:
             gui.add_html(html.remark(REMOTE))
             return
-        (low, high), (least, most), (cold, warm) = RANGES.channels, RANGES.seconds, RANGES.celsius
         self.card = gui.add_html("")
         self.look = bind(
             gui.add_button("Look for a sound card", hint="After one has been connected"),
@@ -283,10 +270,10 @@ class RecordTab:
         )
         self.source = gui.add_dropdown("Sound from", NOTHING, hint="The sound card, or a file")
         self.channels = gui.add_number(
-            "Channels", 0, min=low, max=high, step=1, hint="The first ones; 0 takes all of them"
+            "Channels", 0, min=0, max=1024, step=1, hint="The first ones; 0 takes all of them"
         )
-        self.seconds = gui.add_number("Seconds", 30, min=least, max=most, step=1, hint="Length of a take")
-        self.celsius = gui.add_number("Temperature (°C)", 20.0, min=cold, max=warm, step=0.5, hint="Of the air")
+        self.seconds = gui.add_number("Seconds", 30, min=2, max=600, step=1, hint="Length of a take")
+        self.celsius = gui.add_number("Temperature (°C)", 20.0, min=-60.0, max=80.0, step=0.5, hint="Of the air")
         self.positions = gui.add_dropdown(
             "List", NOTHING, hint="Positions of the microphones, which show swapped channels"
         )
@@ -355,9 +342,7 @@ class RecordTab:
 
     def _put(self, place: viser.GuiHtmlHandle, state: tuple, text: Callable[[], str]) -> None:
         """Put a text into its place where what it says has changed."""
-        key = tuple(map(Same, state))
-        if self._shown.get(id(place)) != key:
-            self._shown[id(place)] = key
+        if self._due[id(place)](0.0, *map(Same, state)):
             place.content = text()
 
     def _offer(self, files: Folder, card: Card) -> None:

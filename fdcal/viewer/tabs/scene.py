@@ -47,39 +47,27 @@ class SceneTab(Tab):
     def __init__(self, binding: Binding):
         self._binding, self._scene = binding, binding.run.scene
         self._own_name = _own_name(self._scene)
-        self._add_array()
-        self._add_room()
-        self._add_measurement()
-        button = binding.gui.add_button(APPLY[0], icon=viser.Icon.CHECK, hint=APPLY[1])
-        self.apply = binding.on(button, lambda _: self.press())
+        self._add_controls(binding, binding.gui, self._scene.room.walls)
+        self.apply = binding.button(APPLY[0], lambda _: self.press(), icon=viser.Icon.CHECK, hint=APPLY[1])
         self.message = binding.gui.add_html("")
         self._show_scene(self._scene)
 
-    def _add_array(self) -> None:
-        gui, on, own, low = self._binding.gui, self._binding.on, self._own_name, RANGES.microphones[0]
-        names = (*scene_names(), *([own] if own else []))
-        self.name = on(gui.add_dropdown("Scene", names, initial_value=own or self._scene.name), self.choose)
+    def _add_controls(self, binding: Binding, gui: viser.GuiApi, walls: str) -> None:
+        names = (*scene_names(), *([self._own_name] if self._own_name else []))
+        self.name = binding.dropdown("Scene", names, self._own_name or self._scene.name, self.choose)
         self.title = gui.add_html("")
-        self.microphones = on(gui.add_slider("Microphones", *RANGES.microphones, 1, low), self._limit_known)
-        self.radius = on(
-            gui.add_number(
-                "Array radius (m)", 1.0, min=0.0, max=MAX_TYPED, step=0.01,
-                hint=f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it",
-            ),
-            lambda _: self._check_radius(),
+        low, high = RANGES.microphones
+        self.microphones = binding.slider("Microphones", low, high, 1, low, self._limit_known)
+        self.radius = binding.number(
+            "Array radius (m)", 1.0, lambda _: self._check_radius(), min=0.0, max=MAX_TYPED, step=0.01,
+            hint=f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it",
         )  # fmt: skip
-
-    def _add_room(self) -> None:
-        gui, (low, high), own = self._binding.gui, RANGES.absorption, self._scene.room.walls
-        walls = gui.add_dropdown("Walls", WALLS, initial_value=own if own in WALLS else WALLS[0])
-        self.walls = self._binding.on(walls, self._show_walls)
+        self.walls = binding.dropdown("Walls", WALLS, walls if walls in WALLS else WALLS[0], self._show_walls)
+        low, high = RANGES.absorption
         self.absorption = gui.add_number(
             "Absorption (%)", 1.0, min=low, max=high, step=0.1, hint="Absorbed energy of a wave at normal incidence"
         )
-
-    def _add_measurement(self) -> None:
-        gui = self._binding.gui
-        self.noise = self._binding.on(gui.add_checkbox("Noise", False), self._show_noise)
+        self.noise = binding.checkbox("Noise", False, self._show_noise)
         self.snr = gui.add_slider(
             "SNR (dB)", *RANGES.snr, 1, RANGES.default_snr, hint="Signal-to-noise ratio of each mode"
         )

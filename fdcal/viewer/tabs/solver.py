@@ -31,50 +31,37 @@ class SolverTab(Tab):
         self.refresh()
 
     def _add_method(self) -> None:
-        binding, gui, on, names = self._binding, self._binding.gui, self._binding.on, self._names()
-        settings = binding.run.scene.solver
-        self.name = on(
-            gui.add_dropdown(
-                "Method", names, initial_value=settings.name, disabled=len(names) == 1,
-                hint="robust: all microphones at once, with their gains; joint: for matched channels; descent: one at a"
-                " time; descent+joint: both in turn; room: shoebox room and sources together with the microphones",
-            ),
-            self._choose_solver,
+        binding, names, settings = self._binding, self._names(), self._binding.run.scene.solver
+        self.name = binding.dropdown(
+            "Method", names, settings.name, self._choose_solver, disabled=len(names) == 1,
+            hint="robust: all microphones at once, with their gains; joint: for matched channels; descent: one at a"
+            " time; descent+joint: both in turn; room: shoebox room and sources together with the microphones",
         )  # fmt: skip
-        self.start = on(
-            gui.add_dropdown(
-                "Start", STARTS, initial_value=settings.start or default_start(settings.name),
-                hint="affine: closed-form estimate from the lowest modes; random: anywhere in the search domain",
-            ),
-            lambda _: self.refresh(),
+        self.start = binding.dropdown(
+            "Start", STARTS, settings.start or default_start(settings.name), lambda _: self.refresh(),
+            hint="affine: closed-form estimate from the lowest modes; random: anywhere in the search domain",
         )  # fmt: skip
-        self.seed = on(
-            gui.add_number(
-                "Seed", binding.choices.seed, min=0, max=MAX_SEED, step=1,
-                hint="Of the random start, and of the order in which descent moves the microphones",
-            ),
-            lambda value: binding.choose(seed=value),
+        self.seed = binding.number(
+            "Seed", binding.choices.seed, lambda value: binding.choose(seed=value), min=0, max=MAX_SEED, step=1,
+            hint="Of the random start, and of the order in which descent moves the microphones",
         )  # fmt: skip
 
     def _add_modes(self) -> None:
-        binding, gui, on, state = self._binding, self._binding.gui, self._binding.on, self._binding.session.view.state
+        binding, state = self._binding, self._binding.session.view.state
         row, modes = binding.row, binding.modes
-        self.first = on(
-            gui.add_slider(f"First {row}", 1, modes, 1, state.first),
-            lambda value: self.use_modes(value, max(value, self.last.value)),
+        self.first = binding.slider(
+            f"First {row}", 1, modes, 1, state.first, lambda value: self.use_modes(value, max(value, self.last.value))
         )
-        self.last = on(
-            gui.add_slider(f"Last {row}", 1, modes, 1, state.last),
-            lambda value: self.use_modes(min(self.first.value, value), value),
+        self.last = binding.slider(
+            f"Last {row}", 1, modes, 1, state.last, lambda value: self.use_modes(min(self.first.value, value), value)
         )
-        self.automatic = on(
-            gui.add_checkbox(
-                f"Add {row}s automatically", state.automatic, visible=binding.run.solver.TRAITS.adds_modes,
-                hint=f"Add the next {row} when the present stage has converged",
-            ),
+        self.automatic = binding.checkbox(
+            f"Add {row}s automatically", state.automatic,
             lambda value: self.use_modes(self.first.value, self.last.value, value),
+            visible=binding.run.solver.TRAITS.adds_modes,
+            hint=f"Add the next {row} when the present stage has converged",
         )  # fmt: skip
-        self.refusal, self._refused = gui.add_html(""), None
+        self.refusal, self._refused = binding.gui.add_html(""), None
 
     def _names(self) -> tuple[str, ...]:
         """Return the names of the solvers that can solve this problem."""

@@ -13,7 +13,7 @@ from ...model.measurement import Measurement
 from ...model.problem import mode_power
 from ..background.cost_maps import map_modes, row_label
 from ..gui import html
-from ..gui.binding import Binding, Tab, Tick
+from ..gui.binding import Binding, Due, Tab, Tick
 from ..gui.html import spectrum_legend
 from ..gui.plots import BLUE, ORANGE, RED, dots
 
@@ -158,7 +158,7 @@ class SpectrumPanel(Tab):
     """Owns the plot and the text below it."""
 
     def __init__(self, binding: Binding):
-        self._binding, self._updated, self._key, gui = binding, -1e9, (), binding.gui
+        self._binding, self._due, gui = binding, Due(INTERVAL), binding.gui
         with gui.add_folder("Spectrum", expand_by_default=False):
             self.spectrum = SpectrumPlot(gui, binding.measurement, binding.modes)
             gui.add_html(spectrum_legend(self.spectrum.has_spectrum, BLUE, ORANGE, RED, GREY))
@@ -166,17 +166,14 @@ class SpectrumPanel(Tab):
 
     def show(self, tick: Tick) -> None:
         """Let the plot follow the modes of the map."""
-        binding, state, now = self._binding, tick.view.state, tick.now
-        choices = binding.choices
+        binding, state, choices = self._binding, tick.view.state, self._binding.choices
         order_offset = None if choices.objective else choices.order_offset
         used = map_modes(binding.run, state, choices.modes, order_offset, choices.take)
         problem = binding.run.problem
         limit = array_f_max(state.positions, problem.sound_speed, problem.dimension)
         limit = round(limit) if np.isfinite(limit) else limit
-        key = used, limit, choices.take
-        if key == self._key or now - self._updated < INTERVAL:
+        if not self._due(tick.now, used, limit, choices.take):
             return
-        self._key, self._updated = key, now
         self.spectrum.show(used, limit, choices.take)
         self.text.content = caption(binding.measurement, used, limit, self._order(state, used[-1]))
 

@@ -34,10 +34,9 @@ from ..background.cost_maps import (
     modes_label,
     of_take,
 )
-from ..background.prepare import PreparedRun, Threads
+from ..background.prepare import Last, PreparedRun, Same, Threads
 from ..gui import html
-from ..gui.binding import FLOOR, Binding, Same, Tab, Tick
-from ..gui.html import CARD
+from ..gui.binding import FLOOR, Binding, Due, Tab, Tick
 from ..gui.plots import BLUE, RED, Plot, dots
 from .map import MapTab
 
@@ -104,7 +103,7 @@ class SweepWorker:
     def __init__(self, run: PreparedRun, threads: Threads):
         self._run = run
         self._sweep: Sweep | None = None
-        self._drawn: tuple[SweepFrame, bool, CostMap] | None = None
+        self._drawn = Last()
         self.worker = threads.start(self._compute, "fdcal-sweep")
 
     def sweep(self, wanted: SweepRequest) -> Sweep | None:
@@ -123,21 +122,20 @@ class SweepWorker:
         sweep, style, count = self._sweep, wanted.style, len(wanted.modes)
         if sweep is None or style.relief or style.shape or style.volume:
             return None
-        of, alike = sweep.request, ("revision", "microphone", "order_offset")
-        if any(getattr(of, name) != getattr(wanted, name) for name in alike) or (of.log, of.basins) != (
-            style.log,
-            style.basins,
-        ):
+        of = sweep.request
+        asked = wanted.revision, wanted.microphone, wanted.order_offset, style.log, style.basins
+        if (of.revision, of.microphone, of.order_offset, of.log, of.basins) != asked:
             return None
         frame = sweep.frame(count)
         return None if frame is None or sweep.of_first(count) != wanted.modes else self._image(frame, wanted)
 
     def _image(self, frame: SweepFrame, wanted: CostMapRequest) -> CostMap:
-        if self._drawn is None or self._drawn[0] is not frame or self._drawn[1] != wanted.style.minima:
+        def draw() -> CostMap:
             image = TABLE[frame.numbers] if frame.floor.areas else of_colour_numbers(frame.numbers)
             floor = replace(frame.floor, rgb=image, show_minima=wanted.style.minima)
-            self._drawn = frame, wanted.style.minima, replace(frame.map, request=wanted, floor=floor, fine=True)
-        return self._drawn[2]
+            return replace(frame.map, request=wanted, floor=floor, fine=True)
+
+        return self._drawn.of(draw, Same(frame), wanted.style.minima)
 
     def _compute(self, request: SweepRequest) -> None:
         """On the thread: map after map, until another sweep is requested."""
@@ -214,7 +212,7 @@ def caption(measurement: Measurement, microphone: int, modes: tuple[int, ...], m
     where = " in the layer at its height" if layer else ""
     what = f"sum of {count_label(measurement, modes)}, {modes[0]} to {modes[-1]}"
     what = what if len(modes) > 1 else f"{modes_label(measurement, modes)} alone"
-    return f"<div style='{CARD}'>microphone {microphone}, {what}: <b>{found}</b>{where}</div>"
+    return f"<div style='{html.CARD}'>microphone {microphone}, {what}: <b>{found}</b>{where}</div>"
 
 
 def curve(stops: tuple[int, ...], counts: tuple[int, ...], summed: int) -> tuple[np.ndarray, ...]:
@@ -261,35 +259,31 @@ class SweepTab(Tab):
         self._playing: Playback | None = None
         self._wanted: SweepRequest | None = None  # of the last sweep that was asked for
         self._revision, self._updated = NOT_ASKED, -1e9
-        self._drawn: tuple = ()  # what the curve shows
+        self._due = Due()  # the curve
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
         self._last: CostMap | None = None  # the map that was shown last
         with binding.gui.add_folder(f"Add {binding.row}s"):
-            self._add_controls()
+            self._add_controls(binding, binding.modes, binding.row)
             self._plot = Plot(
                 binding.gui, "Local minima of the sum", curve_series(), f"{binding.row}s summed",
                 height=140, whole=True, legend=False,
             )  # fmt: skip
 
-    def _add_controls(self) -> None:
-        gui, on, modes, row = self._binding.gui, self._binding.on, self._binding.modes, self._binding.row
-        self.play = on(
-            gui.add_button("Play", icon=viser.Icon.PLUS, hint=f"Add one {row} after the other to the map"),
-            lambda _: self.toggle(),
+    def _add_controls(self, binding: Binding, modes: int, row: str) -> None:
+        self.play = binding.button(
+            "Play", lambda _: self.toggle(), icon=viser.Icon.PLUS, hint=f"Add one {row} after the other to the map"
         )
-        self.summed = on(
-            gui.add_slider(f"{row.title()}s summed", 1, modes, 1, modes, hint=f"How many {row}s the map is the sum of"),
-            self.sum_modes,
+        self.summed = binding.slider(
+            f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes, hint=f"How many {row}s the map is the sum of"
         )
-        with gui.add_folder("Order and speed", expand_by_default=False):
+        with binding.gui.add_folder("Order and speed", expand_by_default=False):
             hint = f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down"
-            self.order = on(gui.add_dropdown("Order", ORDERS, initial_value=UP, hint=hint), lambda _: self._restart())
-            self.highest = on(
-                gui.add_slider(f"Highest {row}", 1, modes, 1, modes, hint="Of the whole sum"),
-                lambda _: self._restart(),
+            self.order = binding.dropdown("Order", ORDERS, UP, lambda _: self._restart(), hint=hint)
+            self.highest = binding.slider(
+                f"Highest {row}", 1, modes, 1, modes, lambda _: self._restart(), hint="Of the whole sum"
             )
-            self.rate = on(gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE), self._set_rate)
-        self.text = gui.add_html(html.remark(ADVICE.format(row)))
+            self.rate = binding.slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE, self._set_rate)
+        self.text = binding.gui.add_html(html.remark(ADVICE.format(row)))
 
     @property
     def playing(self) -> bool:
@@ -438,9 +432,7 @@ class SweepTab(Tab):
         self._plot.visible = sweep is not None
         if sweep is None or not sweep.frames:
             return
-        key = Same(sweep), len(sweep.frames), summed
-        if self._drawn != key:
-            self._drawn = key
+        if self._due(0.0, Same(sweep), len(sweep.frames), summed):
             self._plot.show(curve(sweep.stops, sweep.counts, summed), limits=(0.0, max(sweep.counts) + 1.0))
 
     def _caption(self) -> str:

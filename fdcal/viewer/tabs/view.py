@@ -25,16 +25,7 @@ from ...model.validation import InputError
 from ...session import session_file
 from ...session.session import SessionView
 from ...session.sources import OpenRequest
-from ..background.cost_maps import (
-    CostMap,
-    CostMapRequest,
-    ModePanels,
-    fine_panels,
-    map_label,
-    map_modes,
-    shown_modes,
-    terms_of,
-)
+from ..background.cost_maps import CostMap, CostMapRequest, ModePanels, fine_panels, map_label, shown_modes, terms_of
 from ..background.prepare import PreparedRun, Threads
 from ..display_frame import drawn_truth
 from ..gui import html
@@ -50,41 +41,33 @@ class ViewTab(Tab):
     """
 
     def __init__(self, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
-        self._binding, gui, on, choices = binding, binding.gui, binding.on, binding.choices
+        self._binding, gui, choices = binding, binding.gui, binding.choices
         self.camera = binding.on_client(
             gui.add_button_group("Camera", tuple(VIEWS)),  # a hint would cover the tabs above
             lambda client, value: place(client, VIEWS[value]),
         )
         gui.add_html(html.remark("Of this window only: plan view, whole room, array."))
-        self.dark = on(gui.add_checkbox("Dark page", choices.style.dark), self.darken)
-        self.lecture = on(
-            gui.add_checkbox(
-                "Lecture mode", choices.lecture, hint="Large type, the panels folded away; key H ends it, too"
-            ),
-            self.lecture_mode,
+        self.dark = binding.checkbox("Dark page", choices.style.dark, self.darken)
+        self.lecture = binding.checkbox(
+            "Lecture mode", choices.lecture, self.lecture_mode,
+            hint="Large type, the panels folded away; key H ends it, too",
+        )  # fmt: skip
+        self.trails = binding.checkbox(
+            "Trails", choices.trails, lambda value: self.draw(trails=value),
+            hint="Path of each estimate over the last 200 states",
+        )  # fmt: skip
+        self.ellipses = binding.checkbox(
+            "Error ellipses (95 %)", choices.ellipses, lambda value: self.draw(ellipses=value), hint=ELLIPSES_LATER
         )
-        self.trails = on(
-            gui.add_checkbox("Trails", choices.trails, hint="Path of each estimate over the last 200 states"),
-            lambda value: self.draw(trails=value),
-        )
-        self.ellipses = on(
-            gui.add_checkbox("Error ellipses (95 %)", choices.ellipses, hint=ELLIPSES_LATER),
-            lambda value: self.draw(ellipses=value),
-        )
-        self.scale = on(
-            gui.add_dropdown(
-                "Ellipse size", tuple(ELLIPSE_SCALES), initial_value=_label_of(choices.ellipse_scale),
-                visible=choices.ellipses, hint="Automatic enlarges ellipses that are too small to be seen",
-            ),
-            lambda value: binding.choose(ellipse_scale=ELLIPSE_SCALES[value]),
+        self.scale = binding.dropdown(
+            "Ellipse size", tuple(ELLIPSE_SCALES), _label(ELLIPSE_SCALES, choices.ellipse_scale),
+            lambda value: binding.choose(ellipse_scale=ELLIPSE_SCALES[value]), visible=choices.ellipses,
+            hint="Automatic enlarges ellipses that are too small to be seen",
         )  # fmt: skip
         self.ellipses_text = gui.add_html("", visible=False)
-        self.release = on(
-            gui.add_checkbox(
-                "Release known", choices.release, hint="Known microphones can be dragged, too",
-                visible=bool(len(binding.run.problem.known)),
-            ),
-            lambda value: binding.choose(release=value),
+        self.release = binding.checkbox(
+            "Release known", choices.release, lambda value: binding.choose(release=value),
+            visible=bool(len(binding.run.problem.known)), hint="Known microphones can be dragged, too",
         )  # fmt: skip
         self.refresh()
 
@@ -120,10 +103,6 @@ class ViewTab(Tab):
         self.ellipses_text.visible = wanted and bool(text)
 
 
-def _label_of(scale: int) -> str:
-    return next(label for label, factor in ELLIPSE_SCALES.items() if factor == scale)
-
-
 @dataclass(frozen=True)
 class ViewSnapshot:
     """What is on the screen at one moment."""
@@ -145,7 +124,7 @@ class ViewSnapshot:
 
     def fine_panels(self, count: int) -> ModePanels | None:
         """Return the maps that are on the screen, `count` single modes at most; None where they are coarse."""
-        drawn, wanted = self.drawn, map_request(self)
+        drawn, wanted = self.drawn, self.map_request
         if drawn is None or drawn.panels is None or not drawn.fine or drawn.request.style.shape:
             return None
         shown = drawn.request
@@ -154,6 +133,11 @@ class ViewSnapshot:
             return None
         kept, modes = shown_modes(len(drawn.panels.modes), count), drawn.panels.modes
         return replace(drawn.panels, modes=tuple(modes[i] for i in kept), maps=drawn.panels.maps[kept])
+
+    @property
+    def map_request(self) -> CostMapRequest:
+        """The request for the map that the choices ask for."""
+        return self.choices.map_request(self.run, self.view, self.microphone)
 
     @property
     def caption(self) -> str:
@@ -166,24 +150,6 @@ class ViewSnapshot:
     def height(self) -> float:
         """Height of a plane array, metres."""
         return z_range_of(self.run.known_scene, self.run.measurement)[0]
-
-
-def map_request(snapshot: ViewSnapshot) -> CostMapRequest:
-    """Return the request for the map on the page."""
-    state, choices = snapshot.view.state, snapshot.choices
-    order_offset = choices.map_order
-    return CostMapRequest(
-        revision=0,
-        microphone=snapshot.microphone,
-        modes=map_modes(snapshot.run, state, choices.modes, order_offset, choices.take),
-        order_offset=order_offset,
-        custom_modes=choices.modes is not None,
-        style=choices.style,
-        follow=False,
-        state=state,
-        lineage=snapshot.view.history.lineage,
-        take=choices.take,
-    )
 
 
 MAX_WAITING = 8  # files that may wait to be made
@@ -209,7 +175,7 @@ def _errors(snapshot: ViewSnapshot) -> str:
 
 def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
     """Maps as fine as the screen, of the modes of the map on the page, `count` of them at most, and their sum."""
-    run, request = snapshot.run, map_request(snapshot)
+    run, request = snapshot.run, snapshot.map_request
     panels = snapshot.fine_panels(count) or fine_panels(run, request, max_count=count)
     if panels is None:
         raise ValueError("maps that nobody cancels are complete")
@@ -223,7 +189,7 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
         positions = snapshot.view.state.positions
         truth = drawn_truth(snapshot.run, positions)
         truth = None if truth is None else truth[n][:2]
-        request = map_request(snapshot)
+        request = snapshot.map_request
         what = "Basins of attraction" if request.style.basins else "Cost"
         heading = f"{what} of moving microphone {measurement.names[n]}\n{snapshot.caption}"
         decibels = request.order_offset is not None  # of Eq. 7, as on the page
@@ -238,7 +204,7 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
 
 def _map(snapshot: ViewSnapshot) -> bytes:
     if snapshot.choices.style.volume:
-        terms = terms_of(snapshot.run.problem, map_request(snapshot))
+        terms = terms_of(snapshot.run.problem, snapshot.map_request)
         sampled = None if terms is None else sampled_volume(terms)
         if sampled is None:
             raise ValueError("a volume that nobody cancels is complete")
@@ -372,27 +338,23 @@ class ExportTab(Tab):
     """
 
     def __init__(self, binding: Binding, export: Callable[[viser.ClientHandle, str], None]):
-        self._binding, gui = binding, binding.gui
+        self._binding, gui, choices = binding, binding.gui, binding.choices
         with gui.add_folder("Save a file"):
-            self._add_controls(export)
+            self.kind = binding.dropdown("File", tuple(KINDS), choices.export_kind, self.choose)
+            self.description = gui.add_html("")
+            self.view = binding.dropdown(
+                "Camera view", tuple(VIEWS), _label(VIEWS, choices.export_view),
+                lambda value: binding.choose(export_view=VIEWS[value]),
+            )  # fmt: skip
+            self.size = binding.dropdown(
+                "Size (pixels)", tuple(SIZES), _label(SIZES, choices.export_size),
+                lambda value: binding.choose(export_size=SIZES[value]),
+            )  # fmt: skip
+            self.button = binding.on_client(
+                gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now"),
+                lambda client, _: export(client, binding.choices.export_kind),
+            )
         self.refresh()
-
-    def _add_controls(self, export: Callable[[viser.ClientHandle, str], None]) -> None:
-        binding, gui, on, choices = self._binding, self._binding.gui, self._binding.on, self._binding.choices
-        self.kind = on(gui.add_dropdown("File", tuple(KINDS), initial_value=choices.export_kind), self.choose)
-        self.description = gui.add_html("")
-        self.view = on(
-            gui.add_dropdown("Camera view", tuple(VIEWS), initial_value=_label(VIEWS, choices.export_view)),
-            lambda value: binding.choose(export_view=VIEWS[value]),
-        )
-        self.size = on(
-            gui.add_dropdown("Size (pixels)", tuple(SIZES), initial_value=_label(SIZES, choices.export_size)),
-            lambda value: binding.choose(export_size=SIZES[value]),
-        )
-        self.button = binding.on_client(
-            gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now"),
-            lambda client, _: export(client, binding.choices.export_kind),
-        )
 
     def choose(self, kind: str) -> None:
         """Choose a kind of file."""

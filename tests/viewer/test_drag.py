@@ -1,0 +1,396 @@
+"""Microphones that are picked, dragged and let go, and the frame in which the page draws them."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browsing import WAIT
+from doubles import Recorder, State, finish, view_of
+
+from fdcal.cost.basins import basins_of, local_minima
+from fdcal.cost.maps import cost_maps, map_positions, refined
+from fdcal.graphics.picture import static_picture
+from fdcal.model.gauge import position_errors
+from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import Search
+from fdcal.model.validation import InputError, modes_text, parse_modes
+from fdcal.session.sources import OpenRequest
+from fdcal.viewer import drop as drop_module
+from fdcal.viewer.background.cost_maps import MapStyle, place_of_basin
+from fdcal.viewer.display_frame import DisplayFrame
+from fdcal.viewer.gui.binding import Binding, Choices, PlanChoices
+from fdcal.viewer.scene3d.picking import MicrophonePicker
+from fdcal.viewer.session_view import SessionPicture
+from fdcal.viewer.tabs import map as map_tab
+from fdcal.viewer.tabs.cut import CutRequest, cost_along
+
+SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
+
+
+@pytest.fixture
+def picker():
+    """A picker, the moves that it reported, and a function that passes it a drag of viser's."""
+    placed, selected, direct, callbacks = [], [], [], {}
+    binding = SimpleNamespace(
+        measurement=SimpleNamespace(count=5, search=SEARCH),
+        choices=SimpleNamespace(release=False, plan=PlanChoices()),
+        run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))),
+    )  # fmt: skip
+    disc = SimpleNamespace(
+        on_click=lambda call: callbacks.update(click=call),
+        on_drag=lambda _, modifier="drag": lambda call: callbacks.update({modifier: call}),
+    )
+    server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=lambda *_, **__: disc))
+    picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
+    made = MicrophonePicker(
+        server,
+        binding,
+        picture,
+        selected.append,
+        lambda *moved: placed.append(moved),
+        lambda *moved: direct.append(moved),
+    )
+    return SimpleNamespace(
+        made=made, binding=binding, placed=placed, selected=selected, direct=direct, **{
+            name: lambda event, call=call: finish(call(event)) for name, call in callbacks.items()
+        }
+    )  # fmt: skip
+
+
+def event(phase, index, point, eye=(1.2, 2.2, 5.0), page=3):
+    camera = SimpleNamespace(position=np.array(eye))
+    return SimpleNamespace(
+        phase=phase, instance_index=index, end_position=point, client_id=page, client=SimpleNamespace(camera=camera)
+    )
+
+
+def test_the_position_is_where_the_line_of_sight_meets_the_floor(picker):
+    picker.drag(event("start", 2, (1.25, 2.1, 2.5), eye=(1.2, 2.0, 5.0)))
+    microphone, place, gesture, released = picker.placed[0]
+    assert microphone == 2 and gesture is not None and not released
+    np.testing.assert_allclose(place, [1.3, 2.2])
+
+
+def test_with_shift_the_microphone_goes_where_the_pointer_is(picker):
+    for phase in ("start", "end"):
+        picker.shift(event(phase, 2, (1.25, 2.1, 2.5), eye=(1.2, 2.0, 5.0)))
+    assert len(picker.direct) == 2 and not picker.placed
+    for index, place, *_ in picker.direct:
+        assert index == 2 and place == pytest.approx([1.3, 2.2])
+
+
+def test_a_drag_is_one_gesture_and_the_next_is_another(picker):
+    for phase in ("start", "update", "end", "start", "end"):
+        picker.drag(event(phase, 1, (1.2, 2.2, 0.0)))
+    gestures = [gesture for _, _, gesture, _ in picker.placed]
+    assert [released for *_, released in picker.placed] == [False, False, True, False, True]
+    assert gestures[0] == gestures[1] == gestures[2] != gestures[3] == gestures[4]
+
+
+def test_two_pages_drag_side_by_side(picker):
+    picker.drag(event("start", 1, (1.2, 2.2, 0.0), page=1))
+    picker.drag(event("start", 2, (1.2, 2.2, 0.0), page=2))
+    picker.drag(event("update", 1, (1.2, 2.2, 0.0), page=1))
+    assert picker.placed[0][2] == picker.placed[2][2] != picker.placed[1][2]
+
+
+def test_a_microphone_stays_inside_the_search_domain(picker):
+    picker.drag(event("start", 0, (50.0, -50.0, 0.0)))
+    np.testing.assert_allclose(picker.placed[0][1], [1.4, 2.0])
+
+
+def test_a_microphone_in_space_is_dragged_in_the_plane_of_an_upright_slice(picker):
+    picker.made.show(np.array([[1.2, 2.2, 0.3]] * 5), None, across=1)
+    picker.made._high[2] = 1.0
+    picker.drag(event("start", 1, (1.3, 2.1, 0.45), eye=(1.3, 0.2, 0.5)))
+    (_, place, *_), *_ = picker.placed
+    np.testing.assert_allclose(place, [1.3, 2.2, 0.5 - 0.05 * 2.0 / 1.9], atol=1e-9)
+    picker.drag(event("start", 1, (1.3, 2.2, 0.0), eye=(1.3, 2.2, 5.0)))
+    assert len(picker.placed) == 1, "seen from above, the pointer is nowhere in particular on it"
+
+
+@pytest.mark.parametrize("index", [None, -1, 5, 10**9, 1.5, "1"])
+def test_a_microphone_that_is_not_there_is_not_moved(picker, index):
+    picker.drag(event("start", index, (1.2, 2.2, 0.0)))
+    picker.drag(event("update", index, (1.2, 2.2, 0.0)))
+    assert picker.placed == []
+
+
+@pytest.mark.parametrize("point", [(np.nan, 0, 0), (np.inf, 0, 0), (1.2, 2.2, 5.0), (1.2, 2.2, 9.0), (1.0, 2.0)])
+def test_a_pointer_that_meets_no_floor_moves_nothing(picker, point):
+    picker.drag(event("start", 1, point))
+    assert picker.placed == []
+
+
+@pytest.mark.parametrize("index", [None, -1, 5, 2, 4])
+def test_a_click_selects_a_microphone_that_exists(picker, index):
+    picker.click(SimpleNamespace(instance_index=index))
+    assert picker.selected == ([index] if index in (2, 4) else [])
+
+
+def test_an_update_without_a_start_or_after_the_page_closed_moves_nothing(picker):
+    picker.drag(event("update", 1, (1.2, 2.2, 0.0)))
+    picker.drag(event("start", 1, (1.2, 2.2, 0.0)))
+    picker.made.forget(3)
+    picker.drag(event("update", 1, (1.2, 2.2, 0.0)))
+    assert [released for *_, released in picker.placed] == [False, True], "a page that closes lets go"
+
+
+def test_a_microphone_is_let_go_at_its_last_place_where_the_pointer_has_left_the_floor(picker):
+    picker.drag(event("start", 1, (1.2, 2.2, 0.0)))
+    picker.drag(event("end", 1, (1.2, 2.2, 9.0)))
+    (_, before, _, _), (_, place, _, released) = picker.placed
+    assert released and place == pytest.approx(before)
+
+
+@pytest.mark.parametrize(
+    ("text", "modes"), [("1", (1,)), ("1-3, 5", (1, 2, 3, 5)), (" 5 ,1 - 2,", (1, 2, 5)), ("3,3,2-3", (2, 3))]
+)
+def test_modes_are_read_as_written(text, modes):
+    assert parse_modes(text, 9) == modes
+    assert parse_modes(modes_text(modes), 9) == modes
+
+
+@pytest.mark.parametrize("text", ["", ",", "0", "10", "3-2", "1-99", "x", "1;2", "-1", "1--2", "1" * 300, "<b>"])
+def test_modes_that_are_not_there_are_refused(text):
+    with pytest.raises(InputError, match="1 to 9"):
+        parse_modes(text, 9)
+
+
+def test_a_known_microphone_stays_unless_it_is_released(picker):
+    picker.drag(event("start", 4, (1.2, 2.2, 0.0)))
+    picker.drag(event("update", 4, (1.2, 2.2, 0.0)))
+    assert not picker.placed
+    picker.binding.choices.release = True
+    picker.drag(event("update", 4, (1.2, 2.2, 0.0)))
+    assert [number for number, *_ in picker.placed] == [4]
+
+
+MODE = 20  # of `tiny`, whose map has several minima
+
+
+@pytest.fixture
+def opened(page_of, monkeypatch):
+    """The page of `tiny` with the map of one mode, and a function that ticks it until something happens."""
+    monkeypatch.setattr(drop_module, "ROLL_TIME", 0.3)
+    monkeypatch.setattr(drop_module, "PATIENCE", WAIT)  # no path comes too late
+    page, turn_until = page_of
+    page.open(OpenRequest(load_scene("tiny"), choices={"microphone": 9, "follow": False, "modes": [MODE]}))
+    turn_until(lambda: page.viewer is not None and page.viewer.snapshot.picture.floor is not None)
+    return page, turn_until
+
+
+def said(page):
+    return page.panels.overlay._regions["words"].content
+
+
+def labels(viewer):
+    return [label.text for label in viewer.snapshot.picture.labels if label.name == "selected/name"]
+
+
+def minima_of(viewer):
+    """The local minima of the map of microphone 9, metres, and the number of that whose basin holds the truth."""
+    run, state, choices = viewer.run, viewer.run.session.view.state, viewer.binding.choices
+    search = refined(run.problem.search)
+    cost = cost_maps(run.problem, run.solver, state, 9, (MODE,), choices.order_offset, search).sum(axis=0)
+    return map_positions(local_minima(cost), search), basins_of(cost), search
+
+
+def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_named(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    before, truth = session.view, viewer.run.measurement.positions[9]
+    for tries, at_home in enumerate([False, True], start=1):
+        minima, basins, search = minima_of(viewer)
+        number = next(n for n in range(len(minima)) if (n == basins.at(search, truth)) == at_home)
+        start = minima[number] + [0.004, -0.003]
+        turn_until(lambda: viewer.snapshot.view.count == tries)  # noqa: B023
+        viewer.drop.move(9, start + [0.02, 0.02], tries, False)
+        viewer.drop.move(9, start, tries, False)
+        turn_until(lambda: any("dB" in text for text in labels(viewer)))
+        names = {part.name for part in (*viewer.snapshot.picture.lines, *viewer.snapshot.picture.meshes)}
+        assert "ball/path" in names and "dB" in said(page)
+        assert session.view.count == tries, "nothing of the session changes while it is dragged"
+        viewer.drop.move(9, start, tries, True)
+        turn_until(lambda: session.view.count == tries + 1 and viewer.drop._drag is None)  # noqa: B023
+        end = session.view.state.positions[9]
+        np.testing.assert_allclose(end, minima[number], atol=1e-9)
+        off = np.linalg.norm(end - truth)
+        word = "home" if at_home else "trapped"
+        text = f"{1e3 * off:.0f} mm" if off < 0.0995 else f"{1e2 * off:.0f} cm"
+        assert f"{word}, {text} off" in said(page) and f"{tries - 1} of {tries} home" in said(page)
+        assert drop_module.CONTINUE in said(page)
+        turn_until(lambda: not any(part.name == "ball/path" for part in viewer.snapshot.picture.lines))
+    session.seek(0)
+    turn_until(lambda: viewer.snapshot.view.index == 0)
+    np.testing.assert_array_equal(session.view.state.positions, before.state.positions)
+    page.words.press(drop_module.CONTINUE)
+    turn_until(lambda: session.view.running)
+    session.pause()
+    session.reset()
+    turn_until(lambda: session.view.count == 1 and "home" not in said(page))
+
+
+def test_every_flick_counts_even_between_two_ticks_and_each_gives_one_state(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    minima, *_ = minima_of(viewer)
+    for gesture in (1, 2):
+        viewer.drop.move(9, minima[0] + [0.01, 0.0], gesture, False)
+        viewer.drop.move(9, minima[0] + [0.005, 0.0], gesture, True)
+        turn_until(lambda: viewer.drop.tries == gesture and viewer.drop._drag is None)  # noqa: B023
+        assert session.view.count == gesture + 1
+
+
+def test_a_drag_of_another_microphone_stays_one_drag_while_its_map_is_made(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    for step, released in enumerate([False, False, True]):
+        viewer.drop.move(12, (0.6 + 0.01 * step, 0.5), 7, released)
+        viewer.tick(1e6 + step)
+        assert session.view.count == 1 and viewer.drop._drag is not None
+    turn_until(lambda: viewer.drop._drag is None)
+    assert session.view.count == 2 and viewer.drop.tries == 1
+
+
+def test_with_shift_what_rolls_stays_where_the_pointer_puts_it(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    viewer.drop.move(9, (0.6, 0.5), 1, True)
+    viewer.drop.place(9, (0.7, 0.6), 2, True)
+    turn_until(lambda: np.allclose(session.view.state.positions[9], (0.7, 0.6)))
+    viewer.tick(1e6)
+    assert viewer.drop._drag is None and viewer.drop.tries == 0
+
+
+def test_without_a_cost_the_microphone_follows_the_pointer(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    viewer.binding.choose(shown=False)
+    turn_until(lambda: viewer.snapshot.picture.floor is None)
+    place = viewer.run.measurement.positions[9] + 0.01
+    viewer.drop.move(9, place, 1, False)
+    turn_until(lambda: session.view.count == 2)
+    np.testing.assert_allclose(session.view.state.positions[9], place)
+
+
+def test_in_space_it_falls_along_its_path_to_a_lower_cost(page_of, monkeypatch):
+    monkeypatch.setattr(drop_module, "ROLL_TIME", 0.3)
+    monkeypatch.setattr(drop_module, "PATIENCE", WAIT)  # no path comes too late
+    page, turn_until = page_of
+    choices = {"microphone": 9, "follow": False, "modes": [9], "volume": True}
+    page.open(OpenRequest(load_scene("ball3d"), choices=choices))
+    turn_until(lambda: page.viewer is not None and page.viewer.snapshot.picture.surfaces)
+    viewer, session = page.viewer, page.viewer.run.session
+    start = session.view.state.positions[9] + [0.1, -0.1, 0.0]
+    viewer.drop.move(9, start[:2], 1, False)  # the pointer gives no height
+    turn_until(lambda: any("dB" in text for text in labels(viewer)))
+    viewer.drop.move(9, start[:2], 1, True)
+    turn_until(lambda: session.view.count == 2)
+    path = viewer.drop.worker.latest.result.path
+    np.testing.assert_allclose(path.points[0], start, atol=1e-9)
+    np.testing.assert_allclose(session.view.state.positions[9], path.points[-1])
+    assert np.all(np.diff(path.costs) < 0) and path.points[-1][2] != start[2]
+
+
+@pytest.fixture
+def blind(work):
+    """A run of a blind array, whose states are turned, moved and mirrored, each in another way."""
+    rng = np.random.default_rng(5)
+    truth = np.asarray(work.measurement.positions)
+    states = []
+    for angle, side in ((0.4, 1), (2.0, -1), (-1.1, 1)):
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) * [1, side]
+        states.append(State(truth @ turn + rng.normal(0, 1, 2) + rng.normal(0, 0.03, truth.shape)))
+    session = Recorder(states[0])
+    session.view = view_of(states)
+    measurement = replace(work.measurement, known=[], known_positions=None)
+    return replace(work, measurement=measurement, problem=measurement.problem("unit"), session=session)
+
+
+def places(picture, name):
+    """The centres of the marks of a kind, metres."""
+    marks = next(mesh for mesh in picture.meshes if mesh.name == name)
+    return np.asarray(marks.vertices).reshape(10, -1, 3).mean(axis=1)[:, :2]
+
+
+def test_the_true_positions_stand_still_over_a_run_and_while_a_microphone_is_dragged(blind):
+    frame = DisplayFrame(blind)
+    drawing, view = SessionPicture(blind, frame), blind.session.view
+    circles = {mesh.name: mesh for mesh in static_picture(blind.known_scene, blind.measurement).meshes}
+    for state in view.history:
+        shown = frame.view(replace(view, state=state))
+        picture = drawing.draw(shown, Choices(0, 2), 3)
+        drawn = next(mesh for mesh in picture.meshes if mesh.name == "microphones/true")
+        np.testing.assert_array_equal(drawn.vertices, circles["microphones/true"].vertices)
+        off = position_errors(drawing.places, blind.measurement.positions)
+        np.testing.assert_allclose(off, blind.measurement.errors(state.positions), atol=1e-12)
+        assert frame.view(replace(view, state=state)).state is shown.state
+
+
+@pytest.mark.parametrize("coordinates", [1, 2])
+def test_a_microphone_is_drawn_where_it_was_placed(coordinates, server, blind):
+    binding = Binding(server.gui, blind, 6)
+    for place in ([0.6, 0.7], [0.85, 0.4]):
+        wanted = np.array([*place[:coordinates], *binding.positions[4, coordinates:]])
+        binding.place(4, place[:coordinates])
+        (_, microphone, at, _), positions = blind.session.commands[-1], np.array(blind.session.view.state.positions)
+        others = np.delete(positions, microphone, axis=0)
+        positions[microphone] = at
+        np.testing.assert_array_equal(np.delete(positions, microphone, axis=0), others)
+        np.testing.assert_allclose(binding.frame.positions(positions)[4], wanted, atol=1e-9)
+
+
+def test_ellipses_turn_with_the_array(blind):
+    frame, rng = DisplayFrame(blind), np.random.default_rng(1)
+    state = blind.session.view.state
+    axes = rng.normal(0, 1, (10, 2, 2))
+    ends = np.asarray(state.positions)[3] + 1e-6 * axes[3]  # the same motion carries the ends of the half axes
+    turned = frame.axes(state.positions, axes)
+    moved = frame.positions(state.positions)
+    for end, axis in zip(ends, turned[3], strict=True):
+        other = np.array(state.positions)
+        distances = position_errors(other, np.tile(end, (10, 1)))
+        np.testing.assert_allclose(
+            position_errors(moved, np.tile(moved[3] + 1e-6 * axis, (10, 1))), distances, atol=1e-12
+        )
+
+
+def test_the_microphones_whose_errors_count_determine_the_motion(blind):
+    frame, state = DisplayFrame(blind), blind.session.view.state
+    first, healthy = frame.state(state), np.arange(1, 10)
+    frame.move_by(healthy)
+    second = frame.state(state)
+    assert second is not first and frame.state(state) is second
+    off = position_errors(second.positions, blind.measurement.positions)
+    np.testing.assert_allclose(off, blind.measurement.errors(state.positions, healthy), atol=1e-12)
+
+
+def test_small_maps_cut_and_basins_have_the_true_position_where_the_main_map_has_it(blind, monkeypatch):
+    """Microphone 0 is dead: it is far off, and the others determine the motion."""
+    frame, truth, n = DisplayFrame(blind), blind.measurement.positions, 3
+    state, healthy = blind.session.view.state, np.arange(1, 10)
+    frame.move_by(healthy)
+    shown = frame.state(replace(state, positions=state.positions + np.eye(10, 1) * np.array([0.4, -0.3])))
+    assert np.abs(blind.measurement.aligned_truth(shown.positions)[n] - truth[n]).max() > 0.01
+    np.testing.assert_array_equal(frame.truth(shown.positions), truth)
+
+    request = SimpleNamespace(microphone=n, modes=(1,), take=None, state=shown, style=MapStyle())
+    np.testing.assert_array_equal(place_of_basin(blind, request)[0], truth[n])
+
+    marks = []
+    monkeypatch.setattr(map_tab, "mosaic", lambda *arguments, **_: marks.append(arguments[3]))
+    panels = SimpleNamespace(modes=(1,), maps=[None], total=None, search=None)
+    map_tab.panel_image(blind, SimpleNamespace(request=request, panels=panels, fine=True))
+    assert marks[0].true == tuple(truth[n])
+
+    ends = truth[n] - [0.1, 0.0], truth[n] + [0.1, 0.0]
+    assert cost_along(blind, CutRequest(0, n, (1,), 0, ends, shown)).truth == pytest.approx(0.1)
+
+
+def test_nothing_is_moved_where_microphones_are_known_or_the_truth_is_not(work, blind):
+    for run in (work, replace(blind, measurement=replace(blind.measurement, positions=None))):
+        frame, view = DisplayFrame(run), run.session.view
+        assert frame.state(view.state) is view.state and frame.view(view) == view
+        np.testing.assert_array_equal(frame.placed(view.state.positions, 2, [0.3, 0.4]), [0.3, 0.4])
