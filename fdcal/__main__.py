@@ -15,8 +15,8 @@ MIN_ADDRESS_SPACE = 1500 * 2**20  # bytes; a small calibration takes half of it,
 def main() -> None:
     """Load the command line and run it."""
     _require_streams()
+    before = signal.signal(signal.SIGINT, _end_at_once)  # before anything is imported, which takes its time
     _require_address_space()
-    before = signal.signal(signal.SIGINT, _end_at_once)
     from .commands.cli import main as run
 
     signal.signal(signal.SIGINT, _interrupted if before is signal.default_int_handler else before)

@@ -15,29 +15,15 @@ the microphones is near 0 for a single wave and near 1 for a diffuse field. Only
 over the array: below, the pressure is the same everywhere in any field.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..model.validation import Complexes
 
-
-@dataclass(frozen=True)
-class CoherenceRules:
-    """How a radius is sought."""
-
-    # smallest, largest: radii, metres
-    smallest: float = 0.005
-    largest: float = 30.0
-    steps: int = 400  # radii that are tried, in equal ratios
-    noise: tuple[float, ...] = (0.0, 0.03, 0.1, 0.25, 0.5)  # fractions of the power that may be incoherent
-    scatter: float = 1.0  # coherent power at high frequencies relative to that of independent channels
-    # largest k R at the lowest frequency; beyond it the array is incoherent throughout and its radius unknown
-    phase: float = 2.0
-    fewest: int = 6  # frequencies
-
-
-RADIUS_SEARCH = CoherenceRules()
+RADII = np.geomspace(0.005, 30.0, 400)  # metres, that are tried
+INCOHERENT = (0.0, 0.03, 0.1, 0.25, 0.5)  # fractions of the power that are tried
+SCATTER = 1.0  # coherent power at high frequencies relative to that of independent channels
+MAX_PHASE = 2.0  # k R at the lowest frequency; beyond it the array is incoherent throughout and its radius unknown
+MIN_FREQUENCIES = 6
 
 
 def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int) -> float | None:
@@ -52,19 +38,18 @@ def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int)
     p = p[:, level > 0] / level[level > 0]
     power = np.mean(np.abs(p) ** 2, axis=1)
     p, k, power = p[power > 0], k[power > 0], power[power > 0]
-    if len(k) < RADIUS_SEARCH.fewest or p.shape[1] < 2:
+    if len(k) < MIN_FREQUENCIES or p.shape[1] < 2:
         return None
     coherent = np.abs(p.mean(axis=1)) ** 2 / power
-    radii = np.geomspace(RADIUS_SEARCH.smallest, RADIUS_SEARCH.largest, RADIUS_SEARCH.steps)
-    z = k[:, None] * radii
+    z = k[:, None] * RADII
     expected = (2 * j1(z) / z) ** 2 if dimension == 2 else (3 * spherical_jn(1, z) / z) ** 2  # h of the module
     least, radius = np.inf, 0.0
-    for share in RADIUS_SEARCH.noise:
-        mean = (1 - share) * expected + (share + RADIUS_SEARCH.scatter * (1 - share)) / p.shape[1]
+    for fraction in INCOHERENT:
+        mean = (1 - fraction) * expected + (fraction + SCATTER * (1 - fraction)) / p.shape[1]
         costs = np.sum(np.log(mean) + coherent[:, None] / mean, axis=0)
         if costs.min() < least:
-            least, radius = float(costs.min()), float(radii[costs.argmin()])
-    return radius if k.min() * radius <= RADIUS_SEARCH.phase else None
+            least, radius = float(costs.min()), float(RADII[costs.argmin()])
+    return radius if k.min() * radius <= MAX_PHASE else None
 
 
 SINGLE_WAVE = "the pressures are those of a single wave that passes the array: there are hardly any reflections"

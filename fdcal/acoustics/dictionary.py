@@ -235,7 +235,7 @@ class LatticeDictionary:
             raise InputError(problem, "use another solver", key="search.size", value=search.size)
         nx, ny = search.shape
         self.search, self.wavenumbers, self.orders = search, np.asarray(wavenumbers, complex), np.asarray(orders)
-        self.shape = (ny, nx)
+        self.shape, self.nearest = (ny, nx), search.nearest
         ix, iy = np.meshgrid(np.arange(nx), np.arange(ny))
         self.steps = np.stack([ix.ravel(), iy.ravel()], axis=1)
         self.points = np.asarray(search.origin) + search.step * self.steps
@@ -249,22 +249,14 @@ class LatticeDictionary:
         for table, k, L in zip(self.radial, self.wavenumbers, self.orders, strict=True):
             table[:, : L + 1] = bessel(k * radii, int(L) + SPARE_ORDERS)[: L + 1].T
 
-    def nearest(self, point: ArrayLike) -> np.ndarray:
-        """Return the lattice point nearest to `point` (..., 2), inside the search domain : (..., 2) float64, metres."""
-        return np.asarray(self.search.origin) + self.search.step * self._index(point)
-
-    def _index(self, point: ArrayLike) -> np.ndarray:
-        index = np.rint((np.asarray(point) - self.search.origin) / self.search.step).astype(np.int64)
-        return np.clip(index, 0, np.array(self.shape[::-1]) - 1)
-
     def index(self, point: ArrayLike) -> int:
         """Return the number of the candidate nearest to `point` (2,), metres."""
-        ix, iy = self._index(point)
+        ix, iy = self.search.index(point)
         return int(iy * self.shape[1] + ix)
 
     def phases(self, centre: Reals) -> tuple[np.ndarray, np.ndarray]:
         """Return exp(j theta) (C,) complex128 and the row of `radial` (C,) int32 of every candidate about `centre`."""
-        index = tuple(self._index(centre).tolist())
+        index = tuple(self.search.index(centre).tolist())
         cached, phases = self._phases  # the centre rarely moves from step to step
         if cached != index:
             phases = self._unit_and_row(self.steps - index)
@@ -292,7 +284,7 @@ class LatticeDictionary:
         return unit, row, self._off_lattice(positions[off], centre)
 
     def _off_lattice(self, positions: np.ndarray, centre: Reals) -> np.ndarray:
-        index = tuple(self._index(centre).tolist()), positions.tobytes()
+        index = tuple(self.search.index(centre).tolist()), positions.tobytes()
         cached, W = self._others  # these are known microphones, which stay in place
         if cached != index:
             W = np.zeros((len(self.orders), len(positions), 2 * int(self.orders.max()) + 1), dtype=complex)

@@ -200,7 +200,7 @@ class Channels:
 
     @property
     def faulty(self) -> set[str]:
-        """Names of the microphones whose channel is not sound; a position given wrongly is no fault of a channel."""
+        """Names of the microphones whose channel is not healthy; a position given wrongly is no fault of a channel."""
         return {fault.name for fault in self.faults if fault.kind != "misplaced"}
 
     @property
@@ -326,13 +326,13 @@ class Calibration:
 
     @property
     def healthy(self) -> np.ndarray:
-        """Numbers of the microphones with a sound channel, of all if there is none : (K,) int64."""
+        """Numbers of the microphones with a healthy channel, of all if there is none : (K,) int64."""
         faulty = set() if self.channels is None else self.channels.faulty
         healthy = np.flatnonzero([name not in faulty for name in self.names])
         return healthy if len(healthy) else np.arange(len(self.names))
 
     def counted(self, given=()) -> np.ndarray:
-        """Return the numbers of the microphones whose errors are averaged: those sought, with a sound channel.
+        """Return the numbers of the microphones whose errors are averaged: those sought, with a healthy channel.
 
         Parameters
         ----------
@@ -349,8 +349,8 @@ class Calibration:
     def positions_for(self, measurement: Measurement) -> np.ndarray:
         """Return the positions in the axes of a measurement's true positions, where it has them.
 
-        A blind result is moved as a whole onto the true positions, by its sound channels; of the symmetries of a known
-        room the nearest one is taken.
+        A blind result is moved as a whole onto the true positions, by its healthy channels; of the symmetries of a
+        known room the nearest one is taken.
 
         Parameters
         ----------

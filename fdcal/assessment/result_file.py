@@ -368,7 +368,7 @@ def data_frame(self: Calibration) -> Any:
     """Return a pandas table with one row a microphone, if pandas is installed.
 
     Columns: x, y (z), metres; known; uncertainty, one sigma in metres; error, metres, where it is known; where the
-    solver finds them gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, "" where sound,
+    solver finds them gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, "" where healthy,
     and of given positions given_x, given_y (given_z) and given_difference, metres, NaN where none is given. The
     index are the names.
 
@@ -408,7 +408,7 @@ def data_frame(self: Calibration) -> Any:
 
 
 def _channel_columns(result: Calibration) -> dict[str, list]:
-    """Return gain, phase, noise and fault of every channel, "" where it is sound; nothing without channels."""
+    """Return gain, phase, noise and fault of every channel, "" where it is healthy; nothing without channels."""
     if result.channels is None:
         return {}
     faults = {fault.name: fault.kind for fault in result.channels.faults}

@@ -50,7 +50,7 @@ LEAST, FACTOR = 0.005, 3.0  # metres; times the bound, or times one sigma
 COLUMNS = ("rms_error_m", "max_error_m", "claimed_sigma_m", "bound_m")
 
 
-def judged(rows: pandas.DataFrame) -> pandas.DataFrame:
+def classified(rows: pandas.DataFrame) -> pandas.DataFrame:
     """Return the rows with the columns of this module's head, bool; a refused draw was not found."""
     rows = rows.copy()
     for name in COLUMNS:
@@ -95,7 +95,7 @@ def rows_of(rows: pandas.DataFrame, values: Mapping[str, Any]) -> pandas.DataFra
 
 
 def share_grid(rows: pandas.DataFrame, axes: dict[str, list], names: tuple[str, str], column: str) -> np.ndarray:
-    """Return the fraction of rows of `judged` in which `column` is true over two axes : (Y, X), NaN without a row."""
+    """Return the fraction of classified rows in which `column` is true over two axes : (Y, X), NaN without a row."""
     y, x = ([{name: value} for value in axes[name]] if name else [{}] for name in names)
     cells = [[rows_of(rows, one | other)[column] for other in x] for one in y]
     return np.array([[cell.mean() if len(cell) else np.nan for cell in line] for line in cells])

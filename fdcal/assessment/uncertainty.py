@@ -57,7 +57,7 @@ from ..cost.kernels import diffuse_kernel
 from ..cost.likelihood import FieldModel, likelihood_terms
 from ..model.gauge import align, rigid_motions
 from ..model.problem import mode_power
-from ..solvers.estimate import Estimate, scale_sigma
+from ..solvers.estimate import Estimate
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly
 MIN_EIGENVALUE = 1e-13  # of the scaled information: directions with less are as good as undetermined
@@ -251,8 +251,17 @@ def _blocks(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
 
 
 def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
-    """Return one sigma of the least certain stretching or shearing of the array as a whole, relative."""
-    return scale_sigma(estimate.positions, estimate.spread.covariance, healthy)
+    """Return one sigma of the least certain stretching or shearing of the array as a whole, relative.
+
+    Of the maps x -> x + B x, B symmetric, that fit a move of the `healthy` (N,) bool microphones best, since that of a
+    dead channel may stand anywhere.
+    """
+    positions, covariance = estimate.positions, estimate.spread.covariance
+    D, index = positions.shape[1], np.flatnonzero(np.repeat(healthy, positions.shape[1]))
+    x = positions[healthy] - positions[healthy].mean(axis=0)
+    fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(len(x))]))[:D], np.eye(D))  # (D D, N D)
+    fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
+    return float(np.sqrt(np.linalg.eigvalsh(fit @ covariance[np.ix_(index, index)] @ fit.T)[-1]))
 
 
 def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:

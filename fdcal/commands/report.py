@@ -60,7 +60,7 @@ def _end(result: Calibration) -> str:
 
 
 def _error(result: Calibration, inputs: CalibrationInput) -> str:
-    """Return the errors over the microphones sought whose channels are sound, in words."""
+    """Return the errors over the microphones sought whose channels are healthy, in words."""
     given, nominal = inputs.given, inputs.measurement.nominal
     truth = inputs.compared_with or ("the nominal positions" if nominal else "the truth")
     if result.mean_error is None or result.max_error is None:

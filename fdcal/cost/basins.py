@@ -37,22 +37,15 @@ def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:
     of it to a lower one, exceeds `depth` of the scale of the map. Minima at the edge do not count, because the cost
     beyond it is unknown.
     """
-    return _inside(prominent_minima(on_scale(cost), depth), cost.shape)[0]
-
-
-def prominent_minima(cost: np.ndarray, depth: float) -> np.ndarray:
-    """Return the flat indices (K,) of local minima whose prominence exceeds `depth`, in the unit of `cost`.
-
-    The lowest is first; the global minimum is always one of them.
-    """
-    return merged_basins(cost, depth)[0]
+    return _inside(merged_basins(on_scale(cost), depth)[0], cost.shape)[0]
 
 
 def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the minima of `prominent_minima`, and the heirs (P,) int64 of all points.
+    """Return the flat indices (K,) of minima whose prominence exceeds `depth`, and the heirs (P,) int64 of all points.
 
-    A minimum that is not prominent enough has joined the basin of its heir, which may in turn have joined another one;
-    any other point is its own heir. Of two equal costs the one with the lower index counts as lower.
+    `depth` is in the unit of `cost`. The lowest minimum is first; the global one is always among them. A minimum that
+    is not prominent enough has joined the basin of its heir, which may in turn have joined another one; any other point
+    is its own heir. Of two equal costs the one with the lower index counts as lower.
     """
     cost = np.ascontiguousarray(cost, dtype=float)
     flat, layers = cost.ravel(), cost.reshape(-1, *cost.shape[-2:])  # a map is one layer

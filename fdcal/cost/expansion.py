@@ -205,10 +205,7 @@ class FieldExpansion:
         return l, distance[:, None] ** l * Y[l, m].T
 
 
-@functools.lru_cache(maxsize=8)
-def expansion_of(problem: Problem, order_offset: int) -> FieldExpansion:
-    """Return the expansion of a problem, whose tables serve all searches and maps; InputError as `carried_modes`."""
-    return FieldExpansion(problem, order_offset)
+expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # its tables serve all searches and maps
 
 
 ORDER_OFFSET = 2  # added to ceil(k R): with the paper's 0 the truncation hides a centimetre

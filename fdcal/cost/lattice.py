@@ -88,23 +88,15 @@ class SpaceLattice:
         self._expansion = expansion_of(problem, order_offset)
         self._search, self.orders = search_domain(problem), self._expansion.carried.orders
         self._k = np.abs(problem.wavenumbers[self._expansion.carried.modes])
-        self._shape = np.array(self._search.shape)
+        self._shape, self.nearest = np.array(self._search.shape), self._search.nearest
 
     @property
     def points(self) -> np.ndarray:
         """All candidates : (C, 3) float64, metres, x fastest."""
         return self._place(_grid([np.arange(count) for count in self._shape[::-1]])[:, ::-1])
 
-    def nearest(self, point: ArrayLike) -> np.ndarray:
-        """Return the lattice point nearest to `point` (..., 3), inside the search domain : (..., 3) float64, metres."""
-        return self._place(self._index(point))
-
     def _place(self, index: ArrayLike) -> np.ndarray:
         return np.asarray(self._search.origin) + self._search.step * np.asarray(index)
-
-    def _index(self, point: ArrayLike) -> np.ndarray:
-        index = np.rint((np.asarray(point) - self._search.origin) / self._search.step).astype(np.int64)
-        return np.clip(index, 0, self._shape - 1)
 
     def dictionary(self, positions: Reals, centre: Reals, modes: Sequence[int]) -> list[np.ndarray]:
         """Return W (N, (L + 1)^2) of each of `modes` at positions (N, 3) about a centre (3,), metres."""
@@ -129,7 +121,7 @@ class SpaceLattice:
             return total
 
         everything, stride = np.arange(len(numbers)), self._stride(float(self._k[numbers].max()))
-        seeds = [self._index(start), *self._coarse(cost, stride, everything)]
+        seeds = [self._search.index(start), *self._coarse(cost, stride, everything)]
         found = [self._refined(functools.partial(cost, part=everything), seed, stride) for seed in seeds]
         index, least = min(found, key=lambda one: one[1])
         return self._place(index), least
@@ -171,7 +163,4 @@ def _grid(axes: list[np.ndarray]) -> np.ndarray:
     return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
 
-@functools.lru_cache(maxsize=3)
-def space_lattice(problem: Problem, order_offset: int) -> SpaceLattice:
-    """Return the lattice of the search domain of a problem in three dimensions."""
-    return SpaceLattice(problem, order_offset)
+space_lattice = functools.lru_cache(maxsize=3)(SpaceLattice)

@@ -306,8 +306,7 @@ def descent_maps(
     scale = np.sqrt(known_weights(problem, known_weight))
     scale[n] = 1.0  # also of a known microphone: it is the one that is moved
     if centre is None:
-        steps = np.rint((x.mean(axis=0) - domain.origin) / domain.step)
-        centre = domain.origin + domain.step * np.clip(steps, 0, np.array(domain.shape) - 1)
+        centre = domain.nearest(x.mean(axis=0))
     expansion, pressures = expansion_of(problem, order_offset), scale * problem.pressures
     return MovedMicrophone(problem, expansion, x, n, np.asarray(centre), pressures, scale).maps(modes, search)
 

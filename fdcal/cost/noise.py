@@ -45,11 +45,8 @@ from .kernels import cosines_and_sines, pair_covariance, pair_powers, plane_wave
 from .likelihood import FieldModel, Terms, spectra
 
 MAX_NOISE_FRACTION = 0.7  # of the noise
-
-
-DIFFUSE_FLOOR = (
-    1e-6  # least fraction of noise with the diffuse kernel, which leaves that much of a damped field unexplained
-)
+# least fraction of noise with the diffuse kernel, which leaves that much of a damped field unexplained
+DIFFUSE_FLOOR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -62,30 +59,30 @@ class NoiseEstimate:
     cost: float  # -log likelihood with `noise_fraction` and `spread`, up to a constant
 
 
-def estimate_noise(positions: Reals, corrected: Numbers, field: FieldModel, min_share: float) -> NoiseEstimate:
+def estimate_noise(positions: Reals, corrected: Numbers, field: FieldModel, min_fraction: float) -> NoiseEstimate:
     """Return the noise and the position error of greatest likelihood; `corrected` (M, N) has unit mean power."""
     from scipy.optimize import minimize, minimize_scalar  # takes longer to load than the rest of the solvers
 
     values, along = spectra(positions, corrected, field)
     values = values * field.power[:, None]
-    slope, max_share = np.real(field.wavenumbers)[:, None] ** 2 / field.dimension, MAX_NOISE_FRACTION
+    slope, max_fraction = np.real(field.wavenumbers)[:, None] ** 2 / field.dimension, MAX_NOISE_FRACTION
 
     def cost(logs: Reals | tuple[float, float]) -> float:
         noise, variance = np.exp(logs)
-        spectrum = values + np.minimum(noise + slope * variance, max_share)
+        spectrum = values + np.minimum(noise + slope * variance, max_fraction)
         return float(np.sum(np.log(spectrum) + along / spectrum))
 
     top = float(slope.max())
-    shares, variances = ((float(np.log(min_share / x)), float(np.log(max_share / x))) for x in (1.0, top))
-    grid: list[list[float]] = [np.linspace(low, high, 8).tolist() for low, high in (shares, variances)]
+    fractions, variances = ((float(np.log(min_fraction / x)), float(np.log(max_fraction / x))) for x in (1.0, top))
+    grid: list[list[float]] = [np.linspace(low, high, 8).tolist() for low, high in (fractions, variances)]
     start = min(((a, b) for a in grid[0] for b in grid[1]), key=cost)
     options = {"xatol": 0.05, "fatol": 0.1}
-    best = minimize(cost, start, method="Nelder-Mead", bounds=[shares, variances], options=options)
+    best = minimize(cost, start, method="Nelder-Mead", bounds=[fractions, variances], options=options)
 
     def without_spread(log: float) -> float:
         return cost((log, variances[0]))
 
-    alone = minimize_scalar(without_spread, bounds=shares, method="bounded")
+    alone = minimize_scalar(without_spread, bounds=fractions, method="bounded")
     noise, variance = np.exp(best.x)
     return NoiseEstimate(float(noise), float(np.sqrt(variance)), float(np.exp(alone.x)), float(best.fun))
 

@@ -140,7 +140,7 @@ def descent_text(basins: Basins, search: Search, place, name: str = "true positi
     return f"descent from the {name} ends {distance}; its basin holds {_percent(basins.shares[here])} of the map"
 
 
-def _percent(share: float) -> str:
+def _percent(fraction: float) -> str:
     """As "12 %", and "0.3 %" below one."""
-    percent = 100 * float(share)
+    percent = 100 * float(fraction)
     return f"{percent:.0f} %" if percent >= 1 else f"{percent:.1g} %" if percent >= 0.1 else "below 0.1 %"

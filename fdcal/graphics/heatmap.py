@@ -61,7 +61,7 @@ def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
     x, y = np.meshgrid(grid.x, grid.y)
     rim = np.stack([x, y, floor.height + grid.heights], axis=-1)
     meshes = []
-    for name, share, edges in (("x", SIDES[0], (rim[:, 0], rim[:, -1])), ("y", SIDES[1], (rim[0], rim[-1]))):
+    for name, fraction, edges in (("x", SIDES[0], (rim[:, 0], rim[:, -1])), ("y", SIDES[1], (rim[0], rim[-1]))):
         top = np.stack(edges)
         foot = top * [1, 1, 0] + [0, 0, floor.height]
         count = top.shape[1]
@@ -69,7 +69,7 @@ def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
         faces = np.concatenate([corner + [0, 1, count + 1], corner + [0, count + 1, count]])
         vertices = np.stack([top, foot], axis=1).reshape(-1, 3)
         shape = frozen_array(vertices, np.float32), frozen_array(faces, np.int32)
-        meshes.append(Mesh(f"relief_sides/{name}", *shape, mixed(theme.background, theme.foreground, share)))
+        meshes.append(Mesh(f"relief_sides/{name}", *shape, mixed(theme.background, theme.foreground, fraction)))
     return tuple(meshes)
 
 

@@ -64,7 +64,7 @@ def ellipse_scale(axes, extent: float) -> float:
 
 
 def enlargement(half_axis: float, extent: float) -> float:
-    """Return 1, 2, 5, 10, ...: the least that makes a half axis visible beside the extent, both in metres."""
+    """Return 1, 2, 5, 10, ...: the smallest that makes a half axis visible beside the extent, both in metres."""
     wanted = VISIBLE * extent / half_axis
     if wanted <= 1:
         return 1.0
@@ -217,10 +217,10 @@ BALL_LIGHT = np.array([-0.45, 0.2, 0.87])  # towards the light, of unit length
 PATH_WIDTH = 3.0  # pixels
 
 
-def along(points: Reals, share: float) -> Reals:
-    """Return the place on a path (P, D) at a share of the time, 0 to 1: it starts slowly and comes to rest slowly."""
+def along(points: Reals, fraction: float) -> Reals:
+    """Return the place on a path (P, D) at a fraction of the time, 0 to 1: it starts and ends slowly."""
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    at = lengths[-1] * share * share * (3 - 2 * share)
+    at = lengths[-1] * fraction * fraction * (3 - 2 * fraction)
     return np.array([np.interp(at, lengths, column) for column in points.T])
 
 

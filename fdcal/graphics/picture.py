@@ -216,13 +216,13 @@ def name_place(
     text: str, place, marks, focus: tuple[float, float, float, float], marker_radius: float
 ) -> tuple[tuple[float, float], Anchor]:
     """Return where the name of a microphone at `place` stands, metres, and its anchor: in `focus`, clear of `marks`."""
-    best, least = SIDES[0], np.inf
+    best, fewest = SIDES[0], np.inf
     for side in SIDES:
         box = _box(text, place, side, marker_radius)
         beyond = box[0] < focus[0] or box[1] < focus[1] or box[2] > focus[2] or box[3] > focus[3]
         hidden = OUTSIDE * beyond + _hidden(box, np.reshape(marks, (-1, 2)), MARK * marker_radius)
-        if hidden < least:
-            best, least = side, hidden
+        if hidden < fewest:
+            best, fewest = side, hidden
     return _point(place, best, marker_radius), best[2]
 
 

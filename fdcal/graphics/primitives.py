@@ -18,9 +18,9 @@ from .glyphs import round_ticks
 Colour = tuple[int, int, int]
 
 
-def mixed(one: Colour, other: Colour, share: float) -> Colour:
-    """Return a colour between two, `share` of the way from the one to the other."""
-    red, green, blue = (round((1 - share) * a + share * b) for a, b in zip(one, other, strict=True))
+def mixed(one: Colour, other: Colour, fraction: float) -> Colour:
+    """Return a colour between two, `fraction` of the way from the one to the other."""
+    red, green, blue = (round((1 - fraction) * a + fraction * b) for a, b in zip(one, other, strict=True))
     return red, green, blue
 
 
@@ -54,7 +54,7 @@ def theme_of(dark: bool, lecture: bool = False) -> Theme:
     return DARK if dark else LIGHT
 
 
-CONTRAST = 4.5  # least of a text and its halo, as WCAG 2 asks for
+CONTRAST = 4.5  # minimum of a text and its halo, as WCAG 2 asks for
 
 
 def contrast(one: Colour, other: Colour) -> float:
@@ -65,8 +65,8 @@ def contrast(one: Colour, other: Colour) -> float:
 
 def linear(colour: Colour) -> np.ndarray:
     """Return the linear light (3,), 0 to 1, of an sRGB colour."""
-    share = np.asarray(colour) / 255
-    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    fraction = np.asarray(colour) / 255
+    return np.where(fraction <= 0.04045, fraction / 12.92, ((fraction + 0.055) / 1.055) ** 2.4)
 
 
 def halo_of(colour: Colour, theme: Theme) -> Colour:

@@ -149,8 +149,8 @@ def _draw_trials(trials: Trials, panel: Any) -> None:
     panel.set_xscale("log")
     _label_plainly(panel.xaxis)
     panel.yaxis.get_major_locator().set_params(integer=True)
-    share = f"{trials.accurate:.0%} of {len(trials.verdicts)} trials"  # of which rms errors alone can be shown
-    title = f"Every microphone within {1e3 * trials.accuracy:g} mm: {share}"
+    fraction = f"{trials.accurate:.0%} of {len(trials.verdicts)} trials"  # of which rms errors alone can be shown
+    title = f"Every microphone within {1e3 * trials.accuracy:g} mm: {fraction}"
     panel.set(xlabel="error (mm rms)", ylabel="trials", title=title)
     panel.legend(frameon=False)
 

@@ -111,9 +111,9 @@ def draw_success(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Figu
     figure, panels = shown.drawn(1.4 + 0.6 * len(x), 1.2 + 0.45 * len(y))
     drawn: Any = None
     for panel, values in panels:
-        share = statistics.share_grid(statistics.rows_of(rows, values), axes, (shown.y, shown.x), "found")
-        drawn = panel.imshow(share, vmin=0, vmax=1, cmap="viridis", aspect="auto", origin="lower")
-        for (i, j), one in np.ndenumerate(share):
+        fraction = statistics.share_grid(statistics.rows_of(rows, values), axes, (shown.y, shown.x), "found")
+        drawn = panel.imshow(fraction, vmin=0, vmax=1, cmap="viridis", aspect="auto", origin="lower")
+        for (i, j), one in np.ndenumerate(fraction):
             if np.isfinite(one):
                 colour = "black" if one > 0.6 else "white"
                 panel.text(j, i, f"{100 * one:.0f} %", ha="center", va="center", color=colour, fontsize=SMALL)
@@ -177,9 +177,9 @@ def draw_verdicts(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Fig
     for panel, values in panels:
         part, base = statistics.rows_of(rows, values), np.zeros(len(axes[shown.x]))
         for column, text, colour in kinds:
-            share = np.nan_to_num(statistics.share_grid(part, axes, (shown.x, ""), column)[:, 0])
-            panel.bar(range(len(base)), 100 * share, bottom=100 * base, color=colour, label=text)
-            base = base + share
+            fraction = np.nan_to_num(statistics.share_grid(part, axes, (shown.x, ""), column)[:, 0])
+            panel.bar(range(len(base)), 100 * fraction, bottom=100 * base, color=colour, label=text)
+            base = base + fraction
         panel.set_xticks(range(len(base)), [str(value) for value in axes[shown.x]])
     _name_axes(figure, shown, "calibrations (%)")
     _add_legend(figure, panels[0][0])
@@ -225,7 +225,7 @@ def write_report(
     for name in names or ():
         if name not in axes:
             raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
-    rows = statistics.judged(statistics.selected(rows, axes, at))
+    rows = statistics.classified(statistics.selected(rows, axes, at))
     if not len(rows):
         raise InputError("no calibration of the study has these values", "leave out <at>", key="at")
     axes = {name: values for name, values in axes.items() if name not in at or name in (names or ())}
@@ -442,15 +442,15 @@ def _scored(rows: Any) -> Any:
     if "inside" not in rows or not rows["inside"].notna().any():
         problem = "the rows of this study say nothing of coverage"
         raise InputError(problem, "run it again with this fdcal", key="report")
-    return statistics.judged(rows[rows["inside"].notna()])
+    return statistics.classified(rows[rows["inside"].notna()])
 
 
 def _bars_line(name: str, part: Any) -> str:
     good = part[part["trusted"] & (part["judged"] > 0)]
     if not len(good):
         return f"| {name} | 0 |" + " |" * (3 + len(LEVELS)) + "\n"
-    share, error = statistics.clustered(statistics.json_columns(good, "inside"), good["judged"].to_numpy(float))
-    cells = " | ".join(f"{100 * p:.1f} ± {100 * e:.1f}" for p, e in zip(share, error, strict=True))
+    fraction, error = statistics.clustered(statistics.json_columns(good, "inside"), good["judged"].to_numpy(float))
+    cells = " | ".join(f"{100 * p:.1f} ± {100 * e:.1f}" for p, e in zip(fraction, error, strict=True))
     ratio = (good["error_m2"] / good["claimed_m2"]).median()
     sizes = " | ".join(f"{1e3 * np.sqrt(good[column].median()):.2g}" for column in ("error_m2", "claimed_m2"))
     return f"| {name} | {len(good)} | {sizes} | {ratio:.2f} | {cells} |\n"
@@ -482,15 +482,15 @@ def draw_ranks(head: dict, rows: Any) -> Figure:
     cells: list[Any] = list(figure.subplots(lines, RANK_COLUMNS, squeeze=False).flat)
     for cell in cells[len(names) + 1 :]:
         cell.set_visible(False)
-    share, error = statistics.clustered(statistics.json_columns(good, "inside"), good["judged"].to_numpy(float))
+    fraction, error = statistics.clustered(statistics.json_columns(good, "inside"), good["judged"].to_numpy(float))
     cells[0].plot([0, 1], [0, 1], color="grey", linewidth=0.8)
-    cells[0].errorbar(LEVELS, share, BAND * error, fmt="o", markersize=3)
+    cells[0].errorbar(LEVELS, fraction, BAND * error, fmt="o", markersize=3)
     cells[0].set_title("coverage, all settings", fontsize=7)
     edges = np.linspace(0, 1, BINS + 1)
     for cell, name in zip(cells[1:], names, strict=False):
         counts = statistics.json_columns(good[good[key] == name], "ranks")
-        share, error = statistics.clustered(counts, counts.sum(axis=1))
-        cell.stairs(BINS * share, edges, fill=True, color="tab:blue", alpha=0.7)
+        fraction, error = statistics.clustered(counts, counts.sum(axis=1))
+        cell.stairs(BINS * fraction, edges, fill=True, color="tab:blue", alpha=0.7)
         cell.fill_between(edges, *(1 + sign * BAND * BINS * _stepped(error) for sign in (-1, 1)), step="post",
                           color="grey", alpha=0.4)  # fmt: skip
         cell.axhline(1, color="black", linewidth=0.6)

@@ -177,9 +177,9 @@ def _surface(parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]], colours: np
     texture = np.zeros((max(count, 1), SHADES, 4), np.uint8)
     brightness = np.linspace(DARKEST, 1.0, SHADES)[:, None]
     for row, colour in enumerate(colours):
-        share = 1.0 if count == 1 else row / (count - 1)  # 0 of the innermost
+        fraction = 1.0 if count == 1 else row / (count - 1)  # 0 of the innermost
         texture[row, :, :3] = np.rint(brightness * colour)
-        texture[row, :, 3] = round(255 * (OPACITY[1] + share * (OPACITY[0] - OPACITY[1])))
+        texture[row, :, 3] = round(255 * (OPACITY[1] + fraction * (OPACITY[0] - OPACITY[1])))
     return Surface(
         "isosurfaces",
         frozen_array(np.concatenate(vertices), np.float32),

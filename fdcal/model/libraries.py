@@ -101,7 +101,9 @@ def call(
     return result
 
 
-def _error_of(child: subprocess.CompletedProcess, processor_seconds: int | None, memory: int | None) -> ProcessError:
+def _error_of(
+    child: subprocess.CompletedProcess[bytes], processor_seconds: int | None, memory: int | None
+) -> ProcessError:
     """Return why the process ended: a limit, a signal, or the last line that it wrote."""
     if child.returncode == -signal.SIGXCPU:
         return LimitError(f"it takes more than {processor_seconds} s of processor time")

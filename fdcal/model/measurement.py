@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import IO, Any, ClassVar
 
 import numpy as np
 
@@ -550,7 +550,7 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
         raise error.within(path) from None
 
 
-def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+def _read_arrays(path: str | Path | IO[bytes]) -> dict[str, np.ndarray]:
     """Return the arrays of an .npz file whose keys are those of a measurement; no pickled objects are read."""
     try:
         if isinstance(path, (str, Path)):

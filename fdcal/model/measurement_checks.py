@@ -59,7 +59,7 @@ def wavenumbers(values: Any, frequencies: np.ndarray, speed: float) -> np.ndarra
     given = given_wavenumbers(values, speed)
     array = 2 * np.pi * frequencies / speed if given is None else given
     checked = require_array("wavenumbers", array, "number", (len(frequencies),), "rad/m")
-    return hold(checked, speed, given is None)
+    return remember(checked, speed, given is None)
 
 
 def names(values: Sequence[str] | np.ndarray | None, count: int) -> tuple[str, ...]:
@@ -228,7 +228,7 @@ def _require_noise_below_signal(values: np.ndarray, noise_power: np.ndarray, fre
 
 
 @dataclass(frozen=True)
-class HeldWavenumbers:
+class WavenumberOrigin:
     """Wavenumbers of a measurement: whether they follow from frequency and sound speed, or were given.
 
     `dataclasses.replace` hands a measurement the very array that another one holds, so that a change of the sound
@@ -240,13 +240,13 @@ class HeldWavenumbers:
     derived: bool  # whether they are 2 pi f / c
 
 
-_held: dict[int, HeldWavenumbers] = {}  # by the id of the array
+_origins: dict[int, WavenumberOrigin] = {}  # by the id of the array
 
 
-def hold(array: np.ndarray, speed: float, derived: bool) -> np.ndarray:
+def remember(array: np.ndarray, speed: float, derived: bool) -> np.ndarray:
     """Remember wavenumbers (M,), rad/m, as long as they live, and return them."""
     key = id(array)
-    _held[key] = HeldWavenumbers(weakref.ref(array, lambda _: _held.pop(key, None)), speed, derived)
+    _origins[key] = WavenumberOrigin(weakref.ref(array, lambda _: _origins.pop(key, None)), speed, derived)
     return array
 
 
@@ -255,13 +255,13 @@ def given_wavenumbers(values: Any, speed: float):
 
     Those of another measurement count as given only if they were given there, at the same `speed`, m/s.
     """
-    held = _held.get(id(values))
-    if held is None or held.array() is not values:
+    origin = _origins.get(id(values))
+    if origin is None or origin.array() is not values:
         return values
-    if held.derived:
+    if origin.derived:
         return None
-    if held.speed != speed:
-        problem = f"sound_speed = {speed:g} m/s, and the wavenumbers belong to a measurement of {held.speed:g} m/s"
+    if origin.speed != speed:
+        problem = f"sound_speed = {speed:g} m/s, and the wavenumbers belong to a measurement of {origin.speed:g} m/s"
         remedy = "give <wavenumbers>, too: None for 2 pi f / c, those of the new speed, or a copy to keep the old ones"
         raise InputError(problem, remedy, key="wavenumbers", value=speed)
     return values

@@ -129,6 +129,15 @@ class Search:
         """Number of candidates along each axis."""
         return tuple(round(length / self.step) + 1 for length in self.size)
 
+    def index(self, point: Any) -> np.ndarray:
+        """Return the indices of the candidate nearest to `point` (..., D), metres : (..., D) int64."""
+        index = np.rint((np.asarray(point) - self.origin) / self.step).astype(np.int64)
+        return np.clip(index, 0, np.array(self.shape) - 1)
+
+    def nearest(self, point: Any) -> np.ndarray:
+        """Return the candidate nearest to `point`, inside the search domain : (..., D) float64, metres."""
+        return np.asarray(self.origin) + self.step * self.index(point)
+
     def layer(self, height: float = 0.0) -> np.ndarray:
         """Return the candidates of a horizontal layer; all of them in two dimensions.
 

@@ -176,17 +176,17 @@ def _require_free(path: Path, force: bool) -> None:
 MAX_DOTS = 500  # before the "=" of a line: the parser's time grows with the square of the parts of a key
 
 
-def read_bytes(path: str | Path, most: int = LIMITS.text, what: str = "") -> bytes:
-    """Return the content, as "scene", of a file of at `most` so many bytes: a device without an end is no hang."""
+def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -> bytes:
+    """Return the content, as "scene", of a file of `max_bytes` at most: a device without an end is no hang."""
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no name of a file, it holds a NUL character", "correct it")
     try:
         with open(path, "rb") as file:
-            content = file.read(most + 1)
+            content = file.read(max_bytes + 1)
     except OSError as error:
         raise StorageError(f"cannot read {what}{what and ' '}{path}: {error.strerror or error}") from error
-    if len(content) > most:
-        raise InputError(f"{path} has more than {most:,} bytes", "give a smaller file")
+    if len(content) > max_bytes:
+        raise InputError(f"{path} has more than {max_bytes:,} bytes", "give a smaller file")
     return content
 
 

@@ -126,7 +126,7 @@ def unexpected_argument(function: str, name: str, known: Iterable[str]) -> TypeE
     return TypeError(f"{function}() got an unexpected keyword argument {name!r}{meant}")
 
 
-def shown(value: object, most: int = 60) -> str:
+def shown(value: object, max_length: int = 60) -> str:
     """Return a value for a message: as Python writes it, a text as it is, in one line and cut to so many letters."""
     try:
         if isinstance(value, (dict, list, tuple)):
@@ -136,7 +136,7 @@ def shown(value: object, most: int = 60) -> str:
     except ValueError:  # Python writes no whole number of more than 4300 digits
         return "a number of very many digits"
     text = " ".join((value if isinstance(value, str) else repr(value)).split())
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+    return text if len(text) <= max_length else f"{text[: max_length - 3]}..."
 
 
 def shown_literal(value: object) -> str:

@@ -1,6 +1,6 @@
 """Block coordinate descent, section 3 of the paper: one microphone at a time over all candidates.
 
-    step   one free microphone is moved to the candidate of the lowest cost (Eq. 7), the others are held; then the
+    step   one free microphone is moved to the candidate of the lowest cost (Eq. 7), the others constrained; then the
            basis is recentred on the centre of mass of the array
     sweep  all free microphones are moved once, in an order drawn for this sweep
     stage  sweeps with one set of modes, until no microphone moves; then the next higher mode is added
@@ -30,7 +30,7 @@ from ..model.validation import InputError, Reals, frozen_array
 from . import starts
 from .estimate import Estimate
 from .interface import RunState, Traits
-from .requirements import require_range, require_search
+from .requirements import require_range
 from .robust.result import estimate_at
 
 TRAITS = Traits(
@@ -204,7 +204,7 @@ def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
             " has dimension = 3",
             "use <solver> joint",
         )
-    search, known, count = require_search(problem), problem.known.tolist(), problem.pressures.shape[1]
+    search, known, count = expansion.search_domain(problem), problem.known.tolist(), problem.pressures.shape[1]
     if not fixes_gauge(problem.known_positions):
         fewest = "three known microphones that are not on one line"
         if problem.array_dimension == 3:

@@ -169,17 +169,3 @@ class RoomEstimate:
     source: Reals  # (D,) float64, metres
     admittance: complex  # of the walls
     images: tuple[RoomSymmetry, ...]  # symmetries of the room, the identity first
-
-
-def scale_sigma(positions: np.ndarray, covariance: Reals, healthy: np.ndarray) -> float:
-    """Return one sigma of the least certain stretching or shearing of an array as a whole, relative.
-
-    positions : (N, D) float64, metres; covariance : (N D, N D) float64, metres^2; healthy : (N,) bool, the microphones
-    that count, since that of a dead channel may stand anywhere. Of the maps x -> x + B x, B symmetric, that fit a move
-    of the microphones best.
-    """
-    D, index = positions.shape[1], np.flatnonzero(np.repeat(healthy, positions.shape[1]))
-    x = positions[healthy] - positions[healthy].mean(axis=0)
-    fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(len(x))]))[:D], np.eye(D))  # (D D, N D)
-    fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
-    return float(np.sqrt(np.linalg.eigvalsh(fit @ covariance[np.ix_(index, index)] @ fit.T)[-1]))

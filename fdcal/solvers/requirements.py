@@ -14,7 +14,6 @@ from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY, array_radius,
 from ..acoustics.dictionary import f_max
 from ..model.gauge import fixes_gauge
 from ..model.problem import Problem
-from ..model.settings import Search
 from ..model.validation import LIMITS, InputError
 from .starts import singular_vectors
 
@@ -87,14 +86,6 @@ def require_range(problem: Problem, first: int, last: int) -> None:
     if not 1 <= first <= last:
         raise InputError(f"modes {first} to {last} are not a range", "use 1 or more, the lower one first", key="modes")
     require_measured(problem, last)
-
-
-def require_search(problem: Problem, search: Search | None = None) -> Search:
-    """Return `search`, or the search domain of the problem; raise InputError without one."""
-    found = problem.search if search is None else search
-    if found is None:
-        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
-    return found
 
 
 # modes without which no array is sought, by the dimension of the sound field

@@ -152,11 +152,7 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("model_mismatch", "no sound field without sources explains", lambda e: with_channel_noise(e, 3, 1e4)),
     ("model_mismatch", "8 of 20 microphones", lambda e: with_channel_noise(e, 8, 6.0)),
     ("known_position", "known microphone 0 and 5", lambda e: with_given_moved(e, 2)),
-    (
-        "known_position",
-        "would disagree so in 1 of 1000",
-        lambda e: with_agreement(e, 1e-3),
-    ),
+    ("known_position", "would disagree so in 1 of 1000", lambda e: with_agreement(e, 1e-3)),
     ("undersampled", "Eq. 9", lambda e: with_frequencies(e, 10.0)),
     ("not_converged", "still moved", lambda e: replace(e, converged=False)),
     ("model_mismatch", "times what the noise explains", lambda e: with_given_noise(with_share(e, 0.01), 0.003)),

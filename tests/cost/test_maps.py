@@ -85,8 +85,6 @@ def test_at_the_estimate_all_modes_give_the_number_of_the_status(name):
 
 
 def test_a_map_does_not_depend_on_the_modes_in_use_or_on_the_solver():
-    from fdcal import solvers
-
     scene = load_scene("tiny")
     problem = cached_measurement(scene).problem()
     maps = []
@@ -100,13 +98,22 @@ def test_a_map_does_not_depend_on_the_modes_in_use_or_on_the_solver():
     np.testing.assert_array_equal(maps[0], maps[2])
 
 
-def test_a_mode_beyond_the_microphones_is_refused():
+def test_what_has_no_map_is_refused(waves):
     problem, x = case("tiny")
     few = dataclasses.replace(problem, pressures=problem.pressures[:, :9])
     with pytest.raises(InputError, match=r"mode 20 .* 9 microphones"):
         eq7_maps(few, x[:9], 5, (1, 20), 2)
     with pytest.raises(InputError, match="search"):
         eq7_maps(dataclasses.replace(problem, search=None), x, 5, (1,), 2)
+    with pytest.raises(InputError, match="order"):
+        eq7_cut(PLANE, GUESS, 9, (14,), 12, GUESS[:1])
+    with pytest.raises(InputError, match="in a plane"):
+        cost_volume(*case("plane3d"), 10, (1, 2), 2)
+    with pytest.raises(InputError, match="two-dimensional"):
+        mode_shape(dataclasses.replace(waves, search=None), np.zeros((24, 2)), 1, 2)
+    displaced = np.where(np.arange(24)[:, None] == 3, np.nan, ROUGH)
+    with pytest.raises(np.linalg.LinAlgError, match="finite"):
+        likelihood_maps(MEASURED.problem(), displaced, N, MODES, noise_of(MEASURED.problem(), 1e-3))
 
 
 @pytest.mark.parametrize("known_weight", [1.0, 1000.0])
@@ -163,17 +170,6 @@ def test_a_cut_along_a_row_of_the_lattice_is_that_row_of_the_maps(modes):
     np.testing.assert_allclose(cut, maps[:, row], rtol=1e-6, atol=1e-12)
 
 
-def test_the_sum_at_the_estimate_is_the_cost_of_the_page():
-    cost = ReferenceCost(PLANE)
-    cut = eq7_cut(PLANE, GUESS, 9, range(1, cost.count + 1), cost.order_offset, GUESS[9][None])
-    assert 10 * np.log10(cut.sum()) == pytest.approx(cost(GUESS), abs=1e-6)
-
-
-def test_a_mode_that_the_microphones_cannot_carry_is_refused():
-    with pytest.raises(InputError, match="order"):
-        eq7_cut(PLANE, GUESS, 9, (14,), 12, GUESS[:1])
-
-
 def test_gains_and_noise_that_the_solver_estimates_count():
     gains = np.exp(1j * np.linspace(0, 1, len(GUESS)))
     channels = ChannelCorrection(gains, np.linspace(1, 2, len(GUESS)))
@@ -217,12 +213,6 @@ def test_a_volume_that_nobody_wants_any_longer_ends_at_once():
     problem, x = case("ball3d")
     assert cost_volume(problem, x, 10, (1, 2, 3), 2, cancelled=lambda: True) is None
     assert cost_volume(problem, x, 10, (1, 2), 2).on([1.5], [1.5], [1.2], lambda: True) is None
-
-
-def test_an_array_in_a_plane_has_no_volume():
-    problem, x = case("plane3d")
-    with pytest.raises(InputError, match="in a plane"):
-        cost_volume(problem, x, 10, (1, 2), 2)
 
 
 @pytest.fixture(scope="module", params=["descent", "joint"])
@@ -286,11 +276,6 @@ def test_the_shape_of_a_mode_is_the_recorded_field(waves):
     basis = np.stack([field.real[inside].ravel(), field.imag[inside].ravel()], axis=1)
     _, left, *_ = np.linalg.lstsq(basis, shape[inside].ravel(), rcond=None)
     assert left[0] < 1e-8, "one moment of the oscillation"
-
-
-def test_no_shape_without_a_plane_lattice(waves):
-    with pytest.raises(InputError, match="two-dimensional"):
-        mode_shape(dataclasses.replace(waves, search=None), np.zeros((24, 2)), 1, 2)
 
 
 def test_a_fine_lattice_of_a_box_is_one_layer():
@@ -369,13 +354,6 @@ def test_microphones_far_out_change_no_law_nor_the_tables_of_those_that_are_not(
     displaced[3] += away
     assert_same(likelihood_maps(problem, displaced, N, MODES, noise), directly(problem, displaced, noise, AREA))
     np.testing.assert_allclose(likelihood_maps(problem, ROUGH, N, MODES, noise), before, rtol=1e-9)
-
-
-def test_positions_that_are_none_are_refused():
-    problem, displaced = MEASURED.problem(), ROUGH.copy()
-    displaced[3, 0] = np.nan
-    with pytest.raises(np.linalg.LinAlgError, match="finite"):
-        likelihood_maps(problem, displaced, N, MODES, noise_of(problem, 1e-3))
 
 
 def test_a_finer_lattice_shows_the_same_surface():

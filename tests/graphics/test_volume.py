@@ -107,7 +107,9 @@ def test_a_slice_lies_across_its_axis_and_has_the_colours_of_the_scale(axis):
 @pytest.fixture(scope="module")
 def picture():
     positions = np.random.default_rng(0).uniform(DOMAIN[0] + 0.05, DOMAIN[1] - 0.05, (6, 3))
-    measurement = Measurement([100.0], np.ones((1, 6)), 343.0, 3, positions=positions, known=[0], search=SEARCH)
+    measurement = Measurement(
+        [100.0], np.ones((1, 6), complex), 343.0, 3, positions=positions, known=[0], search=SEARCH
+    )
     return static_picture(None, measurement)
 
 

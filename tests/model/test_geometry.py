@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdcal.acoustics.box_field import point_source_pressures
-from fdcal.acoustics.measure import measure
+from fdcal.acoustics.measure import cached_measurement, measure
 from fdcal.cost.expansion import usable_modes
 from fdcal.graphics.landscape import landscape_panels
 from fdcal.model.arrays import (
@@ -33,7 +33,7 @@ from fdcal.model.gauge import align, fixes_gauge, position_errors
 from fdcal.model.room import Room
 from fdcal.model.scene import Array, Gauge
 from fdcal.model.scene_file import load_scene
-from fdcal.model.settings import CELLS, Sensing, search_round
+from fdcal.model.settings import CELLS, Search, Sensing, search_round
 from fdcal.model.validation import InputError, length_text
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
@@ -274,7 +274,7 @@ def test_the_measurement_is_the_field_at_the_microphones(name):
 def shipped(request):
     """A scene that ships and its measurement."""
     scene = load_scene(request.param)
-    return scene, measure(scene)
+    return scene, cached_measurement(scene)
 
 
 def test_scenes_in_space_are_calibrated_all_at_once(shipped):
@@ -415,3 +415,15 @@ def test_one_place_has_a_domain_too():
 )
 def test_lengths_have_no_exponent(length, digits, text):
     assert length_text(length, digits) == text
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_nearest_candidate_of_a_place_inside_or_outside_the_domain(dimension):
+    search = Search((1.0, -0.5, 0.2)[:dimension], (0.6, 0.4, 0.2)[:dimension], step=0.1)
+    axes = np.meshgrid(*[o + 0.1 * np.arange(n) for o, n in zip(search.origin, search.shape, strict=True)])
+    candidates = np.stack([axis.ravel() for axis in axes], axis=1)
+    places = np.random.default_rng(0).uniform(-1.5, 2.5, (200, dimension))
+    nearest = search.nearest(places)
+    least = np.linalg.norm(places[:, None] - candidates, axis=2).min(axis=1)
+    np.testing.assert_allclose(np.linalg.norm(places - nearest, axis=1), least, atol=1e-12)
+    assert np.abs(nearest[:, None] - candidates).max(axis=2).min(axis=1).max() < 1e-12  # each is a candidate

@@ -68,16 +68,13 @@ def test_given_wavenumbers_do_not_stay_behind_when_the_sound_speed_changes():
 # The .npz file of a measurement: it survives the round trip, and anything else is refused.
 
 
-POSITIONS_5 = np.array([[2.2, 2.0], [2.9, 1.9], [2.5, 2.6], [2.7, 2.3], [2.4, 2.2]])
-
-
 @pytest.fixture
 def written(tmp_path):
     """Function that writes a measurement of five microphones with some keys changed, None taking one out."""
 
     def write(**changes):
         path = tmp_path / "measured.npz"
-        save_measurement(measured(POSITIONS_5, (0, 1, 2), highest=100.0), path)
+        save_measurement(measured(POSITIONS, (0, 1, 2), highest=100.0), path)
         with np.load(path) as archive:
             table = {**archive, **changes}
         np.savez(path, **{key: value for key, value in table.items() if value is not None})
@@ -87,7 +84,7 @@ def written(tmp_path):
 
 
 def test_a_measurement_survives_the_round_trip(written):
-    given, back = measured(POSITIONS_5, (0, 1, 2), highest=100.0), load_measurement(written())
+    given, back = measured(POSITIONS, (0, 1, 2), highest=100.0), load_measurement(written())
     for name in ("frequencies", "pressures", "wavenumbers", "positions", "known", "known_positions"):
         assert np.array_equal(getattr(given, name), getattr(back, name))
         assert getattr(given, name).dtype == getattr(back, name).dtype
@@ -104,9 +101,9 @@ def test_a_spectrum_comes_back_and_a_wrong_one_is_refused(written):
 
 
 def test_known_microphones_in_any_order_keep_their_positions(written):
-    back = load_measurement(written(known=[2, 0, 1], known_positions=POSITIONS_5[[2, 0, 1]]))
+    back = load_measurement(written(known=[2, 0, 1], known_positions=POSITIONS[[2, 0, 1]]))
     assert back.known.tolist() == [0, 1, 2]
-    assert np.array_equal(back.known_positions, POSITIONS_5[:3])
+    assert np.array_equal(back.known_positions, POSITIONS[:3])
 
 
 @pytest.mark.parametrize("key", REQUIRED)
@@ -121,14 +118,14 @@ def test_a_required_key_is_asked_for(written, key):
         ({"known": [0.9, 1.0, 2.7]}, ["known is real (float64)", "whole numbers"]),
         ({"known": [True, False, True]}, ["known is true or false", "whole numbers"]),
         ({"known": [[0, 1, 2]]}, ["known has shape (1, 3)", "(any,)"]),
-        ({"known": [0, 1, 2, 3, 4], "known_positions": POSITIONS_5}, ["known", "leaves no microphone to be found"]),
+        ({"known": [0, 1, 2, 3, 4], "known_positions": POSITIONS}, ["known", "leaves no microphone to be found"]),
         ({"known": [0, 1, 1]}, ["known = [0, 1, 1]", "at most once"]),
-        ({"known_positions": POSITIONS_5[:3] + 1j}, ["known_positions is complex", "real numbers"]),
-        ({"known_positions": POSITIONS_5[:3, None]}, ["known_positions has shape (3, 1, 2)", "(3, 2)"]),
-        ({"known_positions": POSITIONS_5[:2]}, ["known_positions has shape (2, 2)", "(3, 2)"]),
+        ({"known_positions": POSITIONS[:3] + 1j}, ["known_positions is complex", "real numbers"]),
+        ({"known_positions": POSITIONS[:3, None]}, ["known_positions has shape (3, 1, 2)", "(3, 2)"]),
+        ({"known_positions": POSITIONS[:2]}, ["known_positions has shape (2, 2)", "(3, 2)"]),
         ({"known_positions": None, "positions": None}, ["known_positions is missing"]),
-        ({"positions": POSITIONS_5.astype(str)}, ["positions is text", "real numbers"]),
-        ({"positions": POSITIONS_5 * np.inf}, ["positions[0, 0] is not a finite number"]),
+        ({"positions": POSITIONS.astype(str)}, ["positions is text", "real numbers"]),
+        ({"positions": POSITIONS * np.inf}, ["positions[0, 0] is not a finite number"]),
         ({"frequencies": np.array([30j, 40j])}, ["frequencies is complex", "real numbers"]),
         ({"pressures": np.array([[True, False]])}, ["pressures is true or false", "complex numbers"]),
         ({"pressures": np.array([[1 + 0j, 2]])}, ["pressures has shape (1, 2)", "complex numbers"]),

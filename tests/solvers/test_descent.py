@@ -114,20 +114,18 @@ def test_trapped_means_a_whole_sweep_with_the_modes_in_use():
         assert end.converged and end.step - midway.step >= len(PROBLEM.free)
 
 
-def test_known_microphones_far_from_the_search_domain_are_refused():
-    elsewhere = replace(PROBLEM, known_positions=PROBLEM.known_positions + 5.0)
-    with pytest.raises(InputError, match="search domain"):
-        descent.init(elsewhere, SETTINGS, 0)
-
-
-def test_fewer_candidates_than_microphones_are_refused():
-    with pytest.raises(InputError, match=r"search\.step"):
-        descent.init(replace(PROBLEM, search=Search((2.01, 1.71), (0.2, 0.2), 0.1, 0.8)), SETTINGS, 0)
-
-
-def test_a_problem_without_search_domain_is_refused():
-    with pytest.raises(InputError, match="search domain"):
-        descent.init(replace(PROBLEM, search=None), SETTINGS, 0)
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"known_positions": PROBLEM.known_positions + 5.0}, "search domain"),
+        ({"search": Search((2.01, 1.71), (0.2, 0.2), 0.1, 0.8)}, r"search\.step"),
+        ({"search": None}, "search domain"),
+    ],
+    ids=["known far away", "fewer candidates than microphones", "no domain"],
+)
+def test_a_lattice_that_cannot_hold_the_array_is_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        descent.init(replace(PROBLEM, **changes), SETTINGS, 0)
 
 
 def test_the_affine_start_is_snapped_to_the_lattice_and_left_alone_by_the_seed():

@@ -5,37 +5,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fields import rigid_room, room_frequencies
 from solving import rms, solved
+from test_robust import COUNT, KNOWN, MODES
+from test_robust import measured as unfiltered
 
 from fdcal.model.measurement import Measurement
 
-SIZE, SOURCE, SPEED = (5.2, 4.1), (4.8, 3.7), 343.0  # metres, metres, m/s
-COUNT, MODES, KNOWN = 24, 40, np.array([0, 5, 11, 17])
+SPEED = 343.0  # m/s
 FREE = np.setdiff1d(np.arange(COUNT), KNOWN)
 CORNER_TO_HZ = SPEED / (2 * np.pi)
 
 
 def measured(delays: Any = 0.0, corners=None, lowest=0, count=MODES) -> Measurement:
     """A measurement in a rigid room at 50 dB by channels with delays, s, and first-order high-passes, Hz."""
-    rng = np.random.default_rng(4)
-    radius, angle = 0.5 * np.sqrt(rng.random(COUNT)), 2 * np.pi * rng.random(COUNT)
-    x = np.array([1.7, 1.5]) + np.c_[radius * np.cos(angle), radius * np.sin(angle)]
-    f = np.array(room_frequencies(500.0, size=SIZE))[lowest : lowest + count]
-    k = 2 * np.pi * f / SPEED - 0.02j
-    p = rigid_room(x, SOURCE, k, SIZE) * np.exp(-2j * np.pi * np.outer(f, delays * np.ones(COUNT)))
-    p = p if corners is None else p / (1 - 1j * corners / f[:, None])
-    p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1))[:, None]
-    noise = rng.normal(size=(2, *p.shape)) * np.sqrt(1e-5 / 2)
-    return Measurement(
-        frequencies=f,
-        pressures=p + noise[0] + 1j * noise[1],
-        sound_speed=SPEED,
-        positions=x,
-        known=KNOWN,
-        known_positions=x[KNOWN],
-        wavenumbers=k,
-    )
+
+    def filtered(p, f):
+        p = p * np.exp(-2j * np.pi * np.outer(f, delays * np.ones(COUNT)))
+        return p if corners is None else p / (1 - 1j * corners / f[:, None])
+
+    return unfiltered(lambda p, _, f: filtered(p, f), snr=50.0, modes=slice(lowest, lowest + count))
 
 
 def drawn() -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import pytest
 from fields import measured
 from solving import rms, rms_of_shape, solved
 
-from fdcal.acoustics.measure import measure
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.solvers.robust.given import FreeArray, hypotheses
 from fdcal.solvers.robust.objective import Unknowns
@@ -162,7 +162,7 @@ def assert_speed(end, truth):
 
 def test_few_exact_positions_show_a_wrong_sound_speed_too():
     """Three of array 1: the search ends where nothing fits, and the array that they do not hold says why."""
-    measurement = measure(load_scene("array1_circle"))
+    measurement = cached_measurement(load_scene("array1_circle"))
     end = solved(at_speed(measurement, 1.02 * measurement.sound_speed), "joint", modes=57)
     assert end.assessment.verdict == "sound_speed"
     assert_speed(end, measurement.sound_speed)

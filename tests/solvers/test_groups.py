@@ -1,17 +1,15 @@
 """Groups of microphones far from each other: found, and put into the pose that the pressures between them show."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from solving import rms_of_shape, run_from, saved_and_read
 
 from fdcal import solvers
 from fdcal.cost.likelihood import FieldModel
-from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
-from fdcal.session.session_file import read_states, write_states
 from fdcal.solvers.robust.outliers import groups, other_poses
 
 FREQUENCIES = np.linspace(40.0, 300.0, 30)
@@ -47,10 +45,6 @@ def posed(x, angle: float, shift, mirrored: bool) -> np.ndarray:
     return y
 
 
-def rms(x, truth) -> float:
-    return float(np.sqrt(np.mean(np.sum((align(x, truth) - truth) ** 2, axis=1))))
-
-
 def test_groups_are_those_between_gaps_however_microphones_are_numbered():
     rng = np.random.default_rng(1)
     x, order = two_groups(rng), rng.permutation(36)
@@ -74,10 +68,10 @@ def test_a_group_in_a_wrong_pose_comes_to_the_right_one(angle, shift, mirrored):
     x = two_groups(rng)
     p, wrong = diffuse(x, rng, 1e-3), posed(x, angle, shift, mirrored)
     found = other_poses(wrong, p, assumed(x))[0]
-    assert rms(wrong, x) > 0.2
-    assert rms(found, x) < 0.05 * WAVELENGTH
+    assert rms_of_shape(wrong, x) > 0.2
+    assert rms_of_shape(found, x) < 0.05 * WAVELENGTH
     for group in (slice(0, 18), slice(18, 36)):
-        assert rms(found[group], x[group]) < 1e-9, "each group moves as a whole"
+        assert rms_of_shape(found[group], x[group]) < 1e-9, "each group moves as a whole"
 
 
 def test_an_array_without_gaps_has_no_other_poses():
@@ -95,21 +89,25 @@ def test_odd_channels_move_with_their_group_and_do_not_decide_its_pose():
     found = other_poses(wrong, p, field)
     changed = np.array(p)
     changed[:, [3, 20]] = rng.normal(size=(len(K), 2))
-    assert rms(found[0], x) < 0.05 * WAVELENGTH
+    assert rms_of_shape(found[0], x) < 0.05 * WAVELENGTH
     np.testing.assert_array_equal(other_poses(wrong, changed, field), found)
 
 
-def test_robust_finds_groups_of_which_it_had_one_in_a_wrong_pose():
+@pytest.fixture(scope="module")
+def run():
+    """The truth, its problem, and the states of a run that begins with one group in a wrong pose."""
     rng = np.random.default_rng(6)
     x = two_groups(rng)
-    p = diffuse(x, rng, 1e-4)
-    problem = Measurement(pressures=p, frequencies=FREQUENCIES, sound_speed=343.0).problem("unit")
-    settings, solver = SolverSettings(name="robust", modes=len(K)), solvers.load("robust")
-    state = solver.init(problem, settings, 0, posed(x, 2.0, (0.2, 0.4), True))
-    while not state.finished:
-        state = solver.step(problem, state)
-    assert rms(state.positions, x) < 0.01 * WAVELENGTH
-    assert rms(state.optima[0].positions, x) > 0.05, "the first optimum is in the wrong pose"
+    measurement = Measurement(pressures=diffuse(x, rng, 1e-4), frequencies=FREQUENCIES, sound_speed=343.0)
+    problem, solver = measurement.problem("unit"), solvers.load("robust")
+    settings, wrong = SolverSettings(name="robust", modes=len(K)), posed(x, 2.0, (0.2, 0.4), True)
+    return x, problem, run_from(solver, problem, solver.init(problem, settings, 0, wrong))
+
+
+def test_robust_finds_groups_of_which_it_had_one_in_a_wrong_pose(run):
+    x, _, (*_, state) = run
+    assert rms_of_shape(state.positions, x) < 0.01 * WAVELENGTH
+    assert rms_of_shape(state.optima[0].positions, x) > 0.05, "the first optimum is in the wrong pose"
     assert all(one.regrouped for one in state.optima[1:]), "no other start is needed"
 
 
@@ -123,16 +121,9 @@ def test_the_poses_of_a_larger_array_in_longer_waves_are_the_same():
 
 
 @pytest.fixture(scope="module")
-def regrouped():
-    """A problem, and a state in a restart that began in another pose, with others still to be tried."""
-    rng = np.random.default_rng(6)
-    x = two_groups(rng)
-    measurement = Measurement(pressures=diffuse(x, rng, 1e-4), frequencies=FREQUENCIES, sound_speed=343.0)
-    problem, solver = measurement.problem("unit"), solvers.load("robust")
-    state = solver.init(problem, SolverSettings(name="robust", modes=len(K)), 0, posed(x, 2.0, (0.2, 0.4), True))
-    while not state.progress.poses:
-        state = solver.step(problem, state)
-    return problem, state
+def regrouped(run):
+    """The problem, and the first state in a restart that began in another pose, with others still to be tried."""
+    return run[1], next(state for state in run[2] if state.progress.poses)
 
 
 def test_other_modes_begin_without_the_poses_of_those_before(regrouped):
@@ -160,7 +151,6 @@ def test_modes_that_are_not_in_use_do_not_decide_a_pose(regrouped):
 
 def test_a_state_with_poses_is_saved_and_read(regrouped):
     problem, state = regrouped
-    table, arrays = write_states([state])
-    (read,) = read_states(json.loads(json.dumps(table)), arrays, problem, "robust", 1)
+    read = saved_and_read(problem, state)
     assert read.progress.regrouped and len(read.progress.poses) == len(state.progress.poses)
     np.testing.assert_array_equal(read.progress.poses[0], state.progress.poses[0])

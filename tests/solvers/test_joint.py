@@ -14,7 +14,7 @@ from solving import run_from, same_state
 
 from fdcal import solvers
 from fdcal.acoustics import compiled
-from fdcal.acoustics.measure import measure
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
@@ -272,7 +272,7 @@ def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
 
 def test_a_random_start_in_a_wrong_basin_is_followed_by_every_start_of_the_plan():
     """It takes no place in the plan: the first start of that is the best of array 1 without noise."""
-    measurement = measure(load_scene("array1_circle"))
+    measurement = cached_measurement(load_scene("array1_circle"))
     settings = SolverSettings(name="joint", modes=57, start="random")
     states = list(solvers.run(measurement.problem(), settings, 0))
     assert {state.progress.restart for state in states} == {-1, 0}

@@ -30,16 +30,16 @@ COUNT = 24
 KNOWN = np.array([0, 5, 11, 17])
 
 
-def measured(change=lambda p, rng: p, given=None, known=KNOWN):
+def measured(change=lambda p, rng, f: p, given=None, known=KNOWN, snr=SNR, modes=slice(MODES)):
     """A measurement in a rigid room whose pressures `change` spoils."""
     rng = np.random.default_rng(4)
     radius, angle = 0.5 * np.sqrt(rng.random(COUNT)), 2 * np.pi * rng.random(COUNT)
     x = np.array([1.7, 1.5]) + np.c_[radius * np.cos(angle), radius * np.sin(angle)]
-    frequencies = np.array(room_frequencies(500.0, size=SIZE))[:MODES]
+    frequencies = np.array(room_frequencies(500.0, size=SIZE))[modes]
     k = 2 * np.pi * frequencies / 343 - 0.02j
-    p = change(rigid_room(x, SOURCE, k, SIZE), rng)
+    p = change(rigid_room(x, SOURCE, k, SIZE), rng, frequencies)
     p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1))[:, None]
-    noise = rng.normal(size=(2, *p.shape)) * np.sqrt(10 ** (-SNR / 10) / 2)
+    noise = rng.normal(size=(2, *p.shape)) * np.sqrt(10 ** (-snr / 10) / 2)
     places = x[known] if given is None else given(x[known])
     return Measurement(
         frequencies=frequencies,
@@ -77,7 +77,7 @@ def spoiled():
     """Gains of 1 dB and phases of 5 degrees, channel 3 inverted, channel 8 dead; and the gains."""
     gains = np.random.default_rng(7).normal(size=(COUNT, 2)) * [np.log(10) / 20, np.radians(5)]
 
-    def change(p, rng):
+    def change(p, rng, _):
         p = p * np.exp(gains[:, 0] + 1j * gains[:, 1])
         p[:, 3] *= -1
         p[:, 8] = np.sqrt(np.mean(np.abs(p) ** 2)) * (rng.normal(size=len(p)) + 1j * rng.normal(size=len(p)))

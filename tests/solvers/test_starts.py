@@ -8,7 +8,7 @@ from fields import measured
 from solving import rms_of_shape
 
 from fdcal import solvers
-from fdcal.model.gauge import position_errors
+from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
@@ -214,3 +214,14 @@ def test_the_start_does_not_depend_on_how_microphones_are_numbered():
     p = diffuse(x, K, rng)
     one, other = starts.coherence_start(p, K, 1e-2, 2, 2), starts.coherence_start(p[:, order], K, 1e-2, 2, 2)
     assert rms_of_shape(other, one[order]) < 1e-3
+
+
+@pytest.mark.parametrize("D", [2, 3])
+def test_an_array_is_laid_on_the_given_positions_that_agree(D):
+    rng = np.random.default_rng(D)
+    x, turn = rng.normal(size=(7, D)), np.linalg.qr(rng.normal(size=(D, D)))[0]
+    places = x @ turn + 3.0
+    places[2] += 1.0
+    chosen = starts.best_subset(x, places)
+    off = np.linalg.norm(align(x, places, chosen) - places, axis=1)
+    assert len(chosen) == D + 1 and np.flatnonzero(off > 1e-9).tolist() == [2]

@@ -236,18 +236,14 @@ class Arrivals:
             tried_r, tried_g, tried_s = self._residuals(paths, z, tried)
             there = self._costs(tried_r)
             better = there <= cost
-            if np.all(better):
-                source, r, g, s, cost = tried, tried_r, tried_g, tried_s, there
-            else:
-                source = Source(
-                    np.where(better[:, None], tried.direction, source.direction),
-                    np.where(better, tried.inverse, source.inverse),
-                    np.where(better, tried.emission, source.emission),
-                )
-                r = np.where(better[:, None], tried_r, r)
-                g = np.where(better[:, None], tried_g, g)
-                s = np.where(better[:, None], tried_s, s)
-                cost = np.where(better, there, cost)
+            row = better[:, None]
+            source = Source(
+                np.where(row, tried.direction, source.direction),
+                np.where(better, tried.inverse, source.inverse),
+                np.where(better, tried.emission, source.emission),
+            )
+            r, g, s = np.where(row, tried_r, r), np.where(row, tried_g, g), np.where(row, tried_s, s)
+            cost = np.where(better, there, cost)
             damping = np.where(better, np.maximum(damping / 10, MIN_DAMPING), np.minimum(6 * damping, 1e6))
         return source, cost
 

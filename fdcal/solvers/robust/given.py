@@ -40,7 +40,6 @@ from .state import (
     NEGLIGIBLE_FALL,
     STAGE_DAMPING,
     SUSPICIOUS,
-    WEAKER_FIELD,
     LocalOptimum,
     State,
 )
@@ -226,8 +225,7 @@ def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, T
     objective = replace(objective, priors=objective.priors.without_given())
     here = objectives.descend(objectives.unknowns_of(state), objective, steps)[0]
     if terms is None:
-        field = replace(objective.field, power=WEAKER_FIELD * objective.field.power)
-        weaker = replace(objective, field=field).evaluate(here)
+        weaker = objective.weakened().evaluate(here)
         own = weaker if steps else objective.evaluate(here)
     else:
         own, weaker = (objective.with_priors(here, one) for one in terms)
@@ -298,18 +296,10 @@ def _exchanges(found: FreeArray, known: Integers, places: Reals) -> list[np.ndar
     return orders
 
 
-# at most, on which an array is laid; with 3 of them 2 of 24 arrays with 9 to 20 given positions are lost
-SUBSETS = 40
-
-
 def _away(found: FreeArray, known: Integers, places: Reals) -> np.ndarray:
     """Distance (A,) of the given positions from an array that lies on the subset of least median error."""
-    x, D = found.unknowns.positions[known], places.shape[1]
-    best = np.full(len(known), np.inf)
-    for chosen in list(combinations(range(len(known)), D + 1))[:SUBSETS]:
-        away = np.linalg.norm(align(x, places, np.array(chosen)) - places, axis=1)
-        best = away if np.median(away) < np.median(best) else best
-    return best
+    x = found.unknowns.positions[known]
+    return np.linalg.norm(align(x, places, starts.best_subset(x, places)) - places, axis=1)
 
 
 def _weighed(

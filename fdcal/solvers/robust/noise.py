@@ -127,9 +127,8 @@ def with_spreads(problem: Problem, state: State, trial: objectives.ChannelStep) 
         e = np.linalg.norm(state.positions[known] - places, axis=1)
         e = np.append(e, EXPECTED_GIVEN * np.sqrt(D) * np.ones(KNOWN_COUNT))
         v = np.append(variance[known, :D].mean(axis=1), np.zeros(KNOWN_COUNT))
-        max_sigma = max(
-            objectives.first_known_sigma(problem, state.settings), sigma
-        )  # greater by a hypothesis alone (`given`)
+        # only a hypothesis (`given`) makes it greater than the first
+        max_sigma = max(objectives.first_known_sigma(problem, state.settings), sigma)
         sigma = min(_updated_sigma(sigma, e, v, D, 1e-5), max_sigma)
     spreads = dict(zip(("gain_sigma", "phase_sigma", "delay_sigma", "corner_sigma"), sigmas + filters, strict=True))
     return replace(state, model=replace(model, known_sigma=sigma, **spreads))
@@ -149,12 +148,9 @@ def with_filters(problem: Problem, state: State) -> State:
     """
     if not objectives.gains_are_free(state) or state.model.delay_sigma > 0:
         return state
-    objective, here = (
-        objectives.objective_of(problem, state, objectives.used_modes(problem, state)),
-        objectives.unknowns_of(state),
-    )
+    objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
     D, channels = state.positions.shape[1], np.hstack([state.gains, state.model.filters])
-    here = replace(here, channels=channels, filters=True)
+    here = replace(objectives.unknowns_of(state), channels=channels, filters=True)
     free = objective.free(here)
     kind = np.where(free < here.vector.size - 1, free % (D + 4) - (D + 2), -1)
     try:

@@ -48,6 +48,7 @@ from .state import (
     STAGES,
     SUSPICIOUS,
     UNDAMPED,
+    WEAKER_FIELD,
     Model,
     State,
 )
@@ -202,6 +203,10 @@ class Objective:
             directions=None if field.directions is None else field.directions[rows],
         )
         return replace(self, pressures=self.pressures[rows], field=field, arrivals=None)
+
+    def weakened(self) -> Objective:
+        """Return the objective with a stronger field, which weakens the prior that the field is isotropic."""
+        return replace(self, field=replace(self.field, power=WEAKER_FIELD * self.field.power))
 
     def beside(self, source: Source | None) -> Objective:
         """Return the same objective for unknowns beside those whose arrivals have this source."""

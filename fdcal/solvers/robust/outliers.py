@@ -94,16 +94,8 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
 # delays tried: the greatest, metres, times the sound speed, and how many
 MAX_DELAY = 0.7
 DELAY_COUNT = 41
-
-
-def _filter_grid() -> list[np.ndarray]:
-    """Filters to try: none, then delays : list of (2,). A corner is found by the steps, if it is any channel's."""
-    delays = np.linspace(-MAX_DELAY, MAX_DELAY, DELAY_COUNT)
-    grid = [np.zeros(2)] + [np.array([d, 0.0]) for d in delays if d]
-    return [np.where(np.abs(one) < 1e-9, 0.0, one) for one in grid]
-
-
-FILTER_GRID = _filter_grid()
+# filters tried: none, then delays; a corner is found by the steps, if it is any channel's
+FILTER_GRID = [np.array([d, 0.0]) for d in (0.0, *(d for d in np.linspace(-MAX_DELAY, MAX_DELAY, DELAY_COUNT) if d))]
 FILTER_NATS = 8.0  # by which a filter must be likelier than a place and a gain alone
 COHERENT = 0.75  # fraction of the power that it must explain
 

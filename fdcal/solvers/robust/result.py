@@ -14,8 +14,8 @@ their gradients measures it (Huber 1967, White 1980), with the leverage of each 
 
     J = sum_b H^-1 g_b g_b^T (H - H_b)^-1,    Q = P (sum_b H_b) P,    dispersion = tr J / tr Q
 
-over the coordinates of the microphones whose channels are sound. Where the model holds, J is Q on average: the part of
-P that is the error of the data. The rest is the error of what the priors state, which blocks cannot show.
+over the coordinates of the microphones whose channels are healthy. Where the model holds, J is Q on average: the part
+of P that is the error of the data. The rest is the error of what the priors state, which blocks cannot show.
 
 Given positions and pressures agree if the array without given positions is hardly likelier:
 
@@ -63,7 +63,6 @@ from .state import (
     FREE_STEPS,
     GIVEN_SIGMA,
     STAGES,
-    WEAKER_FIELD,
     State,
 )
 
@@ -156,9 +155,7 @@ def _with_field(problem: Problem, state: State) -> State:
 def _weakened(objective: Objective, here: Unknowns, evaluated: Evaluation) -> Evaluation:
     """The objective with a field of more power; as it is where C is then singular."""
     try:
-        return replace(objective, field=replace(objective.field, power=WEAKER_FIELD * objective.field.power)).evaluate(
-            here
-        )
+        return objective.weakened().evaluate(here)
     except np.linalg.LinAlgError:
         return evaluated
 
@@ -189,7 +186,7 @@ def _of_data(
     for rows in blocks:
         part = objective.of_rows(rows)
         gradients.append(part.likelihood(here)[0][likely.free])
-        matrices.append(_weakened_matrix(part, here)[index])
+        matrices.append(part.weakened().likelihood(here)[1][index])
     for gradient, matrix in _of_arrivals(here, objective):
         gradients.append(gradient[likely.free])
         matrices.append(matrix[index])
@@ -217,12 +214,6 @@ def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals) -> flo
     found = np.sum((centred @ across.T) * (left_out @ outputs.T))
     model = np.sum((across @ matrices.sum(axis=0)) * across)
     return float(found / model) if model > 0 else 1.0
-
-
-def _weakened_matrix(objective: Objective, here: Unknowns) -> np.ndarray:
-    """The Gauss-Newton matrix of the likelihood by all unknowns, as `_weakened` has it."""
-    field = replace(objective.field, power=WEAKER_FIELD * objective.field.power)
-    return replace(objective, field=field).likelihood(here)[1]
 
 
 def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -404,11 +404,7 @@ TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | St
     ("free", _always, lambda turn: begin_stage(turn.problem, turn.searched[0], turn.state.progress.stage + 1)),
     ("gains", lambda turn: explains_all(turn.problem, turn.estimated), _explained),
     ("gains", _noise_within_tolerance, lambda turn: _ended(turn, turn.searched[0])),
-    (
-        "gains",
-        _last_round,
-        lambda turn: _ended(turn, turn.searched[0]),
-    ),
+    ("gains", _last_round, lambda turn: _ended(turn, turn.searched[0])),
     ("gains", _always, _next_round),
     ("noiseless", _nothing_else_free, lambda turn: finished(turn.problem, turn.state)),
     ("noiseless", _always, lambda turn: after_noiseless(turn.problem, turn.state)),

@@ -16,7 +16,7 @@ from ...cost.noise import DIFFUSE_FLOOR
 from ...model.problem import Problem, mode_power
 from ...model.settings import Search, SolverSettings
 from ..interface import Traits
-from ..requirements import require_modes, require_range, require_search
+from ..requirements import require_modes, require_range
 from ..starts import require_gauge
 from . import noise
 from . import objective as objectives
@@ -119,7 +119,6 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
 
     (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height.
     """
-    require_search(problem, search)
     from ...cost.maps import likelihood_maps  # compiled code is loaded with the first map
 
     problem = objectives.in_unit_power(problem)

@@ -23,13 +23,14 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ...acoustics.room_modes import TRUNCATION, diffuse_model, nearest_symmetry, room_symmetries
+from ...cost.expansion import search_domain
 from ...model.problem import Problem, mode_power
 from ...model.settings import Search, SolverSettings
 from ...model.validation import Complexes, InputError, Numbers, Reals, frozen_array
 from ..estimate import RoomEstimate
 from ..interface import RunState, Traits
 from ..levenberg_marquardt import FIRST_DAMPING
-from ..requirements import require_measured, require_range, require_search
+from ..requirements import require_measured, require_range
 from .fit import (
     WIDTHS,
     ArrayCandidate,
@@ -342,7 +343,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, domain: Search | None = None) -> np.ndarray:
     """Return the cost of microphone `n` over the search lattice, the others constrained : (modes, ny, nx)."""
-    points = require_search(problem, domain).layer(*state.positions[n, 2:])
+    points = (search_domain(problem) if domain is None else domain).layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
     model = diffuse_model(state.size, k, state.width)
     lattice = LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + ROUGH_NOISE, model)
