@@ -2,7 +2,8 @@
 
 Nothing is given; four takes of 8 s of noise, or four impulses, as of `fdcal_bench`. Planned: the expected error and its
 range of `fdcal plan` for this array, room, reverberation time, sound, four takes and 30 dB. Reached: RMS after the best
-rigid motion. The constants of the forecast were chosen by draws of the cases of `fdcal_bench`; the other ones are new.
+rigid motion. The extra scatter of the forecast was chosen by the cases of `fdcal_bench`, the factor for impulses by the
+others, too; the other ones with noise are new.
 
 FDCAL_BENCH_DRAWS sets the draws of the new cases, 3 unless given; the others are the reference draws of `fdcal_bench`.
 """

@@ -1,6 +1,7 @@
 """Recordings of a room by image sources (pyroomacoustics), which shares nothing with fdcal."""
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from scipy.signal import fftconvolve
@@ -27,6 +28,14 @@ def places(count: int = 24, radius: float = 0.5, seed: int = 0) -> np.ndarray:
         if np.linalg.norm(x) < radius and all(np.linalg.norm(x - y) > 0.12 for y in kept):
             kept.append(x)
     return np.array(kept)
+
+
+def write_places(path: Path, positions, names=None) -> Path:
+    """Write a table of positions (N, 2 or 3), metres; the names are numbers from 0 unless given."""
+    rows = zip(range(len(positions)) if names is None else names, np.asarray(positions).tolist(), strict=True)
+    head = ["name", *"xyz"[: len(positions[0])]]
+    path.write_text("".join(",".join(map(str, row)) + "\n" for row in (head, *((name, *x) for name, x in rows))))
+    return path
 
 
 @cache

@@ -7,7 +7,7 @@ import shutil
 import sys
 import typing
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,9 +60,9 @@ def import_(sources, output, files, number, dimension, array_dimension, force, *
     from ..model.storage import write_atomically
     from ..recordings.importer import import_recording, import_summary
 
-    asked = ImportOptions(source=number, files=files or "auto", dimension=int(dimension), **options)
-    asked = replace(asked, array_dimension=int(array_dimension) if array_dimension else None)
-    measurement, report = import_recording(sources, asked)
+    options |= {"source": number, "files": files or "auto", "dimension": int(dimension)}
+    options["array_dimension"] = int(array_dimension) if array_dimension else None
+    measurement, report = import_recording(sources, ImportOptions(**options))
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
     print(import_summary(measurement, report, opt.OPTIONS))
     print(path)

@@ -88,10 +88,8 @@ def export_positions(
 ) -> MicrophonePositions:
     """Write the positions of a result, and return them as written; see `Calibration.export`."""
     path, given = Path(path), None if original is None else str(original)
-    if path.suffix.lower() not in formats.suffixes("write"):
-        problem = f'"{path}" ends in no suffix of a format for positions'
-        raise InputError(problem, f"use one of {', '.join(formats.suffixes('write'))}", key="output", value=str(path))
-    if given is not None and path.suffix.lower() != ".sofa":
+    suffix = formats.require_suffix(path, formats.suffixes("write"), "a format for positions")
+    if given is not None and suffix != ".sofa":
         problem = f"original = {given} is for files of SOFA"
         raise InputError(problem, f"leave out <original> for {path.suffix}", key="original", value=given)
     placed = placed_in_frame(result, frame)
@@ -102,11 +100,7 @@ def export_positions(
 def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
     """Write the gains of the channels: `fdcal.assessment.result_file.channel_table`, or Acoular's factors (.xml)."""
     path = Path(path)
-    if path.suffix.lower() not in GAIN_TEXTS:
-        problem = f'"{path}" ends in no suffix of a file of gains'
-        remedy = f"use one of {', '.join(GAIN_TEXTS)}"
-        raise InputError(problem, remedy, key="output", value=str(path))
-    text = GAIN_TEXTS[path.suffix.lower()](result)
+    text = GAIN_TEXTS[formats.require_suffix(path, GAIN_TEXTS, "a file of gains")](result)
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
 
 
@@ -287,9 +281,7 @@ def corrected_blocks(recording: Recording, correction: Correction) -> Iterator[n
 def write_corrected(path: str | Path, recording: Recording, correction: Correction, force: bool = False) -> None:
     """Write the corrected recording as a sound file of 32-bit floats, whose samples may exceed full scale."""
     path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        problem = f'"{path}" ends in no suffix of a sound file that holds floats'
-        raise InputError(problem, f"use one of {', '.join(SUFFIXES)}", key="output", value=str(path))
+    formats.require_suffix(path, SUFFIXES, "a sound file that holds floats")
 
     def write(temporary: Path) -> None:
         with open_for_writing(temporary, recording.sample_rate, recording.count) as file:

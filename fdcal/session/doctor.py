@@ -379,6 +379,8 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
         return Finding("list", "fault" if sure else "unknown", text, found=(("other", ""),) if sure else ())
     own = np.asarray(result.positions)
     fit = fit_list(check, own, listed, result.uncertainty, result.verdict != "scale_undetermined")
+    dead = {one.name for one in (result.channels.faults if result.channels else ()) if one.kind == "dead"}
+    fit = replace(fit, misplaced=tuple(n for n in fit.misplaced if names[n] not in dead))  # found anywhere
     if check.scale == 1:
         right = ~np.isin(np.arange(len(own)), fit.misplaced)
         size, sigma = _size(inputs, listed[check.order], right, fit.rms / np.sqrt(own.shape[1]), progress)

@@ -121,15 +121,7 @@ class PageBefore:
         race.release()
         values = {name: control_values(tab) for name, tab in _tabs(viewer).items()}
         view = viewer.run.session.view
-        return cls(
-            viewer.run,
-            view,
-            viewer.binding.choices,
-            values,
-            cameras.kept_views(),
-            viewer.tabs.comparison.worker,
-            has_race,
-        )
+        return cls(viewer.run, view, viewer.binding.choices, values, cameras.kept_views(), race, has_race)
 
     def request(self) -> OpenRequest:
         """Return the request that opens the session again, with all its states."""

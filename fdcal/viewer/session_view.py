@@ -14,18 +14,8 @@ import viser
 
 from ..assessment.findings import root_mean_square
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
+from ..graphics import overlays
 from ..graphics.annotations import legend_of
-from ..graphics.overlays import (
-    ellipse_scale,
-    with_ball,
-    with_bound,
-    with_comparison,
-    with_cut,
-    with_ellipses,
-    with_faulty_channels,
-    with_trails,
-    with_volume,
-)
 from ..graphics.picture import static_picture, with_display_domain, with_estimate, with_floor
 from ..graphics.primitives import Floor, Picture
 from ..graphics.volume import Volume, faded
@@ -153,22 +143,24 @@ class SessionPicture:
         static = self._static_picture(choices, floor)
         drawn = with_estimate(static, self._measurement, positions, microphone, floor, self._frame.truth(positions))
         picture = with_floor(drawn, floor)
-        picture = with_volume(picture, volume)
+        picture = overlays.with_volume(picture, volume)
         if dropped is not None and dropped.microphone == microphone:
-            picture = with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
+            picture = overlays.with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
         elif (floor or volume) and (choices.release or microphone not in self._run.problem.known):
-            picture = with_ball(picture, positions[microphone], floor)
+            picture = overlays.with_ball(picture, positions[microphone], floor)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
-            picture = with_trails(picture, np.array([self._frame.positions(state.positions) for state in past]), floor)
+            picture = overlays.with_trails(
+                picture, np.array([self._frame.positions(state.positions) for state in past]), floor
+            )
         if choices.ellipses and uncertainty is not None:
             picture = self._with_ellipses(picture, positions, uncertainty, floor, choices.ellipse_scale)
         if uncertainty is not None and uncertainty.channels is not None:
-            picture = with_faulty_channels(picture, positions, self._faulty(uncertainty), floor)
+            picture = overlays.with_faulty_channels(picture, positions, self._faulty(uncertainty), floor)
         if choices.cut is not None:
-            picture = with_cut(picture, choices.cut, floor)
+            picture = overlays.with_cut(picture, choices.cut, floor)
         marks = {run.name: self._frame.positions(run.positions) for run in runs}
-        return with_comparison(picture, marks, self._run.problem.free, floor)
+        return overlays.with_comparison(picture, marks, self._run.problem.free, floor)
 
     def _drawn_plan(self, choices: Choices, planned: PlannedArray | None) -> Picture:
         """Return the picture of the planned array; `planned` may be of places a moment ago, or None."""
@@ -178,16 +170,18 @@ class SessionPicture:
         picture = static_picture(self._run.known_scene, array, choices.style.dark, None, choices.lecture, choices.take)
         axes = np.zeros((0, 2, 2)) if planned is None else planned.axes
         self.places = positions
-        return with_bound(picture, positions, axes)
+        return overlays.with_bound(picture, positions, axes)
 
     def _with_ellipses(
         self, picture: Picture, positions: np.ndarray, found: PositionUncertainty, floor: Floor | None, scale: float
     ) -> Picture:
         """Return the picture with error ellipses `scale` times enlarged, 0 for as much as makes them visible."""
         extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])
-        scale = scale or ellipse_scale(found.axes, extent)
+        scale = scale or overlays.ellipse_scale(found.axes, extent)
         sigma = root_mean_square(found.sigma[self._sought(found)])  # as the verdict has it
-        return with_ellipses(picture, positions, found.axes, floor, scale, f"one sigma {length_text(sigma, 2)}")
+        return overlays.with_ellipses(
+            picture, positions, found.axes, floor, scale, f"one sigma {length_text(sigma, 2)}"
+        )
 
     def _sought(self, found: PositionUncertainty) -> np.ndarray:
         """Return the microphones sought that have a sound channel, else all : (K,) int64."""
@@ -396,20 +390,14 @@ class Viewer:
             self._selected = choices.microphone
         elif not following and view.state.moved >= 0:
             self._selected = view.state.moved
-        drawn, reason = self._newest_map(view, choices, following, now)
-        if following and drawn is not None:
-            self._selected = drawn.request.microphone
-        return drawn, reason
-
-    def _newest_map(
-        self, view: SessionView, choices: Choices, following: bool, now: float
-    ) -> tuple[CostMap | None, str]:
         if not choices.shown or self.run.problem.search is None:
             return None, ""
         microphone = view.state.moved if following and view.state.moved >= 0 else self._selected
         wanted = choices.map_request(self.run, view, microphone, self._revision, following)
-        drawn, reason = self.maps.newest(wanted, view.running, now)
-        return self.tabs.sweep.map_for(wanted, drawn, reason)
+        drawn, reason = self.tabs.sweep.map_for(wanted, *self.maps.newest(wanted, view.running, now))
+        if following and drawn is not None:
+            self._selected = drawn.request.microphone
+        return drawn, reason
 
     def export(self, client: viser.ClientHandle, kind: str) -> None:
         """Send a file of what is on the screen to one browser; on viser's event loop."""

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import soundfile
-from recorded import FS, SPEED, exact, mismatch_db, noisy, places, responses, stationary_source
+from recorded import FS, SPEED, exact, mismatch_db, noisy, places, responses, stationary_source, write_places
 from running import exit_code
 from scipy.signal import chirp, fftconvolve
 
@@ -312,8 +312,7 @@ def folder(tmp_path_factory) -> Path:
     soundfile.write(path / "responses.wav", quiet.T / np.abs(quiet).max() * 0.9, FS, subtype="PCM_24")
     recorded_samples, _ = stationary_source(40, 30)
     soundfile.write(path / "work.wav", recorded_samples.T / np.abs(recorded_samples).max() * 0.9, FS, subtype="FLOAT")
-    rows = [f"{n},{x!r},{y!r},{z!r}" for n, (x, y, z) in enumerate(places().tolist()) if n < 5]
-    (path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
+    write_places(path / "known.csv", places()[:5])
     return path
 
 
@@ -453,9 +452,8 @@ def test_every_option_of_an_import_is_on_the_command_line_and_documented():
 def test_positions_in_degrees_are_refused(folder, tmp_path):
     angles = np.degrees(np.arctan2(places(), np.roll(places(), 1, axis=1)))
     np.savez(tmp_path / "a.npz", recordings=responses(), sample_rate=FS, kind="response", positions=angles)
-    rows = [f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(angles[:5].tolist())]
-    (tmp_path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
-    for path, table in ((tmp_path / "a.npz", None), (folder / "responses.wav", str(tmp_path / "known.csv"))):
+    known = write_places(tmp_path / "known.csv", angles[:5])
+    for path, table in ((tmp_path / "a.npz", None), (folder / "responses.wav", str(known))):
         with pytest.raises(InputError, match=r"the band begins at 20 Hz; give positions in metres, not in centimetres"):
             import_recording(path, ImportOptions(known=table))
 
@@ -499,10 +497,8 @@ def test_known_microphones_in_one_corner_do_not_make_the_array_small(tmp_path):
     """Two known microphones close together say nothing of the others; the coherence of the channels does."""
     np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="response")
     close = np.argsort(np.linalg.norm(places() - places()[0], axis=1))[:2]
-    rows = [f"{n},{x},{y},{z}" for n, (x, y, z) in zip(close, places()[close].tolist(), strict=True)]
-    (tmp_path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
-    known = ImportOptions(sound_speed=SPEED, known=str(tmp_path / "known.csv"))
-    _, report = import_recording(tmp_path / "bare.npz", known)
+    known = write_places(tmp_path / "known.csv", places()[close], close)
+    _, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED, known=str(known)))
     limit = f_max(24, np.linalg.norm(places() - places().mean(axis=0), axis=1).max(), SPEED, 3)
     assert limit / 2 < report.highest_frequency < 2 * limit
 
@@ -549,9 +545,8 @@ def channels(tmp_path):
     for n, row in enumerate(samples, 1):
         soundfile.write(folder / f"mic_{n}.wav", row / np.abs(samples).max(), FS, subtype="FLOAT")
     (folder / "notes.txt").write_text("on a table")
-    lines = [f"mic_{n + 1},{x},{y},1.2" for n, (x, y, _) in enumerate(places(12)[:4].tolist())]
-    (tmp_path / "known.csv").write_text("\n".join(["name,x,y,z", *lines]))
-    return folder, str(tmp_path / "known.csv")
+    known = np.column_stack([places(12)[:4, :2], np.full(4, 1.2)])
+    return folder, str(write_places(tmp_path / "known.csv", known, [f"mic_{n}" for n in range(1, 5)]))
 
 
 def test_a_folder_of_files_of_one_channel_is_one_take_in_natural_order(channels):
@@ -570,7 +565,7 @@ def test_a_folder_of_files_of_one_channel_is_one_take_in_natural_order(channels)
 def test_heights_that_differ_are_no_plane(channels, tmp_path):
     folder, known = channels
     text = Path(known).read_text()
-    Path(known).write_text(text[:-3] + "1.3")
+    Path(known).write_text(text.rstrip()[:-3] + "1.3")
     assert import_recording(folder, ImportOptions(known=known))[0].array_dimension == 3
     with pytest.raises(InputError, match=r"array_dimension = 2 needs microphones of one height.*differ by 0\.1 m"):
         import_recording(folder, ImportOptions(known=known, array_dimension=2))

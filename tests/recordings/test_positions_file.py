@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from recorded import write_places
 from running import exit_code
 
 import fdcal
@@ -89,9 +90,8 @@ def test_exchanged_channels_are_found_with_the_positions_of_a_file_also_of_a_par
     ("step", "factor", "said"), [(-1, 1, "is in reverse"), (1, 100, "in centimetres?"), (1, 1, "")]
 )
 def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path, capsys, step, factor, said):
-    places = factor * fdcal.load("tiny").positions[::step]
-    rows = [f"{n},{x},{y}" for n, (x, y) in enumerate(places.tolist())]
-    positions, result = written(tmp_path, "\n".join(["name,x,y", *rows]), "list.csv"), tmp_path / "r.json"
+    positions = write_places(tmp_path / "list.csv", factor * fdcal.load("tiny").positions[::step])
+    result = tmp_path / "r.json"
     ended = exit_code("calibrate", "tiny", "--known", "none", "--check", "--positions", positions, "-o", result)
     text, check = capsys.readouterr().out, json.loads(result.read_text())["check"]
     assert said in text and ended == (5 if said else 0)
@@ -117,9 +117,8 @@ def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path
 def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its_own(
     tmp_path, capsys, change, said, known
 ):
-    places = change(np.asarray(fdcal.load("tiny").positions)).tolist()
-    rows = [f"M{n:02d},{x},{y}" for n, (x, y) in enumerate(places, 1)]
-    positions = written(tmp_path, "\n".join(["name,x,y", *rows]), "list.csv")
+    places = change(np.asarray(fdcal.load("tiny").positions))
+    positions = write_places(tmp_path / "list.csv", places, [f"M{n:02d}" for n in range(1, 17)])
     assert exit_code("calibrate", "tiny", "--known", known, "--check", "--positions", positions) == 5
     lines = capsys.readouterr().out.splitlines()
     assert any(re.fullmatch(said, line) for line in lines)
@@ -146,10 +145,8 @@ def test_exchanged_channels_are_found_in_python_and_the_positions_of_a_file_are_
     ],
 )
 def test_a_list_whose_names_are_not_those_of_the_channels_is_said_to_count_by_rows(tmp_path, capsys, label, said):
-    places = fdcal.load("tiny").positions.tolist()
     names = [str(n + 1) if label == "1+{}" else label.format(n) for n in range(16)]
-    rows = [f"{name},{x},{y}" for name, (x, y) in zip(names, places, strict=True)]
-    positions = written(tmp_path, "\n".join(["name,x,y", *rows]), "list.csv")
+    positions = write_places(tmp_path / "list.csv", fdcal.load("tiny").positions, names)
     ended = exit_code("calibrate", "tiny", "--check", "--positions", positions)
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("list ")]
     assert lines == ([f"list    {said}"] if said else []) and ended == 0

@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 import pytest
+from recorded import write_places
 from running import exit_code
 from scipy.io import loadmat, savemat
 
@@ -22,10 +23,7 @@ ROOM = str(response_path("listening_lab"))
 
 @pytest.fixture
 def layout(tmp_path):
-    path = tmp_path / "layout.csv"
-    rows = [f"m{n},{x!r},{y!r},{z!r}" for n, (x, y, z) in enumerate(PLACES.tolist())]
-    path.write_text("\n".join(["name,x,y,z", *rows]), encoding="utf-8")
-    return str(path)
+    return str(write_places(tmp_path / "layout.csv", PLACES, [f"m{n}" for n in range(len(PLACES))]))
 
 
 def test_the_pressures_are_those_of_the_plane_waves(layout):

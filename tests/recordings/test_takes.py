@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import recorded
 import soundfile
-from recorded import FS, SPEED, mismatch_db, noisy, places
+from recorded import FS, SPEED, mismatch_db, noisy, places, write_places
 from running import exit_code
 from scipy.signal import butter, fftconvolve, resample_poly, sosfilt
 
@@ -176,8 +176,7 @@ def test_files_that_do_not_fit_are_refused_in_one_line(options, words, folder, t
 
 def test_a_calibration_takes_several_files(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    table = ["name,x,y,z", *(f"{n},{x!r},{y!r},{z!r}" for n, (x, y, z) in enumerate(places(COUNT).tolist()))]
-    Path("places.csv").write_text("\n".join(table) + "\n")
+    write_places(Path("places.csv"), places(COUNT))
     files = [folder / f"take{s}.wav" for s in range(3)]
     ended = exit_code(
         "calibrate", *map(str, files), "--positions", "places.csv", "--check", "--modes", "90", "-o", "r.json"

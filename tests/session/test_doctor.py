@@ -88,6 +88,23 @@ def test_an_inverted_channel_and_nothing_else_is_named(tiny, tmp_path):
     assert "fault" not in {state for state, _ in found.values()}
 
 
+def test_a_dead_channel_is_not_called_misplaced(tiny, tmp_path, monkeypatch):
+    """It is found anywhere, here 3 m away, and says nothing of the list."""
+    solve = doctor.solve
+
+    def astray(*arguments, **others):
+        found = solve(*arguments, **others)
+        return dataclasses.replace(found, positions=found.positions + 3.0 * (np.arange(16) == 5)[:, None])
+
+    monkeypatch.setattr(doctor, "solve", astray)
+    pressures, rng = np.array(tiny.pressures), np.random.default_rng(3)
+    noise = rng.standard_normal((2, len(pressures)))
+    pressures[:, 5] = np.abs(pressures[:, 5]).mean() * (noise[0] + 1j * noise[1])
+    save_measurement(dataclasses.replace(tiny, pressures=pressures), tmp_path / "dead.npz")
+    found = answers(str(tmp_path / "dead.npz"), table(tmp_path / "list.csv", tiny.positions))
+    assert found["channels"] == ("fault", "microphone 5: dead") and found["list"][0] == "fine"
+
+
 def test_pressures_without_a_common_field_are_none(tmp_path):
     rng, shape = np.random.default_rng(2), (16, 8)
     noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)

@@ -4,18 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import (
-    COARSE,
-    WAIT,
-    begin_anew,
-    choose,
-    on_screen,
-    opened_page,
-    press,
-    run_to_the_end,
-    serving_here,
-    tab,
-)
+from browsing import COARSE, WAIT, begin_anew, choose, on_screen, opened_page, press, run_to_the_end, serving_here, tab
 from doubles import assessment
 
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence

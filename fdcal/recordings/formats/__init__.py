@@ -7,7 +7,7 @@ Readers whose C library a damaged file may crash are called in a process of thei
 import importlib
 import pkgutil
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
@@ -151,12 +151,18 @@ def write(path: str | Path, target: str | Path, placed: MicrophonePositions, ori
 
     `original`: a file into a copy of which the positions are written, where the format can do so.
     """
-    for one in all_formats():
-        if one.write and Path(target).suffix.lower() in one.suffixes:
-            one.write(Path(path), placed, original)
-            return
-    remedy = f"use one of {', '.join(suffixes('write'))}"
-    raise InputError(f'"{target}" ends in no suffix of a format for positions', remedy, key="output", value=str(target))
+    suffix = require_suffix(target, suffixes("write"), "a format for positions")
+    write_it = next(one.write for one in all_formats() if one.write and suffix in one.suffixes)
+    write_it(Path(path), placed, original)
+
+
+def require_suffix(path: str | Path, allowed: Iterable[str], what: str) -> str:
+    """Return the suffix of an output; InputError, that it is none of `what`, unless it is allowed."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in allowed:
+        remedy = f"use one of {', '.join(allowed)}"
+        raise InputError(f'"{path}" ends in no suffix of {what}', remedy, key="output", value=str(path))
+    return suffix
 
 
 PROCESSOR_SECONDS = 60  # for one call

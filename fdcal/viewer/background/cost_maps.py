@@ -15,21 +15,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ...cost import maps
 from ...cost.basins import basins_of
 from ...cost.expansion import ORDER_OFFSET, expansion_of
-from ...cost.maps import (
-    VOLUME_NEGLIGIBLE,
-    CostVolume,
-    cost_maps,
-    cost_volume,
-    interpolate,
-    lattice_of,
-    map_minima,
-    minima_of,
-    mode_shape,
-    power_shares,
-    refined,
-)
 from ...cost.scale import Minima
 from ...graphics.basin_map import basin_floor, basin_slice, descent_text
 from ...graphics.heatmap import cost_floor, cost_label, field_floor
@@ -83,17 +71,12 @@ class CostMapRequest:
         """Whether this map may be shown in place of `wanted`: while running, the map of an older state may."""
         if self == wanted or not running:
             return self == wanted
-        mine, theirs = (
-            (
-                None if wanted.follow else one.microphone,
-                one.modes if one.custom_modes else None,
-                one.order_offset,
-                one.style,
-                one.take,
-            )
-            for one in (self, wanted)
-        )
-        return mine == theirs and self.lineage is wanted.lineage
+
+        def fixed(one: CostMapRequest) -> tuple:
+            microphone, modes = None if wanted.follow else one.microphone, one.modes if one.custom_modes else None
+            return microphone, modes, one.order_offset, one.style, one.take
+
+        return fixed(self) == fixed(wanted) and self.lineage is wanted.lineage
 
     def differs_in_style(self, wanted: CostMapRequest) -> bool:
         """Whether `wanted` is this map of costs or field in another style; its state may be newer."""
@@ -165,11 +148,7 @@ def modes_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
 
 
 def map_modes(
-    run: PreparedRun,
-    state: RunState,
-    chosen: tuple[int, ...] | None,
-    order_offset: int | None,
-    take: int | None = None,
+    run: PreparedRun, state: RunState, chosen: tuple[int, ...] | None, order_offset: int | None, take: int | None = None
 ) -> tuple[int, ...]:
     """Return the modes of a map, counted from 1.
 
@@ -222,13 +201,13 @@ def fine_panels(
     problem, modes, offset = run.problem, request.modes, request.order_offset
     if problem.search is None:
         raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
-    search, shown = refined(problem.search), set(shown_modes(len(modes), max_count).tolist())
-    fraction = np.ones(len(modes)) if offset is None else power_shares(problem, request.state, modes)
+    search, shown = maps.refined(problem.search), set(shown_modes(len(modes), max_count).tolist())
+    fraction = np.ones(len(modes)) if offset is None else maps.power_shares(problem, request.state, modes)
     total, kept = np.zeros(1), []
     for i, mode in enumerate(modes):
         if cancelled():
             return None
-        cost = cost_maps(problem, run.solver, request.state, request.microphone, (mode,), offset, search)[0]
+        cost = maps.cost_maps(problem, run.solver, request.state, request.microphone, (mode,), offset, search)[0]
         total = total + fraction[i] * cost
         if i in shown:
             kept.append(fraction[i] * cost)
@@ -252,12 +231,7 @@ class CostMap:
 
 
 def cost_map(
-    run: PreparedRun,
-    request: CostMapRequest,
-    total,
-    search: Search,
-    minima: Minima,
-    panels: ModePanels | None = None,
+    run: PreparedRun, request: CostMapRequest, total, search: Search, minima: Minima, panels: ModePanels | None = None
 ) -> CostMap:
     """Return a finished map on the floor.
 
@@ -265,7 +239,7 @@ def cost_map(
     `total`; `minima`: to be marked; `panels`: maps of single modes, or None.
     """
     style, n = request.style, request.microphone
-    here = interpolate(total, search, request.state.positions[n])
+    here = maps.interpolate(total, search, request.state.positions[n])
     figures = minima, here, min(here, float(total.min()))  # the lowest cost may lie between lattice points
     height = z_range_of(run.known_scene, run.measurement)[0]
     if style.basins:
@@ -321,7 +295,7 @@ class VolumeMaps:
         """Return the values of the volume of a request, the last ones where they are of the same cost."""
 
         def sample() -> SampledVolume | None:
-            negligible = VOLUME_NEGLIGIBLE if fine else COARSE_NEGLIGIBLE
+            negligible = maps.VOLUME_NEGLIGIBLE if fine else COARSE_NEGLIGIBLE
             terms = terms_of(self._run.problem, request, cancelled, negligible)
             return None if terms is None else sampled_volume(terms, POINTS if fine else COARSE_POINTS, cancelled)
 
@@ -349,13 +323,13 @@ def terms_of(
     problem: Problem,
     request: CostMapRequest,
     cancelled: Callable[[], bool] = lambda: False,
-    negligible: float = VOLUME_NEGLIGIBLE,
-) -> CostVolume | None:
+    negligible: float = maps.VOLUME_NEGLIGIBLE,
+) -> maps.CostVolume | None:
     """Return the cost in space of a request, which is that of Eq. 7; None once cancelled."""
     state, offset = request.state, request.order_offset
     offset = ORDER_OFFSET if offset is None else offset
     n, modes = request.microphone, request.modes
-    return cost_volume(problem, state.positions, n, modes, offset, state.channels, cancelled, negligible)
+    return maps.cost_volume(problem, state.positions, n, modes, offset, state.channels, cancelled, negligible)
 
 
 def place_of(style: MapStyle, position: np.ndarray) -> float:
@@ -430,13 +404,8 @@ class CostMapWorker:
             self._since = now
             self.worker.newest(wanted)
         drawn = latest is not None and latest.request[0] == wanted
-        if (
-            not wanted.style.shape
-            and drawn
-            and not running
-            and self.worker.wants(wanted)
-            and now - self._since > IDLE_TIME
-        ):
+        idle = not running and now - self._since > IDLE_TIME
+        if drawn and idle and not wanted.style.shape and self.worker.wants(wanted):
             self._fine_worker.newest(wanted)
         return wanted
 
@@ -453,13 +422,13 @@ class CostMapWorker:
             return self._compute_shape(request)
         run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
         # of basins on a lattice without false minima
-        search = lattice_of(run.problem, modes) if request.style.basins else self._search()
+        search = maps.lattice_of(run.problem, modes) if request.style.basins else self._search()
 
         def compute() -> tuple[ModePanels, Minima]:
-            maps = cost_maps(run.problem, run.solver, request.state, n, modes, offset, search)
-            shown, total = shown_modes(len(modes)), maps.sum(axis=0)
-            panels = ModePanels(tuple(modes[i] for i in shown), maps[shown], total, search)
-            return panels, map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
+            each = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search)
+            shown, total = shown_modes(len(modes)), each.sum(axis=0)
+            panels = ModePanels(tuple(modes[i] for i in shown), each[shown], total, search)
+            return panels, maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
 
         panels, minima = self._costs.of(compute, _key(request), search)
         return cost_map(run, request, panels.total, search, minima, panels)
@@ -468,7 +437,7 @@ class CostMapWorker:
         """On the fast thread: the sound field of a mode."""
         run, mode = self._run, request.modes[-1]
         state = request.state
-        shape = mode_shape(run.problem, state.positions, mode, state.order_offset, state.channels)
+        shape = maps.mode_shape(run.problem, state.positions, mode, state.order_offset, state.channels)
         label = f"pressure of {row_label(run.measurement, mode)} (normalised to a peak of 1)"
         height = z_range_of(run.known_scene, run.measurement)[0]
         return CostMap(request, field_floor(shape, self._search(), label, height), None, None, 0.0, 0.0)
@@ -481,7 +450,7 @@ class CostMapWorker:
 
         def compute() -> tuple[ModePanels, Minima] | None:
             panels = fine_panels(self._run, request, cancelled)
-            return None if panels is None else (panels, minima_of(panels.total, panels.search))
+            return None if panels is None else (panels, maps.minima_of(panels.total, panels.search))
 
         if (found := self._fine_costs.of(compute, _key(request))) is None:
             return None

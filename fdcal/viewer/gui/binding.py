@@ -186,24 +186,21 @@ def has_volume(measurement: Measurement) -> bool:
 def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> Any:
     """Return a value of a request's choices, which may come from a file."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    whole = number and isinstance(value, int)
-    if key in SWITCHES and isinstance(value, bool):
-        return value
-    if key in ("modes", "slice_position", "take") and value is None:
-        return None
-    if key in BOUNDS and number and BOUNDS[key][0] <= value <= BOUNDS[key][1]:
-        return float(value)
-    if (key == "microphone" and whole and 0 <= value < count) or (key == "take" and whole and value in takes):
-        return value
-    if key == "order_offset" and whole and 0 <= value <= MAX_ORDER_OFFSET:
-        return value
-    if (key == "ellipse_scale" and whole and value in ELLIPSE_SCALES.values()) or (
-        key == "slice_axis" and value in SLICES.values()
-    ):
-        return value
-    if key == "modes" and isinstance(value, (list, tuple)) and value:
-        if all(isinstance(mode, int) and 1 <= mode <= modes for mode in value):
-            return tuple(sorted(set(value)))
+    whole, x = number and isinstance(value, int), float(value) if number else math.nan
+    numbers = list(value) if isinstance(value, (list, tuple)) else []
+    possible = {name: isinstance(value, bool) for name in SWITCHES}
+    possible |= {name: low <= x <= high for name, (low, high) in BOUNDS.items()}
+    possible |= {
+        "microphone": whole and 0 <= x < count,
+        "take": value is None or (whole and value in takes),
+        "order_offset": whole and 0 <= x <= MAX_ORDER_OFFSET,
+        "ellipse_scale": whole and value in ELLIPSE_SCALES.values(),
+        "slice_axis": value in SLICES.values(),
+        "slice_position": value is None or number,
+        "modes": value is None or (bool(numbers) and all(isinstance(n, int) and 1 <= n <= modes for n in numbers)),
+    }
+    if possible.get(key):
+        return tuple(sorted(set(numbers))) if numbers else x if key in BOUNDS and number else value
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
         f"use microphone (0 to {count - 1}), take (0 to {max(takes)}), modes (from 1 to {modes}),"

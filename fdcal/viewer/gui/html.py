@@ -19,6 +19,10 @@ from ..server.process import log_location
 CARD = "padding: 0.15em 0.75em; font-size: var(--text); line-height: 1.5;"
 RED = "#d61828"  # of errors and warnings
 MAX_ERROR_LENGTH = 400  # characters of an exception
+NO_DOMAIN = (
+    "the file has no search domain, and the positions could not be estimated to make one. Add search_origin,"
+    " search_size, search_step and radius (metres) to the file of the measurement."
+)
 
 # How the page calls the arguments that an error's remedy mentions (`InputError.worded`).
 CONTROLS = {

@@ -253,10 +253,7 @@ ALL = "all"
 INTERVAL = 0.5  # s between two updates of the curves
 PLOT_HEIGHT = 150  # pixels; with them the whole tab has room in a window 720 pixels high
 MIN_ERROR = 1e-3  # mm, drawn for anything below: logarithms have no zero
-NO_SEARCH = (
-    "No race: the file has no search domain, and the positions could not be estimated to make one. Add search_origin,"
-    " search_size, search_step and radius (metres) to the file of the measurement."
-)
+NO_SEARCH = f"No race: {html.NO_DOMAIN}"
 
 
 def combinations() -> dict[str, tuple[str, ...]]:

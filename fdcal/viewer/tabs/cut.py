@@ -20,7 +20,6 @@ from ..background.prepare import PreparedRun
 from ..display_frame import drawn_truth
 from ..gui import html
 from ..gui.binding import Binding, Line, Tab, Tick
-from ..gui.html import CARD
 from ..gui.plots import BLUE, GREY, RED, Plot, dots
 
 POINTS = 121  # along the line
@@ -144,7 +143,7 @@ def cut_caption(cut: Cut, measurement: Measurement) -> str:
     )
     lowest = float(cut.distance[int(cut.total.argmin())])
     return (
-        f"<div style='{CARD}'>microphone {request.microphone}: <b style='color: {BLUE}'>sum of"
+        f"<div style='{html.CARD}'>microphone {request.microphone}: <b style='color: {BLUE}'>sum of"
         f" {count_label(measurement, request.modes)}</b>, lowest {lowest:.3f} m from A. Thin, from dark to light:"
         f" {single}. {' '.join(marks)}</div>"
     )

@@ -116,22 +116,18 @@ KEYS = (
 )
 
 
-def add_keys(gui: viser.GuiApi, page, keys: tuple[Key, ...] = KEYS) -> None:
-    """Add the shortcuts to every browser that opens the page.
+def add_keys(gui: viser.GuiApi, page) -> None:
+    """Add the shortcuts, which act on the page, to every browser that opens it."""
 
-    `page`: on which they act; `keys`: the shortcuts.
-    """
-    for key in keys:
-        _add(gui, page, key)
+    def act_on(key: Key) -> Callable:
+        async def act(event) -> None:
+            if event.client is not None:
+                key.act(page, event.client)
 
+        return act
 
-def _add(gui: viser.GuiApi, page, key: Key) -> None:
-    command = gui.add_command(key.label, hotkey=key.key, modifier=key.modifier)
-
-    @command.on_trigger
-    async def _(event) -> None:
-        if event.client is not None:
-            key.act(page, event.client)
+    for key in KEYS:
+        gui.add_command(key.label, hotkey=key.key, modifier=key.modifier).on_trigger(act_on(key))
 
 
 NUMBERS = {

@@ -34,7 +34,6 @@ from ..gui.binding import (
     kinds_of,
     style_of,
 )
-from ..gui.html import CARD
 
 
 def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
@@ -143,10 +142,7 @@ EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
 QUANTITIES: tuple[str, ...] = (EQ7, OBJECTIVE)
 SCALES: tuple[str, ...] = (LOG, LINEAR)
 ALL_TAKES = "All takes"
-NO_SEARCH = (
-    "No map: the file has no search domain, and the positions could not be estimated to make one. Add search_origin,"
-    " search_size, search_step and radius (metres) to the file of the measurement."
-)
+NO_SEARCH = f"No map: {html.NO_DOMAIN}"
 
 
 def take_label(take: int | None) -> str:
@@ -409,11 +405,11 @@ class MapsPanel(Tab):
 def panels_caption(drawn: CostMap | None, measurement: Measurement) -> str:
     """Return what the maps show, as HTML."""
     if drawn is None or drawn.panels is None:
-        return f"<div style='{CARD} opacity: 0.65'>no maps</div>"
+        return f"<div style='{html.CARD} opacity: 0.65'>no maps</div>"
     request, word = drawn.request, row_word(measurement)
     scale = "one scale for all maps" if request.style.shared else "each map with its own scale"
     summed = count_label(measurement, request.modes)
     return (
-        f"<div style='{CARD}'>Cost of moving <b>microphone {request.microphone}</b>, {word} by {word} and summed"
+        f"<div style='{html.CARD}'>Cost of moving <b>microphone {request.microphone}</b>, {word} by {word} and summed"
         f" ({summed}); {scale}, {'logarithmic' if request.style.log else 'linear'}</div>"
     )

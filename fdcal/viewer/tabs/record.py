@@ -26,7 +26,6 @@ from ...session.worker import Delivery
 from ..background.prepare import Same, Threads
 from ..gui import html
 from ..gui.binding import Due, bind
-from ..gui.html import CONTROLS
 
 if TYPE_CHECKING:
     from ...recordings.take import Moment, Take
@@ -188,7 +187,7 @@ class Recorder:
         try:
             stream = sound_card()
         except InputError as error:
-            return Card(missing=error.worded(CONTROLS))
+            return Card(missing=error.worded(html.CONTROLS))
         return Card(f"{stream.name}, {len(stream.names)} inputs, {stream.sample_rate:g} Hz")
 
     def _day(self, given: Given) -> "Day":
@@ -196,7 +195,7 @@ class Recorder:
         from ...session.takes import Day
 
         options = ImportOptions(leave_out="bad", files="takes", temperature=given.temperature)
-        return Day(str(self._folder / given.positions) if given.positions else None, options, CONTROLS)
+        return Day(str(self._folder / given.positions) if given.positions else None, options, html.CONTROLS)
 
     def _record(self, job: Job) -> "Take":
         from ...recordings.take import fits_wav, next_take, record_take, replayed, sound_card
@@ -254,18 +253,6 @@ MISSING = 'Nothing to record with: {reason}. When a sound card is there, press "
 LOWEST_DB = -60.0  # level at which a bar begins
 
 
-@dataclass(frozen=True)
-class Ranges:
-    """Between which bounds the controls can be set."""
-
-    channels: tuple[int, int] = (0, 1024)
-    seconds: tuple[int, int] = (2, 600)
-    celsius: tuple[float, float] = (-60.0, 80.0)
-
-
-RANGES = Ranges()
-
-
 class RecordTab:
     """Owns the controls of the tab; `recorder`: what they act on, None on a page that other machines can reach."""
 
@@ -276,7 +263,6 @@ class RecordTab:
         if recorder is None:
             gui.add_html(html.remark(REMOTE))
             return
-        (low, high), (least, most), (cold, warm) = RANGES.channels, RANGES.seconds, RANGES.celsius
         self.card = gui.add_html("")
         self.look = bind(
             gui.add_button("Look for a sound card", hint="After one has been connected"),
@@ -284,10 +270,10 @@ class RecordTab:
         )
         self.source = gui.add_dropdown("Sound from", NOTHING, hint="The sound card, or a file")
         self.channels = gui.add_number(
-            "Channels", 0, min=low, max=high, step=1, hint="The first ones; 0 takes all of them"
+            "Channels", 0, min=0, max=1024, step=1, hint="The first ones; 0 takes all of them"
         )
-        self.seconds = gui.add_number("Seconds", 30, min=least, max=most, step=1, hint="Length of a take")
-        self.celsius = gui.add_number("Temperature (°C)", 20.0, min=cold, max=warm, step=0.5, hint="Of the air")
+        self.seconds = gui.add_number("Seconds", 30, min=2, max=600, step=1, hint="Length of a take")
+        self.celsius = gui.add_number("Temperature (°C)", 20.0, min=-60.0, max=80.0, step=0.5, hint="Of the air")
         self.positions = gui.add_dropdown(
             "List", NOTHING, hint="Positions of the microphones, which show swapped channels"
         )

@@ -37,7 +37,6 @@ from ..background.cost_maps import (
 from ..background.prepare import Last, PreparedRun, Same, Threads
 from ..gui import html
 from ..gui.binding import FLOOR, Binding, Due, Tab, Tick
-from ..gui.html import CARD
 from ..gui.plots import BLUE, RED, Plot, dots
 from .map import MapTab
 
@@ -123,11 +122,9 @@ class SweepWorker:
         sweep, style, count = self._sweep, wanted.style, len(wanted.modes)
         if sweep is None or style.relief or style.shape or style.volume:
             return None
-        of, alike = sweep.request, ("revision", "microphone", "order_offset")
-        if any(getattr(of, name) != getattr(wanted, name) for name in alike) or (of.log, of.basins) != (
-            style.log,
-            style.basins,
-        ):
+        of = sweep.request
+        asked = wanted.revision, wanted.microphone, wanted.order_offset, style.log, style.basins
+        if (of.revision, of.microphone, of.order_offset, of.log, of.basins) != asked:
             return None
         frame = sweep.frame(count)
         return None if frame is None or sweep.of_first(count) != wanted.modes else self._image(frame, wanted)
@@ -215,7 +212,7 @@ def caption(measurement: Measurement, microphone: int, modes: tuple[int, ...], m
     where = " in the layer at its height" if layer else ""
     what = f"sum of {count_label(measurement, modes)}, {modes[0]} to {modes[-1]}"
     what = what if len(modes) > 1 else f"{modes_label(measurement, modes)} alone"
-    return f"<div style='{CARD}'>microphone {microphone}, {what}: <b>{found}</b>{where}</div>"
+    return f"<div style='{html.CARD}'>microphone {microphone}, {what}: <b>{found}</b>{where}</div>"
 
 
 def curve(stops: tuple[int, ...], counts: tuple[int, ...], summed: int) -> tuple[np.ndarray, ...]:

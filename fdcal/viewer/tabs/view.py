@@ -25,15 +25,7 @@ from ...model.validation import InputError
 from ...session import session_file
 from ...session.session import SessionView
 from ...session.sources import OpenRequest
-from ..background.cost_maps import (
-    CostMap,
-    CostMapRequest,
-    ModePanels,
-    fine_panels,
-    map_label,
-    shown_modes,
-    terms_of,
-)
+from ..background.cost_maps import CostMap, CostMapRequest, ModePanels, fine_panels, map_label, shown_modes, terms_of
 from ..background.prepare import PreparedRun, Threads
 from ..display_frame import drawn_truth
 from ..gui import html

@@ -490,13 +490,13 @@ def test_a_draw_has_the_noise_the_faults_and_the_errors_of_its_setting(settings)
         assert np.all(off[np.logical_not(wrong)] <= 5 * setting.known_error)
 
 
-@pytest.mark.parametrize("D", [2, 3])
-def test_the_field_of_a_rectangle_solves_helmholtz_equation_and_is_rigid_at_the_walls(D):
-    room, source, h = Room(size=(4.0, 3.0, 2.5)[:D]), np.array([3.4, 2.6, 2.0])[:D], 1e-3
-    k, at = np.array([2.0 - 0.01j, 7.3 - 0.01j]), np.array([1.3, 1.1, 0.9])[:D]
-    points = np.concatenate([[at], *([at + h * e, at - h * e] for e in np.eye(D))])
+def test_the_field_of_a_rectangle_solves_helmholtz_equation_and_is_rigid_at_the_walls():
+    """That of a box is tested in tests/acoustics."""
+    room, source, h = Room(size=(4.0, 3.0)), np.array([3.4, 2.6]), 1e-3
+    k, at = np.array([2.0 - 0.01j, 7.3 - 0.01j]), np.array([1.3, 1.1])
+    points = np.concatenate([[at], *([at + h * e, at - h * e] for e in np.eye(2))])
     p = point_source_pressures(room, source, points, k)
-    laplacian = (p[:, 1:].sum(axis=1) - 2 * D * p[:, 0]) / h**2
+    laplacian = (p[:, 1:].sum(axis=1) - 4 * p[:, 0]) / h**2
     np.testing.assert_allclose(laplacian, -(k**2) * p[:, 0], rtol=2e-4)
     wall = np.array([[0.0, *at[1:]], [h, *at[1:]], [2 * h, *at[1:]]])
     q = point_source_pressures(room, source, wall, k)
