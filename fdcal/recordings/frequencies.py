@@ -231,6 +231,10 @@ def frequency_band(
         problem += f" microphones: they interpolate up to {found.limit:.3g} Hz, and the band begins at {low:g} Hz"
         remedy = "give positions in metres, not in centimetres, millimetres or degrees"
         raise InputError(problem, remedy, key="frequencies")
+    if options.frequencies == "auto" and found.estimated and high <= low:
+        problem = f"{recording.path}: its channels are coherent up to {high:.3g} Hz only, and a band begins at {low:.3g} Hz"
+        remedy = "check that all channels record the same sound at the same time, or give array_radius or frequencies"
+        raise refused_option(options, "frequencies", problem, remedy)
     if not 0 < low < high <= top:
         problem = f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold"
         raise refused_option(options, "frequencies", problem, f"use 0 < LO < HI <= {top:g} Hz")

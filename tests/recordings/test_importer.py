@@ -413,6 +413,16 @@ def test_a_plane_of_microphones_in_space(tmp_path):
     assert len(measurement.known) == 4
 
 
+def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_nobody_gave(tmp_path):
+    # the same in every channel, but for what each has alone, has the coherence of an array of tens of metres
+    rng = np.random.default_rng(5)
+    own, common = rng.standard_normal((8, 10 * FS)), rng.standard_normal(10 * FS)
+    np.savez(tmp_path / "a.npz", recordings=own + 0.4 * common, sample_rate=FS, kind="stationary")
+    with pytest.raises(InputError, match="coherent up to") as caught:
+        import_recording(tmp_path / "a.npz", ImportOptions())
+    assert caught.value.key == "frequencies"
+
+
 @pytest.mark.parametrize(
     ("options", "words", "code"),
     [
