@@ -184,7 +184,7 @@ def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, lesson_te
     wants = [wanted(int(n), fine) for n in problem.free]
     assert np.abs(wants).max() < (scene.search.step + fine.step) / 2, "so it is with all 13"
     assert 1e3 * np.hypot(*wanted(6, refined(scene.search))) == pytest.approx(4, abs=1)
-    assert "4 mm from the cross" in text
+    assert "4 mm from the ball" in text
 
 
 def test_the_remaining_error_is_a_smooth_deformation(box):
