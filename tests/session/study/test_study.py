@@ -68,7 +68,7 @@ def test_points_are_the_product_of_the_axes(file):
 def test_a_key_below_a_value_is_named_as_it_stands_in_the_file(tmp_path):
     path = tmp_path / "below.toml"
     path.write_text('scene = "tiny"\ndraws = 1\n[axes]\n"room.walls.x" = [1, 2]\n')
-    with pytest.raises(InputError, match="room.walls is a value, not a table") as caught:
+    with pytest.raises(InputError, match=r"room\.walls is a value, not a table") as caught:
         load_study(path)
     assert caught.value.key == "axes.room.walls.x"
 
