@@ -1,7 +1,7 @@
 """From a request for a scene to a session that can be shown, on a thread that can be cancelled.
 
 Threads           the threads of one session: whoever needs one starts it here, and all of them end together
-Warmup            compiles what `fdcal.solvers.warmup` names, beside the simulation and then beside the page
+Warmup            compiles what `fdcal.solvers.warmup_calls` returns, beside the simulation and then beside the page
 prepare_run       simulates or takes the measurement, and starts a session
 SessionSwitcher   takes requests from any thread; the main loop executes them and takes what is ready
 """
