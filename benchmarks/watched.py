@@ -100,9 +100,9 @@ def _watch_sliders(log: Watch) -> None:
     use, choose = SolverTab.use_modes, MapTab.choose_microphone
     drag = MicrophonePicker._drag
 
-    def watched_drag(self, event):
+    def watched_drag(self, event, move):
         log.note("moved")
-        drag(self, event)
+        drag(self, event, move)
 
     def use_modes(self, first=None, last=None, automatic=None):
         if last is not None:
