@@ -201,6 +201,7 @@ class Forecast:
     low: float  # 8 of 10 recordings err between `low` and `high`
     high: float
     margin: float  # error over the bound that advice reckons with: of `rms`, of a plane array in a room of `high`
+    timed: bool = False  # whether arrival times lower it
 
 
 def forecast(
@@ -222,7 +223,8 @@ def forecast(
         return plain
     cases = [position_bound(replace(field, matrix=field.matrix + matrix), request.prior) for matrix in arrivals]
     # arrival times never make it worse: where they add little, their factor alone would
-    return min(plain, _scattering(cases, FORECAST.arrival_margin, bound), key=lambda one: one.rms)
+    timed = replace(_scattering(cases, FORECAST.arrival_margin, bound), timed=True)
+    return min(plain, timed, key=lambda one: one.rms)
 
 
 def _scattering(found: list[Bound], factor: float, bound: Bound) -> Forecast:

@@ -186,8 +186,10 @@ def forecast_line(request: PlanRequest, found: Forecast) -> str:
     why = ""
     if request.is_plane_in_room:
         why = "; the size of a plane array follows from equal waves from all directions, which no room has"
-    elif request.kind == "impulse":
+    elif found.timed:
         why = "; arrival times included, which the bounds below leave out"
+    elif request.kind == "impulse":
+        why = "; arrival times add too little to count"
     return f"expected error: {_mm(found.rms)} rms, {_mm(found.low)} to {_mm(found.high)} in 8 of 10 recordings{why}"
 
 

@@ -449,6 +449,8 @@ def test_arrival_times_lower_the_error_and_the_more_the_more_takes_there_are():
     for takes in (1, 2, 4, 8):
         request = request_of("ball 16 0.4", room=(5.0, 4.0, 2.6), reverberation_time=0.4, takes=takes)
         ratios.append(expected(replace(request, kind="impulse"))[0].rms / expected(request)[0].rms)
+        words = "arrival times included" if ratios[-1] < 1 else "arrival times add too little"
+        assert words in "\n".join(plan_lines(make_plan(replace(request, kind="impulse"), with_advice=False)))
     assert 1 >= ratios[0] >= ratios[1] > ratios[2] > ratios[3] and ratios[2] < 0.7
 
 
