@@ -132,7 +132,7 @@ class Judged:
         before = behind * np.exp(2 * channels.gains[counted, 0])
         high = np.all([tau > UNEVEN * np.median(tau) for tau in (behind, before)], axis=0)
         high &= behind * self.noise_fraction > UNEVEN_FRACTION
-        return high & (np.sum(high) > len(noisy))
+        return high & np.any(high & ~np.isin(np.flatnonzero(counted), noisy))
 
     @property
     def noisiest(self) -> int | None:

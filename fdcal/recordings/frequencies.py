@@ -233,7 +233,7 @@ def frequency_band(
         raise InputError(problem, remedy, key="frequencies")
     if options.frequencies == "auto" and found.estimated and high <= low:
         problem = f"{recording.path}: its channels are coherent up to {high:.3g} Hz only; a band begins at {low:.3g} Hz"
-        remedy = "check that all channels record the same sound at the same time, or give array_radius or frequencies"
+        remedy = "check that all channels record the same sound together, or give <array_radius> or <frequencies>"
         raise refused_option(options, "frequencies", problem, remedy)
     if not 0 < low < high <= top:
         problem = f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold"

@@ -78,6 +78,7 @@ class ImportOptions:
 
     # In the order in which `fdcal import --help` lists them; `files_options` of the command line adds the last three.
     frequencies: str = _option("auto", "Band to choose from, Hz.", "auto|LO:HI")
+    # bound of time and memory, five times what an import takes by itself
     most: Annotated[int, within(1, 2000)] | None = _option(
         None, "Greatest number of rows of all takes.  [default: 400]", "M"
     )
@@ -90,7 +91,7 @@ class ImportOptions:
     temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = _option(
         None, "Of the air, degrees Celsius; gives the sound speed.", "C"
     )
-    # from that of heavy gases to that of solids
+    # bounds: heavy gases to solids
     sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = _option(None, "Instead of a temperature.", "M/S")
     dimension: Literal[2, 3] = _option(3, "Of the sound field.", choices=("2", "3"))
     array_dimension: Literal[2, 3] | None = _option(

@@ -161,7 +161,7 @@ def _split(recording: Recording, seconds: float, options: ImportOptions) -> list
     if recording.kind == "impulse":
         problem = f"split = {seconds:.3g} s cuts a stationary recording, and {recording.path} holds impulse responses"
         raise InputError(problem, "leave out <split>", key="split", value=seconds)
-    low = number_in(options.frequencies.partition(":")[0])  # none in that of the automatic band, or a mistake
+    low = number_in(options.frequencies.partition(":")[0])  # NaN for "auto"; `frequency_band` reports a mistake
     return split(recording, seconds, min_duration(low if low > 0 else IMPORT_LIMITS.low))
 
 

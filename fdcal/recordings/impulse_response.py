@@ -41,9 +41,8 @@ class DecaySettings:
     segments: int = 48  # of the recording, in each of which the level is measured
     above_floor: float = 2.0  # nepers of power above the last tenth of the recording; a level nearer to it is noise
     min_power: float = 1e-6  # relative to the greatest power; what is below says nothing about the decay
-    zoom: float = (
-        0.25  # fraction of the recording; a sound that fills less of it is measured again, in shorter segments
-    )
+    # fraction of the recording; a sound that fills less of it is measured again, in shorter segments
+    zoom: float = 0.25
     extension: float = 1.2  # factor by which the end of the sound is moved until no mode rings on
     max_ringing: float = 4.0  # length of the part after the sound in which modes are sought that ring on, seconds
     max_loss: float = 0.5  # power that the cut may leave out, relative to the noise of a pressure

@@ -45,10 +45,11 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 def change(table: dict[str, Any], key: str, value: Any) -> None:
     """Set a key such as "room.walls" of the table of a scene; None removes it."""
     *path, last = key.split(".")
-    for part in path:
+    for depth, part in enumerate(path, 1):
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
-            remedy = f"{part} is a value, not a table; set {part} itself"
+            above = ".".join(path[:depth])
+            remedy = f"{above} is a value, not a table; set {above} itself"
             raise InputError(f"{key} is not a key of a scene", remedy, key=key, value=value)
     table.pop(last, None)
     if value is not None:

@@ -233,15 +233,15 @@ def with_settings(
 class OpenRequest:
     """A request to open a page, or to replace what it shows."""
 
-    scene: Scene  # Scene; its `solver` says which solver there is and how it starts. See `edited`
+    scene: Scene  # its `solver` says which solver there is and how it starts; `scene_edits.edited` changes it
     # of the solver's start; the scene's unless given. The scene's draws microphones and noise
     start_seed: int | None = None
     measurement: Measurement | None = None  # in place of the scene's own, which is simulated or taken from the cache
     # states of the solver, oldest first, that the history holds from the beginning; the start unless given
     states: tuple = ()
     index: int | None = None  # which of them is shown; the last unless given
-    # what the page's controls say, by the names of `viewer.desk.Choices` and `viewer.maps.Look`; of those not named,
-    # the looks of the page before are kept
+    # what the page's controls say, by the names of `viewer.gui.binding.Choices` and
+    # `viewer.background.cost_maps.MapStyle`; of those not named, the style of the page before is kept
     choices: Mapping[str, Any] = field(default_factory=dict)
     play: bool = False  # whether the solver starts to run at once
     fewer_modes: bool = False  # whether the number of modes is reduced to those available

@@ -204,7 +204,7 @@ SUBSETS = 40
 
 
 def best_subset(x: Reals, places: Reals) -> np.ndarray:
-    """Return the D + 1 points of `x` (A, D) that leave the least median error when laid on their `places` (A, D)."""
+    """Return the indices of the D + 1 points of `x` (A, D) with the least median error when laid on `places` (A, D)."""
 
     def error(chosen: tuple[int, ...]) -> float:
         return float(np.median(np.linalg.norm(align(x, places, np.array(chosen)) - places, axis=1)))

@@ -207,7 +207,11 @@ def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
     table = _table_of(values.pop(SCENE, study.scene))
     for key, value in values.items():
         if "." in key:
-            change(table, key, value)
+            try:
+                change(table, key, value)
+            except InputError as error:
+                where = f"{'axes' if key in point else 'fixed'}.{key}"
+                raise InputError(error.problem, error.remedy, key=where, value=value) from None
     scene = build(Scene, {**table, "seed": seed})
     changed = {key: value for key, value in values.items() if "." not in key}
     parameters = asdict(parameters_of(scene)) | changed

@@ -65,6 +65,14 @@ def test_points_are_the_product_of_the_axes(file):
     assert (scene.measurement.snr_db, scene.solver.modes, scene.seed) == (40, 20, 7)
 
 
+def test_a_key_below_a_value_is_named_as_it_stands_in_the_file(tmp_path):
+    path = tmp_path / "below.toml"
+    path.write_text('scene = "tiny"\ndraws = 1\n[axes]\n"room.walls.x" = [1, 2]\n')
+    with pytest.raises(InputError, match=r"room\.walls is a value, not a table") as caught:
+        load_study(path)
+    assert caught.value.key == "axes.room.walls.x"
+
+
 def test_tasks_of_a_long_study_are_not_listed(tmp_path):
     path = tmp_path / "long.toml"
     path.write_text(TEXT.format(draws=10_000_000))
