@@ -262,7 +262,7 @@ def _mouse(page) -> float:
     box = page.locator("canvas").first.bounding_box()
     size = (round(box["width"]), round(box["height"]))
     picture = compose(scene, measurement)
-    camera = camera_for(picture, size, "top", cameras.MARGINS, fov=cameras.TOP_FOV)
+    camera = camera_for(picture, size, "top", cameras.EXPERT_MARGINS, fov=cameras.TOP_FOV)
     x, y = project(camera, size, np.append(place, 0.0)[None])[0] + [box["x"], box["y"]]
     page.mouse.move(x + 30, y + 30)
     page.mouse.move(x, y, steps=5)

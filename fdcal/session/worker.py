@@ -31,7 +31,8 @@ class WakeEvent(threading.Event):
     def wait(self, timeout: float | None = None) -> bool:
         """Block until the event is set, and clear it; return False if it is not set within `timeout`, s."""
         happened = super().wait(timeout)
-        self.clear()
+        if happened:  # one that comes after the end of the waiting counts for the next
+            self.clear()
         return happened
 
 

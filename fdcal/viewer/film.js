@@ -1,6 +1,6 @@
 // The opening: modes are added to a map with many minima until one is left, and a microphone rolls into it. Each browser
 // plays it for itself, from data in the page (`fdcal.viewer.opening`), before and without any message of the server; any
-// touch ends it. Its last picture stays until the scene of the session is drawn.
+// touch ends it. Its last picture stays until the map of the session is drawn, if there is one.
 //
 // Three canvases: shadow and ground below, the relief in WebGL, marks and texts above. Lengths are metres, y is up in the
 // map; colours follow the browser's preference.
@@ -241,6 +241,7 @@ const LONGEST = 100;  // ms, of the film between two pictures
 let elapsed = 0, last = Infinity, held = false, drawnKey = "", over = false, left = 0, lastMoment = null;
 // The session opens with the first map, at another place of the window.
 const AFTER = 0.7;  // s
+const LONGEST_WAIT = 3000;  // ms, for the map of a session that is there: it may have none
 function after(time) {
   const share = Math.min(time / AFTER, 1), ease = share * share * (3 - 2 * share);
   return {index: 0, from: left, share: ease, rolled: 0, left: ease};
@@ -269,20 +270,27 @@ function play(time) {
   if (!root.isConnected) return;
   if (!held) {
     elapsed += Math.min(Math.max(time - last, 0), LONGEST) / 1e3;
-    draw(still && !over ? END : elapsed);
+    draw(still ? (over ? AFTER : END) : elapsed);
   }
   last = time;
   requestAnimationFrame(play);
 }
 function end() {
   if (over) return;
-  [over, elapsed, held, left] = [true, 0, false, lastMoment.index];
+  [over, elapsed, held, left] = [true, 0, false, lastMoment?.index ?? 0];
   root.classList.add("over");
   document.documentElement.removeAttribute("data-film");
   for (const [kind, act] of listeners) removeEventListener(kind, act, true);
-  const drawn = () => ["/relief", "/floor"].some(name => window.__viserMutable?.nodeRefFromName?.[name]?.children.length);
+  // A frame of this name stays where its map has gone, so that a mesh counts.
+  const drawn = () => ["/relief", "/floor"].some(name => {
+    let found = false;
+    window.__viserMutable?.nodeRefFromName?.[name]?.traverse(part => { found ||= Boolean(part.isMesh); });
+    return found;
+  });
+  let since = 0;  // ms, when the session was there
   const look = () => {
-    if (!drawn()) { setTimeout(look, 50); return; }
+    if (document.documentElement.hasAttribute("data-shown")) since ||= performance.now();
+    if (!drawn() && !(since && performance.now() - since > LONGEST_WAIT)) { setTimeout(look, 50); return; }
     root.classList.add("gone");
     setTimeout(() => { gl.getExtension("WEBGL_lose_context")?.loseContext(); root.remove(); }, 500);
   };
@@ -290,7 +298,7 @@ function end() {
 }
 const MODIFIERS = ["Shift", "Control", "Alt", "AltGraph", "Meta", "Tab"];
 const listeners = [["pointerdown", event => { event.stopPropagation(); }], ["click", event => { event.stopPropagation(); event.preventDefault(); end(); }],
-  ["wheel", end], ["hashchange", end], ["keydown", event => {
+  ["pointercancel", end], ["wheel", end], ["hashchange", end], ["keydown", event => {
     if (event.ctrlKey || event.altKey || event.metaKey || MODIFIERS.includes(event.key)) return;
     event.stopPropagation();
     event.preventDefault();

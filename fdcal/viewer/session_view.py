@@ -184,7 +184,7 @@ class SessionPicture:
         )
 
     def _sought(self, found: PositionUncertainty) -> np.ndarray:
-        """Return the microphones sought that have a sound channel, else all : (K,) int64."""
+        """Return the microphones sought that have a healthy channel, else all : (K,) int64."""
         every = np.arange(len(found.sigma))
         sought = np.setdiff1d(every, [*self._run.problem.known, *self._faulty(found)])
         return sought if len(sought) else every

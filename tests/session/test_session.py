@@ -287,6 +287,14 @@ def test_a_worker_signals_that_it_has_delivered():
         worker.close(WAIT)
 
 
+def test_a_signal_at_the_end_of_a_waiting_counts_for_the_next(monkeypatch):
+    wake = WakeEvent()
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Event, "wait", lambda event, timeout: event.set() or False)
+        assert not wake.wait(0.0)
+    assert wake.wait(0.0)
+
+
 def test_a_worker_reports_an_exception_and_continues():
     worker = LatestWorker(lambda x: 1 / x)
     worker.request(0)

@@ -58,11 +58,17 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
         x, y = (at + 0.5 * REACH for at in page.evaluate(DISC, MICROPHONE))
         finger = context.new_cdp_session(page)
         page.wait_for_timeout(500)
+        other = {"x": 330, "y": 320, "id": 1}
         for number in range(8):
             kind = "touchMove" if number else "touchStart"
-            at = {"x": x + 6 * number, "y": y + 5 * number}
-            finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [at]})
+            at = {"x": x + 4 * number, "y": y + 9 * number, "id": 0}
+            if number == 5:
+                finger.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [at, other]})
+            fingers = [at] if number < 5 else [at, other]
+            finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
             page.wait_for_timeout(150)
+        below = f"([x, y]) => {{ const at = ({DISC})({MICROPHONE}); return Math.hypot(at[0] - x, at[1] - y) < 8; }}"
+        page.wait_for_function(below, arg=[at["x"] - 0.5 * REACH, at["y"] - 0.5 * REACH])  # as far from it as at first
         page.locator("[data-region=words]").get_by_text(re.compile(r"^-[\d.]+ dB$")).wait_for()
         finger.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
         page.get_by_text(re.compile(r"^[01] of 1 home$")).wait_for()

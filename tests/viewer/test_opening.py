@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import COARSE, WAIT, serving_here
+from browsing import COARSE, WAIT, choose, serving_here, tab
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -66,6 +66,7 @@ def test_the_words_say_how_many_places_fit_and_three_quarters_of_the_time_have_s
     assert 0.7 < several < 0.85
 
 
+FILM_NODE = "#fdcal-film"
 FILM = "document.getElementById('fdcal-film')"
 WORDS = f"{FILM}.querySelector('h1').innerText"
 LEFT = f"() => !{FILM} && window.__viserMutable.nodeRefFromName['/relief']?.children.length > 0"
@@ -133,3 +134,20 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
         first.wait_for_function(f"{angle} < 1")
         first.close()
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_the_film_gives_way_to_a_session_without_a_map(browser, kernels):
+    with serving_here() as url:
+        first = opened(browser, url, COARSE)
+        tab(first, "Map")
+        choose(first, "Show", "No map")
+        first.wait_for_function("location.hash.includes('map=none')")
+
+        second = browser.new_context(reduced_motion="reduce")
+        page = second.new_page()
+        page.goto(f"{url}/{EXPLORE}", wait_until="domcontentloaded")
+        assert page.evaluate(WORDS) == "The microphone is found", "nothing moves"
+        page.locator(FILM_NODE).click()
+        page.locator(FILM_NODE).wait_for(state="detached", timeout=WAIT * 1e3)
+        second.close()
+        first.close()

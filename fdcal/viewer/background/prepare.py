@@ -409,13 +409,13 @@ class SessionSwitcher:
         """Whether a compilation is in progress, of a session that is shown or of one that nobody waits for."""
         return any(progress.warmup is not None and progress.warmup.busy for progress in self._begun)
 
-    def poll(self, wait: bool = False) -> PreparedRun | None:
-        """Execute the commands that wait; return the run that is ready, once, or None; None to `wait` with it."""
+    def poll(self) -> PreparedRun | None:
+        """Execute the commands that wait; return the run that is ready, once, or None."""
         while self._commands:
             self._begin(self._commands.popleft())
         self._close_cancelled()
         finished = self._current
-        if finished is None or not finished.done or (wait and finished.error is None):
+        if finished is None or not finished.done:
             return None
         self._current = None
         if finished.error is not None:

@@ -250,7 +250,7 @@ def titled(respond: Respond, film: str = "") -> Respond:
 def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
     """Return a page with the title TITLE in place of viser's, and page.css and page.js; a page of others as it is.
 
-    `body`: of the page; `zipped`: whether gzip has compressed it; `film`: HTML at the begin of its body.
+    `body`: of the page; `zipped`: whether gzip has compressed it; `film`: HTML at the beginning of its body.
     """
     plain = gzip.decompress(body) if zipped else body
     style, script = STYLE.read_text(encoding="utf-8"), SCRIPT.read_text(encoding="utf-8")

@@ -15,8 +15,8 @@
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
 const MAX_COMMAND = 190;  // characters
-const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000;
-const LEVEL = 1.54;  // rad from the zenith, just above the floor  // ms
+const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000;  // ms
+const LEVEL = 1.54;  // rad from the zenith, just above the floor
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
 let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
 let lastRetry = -RETRY, count = 0;
@@ -124,7 +124,7 @@ function show(uuid, content) {
   if (shown.get(name) == html && name != "greeting") return;
   shown.set(name, html);
   if (name == "greeting") { [greeted, server] = [true, html]; introduce(); return; }
-  if (name == "address") { shared = html.replaceAll("&amp;", "&"); write(); return; }
+  if (name == "address") { shared = html.replaceAll("&amp;", "&"); root.toggleAttribute("data-shown", Boolean(shared)); write(); return; }
   if (name == "labels") { setLabels(html); return; }
   if (name == "lecture") {
     root.toggleAttribute("data-lecture", Boolean(html));
@@ -260,13 +260,13 @@ for (const gesture of ["pointermove", "wheel"]) document.addEventListener(gestur
 
 // A finger takes the nearest microphone within REACH, of which a disc is a few pixels: its gesture is moved onto the disc.
 const REACH = 24;  // pixels
-let gesture = null;  // {id, shift, ends}
+let gesture = null;  // {id, shift}
 function shiftOnto(event) {
   const mutable = window.__viserMutable, canvas = event.target, box = canvas.getBoundingClientRect(), at = mutable.camera.position.clone();
   let best = null;
   for (const [name, node] of Object.entries(mutable.nodeRefFromName)) if (/^\/picking\/\d+$/.test(name)) node?.traverse(discs => {
     for (let i = 0; discs.isInstancedMesh2 && i < discs.instancesCount; i++) {
-      const scale = discs.getMatrixAt(i).elements[0], further = scale < 0.95 ? REACH / 2 : 0;  // of one that stays
+      const scale = discs.getMatrixAt(i).elements[0], further = scale < 0.95 ? REACH / 2 : 0;  // px: a fixed microphone counts as farther
       if (scale < 0.5) continue;  // a speck in a corner of the search domain
       const {x, y, z} = at.copy(discs.getPositionAt(i)).applyMatrix4(discs.matrixWorld).project(mutable.camera);
       const shift = [box.left + (1 + x) / 2 * box.width - event.clientX, box.top + (1 - y) / 2 * box.height - event.clientY], far = Math.hypot(...shift) + further;
@@ -277,7 +277,7 @@ function shiftOnto(event) {
 }
 for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel", "click"]) addEventListener(kind, event => {
   if (!event.isTrusted || event.pointerType != "touch" || !event.target.matches?.("canvas[data-engine]")) return;
-  if (kind == "pointerdown") gesture = event.isPrimary && window.__viserMutable?.camera ? {id: event.pointerId, shift: shiftOnto(event)} : null;
+  if (kind == "pointerdown" && event.isPrimary) gesture = window.__viserMutable?.camera ? {id: event.pointerId, shift: shiftOnto(event)} : null;
   if (!gesture?.shift || event.pointerId != gesture.id) return;
   event.stopImmediatePropagation();
   const [dx, dy] = gesture.shift, {type, bubbles, cancelable, pointerId, pointerType, isPrimary, button, buttons, pressure, width, height, clientX, clientY, screenX, screenY} = event;
