@@ -153,7 +153,7 @@ class AdviceRules:
     swaps: int = 4  # rounds in which measured microphones are exchanged for better ones
 
 
-RULES = AdviceRules()
+ADVICE_RULES = AdviceRules()
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ def best_addition(request: PlanRequest) -> ExtraMicrophone:
     places = _lattice(x)
     flat = places.reshape(-1, x.shape[1])
     apart = np.linalg.norm(x[:, None] - x[None], axis=-1) + 1e9 * np.eye(len(x))
-    least = RULES.spacing * float(np.median(apart.min(axis=1)))
+    least = ADVICE_RULES.spacing * float(np.median(apart.min(axis=1)))
     rms, own = np.full(len(flat), np.nan), np.full(len(flat), np.nan)
     for i, place in enumerate(flat):
         if np.linalg.norm(x - place, axis=1).min() < least:
@@ -221,14 +221,14 @@ def best_addition(request: PlanRequest) -> ExtraMicrophone:
 def _lattice(x: np.ndarray) -> np.ndarray:
     """Return candidate places (ny, nx, 2), or (nz, ny, nx, 3), metres."""
     low, high = x.min(axis=0), x.max(axis=0)
-    margin = RULES.margin * float((high - low).max())
+    margin = ADVICE_RULES.margin * float((high - low).max())
     low, high = low - margin, high + margin
     flat = x.shape[1] == 2
-    count = RULES.lattice if flat else RULES.lattice_3d
+    count = ADVICE_RULES.lattice if flat else ADVICE_RULES.lattice_3d
     across, along = np.meshgrid(*(np.linspace(low[a], high[a], count) for a in range(2)))
     if flat:
         return np.stack([across, along], axis=-1)
-    heights = np.linspace(low[2] + margin, high[2] - margin, RULES.layers)
+    heights = np.linspace(low[2] + margin, high[2] - margin, ADVICE_RULES.layers)
     return np.stack([np.stack([across, along, np.full_like(across, z)], axis=-1) for z in heights])
 
 
@@ -241,7 +241,7 @@ def best_tape(request: PlanRequest, information: Information) -> TapeMeasure:
     count = x.shape[1] + 1
     chosen = _far_apart(x, count)
     least = _tape_rms(request, information, chosen)
-    for _ in range(RULES.swaps):
+    for _ in range(ADVICE_RULES.swaps):
         before = least
         for i in range(count):
             for n in range(len(x)):

@@ -24,7 +24,7 @@ from ...model.problem import mode_power
 from ...model.room import Room
 from ...model.validation import InputError
 from ...solvers.robust.arrivals import Arrivals, Source
-from .request import ASSUMED, LIMITS, PlanRequest
+from .request import ASSUMED, PLAN_LIMITS, PlanRequest
 
 
 def wavenumbers_of(request: PlanRequest, frequencies) -> np.ndarray:
@@ -45,7 +45,7 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
     if np.any(extent > size - 2 * WALL_DISTANCE_M):
         raise InputError("the array does not fit into the room", "give a larger <room>", key="room", value=request.room)
     edge = extent / 2 + WALL_DISTANCE_M
-    centre = np.clip(np.array(LIMITS.place[: len(size)]) * size, edge, size - edge)
+    centre = np.clip(np.array(PLAN_LIMITS.place[: len(size)]) * size, edge, size - edge)
     return x - (x.min(axis=0) + x.max(axis=0)) / 2 + centre
 
 
@@ -57,7 +57,7 @@ def is_moved(request: PlanRequest) -> bool:
 def _stated_places(request: PlanRequest) -> np.ndarray:
     """Return the microphones by their own coordinates, in as many as the room has : (N, 2 or 3) float64, metres."""
     size = request.room or ()
-    return request.layout.in_space(LIMITS.place[2] * size[2]) if len(size) == 3 else request.layout.positions
+    return request.layout.in_space(PLAN_LIMITS.place[2] * size[2]) if len(size) == 3 else request.layout.positions
 
 
 def _inside(places: np.ndarray, size: np.ndarray) -> bool:
@@ -67,11 +67,11 @@ def _inside(places: np.ndarray, size: np.ndarray) -> bool:
 def source_place(request: PlanRequest, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return a random source in the room, away from the microphones : (2 or 3,) float64, metres; or InputError."""
     source = random_source(
-        request.room, places, LIMITS.clearance, rng, lambda place: not encloses(places[:, :2], place[:2])
+        request.room, places, PLAN_LIMITS.clearance, rng, lambda place: not encloses(places[:, :2], place[:2])
     )
     if source is not None:
         return source
-    problem = f"no place of the room is {LIMITS.clearance:g} m from the array"
+    problem = f"no place of the room is {PLAN_LIMITS.clearance:g} m from the array"
     raise InputError(problem, "give a larger <room>", key="room")
 
 
@@ -115,11 +115,11 @@ def request_information(request: PlanRequest) -> Information:
 
     The fields of two takes are independent draws, so that each adds as much as the first.
     """
-    return sparse_information(request, request.layout.positions, most=LIMITS.max_frequencies)
+    return sparse_information(request, request.layout.positions, most=PLAN_LIMITS.max_frequencies)
 
 
 def sparse_information(
-    request: PlanRequest, positions, noise: float | None = None, most: int = LIMITS.search_frequencies
+    request: PlanRequest, positions, noise: float | None = None, most: int = PLAN_LIMITS.search_frequencies
 ) -> Information:
     """Return the information of `most` frequencies, scaled to all of them, of an array (N, D), metres.
 

@@ -24,7 +24,7 @@ from .bounds import (
     takes_cases,
     wavenumbers_of,
 )
-from .request import ASSUMED, LIMITS, PlanRequest
+from .request import ASSUMED, PLAN_LIMITS, PlanRequest
 from .trials import Trials
 
 
@@ -89,10 +89,10 @@ def _room_bound(request: PlanRequest) -> tuple[Bound | None, tuple[str, ...]]:
 
 
 def room_information(request: PlanRequest) -> Information:
-    """Return the information in the room's own field, the mean of `LIMITS.sources` sources."""
-    used = request.spaced(LIMITS.max_frequencies // 3)
+    """Return the information in the room's own field, the mean of `PLAN_LIMITS.sources` sources."""
+    used = request.spaced(PLAN_LIMITS.max_frequencies // 3)
     k, matrices = wavenumbers_of(request, used), []
-    for source in range(LIMITS.sources):
+    for source in range(PLAN_LIMITS.sources):
         pressures = field_of(request, used, np.random.default_rng([request.seed, source]))
         found = field_information(request.layout.positions, pressures, k, request.noise_fraction, request.dimension)
         matrices.append(found.matrix)
