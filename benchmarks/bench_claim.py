@@ -2,7 +2,7 @@
 
 24 microphones in a disc of 0.5 m in a room of 6 x 5 m, and 32 in a ball of 0.4 m in one of 4.6 x 3.8 x 2.7 m, six given
 each, rigid walls, the noise reported. The ratio of the means over the microphones that are sought is averaged over
-draws, and has one standard error. FDCAL_BENCH_DRAWS draws of each line, 25 unless given.
+draws; +- is its standard error. FDCAL_BENCH_DRAWS draws of each line, 25 unless given, at least 1.
 """
 
 import os
@@ -18,14 +18,15 @@ from fdcal.model.arrays import ball, random_source
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
 from fdcal.model.room import Room
+from fdcal.session.study import RIGID_DECAY
 
 from .report import Figure
 
 ALONE = True
-DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "25"))
+DRAWS = max(1, int(os.environ.get("FDCAL_BENCH_DRAWS", "25")))
 SNR_DB = (20.0, 30.0, 40.0, 60.0)
 GIVEN = 6
-C, DECAY = 343.0, 3.0  # m/s; 1/s, of sound that is weighted as one of four seconds
+C = 343.0  # m/s
 CLEARANCE = 0.7  # m, of the source from every microphone
 NOMINAL, LEAST_COVERED = 0.95, 90.0  # probability of the ellipses; percent
 
@@ -45,7 +46,9 @@ class Fixed:
         middle, reach = self.places.mean(axis=0), np.linalg.norm(self.places - self.places.mean(axis=0), axis=1).max()
         far = CLEARANCE + reach
         source = random_source(size, self.places, CLEARANCE, rng, lambda at: bool(np.linalg.norm(at - middle) > far))
-        k = (2 * np.pi * self.frequencies - 1j * DECAY) / C
+        if source is None:
+            raise ValueError(f"{self.name}: no place of the room is {CLEARANCE:g} m from the array")
+        k = (2 * np.pi * self.frequencies - 1j * RIGID_DECAY) / C
         clean = point_source_pressures(Room(size=self.room), source, self.places, k)
         clean /= np.sqrt(mode_power(clean))[:, None]
         noise, parts = 10 ** (-snr_db / 10), rng.normal(scale=np.sqrt(0.5), size=(2, *clean.shape))

@@ -12,9 +12,6 @@ from .options import force_option, output_option, output_path, progress_bar
 SUFFIXES = [".html", ".json", ".png"]
 MAX_TRIALS, MAX_TAKES = 10_000, 100
 MAX_WORKERS = 64
-NO_TRIALS = (
-    "no calibration was simulated: add --trials 20, of some seconds each, to learn whether this array will be found"
-)
 
 
 @click.command()
@@ -107,8 +104,6 @@ def plan(
     found = make_plan(request, trials=simulated)
     if path is not None:
         _write(path, found, force)
-    if not trials:
-        print(NO_TRIALS)
     print("\n".join(plan_lines(found)))
 
 

@@ -105,7 +105,7 @@ class DoctorRules:
     speed: float = 0.05  # relative, one sigma of the sound speed before it is sought: 30 K
 
 
-RULES = DoctorRules()
+DOCTOR_RULES = DoctorRules()
 
 
 def examine(
@@ -216,7 +216,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | N
         result = solve(inputs, progress, keep=True)
     except InputError as error:
         rows = len(measurement.frequencies)
-        few = stationary and rows < RULES.rows  # of a stationary source those at which the channels are coherent
+        few = stationary and rows < DOCTOR_RULES.rows  # of a stationary source those at which the channels are coherent
         text = f"the channels are coherent at {rows} frequencies only" if few else str(error)
         yield Finding("field", "fault" if few else "unknown", text, found=(("field", ""),) if few else ())
         return
@@ -262,7 +262,9 @@ def _errors(result: Calibration) -> tuple[float, float, np.ndarray, np.ndarray, 
     constant = np.array(p)
     constant[:, healthy] = seen - mean
     by_field, by_mean = (summarise(p, one, healthy).modes for one in (errors, constant))
-    low = np.argsort(problem.frequencies[modes], kind="stable")[: max(RULES.fewest, int(RULES.lowest * len(p)))]
+    low = np.argsort(problem.frequencies[modes], kind="stable")[
+        : max(DOCTOR_RULES.fewest, int(DOCTOR_RULES.lowest * len(p)))
+    ]
     return _mean_db(by_field[low]), _mean_db(by_mean[low]), by_field, by_mean, problem.frequencies[modes]
 
 
@@ -278,10 +280,10 @@ def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
         Curve(what, f[order], values[order], True)
         for what, values in (("predicted by the sound field", by_field), ("by the mean of the others", by_mean))
     )
-    chart = Chart("frequency (Hz)", "leave-one-out error (dB)", curves, limit=RULES.field_db)
-    low = f <= RULES.low_frequency
-    low_db = _mean_db(by_field[low]) if np.sum(low) >= RULES.fewest else np.nan
-    one = overall < RULES.field_db
+    chart = Chart("frequency (Hz)", "leave-one-out error (dB)", curves, limit=DOCTOR_RULES.field_db)
+    low = f <= DOCTOR_RULES.low_frequency
+    low_db = _mean_db(by_field[low]) if np.sum(low) >= DOCTOR_RULES.fewest else np.nan
+    one = overall < DOCTOR_RULES.field_db
     text = f"at the lowest third of the frequencies the others predict each microphone to {overall:.1f} dB by a sound"
     text += f" field, to {mean_db:.1f} dB by their mean"
     if not one:
@@ -298,12 +300,13 @@ def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
     number = np.arange(measurement.count, dtype=float)
     times = Chart("microphone", "misfit of arrivals (mm)",
                   (Curve("median of the takes", number, 1e3 * _column_medians(misfit), True),),
-                  tuple(measurement.names), limit=1e3 * RULES.arrivals)  # fmt: skip
+                  tuple(measurement.names), limit=1e3 * DOCTOR_RULES.arrivals)  # fmt: skip
+    text, below = f"arrivals fit to {1e3 * median:.1f} mm", f"below {DOCTOR_RULES.low_frequency:g} Hz"
     if not np.isfinite(low_db):
-        text = f"arrivals fit to {1e3 * median:.1f} mm; no frequencies below {RULES.low_frequency:g} Hz to compare with"
+        text += f"; no frequencies {below} to compare with"
         return [field, Finding("measured", "unknown", text, 1e3 * median, "mm", (times,))]
-    text = f"arrivals fit to {1e3 * median:.1f} mm, below {RULES.low_frequency:g} Hz the field to {low_db:.1f} dB"
-    rays = median < RULES.arrivals and low_db > RULES.field_db
+    text += f", {below} the field to {low_db:.1f} dB"
+    rays = median < DOCTOR_RULES.arrivals and low_db > DOCTOR_RULES.field_db
     if rays:
         text += ": a simulation by rays, which has no sound field at low frequencies"
     found = (("rays", ""),) if rays else ()
@@ -356,7 +359,7 @@ def _size(
     if len(known) == len(listed):
         known = np.delete(known, int(np.argmin(np.linalg.norm(listed - listed.mean(axis=0), axis=1))))  # one is sought
     measurement = replace(inputs.measurement, known=known, known_positions=listed[known], positions=None)
-    settings = replace(inputs.settings, known="all", known_sigma=sigma, sound_speed_sigma=RULES.speed)
+    settings = replace(inputs.settings, known="all", known_sigma=sigma, sound_speed_sigma=DOCTOR_RULES.speed)
     try:
         given = replace(inputs, measurement=measurement, settings=settings, estimate_sound_speed=True)
         found = solve(given, progress)
@@ -385,7 +388,7 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
         right = ~np.isin(np.arange(len(own)), fit.misplaced)
         size, sigma = _size(inputs, listed[check.order], right, fit.rms / np.sqrt(own.shape[1]), progress)
         if np.isfinite(sigma):
-            sized = abs(size - 1) > max(LIST_RULES.scale, RULES.size_sigmas * sigma)
+            sized = abs(size - 1) > max(LIST_RULES.scale, DOCTOR_RULES.size_sigmas * sigma)
             fit = replace(fit, scale=size, sized=sized)
     off = fit.poor and sure
     faults = [*check.exchanges(names), *replace(fit, poor=off).faults(names)]

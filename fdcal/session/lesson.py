@@ -278,7 +278,7 @@ class LessonLimits:
     mode: int = 9999  # highest number of a mode, counted from 1
 
 
-LIMITS = LessonLimits()
+LESSON_LIMITS = LessonLimits()
 
 
 def lesson_folder() -> Path:
@@ -295,7 +295,7 @@ def lesson_names() -> list[str]:
 def load_lesson(path: str | Path) -> Lesson:
     """Return the lesson of a TOML file, or a built-in one by its name."""
     path = _file_of(path)
-    table = parse_toml(read_bytes(path, LIMITS.file_bytes, "lesson"), path)
+    table = parse_toml(read_bytes(path, LESSON_LIMITS.file_bytes, "lesson"), path)
     try:
         for key in Lesson.OPTIONAL:
             if key in table:
@@ -323,8 +323,10 @@ def _file_of(path: str | Path) -> Path:
 def check(lesson: Lesson) -> None:
     """Raise InputError if no page could show a lesson."""
     count = len(lesson.steps)
-    if not 1 <= count <= LIMITS.steps:
-        raise InputError(f"steps has {count} entries", f"give 1 to {LIMITS.steps} [[steps]]", key="steps", value=count)
+    if not 1 <= count <= LESSON_LIMITS.steps:
+        raise InputError(
+            f"steps has {count} entries", f"give 1 to {LESSON_LIMITS.steps} [[steps]]", key="steps", value=count
+        )
     if lesson.steps[0].page.scene is None:
         key = "steps[1].page.scene"
         raise InputError(f"{key} is missing", 'name a scene, as "tiny", that the lesson begins with', key=key)
@@ -342,8 +344,8 @@ def check(lesson: Lesson) -> None:
 def _check_texts(key: str, step: Step) -> None:
     for name in ("text", "question", "reveal"):
         length = len(getattr(step, name))
-        if length > LIMITS.characters:
-            remedy = f"use {LIMITS.characters} at most"
+        if length > LESSON_LIMITS.characters:
+            remedy = f"use {LESSON_LIMITS.characters} at most"
             raise InputError(f"{key}.{name} has {length} characters", remedy, key=f"{key}.{name}", value=length)
     if not step.text.strip():
         raise InputError(f'{key}.text = "" says nothing', "write a few sentences", key=f"{key}.text", value=step.text)
@@ -351,8 +353,8 @@ def _check_texts(key: str, step: Step) -> None:
 
 def _check_question(key: str, step: Step) -> None:
     count = len(step.choices)
-    if bool(step.question) != bool(count) or count == 1 or count > LIMITS.choices:
-        remedy = f"give 2 to {LIMITS.choices} with a question, none without"
+    if bool(step.question) != bool(count) or count == 1 or count > LESSON_LIMITS.choices:
+        remedy = f"give 2 to {LESSON_LIMITS.choices} with a question, none without"
         raise InputError(f"{key}.choices has {count} entries", remedy, key=f"{key}.choices", value=count)
     if (count or step.answer) and not 1 <= step.answer <= count:
         problem = f"{key}.answer = {step.answer} is none of the {count} choices"
@@ -416,6 +418,6 @@ def _check_modes(key: str, setting: Setting) -> None:
 
 def _modes(key: str, text: str) -> tuple[int, ...]:
     try:
-        return parse_modes(text, LIMITS.mode)
+        return parse_modes(text, LESSON_LIMITS.mode)
     except InputError as error:
         raise error.within(f'{key} = "{shown(text)}"') from error

@@ -1,15 +1,15 @@
 """What would improve a calibration, with numbers: one more microphone, a tape measure, less noise, another size."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...assessment.uncertainty import Information, Prior, aligned_rms, position_bound
+from ...assessment.uncertainty import Bound, Information, Prior, aligned_rms, position_bound
 from ...model.gauge import fixes_gauge
 from ...model.validation import InputError
-from .bounds import rms_at, sparse_information
+from .bounds import arrival_matrices, forecast, information_at, sparse_information
 from .request import ASSUMED, PlanRequest
 
 
@@ -36,53 +36,85 @@ SLOPE_DB = 3.0  # to both sides of a ratio, over which the slope is taken
 class AccuracyAdvice:
     """What reaches the accuracy that is wanted."""
 
-    # error of a calibration over the bound that is reckoned with; infinite where most trials were refused
+    # error of a calibration over the bound that is reckoned with, of the request as it is; infinite where most trials
+    # were refused
     margin: float
-    snr_db: float | None  # dB, least signal-to-noise ratio that reaches it; None if none does
+    snr_db: (
+        float | None
+    )  # dB, least signal-to-noise ratio that reaches it; None if none does, or if noise hardly matters there
+    quiet_rms: float  # metres, error that is reckoned with at the greatest ratio that is proposed
     # the recording's length over the present one that gives this ratio with steady noise
     recording_factor: float | None
     sizes: np.ndarray  # (S, 2) float64, factor on the size of the array and the bound, metres
     size: float | None  # largest factor on the size of the array that reaches it; None if none does
 
 
-def accuracy_advice(request: PlanRequest, margin: float) -> AccuracyAdvice:
-    """Return what reaches the accuracy of a request; `margin`: expected error over the bound, as of trials."""
-    sizes = sizes_of(request)
-    if not np.isfinite(margin):
-        return AccuracyAdvice(margin, None, None, sizes, None)
-    snr = needed_snr(request, margin)
-    factor = None if snr is None else 10 ** ((snr - request.snr_db) / 10)
-    return AccuracyAdvice(margin, snr, factor, sizes, largest_size(sizes, request.accuracy / margin))
+def accuracy_advice(request: PlanRequest, margin: float | None = None) -> AccuracyAdvice:
+    """Return what reaches the accuracy of a request; `margin`: error over the bound, of trials.
+
+    Without a margin the error of each ratio and size is forecast: arrival times do not change with noise.
+    """
+    arrivals = arrival_matrices(request) if margin is None else ()
+
+    def error_at(snr_db: float) -> float:
+        information = information_at(request, snr_db)
+        bound = position_bound(information, request.prior)
+        return reckoned_margin(request, information, bound, margin, arrivals) * bound.rms
+
+    factors, bounds, errors = sizes_of(request, margin).T
+    own = int(np.flatnonzero(factors == 1)[0])
+    snr = needed_snr(request.accuracy, error_at)
+    return AccuracyAdvice(
+        margin=float(errors[own] / bounds[own]),
+        snr_db=snr,
+        quiet_rms=error_at(ACCURACY_RULES.max_snr_db),
+        recording_factor=None if snr is None else 10 ** ((snr - request.snr_db) / 10),
+        sizes=np.column_stack([factors, bounds]),
+        size=largest_size(np.column_stack([factors, errors]), request.accuracy),
+    )
 
 
-def needed_snr(request: PlanRequest, margin: float) -> float | None:
-    """Return the least ratio, dB, at which `margin` times the bound is as low as the accuracy that is wanted.
+def reckoned_margin(
+    request: PlanRequest,
+    information: Information,
+    bound: Bound,
+    margin: float | None,
+    arrivals: tuple[np.ndarray, ...] | None = None,
+) -> float:
+    """Return the error over the bound that is reckoned with: `margin`, or that of the forecast without one."""
+    return forecast(request, information, bound, arrivals).margin if margin is None else margin
+
+
+def needed_snr(wanted: float, error_at: Callable[[float], float]) -> float | None:
+    """Return the least ratio, dB, at which `error_at` it, metres, is as low as the accuracy that is wanted, metres.
 
     None where no ratio in use reaches it, or where the error hardly depends on noise there.
     """
-    wanted = request.accuracy / margin
     low, high = MIN_SNR_DB, ACCURACY_RULES.max_snr_db
-    if rms_at(request, high) > wanted:
+    if error_at(high) > wanted:
         return None
     while high - low > SNR_STEP_DB:
         middle = (low + high) / 2
-        low, high = (low, middle) if rms_at(request, middle) <= wanted else (middle, high)
-    below, above = rms_at(request, high - SLOPE_DB), rms_at(request, high + SLOPE_DB)
+        low, high = (low, middle) if error_at(middle) <= wanted else (middle, high)
+    below, above = error_at(high - SLOPE_DB), error_at(high + SLOPE_DB)
     slope = np.log(below / above) / np.log(10 ** (2 * SLOPE_DB / 20))
     return high if slope >= ACCURACY_RULES.min_slope else None
 
 
-def sizes_of(request: PlanRequest) -> np.ndarray:
-    """Return factors on the size of the array and its bound : (S, 2) float64.
+def sizes_of(request: PlanRequest, margin: float | None) -> np.ndarray:
+    """Return factors on the size of the array, its bound and the error that is reckoned with : (S, 3) float64.
 
     A band that was given stays, but for frequencies that the enlarged array cannot interpolate; without one, every
     array has the band that it can interpolate.
     """
     rows = []
     for factor in (1.0, *ACCURACY_RULES.sizes):
-        with contextlib.suppress(InputError):  # the band of such an array holds too few frequencies
+        # the band of such an array holds too few frequencies, or it does not fit into the room of its arrival times
+        with contextlib.suppress(InputError):
             other = request if factor == 1 else resized(request, factor)
-            rows.append((factor, position_bound(sparse_information(other, other.layout.positions), request.prior).rms))
+            information = sparse_information(other, other.layout.positions)
+            bound = position_bound(information, request.prior)
+            rows.append((factor, bound.rms, bound.rms * reckoned_margin(other, information, bound, margin)))
     return np.array(sorted(rows))
 
 
@@ -93,16 +125,19 @@ def resized(request: PlanRequest, factor: float) -> PlanRequest:
     return replace(request, layout=replace(request.layout, positions=scaled))
 
 
-def largest_size(sizes: np.ndarray, bound: float) -> float | None:
-    """Return the largest factor at which the array has a bound, metres, between those of `sizes_of`; None without."""
+def largest_size(sizes: np.ndarray, wanted: float) -> float | None:
+    """Return the largest factor at which the array has an error that is wanted, metres; None without.
+
+    `sizes` (S, 2): factors, ascending, and errors, metres, between which it is interpolated.
+    """
     factors, rms = np.log(sizes).T
-    below = np.flatnonzero(rms <= np.log(bound))
+    below = np.flatnonzero(rms <= np.log(wanted))
     if not len(below):
         return None
     i = int(below[-1])
     if i == len(sizes) - 1:
         return float(sizes[i, 0])
-    share = (np.log(bound) - rms[i]) / (rms[i + 1] - rms[i])
+    share = (np.log(wanted) - rms[i]) / (rms[i + 1] - rms[i])
     return float(np.exp(factors[i] + share * (factors[i + 1] - factors[i])))
 
 
@@ -118,7 +153,7 @@ class AdviceRules:
     swaps: int = 4  # rounds in which measured microphones are exchanged for better ones
 
 
-RULES = AdviceRules()
+ADVICE_RULES = AdviceRules()
 
 
 @dataclass(frozen=True)
@@ -158,8 +193,8 @@ class Advice:
     accuracy: AccuracyAdvice
 
 
-def advise(request: PlanRequest, information: Information, margin: float) -> Advice:
-    """Return the advice for a request, from the information of all its frequencies; `margin`: error over the bound."""
+def advise(request: PlanRequest, information: Information, margin: float | None) -> Advice:
+    """Return the advice for a request, from the information of all its frequencies; `margin`: of `accuracy_advice`."""
     return Advice(best_addition(request), best_tape(request, information), accuracy_advice(request, margin))
 
 
@@ -169,7 +204,7 @@ def best_addition(request: PlanRequest) -> ExtraMicrophone:
     places = _lattice(x)
     flat = places.reshape(-1, x.shape[1])
     apart = np.linalg.norm(x[:, None] - x[None], axis=-1) + 1e9 * np.eye(len(x))
-    least = RULES.spacing * float(np.median(apart.min(axis=1)))
+    least = ADVICE_RULES.spacing * float(np.median(apart.min(axis=1)))
     rms, own = np.full(len(flat), np.nan), np.full(len(flat), np.nan)
     for i, place in enumerate(flat):
         if np.linalg.norm(x - place, axis=1).min() < least:
@@ -186,14 +221,14 @@ def best_addition(request: PlanRequest) -> ExtraMicrophone:
 def _lattice(x: np.ndarray) -> np.ndarray:
     """Return candidate places (ny, nx, 2), or (nz, ny, nx, 3), metres."""
     low, high = x.min(axis=0), x.max(axis=0)
-    margin = RULES.margin * float((high - low).max())
+    margin = ADVICE_RULES.margin * float((high - low).max())
     low, high = low - margin, high + margin
     flat = x.shape[1] == 2
-    count = RULES.lattice if flat else RULES.lattice_3d
+    count = ADVICE_RULES.lattice if flat else ADVICE_RULES.lattice_3d
     across, along = np.meshgrid(*(np.linspace(low[a], high[a], count) for a in range(2)))
     if flat:
         return np.stack([across, along], axis=-1)
-    heights = np.linspace(low[2] + margin, high[2] - margin, RULES.layers)
+    heights = np.linspace(low[2] + margin, high[2] - margin, ADVICE_RULES.layers)
     return np.stack([np.stack([across, along, np.full_like(across, z)], axis=-1) for z in heights])
 
 
@@ -206,7 +241,7 @@ def best_tape(request: PlanRequest, information: Information) -> TapeMeasure:
     count = x.shape[1] + 1
     chosen = _far_apart(x, count)
     least = _tape_rms(request, information, chosen)
-    for _ in range(RULES.swaps):
+    for _ in range(ADVICE_RULES.swaps):
         before = least
         for i in range(count):
             for n in range(len(x)):

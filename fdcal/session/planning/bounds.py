@@ -24,7 +24,7 @@ from ...model.problem import mode_power
 from ...model.room import Room
 from ...model.validation import InputError
 from ...solvers.robust.arrivals import Arrivals, Source
-from .request import ASSUMED, LIMITS, PlanRequest
+from .request import ASSUMED, PLAN_LIMITS, PlanRequest
 
 
 def wavenumbers_of(request: PlanRequest, frequencies) -> np.ndarray:
@@ -45,7 +45,7 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
     if np.any(extent > size - 2 * WALL_DISTANCE_M):
         raise InputError("the array does not fit into the room", "give a larger <room>", key="room", value=request.room)
     edge = extent / 2 + WALL_DISTANCE_M
-    centre = np.clip(np.array(LIMITS.place[: len(size)]) * size, edge, size - edge)
+    centre = np.clip(np.array(PLAN_LIMITS.place[: len(size)]) * size, edge, size - edge)
     return x - (x.min(axis=0) + x.max(axis=0)) / 2 + centre
 
 
@@ -57,7 +57,7 @@ def is_moved(request: PlanRequest) -> bool:
 def _stated_places(request: PlanRequest) -> np.ndarray:
     """Return the microphones by their own coordinates, in as many as the room has : (N, 2 or 3) float64, metres."""
     size = request.room or ()
-    return request.layout.in_space(LIMITS.place[2] * size[2]) if len(size) == 3 else request.layout.positions
+    return request.layout.in_space(PLAN_LIMITS.place[2] * size[2]) if len(size) == 3 else request.layout.positions
 
 
 def _inside(places: np.ndarray, size: np.ndarray) -> bool:
@@ -67,11 +67,11 @@ def _inside(places: np.ndarray, size: np.ndarray) -> bool:
 def source_place(request: PlanRequest, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return a random source in the room, away from the microphones : (2 or 3,) float64, metres; or InputError."""
     source = random_source(
-        request.room, places, LIMITS.clearance, rng, lambda place: not encloses(places[:, :2], place[:2])
+        request.room, places, PLAN_LIMITS.clearance, rng, lambda place: not encloses(places[:, :2], place[:2])
     )
     if source is not None:
         return source
-    problem = f"no place of the room is {LIMITS.clearance:g} m from the array"
+    problem = f"no place of the room is {PLAN_LIMITS.clearance:g} m from the array"
     raise InputError(problem, "give a larger <room>", key="room")
 
 
@@ -115,11 +115,11 @@ def request_information(request: PlanRequest) -> Information:
 
     The fields of two takes are independent draws, so that each adds as much as the first.
     """
-    return sparse_information(request, request.layout.positions, most=LIMITS.max_frequencies)
+    return sparse_information(request, request.layout.positions, most=PLAN_LIMITS.max_frequencies)
 
 
 def sparse_information(
-    request: PlanRequest, positions, noise: float | None = None, most: int = LIMITS.search_frequencies
+    request: PlanRequest, positions, noise: float | None = None, most: int = PLAN_LIMITS.search_frequencies
 ) -> Information:
     """Return the information of `most` frequencies, scaled to all of them, of an array (N, D), metres.
 
@@ -132,9 +132,13 @@ def sparse_information(
 
 def rms_at(request: PlanRequest, snr_db: float) -> float:
     """Return the bound at another signal-to-noise ratio, dB: root mean square, metres."""
+    return position_bound(information_at(request, snr_db), request.prior).rms
+
+
+def information_at(request: PlanRequest, snr_db: float) -> Information:
+    """Return the information of a request at another signal-to-noise ratio, dB, by `sparse_information`."""
     noise = 10 ** (-snr_db / 10)
-    found = sparse_information(request, request.layout.positions, noise / (1 + noise))
-    return position_bound(found, request.prior).rms
+    return sparse_information(request, request.layout.positions, noise / (1 + noise))
 
 
 TAKES = (1, 2, 4, 8)  # numbers of takes that a plan compares, and its own
@@ -197,36 +201,56 @@ class Forecast:
     low: float  # 8 of 10 recordings err between `low` and `high`
     high: float
     margin: float  # error over the bound that advice reckons with: of `rms`, of a plane array in a room of `high`
+    timed: bool = False  # whether arrival times lower it
 
 
-def forecast(request: PlanRequest, information: Information, bound: Bound) -> Forecast:
-    """Return the error to be expected, from the information of all frequencies and the bound that follows from it."""
+def forecast(
+    request: PlanRequest, information: Information, bound: Bound, arrivals: tuple[np.ndarray, ...] | None = None
+) -> Forecast:
+    """Return the error to be expected, from the information of all frequencies and the bound that follows from it.
+
+    `arrivals`: `arrival_matrices` of the request, which do not depend on noise; computed unless given.
+    """
     if request.is_plane_in_room:
         low, middle, high = FORECAST.plane
         return Forecast(middle * bound.rms, low * bound.rms, high * bound.rms, high)
     f, s = request.frequencies, decay_rate(request.reverberation_time)
     alike = np.sum(1 / (1 + (np.pi * (f[:, None] - f) / s) ** 2), axis=1) - 1
     field = information.scaled(float(np.mean(1 / (1 + FORECAST.field_part * alike))))
-    if request.kind == "impulse":
-        cases, margin = (
-            [_with_arrivals(request, field, seed) for seed in range(FORECAST.source_sets)],
-            FORECAST.arrival_margin,
-        )
-    else:
-        cases, margin = [field], 1.0
-    found = [position_bound(case, request.prior) for case in cases]
-    rms = margin * float(np.sqrt(np.mean([one.rms**2 for one in found])))
+    plain = _scattering([position_bound(field, request.prior)], 1.0, bound)
+    arrivals = arrival_matrices(request) if arrivals is None else arrivals
+    if not arrivals:
+        return plain
+    cases = [position_bound(replace(field, matrix=field.matrix + matrix), request.prior) for matrix in arrivals]
+    # arrival times never make it worse: where they add little, their factor alone would
+    timed = replace(_scattering(cases, FORECAST.arrival_margin, bound), timed=True)
+    return min(plain, timed, key=lambda one: one.rms)
+
+
+def _scattering(found: list[Bound], factor: float, bound: Bound) -> Forecast:
+    """Return the forecast of an error `factor` times that of `found`, and how far single recordings scatter."""
+    rms = factor * float(np.sqrt(np.mean([one.rms**2 for one in found])))
     scatter = np.mean([1 / (2 * one.freedom) for one in found]) + FORECAST.field_scatter**2
     low, high = (rms * float(np.exp(sign * FORECAST.quantile * np.sqrt(scatter) - scatter)) for sign in (-1, 1))
     return Forecast(rms, low, high, rms / bound.rms)
 
 
-def _with_arrivals(request: PlanRequest, field: Information, seed: int) -> Information:
-    """Return the information of a field and of the arrival times from a random place of the source for each take."""
+def arrival_matrices(request: PlanRequest) -> tuple[np.ndarray, ...]:
+    """Return what arrival times add to the matrix of `Information`, for some sets of sources; empty without impulses.
+
+    Nor does the forecast of a plane array in a room reckon with them.
+    """
+    if request.kind != "impulse" or request.is_plane_in_room:
+        return ()
+    return tuple(_arrival_matrix(request, seed) for seed in range(FORECAST.source_sets))
+
+
+def _arrival_matrix(request: PlanRequest, seed: int) -> np.ndarray:
+    """Return what arrival times from a random place of the source for each take add to the matrix of `Information`."""
     places, rng = places_in_room(request), np.random.default_rng([request.seed, 11, seed])
     sources = np.array([source_place(request, places, rng) for _ in range(request.takes)])
-    x, matrix = request.layout.positions, field.matrix.copy()
-    on = np.append(np.arange(x.size), len(matrix) - 1)  # coordinates and the logarithm of the sound speed
+    x, size = request.layout.positions, request.layout.positions.size + len(request.layout.names) + 1
+    matrix, on = np.zeros((size, size)), np.append(np.arange(x.size), size - 1)  # coordinates, log of the sound speed
     for some in np.array_split(sources, -(-len(sources) // FORECAST.batch)):
         away, T = some - places.mean(axis=0), len(some)
         distance, sigma = np.linalg.norm(away, axis=1), np.full(T, ASSUMED.arrival_sigma_m)
@@ -235,4 +259,4 @@ def _with_arrivals(request: PlanRequest, field: Information, seed: int) -> Infor
         start = Source(away / distance[:, None], 1 / distance, np.zeros(T))
         terms = Arrivals(paths, np.ones(paths.shape, bool), sigma, sigma, request.dimension, start).terms(x)
         matrix[np.ix_(on, on)] += terms.matrix
-    return replace(field, matrix=matrix)
+    return matrix

@@ -12,7 +12,7 @@ from ...assessment.uncertainty import Bound, Information, field_information, pos
 from ...model.gauge import fixes_gauge
 from ...model.validation import InputError
 from ..process import one_blas_thread
-from .advice import AccuracyAdvice, Advice, advise
+from .advice import ACCURACY_RULES, AccuracyAdvice, Advice, advise
 from .bounds import (
     Forecast,
     TakesCase,
@@ -24,7 +24,7 @@ from .bounds import (
     takes_cases,
     wavenumbers_of,
 )
-from .request import ASSUMED, LIMITS, PlanRequest
+from .request import ASSUMED, PLAN_LIMITS, PlanRequest
 from .trials import Trials
 
 
@@ -61,7 +61,7 @@ def make_plan(request: PlanRequest, with_advice: bool = True, trials: Trials | N
         bound = position_bound(information, request.prior)
         room_bound, note = _room_bound(request)
         expected = forecast(request, information, bound)
-        margin = expected.margin if trials is None else trials.margin
+        margin = None if trials is None else trials.margin
         return Plan(
             request=request,
             f_max=request.f_max,
@@ -89,10 +89,10 @@ def _room_bound(request: PlanRequest) -> tuple[Bound | None, tuple[str, ...]]:
 
 
 def room_information(request: PlanRequest) -> Information:
-    """Return the information in the room's own field, the mean of `LIMITS.sources` sources."""
-    used = request.spaced(LIMITS.max_frequencies // 3)
+    """Return the information in the room's own field, the mean of `PLAN_LIMITS.sources` sources."""
+    used = request.spaced(PLAN_LIMITS.max_frequencies // 3)
     k, matrices = wavenumbers_of(request, used), []
-    for source in range(LIMITS.sources):
+    for source in range(PLAN_LIMITS.sources):
         pressures = field_of(request, used, np.random.default_rng([request.seed, source]))
         found = field_information(request.layout.positions, pressures, k, request.noise_fraction, request.dimension)
         matrices.append(found.matrix)
@@ -145,6 +145,9 @@ def _mirror_words(request: PlanRequest) -> str:
 FORMAT = 1  # of the JSON
 LIKELY = 0.9  # fraction of simulated calibrations from which an answer is yes
 LARGER = 1.05  # factor on that size from which an array counts as larger
+NO_TRIALS = (
+    "no calibration was simulated: add --trials 20, of some seconds each, to learn whether this array will be found"
+)
 SIZES = (0.5, 0.71, 1.41, 2.0)  # factors on the size of the array that are put in words
 
 
@@ -170,9 +173,9 @@ def plan_lines(plan: Plan) -> list[str]:
     lines += list(plan.degeneracies)
     lines += takes_lines(plan.takes, request.takes)
     if plan.trials is not None:
-        lines[1:1] = [_judgement(plan.trials), *trial_lines(plan.trials)]
+        lines[1:1] = [_judgement(plan.trials), *trial_lines(plan.trials), *_trials_without(request)]
     else:
-        lines.append("simulated trials (<trials>) show whether such an array is found at all")
+        lines.insert(0, NO_TRIALS)
     if plan.advice is not None:
         lines += advice_lines(plan, plan.advice)
     return lines
@@ -183,8 +186,10 @@ def forecast_line(request: PlanRequest, found: Forecast) -> str:
     why = ""
     if request.is_plane_in_room:
         why = "; the size of a plane array follows from equal waves from all directions, which no room has"
-    elif request.kind == "impulse":
+    elif found.timed:
         why = "; arrival times included, which the bounds below leave out"
+    elif request.kind == "impulse":
+        why = "; arrival times add too little to count"
     return f"expected error: {_mm(found.rms)} rms, {_mm(found.low)} to {_mm(found.high)} in 8 of 10 recordings{why}"
 
 
@@ -275,6 +280,13 @@ def trial_lines(trials: Trials) -> list[str]:
     ]
 
 
+def _trials_without(request: PlanRequest) -> list[str]:
+    """Return in words what the trials of a request leave out; none if nothing."""
+    if request.kind != "impulse":
+        return []
+    return ["simulated calibrations leave out arrival times, with which impulses err less than they show"]
+
+
 def _wrongly(trials: Trials) -> str:
     """Return in words in how many trials the verdict was good and the array not found; "" in none."""
     wrong = trials.trusted_wrongly
@@ -304,8 +316,10 @@ def _snr_line(plan: Plan, advice: AccuracyAdvice) -> str:
             return f"{wanted} is within reach at {plan.request.snr_db:g} dB, and noise is not what limits the error"
         given = plan.request.known_sigma > 0 and len(plan.request.known) > 0
         remedy = "measure the given positions better" if given else "add microphones or frequencies"
-        expected = f"errors are taken as {advice.margin:.2g} times the least"
-        return f"no signal-to-noise ratio reaches {wanted} ({expected}): {remedy}"
+        best = f"{ACCURACY_RULES.max_snr_db:g} dB, where {_mm(advice.quiet_rms)} are expected"
+        if advice.quiet_rms <= plan.request.accuracy:
+            return f"less noise hardly lowers the error to {wanted} (up to {best}): {remedy}"
+        return f"no signal-to-noise ratio reaches {wanted} (up to {best}): {remedy}"
     if advice.recording_factor <= 1:
         return f"{wanted} needs {advice.snr_db:.0f} dB, which {plan.request.snr_db:g} dB exceeds"
     longer = f"{advice.recording_factor:.2g} times as long a recording in the same noise"
@@ -315,7 +329,9 @@ def _snr_line(plan: Plan, advice: AccuracyAdvice) -> str:
 def _size_line(plan: Plan, advice: AccuracyAdvice) -> str:
     bounds = dict(advice.sizes.tolist())
     others = "; ".join(f"{factor:g} times as large {_mm(bounds[factor])}" for factor in SIZES if factor in bounds)
-    wanted, reckoned = f"{_mm(plan.request.accuracy)} rms", f"calibrations err {advice.margin:.2g} times the bound"
+    wanted, reckoned = f"{_mm(plan.request.accuracy)} rms", "by the expected error of each size"
+    if plan.trials is not None or plan.request.is_plane_in_room:
+        reckoned = f"where calibrations err {advice.margin:.2g} times the bound"
     if advice.size is None:
         judged = f"no size from {advice.sizes[0, 0]:g} to {advice.sizes[-1, 0]:g} times reaches {wanted}"
     elif advice.size < 1:
@@ -324,7 +340,7 @@ def _size_line(plan: Plan, advice: AccuracyAdvice) -> str:
         judged = f"the array must not be larger for {wanted}"
     else:
         judged = f"the array may be {advice.size:.2g} times as large for {wanted}"
-    return f"size: {judged}, where {reckoned} ({others}; as it is {_mm(plan.bound.rms)})"
+    return f"size: {judged}, {reckoned} (least errors: {others}; as it is {_mm(plan.bound.rms)})"
 
 
 def _mm(metres: float) -> str:

@@ -152,7 +152,7 @@ class PlanLimits:
     wide: float = 5.0  # width of an array from which a refusal asks for its unit, metres
 
 
-LIMITS = PlanLimits()
+PLAN_LIMITS = PlanLimits()
 
 
 @dataclass(frozen=True)
@@ -200,17 +200,17 @@ class PlanRequest:
     # the lowest so many independent frequencies of the band, evenly over these at most as many as an import takes
     modes: Annotated[int, within(MIN_FREQUENCIES)] | None = None
     # places of the source, each recorded by itself at `snr_db`; every take has all frequencies
-    takes: Annotated[int, within(1, LIMITS.max_takes)] = 1
+    takes: Annotated[int, within(1, PLAN_LIMITS.max_takes)] = 1
     # what the source plays: "impulse" stands for sweeps and claps, too, whose arrival times count
     kind: Literal["stationary", "impulse"] = "stationary"
     # of the trials; "robust" models all that a plan assumes of gains and given positions
     solver: Literal["robust", "joint"] = "robust"
 
     def __post_init__(self):
-        require_layout(self.layout, LIMITS.max_microphones)
+        require_layout(self.layout, PLAN_LIMITS.max_microphones)
         check(self, names={"snr_db": "snr", "band": "frequencies"})
-        if not 0 < self.snr_db <= LIMITS.max_snr_db:
-            remedy = f"use more than 0 and at most {LIMITS.max_snr_db:g}"
+        if not 0 < self.snr_db <= PLAN_LIMITS.max_snr_db:
+            remedy = f"use more than 0 and at most {PLAN_LIMITS.max_snr_db:g}"
             raise refusal("snr", self.snr_db, "is out of range", remedy, "dB")
         (N, D), room = self.layout.positions.shape, self.room
         if room is not None and len(room) not in (2, 3):
@@ -248,7 +248,7 @@ class PlanRequest:
     @property
     def limits(self) -> tuple[float, float]:
         """The band in use, Hz: of the one that was given, what the array can interpolate."""
-        low, high = self.band or (min(LIMITS.low, self.f_max / 10), LIMITS.high * self.f_max)
+        low, high = self.band or (min(PLAN_LIMITS.low, self.f_max / 10), PLAN_LIMITS.high * self.f_max)
         if not 0 < low < high:
             remedy = "give <frequencies> as LO:HI with LO below HI"
             raise InputError(f"{low:g} to {high:g} Hz is no band", remedy, key="frequencies")
@@ -263,7 +263,7 @@ class PlanRequest:
         """What a remedy adds for an array so wide that its positions may be in another unit than metres."""
         width = float(np.ptp(self.layout.positions, axis=0).max())
         wide = f"; the array is {width:.3g} m wide: give its positions in metres, not in centimetres or millimetres"
-        return wide if width > LIMITS.wide else ""
+        return wide if width > PLAN_LIMITS.wide else ""
 
     @property
     def frequencies(self) -> np.ndarray:

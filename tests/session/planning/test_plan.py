@@ -121,8 +121,8 @@ def test_what_the_array_cannot_interpolate_is_left_out_of_a_band():
     sizes = dict(plan.advice.accuracy.sizes.tolist())
     assert plan.bound.rms == make_plan(cut, with_advice=False).bound.rms
     assert sizes[1.0] == pytest.approx(plan.bound.rms, rel=0.1)
-    assert "of 1 to 100000 Hz the higher ones are left out" in plan_lines(plan)[1]
-    assert "left out" not in plan_lines(make_plan(cut, with_advice=False))[1]
+    assert "of 1 to 100000 Hz the higher ones are left out" in plan_lines(plan)[2]
+    assert "left out" not in plan_lines(make_plan(cut, with_advice=False))[2]
 
 
 def test_sizes_whose_band_holds_nothing_are_left_out():
@@ -261,7 +261,36 @@ def test_a_plan_with_trials_answers_first():
     lines = [plan_lines(make_plan(easy, trials=trials)) for trials in (simulated, hard, None)]
     assert lines[0][1].startswith("yes: ")
     assert lines[1][1].startswith("no: ")
-    assert any("simulated trials" in line for line in lines[2])
+    assert lines[2][0].startswith("no calibration was simulated: ")
+
+
+def test_a_plan_says_once_that_no_calibration_was_simulated_and_without_a_placeholder():
+    plan = make_plan(request_of(), with_advice=False)
+    for text in ("\n".join(plan_lines(plan)), plan_html(plan)):
+        assert text.count("simulated") == 1 and "trials&gt;" not in text and "<trials>" not in text
+
+
+def test_a_plan_of_impulses_says_that_its_trials_leave_out_arrival_times():
+    request = request_of("ball 12 0.3", room=(5.0, 4.0, 2.6))
+    trials = Trials(np.full((2, 12), 0.002), ("good",) * 2, np.ones(12, bool), 0.002, 0.01, 1.0)
+    for kind, said in (("impulse", True), ("stationary", False)):
+        for simulated in (trials, None):
+            plan = make_plan(replace(request, kind=kind), with_advice=False, trials=simulated)
+            lines = [line for line in plan_lines(plan) if "calibrations leave out arrival times" in line]
+            assert len(lines) == (said and simulated is not None)
+
+
+def test_a_ratio_that_reaches_the_accuracy_is_not_denied_where_noise_hardly_matters():
+    """Given positions that are uncertain limit the error: less noise reaches the accuracy, though hardly."""
+    given = request_of("rectangle 4x4 0.6x0.6", known=(0, 3, 12), known_sigma=0.005)
+    present, quiet = (expected(replace(given, snr_db=snr))[0].rms for snr in (25.0, 40.0))
+    for accuracy, words in (
+        (np.sqrt(present * quiet), "less noise hardly lowers"),
+        (0.8 * quiet, "no signal-to-noise"),
+    ):
+        plan = make_plan(replace(given, snr_db=25.0, accuracy=accuracy))
+        (line,) = [line for line in plan_lines(plan) if line.startswith(("less noise", "no signal-to-noise"))]
+        assert line.startswith(words) and f"{1e3 * quiet:.1f} mm" in line and "given positions better" in line
 
 
 def test_what_is_reached_already_is_not_said_to_be_out_of_reach():
@@ -336,7 +365,7 @@ def test_several_takes_of_a_large_array_have_the_frequencies_that_an_import_take
     assert np.ptp(whole.frequencies) > 0.95 * band > np.ptp(lowest.frequencies), "the band, the lowest 100"
     assert whole.frequencies[0] == lowest.frequencies[0]
     for request, of in ((whole, whole.max_modes), (lowest, 100)):
-        line = plan_lines(make_plan(request, with_advice=False))[1]
+        line = plan_lines(make_plan(request, with_advice=False))[2]
         assert f"{count} independent ones in each take, as many of {of} as an import" in line
 
 
@@ -353,7 +382,7 @@ def test_a_longer_recording_brings_ever_less_where_noise_is_low_and_another_plac
 def test_a_plan_says_what_more_places_of_the_source_bring():
     plan = make_plan(request_of("ball 12 0.3", takes=3), with_advice=False)
     lines = plan_lines(plan)
-    assert lines[0].endswith("the source at 3 places, recorded equally long from each")
+    assert lines[1].endswith("the source at 3 places, recorded equally long from each")
     (same,) = [line for line in lines if line.startswith("more places")]
     assert "each recorded as long as one" in same and f"3 places {1e3 * plan.takes[2].rms:.3g} mm" in same
     assert any(line.startswith("the same recording time in all") for line in lines)
@@ -415,15 +444,18 @@ def test_frequencies_that_are_far_apart_are_independent_and_close_ones_are_not()
 
 
 def test_arrival_times_lower_the_error_and_the_more_the_more_takes_there_are():
+    """They add little to one take, and never make the error worse."""
     ratios = []
-    for takes in (2, 4, 8):
+    for takes in (1, 2, 4, 8):
         request = request_of("ball 16 0.4", room=(5.0, 4.0, 2.6), reverberation_time=0.4, takes=takes)
         ratios.append(expected(replace(request, kind="impulse"))[0].rms / expected(request)[0].rms)
-    assert ratios[0] > ratios[1] > ratios[2] and ratios[1] < 0.7
+        words = "arrival times included" if ratios[-1] < 1 else "arrival times add too little"
+        assert words in "\n".join(plan_lines(make_plan(replace(request, kind="impulse"), with_advice=False)))
+    assert 1 >= ratios[0] >= ratios[1] > ratios[2] > ratios[3] and ratios[2] < 0.7
 
 
 def test_a_plan_says_between_which_bounds_the_error_will_be():
     plan = make_plan(request_of("ball 12 0.3"), with_advice=False)
     low, high, rms = (f"{1e3 * value:.3g} mm" for value in (plan.forecast.low, plan.forecast.high, plan.forecast.rms))
-    assert plan_lines(plan)[2] == f"expected error: {rms} rms, {low} to {high} in 8 of 10 recordings"
+    assert plan_lines(plan)[3] == f"expected error: {rms} rms, {low} to {high} in 8 of 10 recordings"
     assert plan_dict(plan)["expected_range_m"] == [plan.forecast.low, plan.forecast.high]
