@@ -254,7 +254,10 @@ def _drags(page, served: Served) -> float:
 
 
 def _mouse(page) -> float:
-    """Lead the free microphone with the highest number, at its start, in a circle with the mouse."""
+    """Lead the free microphone with the highest number, at its start, in a circle with the mouse.
+
+    With Shift it moves in the session, which changes the map of another; without, it is shown above its own map.
+    """
     scene = load_scene(SCENE)
     measurement = cached_measurement(scene)
     problem, descent = measurement.problem(scene.solver.weights), solvers.load("descent")
@@ -268,11 +271,13 @@ def _mouse(page) -> float:
     page.mouse.move(x, y, steps=5)
     page.wait_for_timeout(1500)
     page.evaluate(f"window.counted = ({FRAMES})({DRAG})")
+    page.keyboard.down("Shift")
     page.mouse.down()
     start = time.perf_counter()
     while (t := time.perf_counter() - start) < DRAG:
         page.mouse.move(x + 40 * math.sin(3 * t), y + 40 * (math.cos(3 * t) - 1))
     page.mouse.up()
+    page.keyboard.up("Shift")
     return page.evaluate("window.counted")
 
 
