@@ -145,9 +145,7 @@ def _mirror_words(request: PlanRequest) -> str:
 FORMAT = 1  # of the JSON
 LIKELY = 0.9  # fraction of simulated calibrations from which an answer is yes
 LARGER = 1.05  # factor on that size from which an array counts as larger
-NO_TRIALS = (
-    "no calibration was simulated: add --trials 20, of some seconds each, to learn whether this array will be found"
-)
+NO_TRIALS = "no calibration was simulated: some trials, of seconds each, would say whether this array will be found"
 SIZES = (0.5, 0.71, 1.41, 2.0)  # factors on the size of the array that are put in words
 
 
