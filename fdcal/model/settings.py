@@ -130,12 +130,32 @@ class Search:
         return tuple(round(length / self.step) + 1 for length in self.size)
 
     def index(self, point: Any) -> np.ndarray:
-        """Return the indices of the candidate nearest to `point` (..., D), metres : (..., D) int64."""
+        """Return the indices of the candidate that is nearest to a place.
+
+        Parameters
+        ----------
+        point : (..., D) float64, metres
+            One place or several, also outside of the search domain.
+
+        Returns
+        -------
+        (..., D) int64, along each axis
+        """
         index = np.rint((np.asarray(point) - self.origin) / self.step).astype(np.int64)
         return np.clip(index, 0, np.array(self.shape) - 1)
 
     def nearest(self, point: Any) -> np.ndarray:
-        """Return the candidate nearest to `point`, inside the search domain : (..., D) float64, metres."""
+        """Return the candidate that is nearest to a place.
+
+        Parameters
+        ----------
+        point : (..., D) float64, metres
+            One place or several, also outside of the search domain.
+
+        Returns
+        -------
+        (..., D) float64, metres
+        """
         return np.asarray(self.origin) + self.step * self.index(point)
 
     def layer(self, height: float = 0.0) -> np.ndarray:
