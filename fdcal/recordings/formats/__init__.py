@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...model import libraries as process
+from ...model import libraries
 from ...model.given_positions import MicrophonePositions
 from ...model.storage import require_regular
 from ...model.validation import InputError, StorageError
@@ -174,11 +174,11 @@ MAX_HELD = 4_000_000  # samples of all channels, 32 MB as float64
 def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: Any) -> Any:
     """Return what a function returns in a process of its own; InputError, which names `path`, where that fails."""
     try:
-        return process.call(function, *arguments, seconds=SECONDS, processor_seconds=PROCESSOR_SECONDS, memory=BYTES)
-    except process.LimitError as error:
+        return libraries.call(function, *arguments, seconds=SECONDS, processor_seconds=PROCESSOR_SECONDS, memory=BYTES)
+    except libraries.LimitError as error:
         remedy = "it is too large, or damaged: divide it into shorter files, or write it as .wav or .npz"
         raise InputError(f"{path} cannot be read: {error}", remedy) from error
-    except process.ProcessError as error:
+    except libraries.ProcessError as error:
         raise InputError(f"{path} cannot be read: {error}", "it is damaged: copy or write it again") from error
 
 

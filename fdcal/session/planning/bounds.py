@@ -200,7 +200,8 @@ class Forecast:
     rms: float  # expected
     low: float  # 8 of 10 recordings err between `low` and `high`
     high: float
-    margin: float  # error over the bound that advice reckons with: of `rms`, of a plane array in a room of `high`
+    # factor by which advice multiplies the bound: `rms` over it, or `high` over it for a plane array in a room
+    margin: float
     timed: bool = False  # whether arrival times lower it
 
 

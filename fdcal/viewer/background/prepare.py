@@ -101,7 +101,7 @@ class Last:
         return value if own == key else None
 
     def of(self, make: Callable[[], Any], *key) -> Any:
-        """Return the value for a key, made anew where the last one had another key."""
+        """Return the value for a key, made again where the last one had another key."""
         value = self.get(*key)
         if value is None and (value := make()) is not None:
             self._kept = key, value
