@@ -385,7 +385,7 @@ def test_a_name_covers_no_mark_where_one_side_is_free(seed):
     marks = np.random.default_rng(seed).uniform(0, 1, (25, 2))
     place = (0.5, 0.5)
     chosen = covered(box_of(*name_place(TEXT, place, marks, FOCUS, RADIUS)), marks)
-    assert chosen <= covered(box_of((0.5 + 2.6 * RADIUS, 0.5), "center-left"), marks)
+    assert chosen <= covered(box_of((0.5 + 3.2 * RADIUS, 0.5), "center-left"), marks)
     ring = [(0.5 + 0.1 * np.cos(a), 0.5 + 0.1 * np.sin(a)) for a in np.linspace(-2.2, 2.2, 30)]  # open on the left
     assert not covered(box_of(*name_place(TEXT, place, ring, FOCUS, RADIUS)), ring)
 
