@@ -73,9 +73,8 @@ MARKS = {
         Entry("microphones/error", "error", (LEVEL,), TRUE, 0.14),
         Entry("lowest", "lowest cost", (_diamond(0.56),), LOWEST),
         Entry("minima", "other minimum", (_diamond(0.38),), LOWEST, 0.2),
-        Entry(
-            "isosurfaces", "isosurface", (_ring(0.75), _ring(0.35)), LOW_COST, 0.2
-        ),  # whose halo shows on a dark page
+        # their halo shows on a dark page
+        Entry("isosurfaces", "isosurface", (_ring(0.66), _ring(0.28)), LOW_COST, 0.2),
         Entry("slice", "slice", (_square(0.6),), LOW_COST, 0.1, filled=True),
         Entry("trails", "trail", (LEVEL,), TRAIL, 0.24, halo=False),
         Entry("ellipses", ELLIPSE_TEXT, (_ring(0.8, 0.5),), ELLIPSE, 0.24, halo=False),

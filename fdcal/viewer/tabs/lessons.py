@@ -68,7 +68,7 @@ class Caption:
         if self.choice < 0:
             parts.append(f"<div class='text'>{_paragraphs(step.text)}</div>")
         if not self.ready:
-            parts.append("<b>Preparing the map of this step&nbsp;...</b>")
+            parts.append("<b>The map of this step is being prepared&nbsp;...</b>")
         elif step.question:
             parts.append(f"<b>{escape(step.question)}</b>")
             parts += _answered(step, self.choice) if self.choice >= 0 else []
