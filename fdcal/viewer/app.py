@@ -1,5 +1,7 @@
 """Serve the page until Ctrl-C."""
 
+import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -9,6 +11,9 @@ from ..session.sources import OpenRequest
 from .opening import film_html, opening_request
 from .server.hardening import is_loopback, open_server, without_output
 from .server.process import error_log, share_one_heap
+
+BROWSER_TIME = 1.0  # s at most that the session waits for a browser to ask for the page of the opening
+FIRST_PICTURE = 0.3  # s from there to the first picture of the film
 
 
 def serve(
@@ -32,12 +37,15 @@ def serve(
     share_one_heap()
     with Interrupt() as interrupt, error_log():
         page, opens = None, request is None and begin is None
-        server = open_server(host, port, film_html() if opens else "")
+        sent = threading.Event()
+        server = open_server(host, port, film_html() if opens else "", sent)
         try:
             server.gui.configure_theme(show_share_button=False, show_logo=False)
             server.gui.set_panel_label("fdcal")
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
+            if opens and sent.wait(BROWSER_TIME):  # its film needs nothing of what is loaded below, and a processor
+                time.sleep(FIRST_PICTURE)
             from .preview import show_cached
             from .scene3d.nodes import SceneNodes
 

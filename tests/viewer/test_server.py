@@ -8,6 +8,7 @@ import re
 import socket
 import threading
 import urllib.request
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -278,12 +279,28 @@ def fetched(server, **headers):
         return gzip.decompress(body) if answer.headers["Content-Encoding"] == "gzip" else body
 
 
+def viser_page() -> bytes:
+    """The page as viser has it."""
+    return (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+
+
 @pytest.mark.parametrize("encoding", ["gzip", "identity"])
 def test_the_page_has_the_programs_name_before_it_has_loaded(server, encoding):
     for _ in range(2):  # the second time it is kept
         page = fetched(server, **{"Accept-Encoding": encoding})
         assert re.findall(rb"<title>(.*?)</title>", page) == [b"fdcal"]
         assert page.count(b"<script") >= 1 and page.rstrip().endswith(b"</html>")
+
+
+def test_the_film_stands_before_the_program_of_viser():
+    """A browser draws it while it reads the rest, and the server knows then that the page was sent."""
+    body, film, sent = viser_page(), "<i>film</i>", threading.Event()
+    response = SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "1"}, body=body)
+    page = titled(lambda *_: response, film, sent)(None, None).body
+    assert sent.is_set() and page.index(film.encode()) < 80_000 < len(page) / 2
+    (program,) = re.findall(rb"<script data-p=.*?</script>", body, re.DOTALL)
+    assert page.count(program) == 1 and page.index(b"<body>") < page.index(film.encode()) < page.index(program)
+    assert page.count(b"</body>") == 1 and page.rstrip().endswith(b"</html>")
 
 
 @pytest.mark.parametrize(

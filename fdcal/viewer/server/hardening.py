@@ -23,6 +23,7 @@ import ipaddress
 import logging
 import re
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from importlib import metadata
@@ -222,13 +223,14 @@ def same_origin(respond: Respond) -> Respond:
 
 TITLE = "fdcal"
 OF_VISER = b"<title>Viser</title>"
+BUNDLE = re.compile(rb"<script data-p=.*?</script>", re.DOTALL)  # the program of viser's page
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 
 
-def titled(respond: Respond, film: str = "") -> Respond:
+def titled(respond: Respond, film: str = "", sent: threading.Event | None = None) -> Respond:
     """Wrap the function that answers requests for files: its page has the title TITLE, our style and our script.
 
-    `film`: as in `open_server`.
+    `film`, `sent`: as in `open_server`.
     """
 
     def answer(connection, request) -> Response | None:
@@ -241,6 +243,8 @@ def titled(respond: Respond, film: str = "") -> Respond:
             response.headers["Content-Security-Policy"] = (
                 "frame-ancestors 'self'"  # no other site shows it, and acts by it
             )
+            if sent is not None:
+                sent.set()
         return response
 
     return answer
@@ -259,6 +263,9 @@ def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
     if renamed == plain:
         return body
     before, tag, after = renamed.rpartition(b"<body>")
+    bundle = BUNDLE.search(before) if film else None
+    if bundle is not None:  # the film is drawn before a browser has read the 800 kB of viser's program
+        before, after = before.replace(bundle[0], b""), after.replace(b"</body>", bundle[0] + b"</body>")
     renamed = before + tag + film.encode() + after
     return gzip.compress(renamed, 1) if zipped else renamed
 
@@ -322,15 +329,15 @@ BLOCKED_MESSAGES = (  # messages that the page of fdcal never sends: public tunn
 Result = TypeVar("Result")
 
 
-def open_server(host: str, port: int, film: str = "") -> viser.ViserServer:
+def open_server(host: str, port: int, film: str = "", sent: threading.Event | None = None) -> viser.ViserServer:
     """Open a server that only its own page can use.
 
-    `host`: address to listen at; `port`: 0 to 65535; 0 takes a free port; `film`: HTML that the
-    page shows before its scene, or "". Raises InputError: the address cannot be
-    used, the port is in use, or viser can no longer be restricted.
+    `host`: address to listen at; `port`: 0 to 65535; 0 takes a free port; `film`: HTML that the page shows before its
+    scene, or ""; `sent`: set when the page is sent. Raises InputError: the address cannot be used, the port is in use,
+    or viser can no longer be restricted.
     """
     _require_address(host, port)
-    server = _open_restricted(host, port, film)
+    server = _open_restricted(host, port, film, sent)
     if port and server.get_port() != port:  # viser takes the next free port without a message
         without_output(server.stop)
         raise InputError(f"port = {port} is in use", "give another <port>, or 0 for a free one", key="port", value=port)
@@ -338,7 +345,7 @@ def open_server(host: str, port: int, film: str = "") -> viser.ViserServer:
 
 
 @contextlib.contextmanager
-def _restricted_listening(host: str, film: str) -> Iterator[None]:
+def _restricted_listening(host: str, film: str, sent: threading.Event | None) -> Iterator[None]:
     """Give the sockets that are opened meanwhile a list of allowed origins and bounds of what a client may send."""
     module = websockets.asyncio.server
     serve = module.serve
@@ -354,7 +361,7 @@ def _restricted_listening(host: str, film: str) -> Iterator[None]:
 
     def restricted(handler: Handler, *arguments, **given):
         if given.get("process_request") is not None:
-            given["process_request"] = same_origin(titled(given["process_request"], film))
+            given["process_request"] = same_origin(titled(given["process_request"], film, sent))
         return serve(version_checked(handler), *arguments, **(given | options))
 
     module.serve = restricted
@@ -364,13 +371,13 @@ def _restricted_listening(host: str, film: str) -> Iterator[None]:
         module.serve = serve
 
 
-def _open_restricted(host: str, port: int, film: str) -> viser.ViserServer:
+def _open_restricted(host: str, port: int, film: str, sent: threading.Event | None) -> viser.ViserServer:
     """Open a server, or refuse where viser or websockets no longer have what the restrictions hang on."""
     server = None
     try:
         replace_private(_infra, "AsyncMessageBuffer", SafeMessageBuffer)  # for servers and clients created from now on
         replace_private(_scene_api, "cv2_imencode_with_fallback", encoded)
-        with _restricted_listening(host, film):
+        with _restricted_listening(host, film, sent):
             server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
         for message in BLOCKED_MESSAGES:
             server._websock_server.unregister_handler(message)
