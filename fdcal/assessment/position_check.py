@@ -300,7 +300,7 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     return replace(free, moved=True)
 
 
-MAX_SCALE = 1.1  # factor by which list and array may differ in size
+MAX_SCALE = 1.1  # factor by which list and array may differ in size, if they fit all the same
 
 
 def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
@@ -310,7 +310,7 @@ def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     own, listed = map(float, np.median(apart, axis=1))
     scale = listed / own if min(own, listed) > 0 else 1.0
     check = _best(found, given)
-    if 1 / MAX_SCALE < scale < MAX_SCALE:
+    if check.fits and 1 / MAX_SCALE < scale < MAX_SCALE:
         return check
     scaled = _best(found, given / scale)
     if not scaled.fits:
@@ -437,6 +437,8 @@ class ListFit:
         Whether list and array differ in size by more than they are uncertain.
     poor : bool
         Whether the rows that are kept are wrong by more than list and array may be.
+    trusted : bool
+        Whether the array found is to be trusted; if not, it may be the cause where the fit is `poor`.
     """
 
     errors: np.ndarray
@@ -445,6 +447,7 @@ class ListFit:
     misplaced: tuple[int, ...] = ()
     sized: bool = False
     poor: bool = False
+    trusted: bool = True
 
     @property
     def rms(self) -> float:
@@ -454,27 +457,35 @@ class ListFit:
     @property
     def wrong(self) -> bool:
         """Whether anything but the order is wrong."""
-        return bool(self.misplaced) or self.sized or self.poor
+        return bool(self.misplaced) or self.sized or (self.poor and self.trusted)
 
     def faults(self, names: Sequence[object]) -> list[str]:
         """Return what is wrong with the list, its order apart, in words."""
         found = [f"{names[n]} is {1e3 * self.errors[n]:.0f} mm from its place" for n in self.misplaced]
-        if self.poor:
+        if self.poor and self.trusted:
             found.append(f"its positions are {1e3 * self.rms:.0f} mm off on average")
         if self.sized:
-            # k r is what pressures show: in air whose sound speed is higher than assumed by a factor the array is found
-            # smaller by that factor, and the list looks too large; the temperature goes with the square
-            kelvin = 293.15 * (self.scale**2 - 1)
-            air = f"{abs(kelvin):.0f} K {'warmer' if kelvin > 0 else 'colder'} than assumed"
-            found.append(f"the list is {100 * (self.scale - 1):+.1f} % too large, or the air is {air}")
+            found.append(_of_size(self.scale))
         return found
 
 
-def fit_list(check: PositionCheck, found, given, sigma=None, size_known: bool = True) -> ListFit:
+def _of_size(scale: float) -> str:
+    """What a list of another size means.
+
+    k r is what pressures show: in air whose sound speed is higher than assumed by a factor the array is found smaller
+    by that factor, and the list looks too large; the temperature goes with the square.
+    """
+    kelvin = 293.15 * (scale**2 - 1)
+    air = f"{abs(kelvin):.0f} K {'warmer' if kelvin > 0 else 'colder'} than assumed"
+    return f"the list is {100 * (scale - 1):+.1f} % too large, or the air is {air}"
+
+
+def fit_list(check: PositionCheck, found, given, sigma=None, verdict: str = TRUSTED) -> ListFit:
     """Return how a list fits row by row, which `check` has found to fit as a whole.
 
-    `found`, `given` (N, D), metres, as compared; `sigma` (N,), metres, of each position found; `size_known`: whether
-    that of the array found is determined at all.
+    `found`, `given` (N, D), metres, as compared; `sigma` (N,), metres, of each position found. Whatever the verdict, an
+    array found and a list that agree in most rows are both right there, because nothing else makes them agree; the
+    rows that differ are then wrong. Size and mean error are judged of a trusted array alone.
     """
     rules, own, placed = LIST_RULES, np.asarray(found, float), np.asarray(given, float)[check.order] / check.scale
     errors, kept = np.zeros(len(own)), np.ones(len(own), bool)
@@ -491,8 +502,10 @@ def fit_list(check: PositionCheck, found, given, sigma=None, size_known: bool = 
     own_sigma = float(np.sqrt(np.mean(sigma[kept] ** 2)))
     # errors of the array found may all point outwards, those of a list are independent
     unsure = float(np.hypot(own_sigma, fit.rms / np.sqrt(np.sum(kept)))) / (spread[1] / np.sqrt(np.sum(kept)))
-    sized = size_known and abs(fit.scale - 1) > max(rules.scale, rules.scale_sigmas * unsure)
-    return replace(fit, sized=bool(sized), poor=fit.rms > max(rules.rms, rules.rms_sigmas * own_sigma))
+    sized = abs(fit.scale - 1) > max(rules.scale, rules.scale_sigmas * unsure)
+    poor, trusted = fit.rms > max(rules.rms, rules.rms_sigmas * own_sigma), verdict == TRUSTED
+    misplaced = fit.misplaced if trusted or not poor else ()
+    return replace(fit, misplaced=misplaced, sized=bool(sized) and trusted, poor=poor, trusted=trusted)
 
 
 def describe(
@@ -512,7 +525,7 @@ def describe(
     untrusted = "" if verdict == TRUSTED else f"not to be trusted ({verdict}){advice}"
     if check.fits:
         lines = _exchanges(check, names) or [_unchanged(check, verdict, untrusted)]
-        if fit is not None and not untrusted:
+        if fit is not None:
             lines += replace(fit, sized=fit.sized and check.scale == 1).faults(names)  # a large factor is said below
     else:
         reason = "it is of another array, or most of its positions are far off"
@@ -524,13 +537,17 @@ def describe(
             "the list fits as well turned or mirrored, since the array is symmetric: such an exchange of most channels"
             " cannot be seen without known microphones"
         )
-    if check.fits and check.moved:
+    if check.fits and check.moved and check.scale == 1:  # another size moves the axes, too
         lines.append("the list has other axes than the known microphones: the positions are moved onto it as a whole")
     if check.scale != 1:
         units = [name for name, factor in UNITS if abs(check.scale / factor - 1) < UNIT_TOLERANCE]
         hint = f": is it in {units[0]}? Give metres" if units else ""
+        near = check.fits and 1 / MAX_SCALE < check.scale < MAX_SCALE
+        size = (
+            _of_size(check.scale) if near else f"the list is about {check.scale:.3g} times as large as the array found"
+        )
         after = "; the distances are those of the list in the size of the array" if check.fits else ""
-        lines.append(f"the list is about {check.scale:.3g} times as large as the array found{hint}{after}")
+        lines.append(f"{size}{hint}{after}")
     for n in np.argsort(-check.errors, kind="stable").tolist():
         row = f"{names[n]!s:>12}  {1e3 * check.errors[n]:8.1f} mm"
         if check.order[n] != n:

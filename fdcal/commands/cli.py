@@ -328,9 +328,10 @@ def calibrate(
     if positions is not None and compared is None:
         print("list    add --check to see which channels are swapped, and how far each microphone is from its place")
     if compared is not None:
-        print(report.comparison_text(inputs, result, compared))
-    if compared is not None and not report.agrees(inputs, result, compared):
-        return 5
+        fit = report.fit_of_rows(inputs, result, compared)
+        print(report.comparison_text(inputs, result, compared, fit))
+        if not compared.agrees or (fit is not None and fit.wrong):
+            return 5
     return 0 if result.verdict == "good" else 4
 
 

@@ -160,27 +160,19 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     return compare_positions(positions, measurement.positions, _frame(inputs))
 
 
-def comparison_text(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> str:
+def comparison_text(inputs: CalibrationInput, result: Calibration, check: PositionCheck, fit: ListFit | None) -> str:
     """Return a comparison in words: what is exchanged, and how far each microphone is from its place in the list."""
     from ..assessment.position_check import describe
 
     names = inputs.labels or inputs.measurement.names
-    return describe(check, names, result.verdict, len(_frame(inputs)) > 0, OPTIONS, list_fit(inputs, result, check))
+    return describe(check, names, result.verdict, len(_frame(inputs)) > 0, OPTIONS, fit)
 
 
-def agrees(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> bool:
-    """Return whether a list fits, in its order, in its size and in each row."""
-    fit = list_fit(inputs, result, check) if check.agrees else None
-    return check.agrees and (fit is None or not fit.wrong)
+def fit_of_rows(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> ListFit | None:
+    """Return how the rows of a list fit; None where the list as a whole does not, or a room's shape held the array."""
+    from ..session.doctor import list_fit
 
-
-def list_fit(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> ListFit | None:
-    """Return how the rows of a list fit; None where it does not fit, or the positions found are not to be trusted."""
-    from ..assessment.position_check import TRUSTED, fit_list
-
-    if result.verdict != TRUSTED or result.room is not None or not check.fits:
-        return None
-    return fit_list(check, result.positions, inputs.measurement.positions, result.uncertainty)
+    return list_fit(inputs, result, check) if result.room is None and check.fits else None
 
 
 def _frame(inputs: CalibrationInput) -> Sequence[int]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..assessment.calibration import Calibration, ChannelFault
 from ..assessment.field import leave_one_out_errors, summarise
-from ..assessment.position_check import LIST_RULES, PositionCheck, compare_positions, fit_list
+from ..assessment.position_check import LIST_RULES, ListFit, PositionCheck, compare_positions, fit_list
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -369,6 +369,27 @@ def _size(
     return (1.0, np.inf) if speed is None or spread is None else (speed / c, spread / c)
 
 
+def list_fit(
+    inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: Progress | None = None
+) -> ListFit:
+    """Return how the list of a measurement fits row by row, which `check` has found to fit as a whole.
+
+    Its size is that at which its shape explains the pressures, where it is known so; that takes another calibration.
+    """
+    listed, names = np.asarray(inputs.measurement.positions), inputs.measurement.names
+    fit = fit_list(check, result.positions, listed, result.uncertainty, result.verdict)
+    dead = {one.name for one in (result.channels.faults if result.channels else ()) if one.kind == "dead"}
+    fit = replace(fit, misplaced=tuple(n for n in fit.misplaced if names[n] not in dead))  # found anywhere
+    if check.scale != 1:
+        return fit
+    right = ~np.isin(np.arange(len(listed)), fit.misplaced)
+    size, sigma = _size(inputs, listed[check.order], right, fit.rms / np.sqrt(listed.shape[1]), progress)
+    if not np.isfinite(sigma):
+        return fit
+    sized = abs(size - 1) > max(LIST_RULES.scale, DOCTOR_RULES.size_sigmas * sigma)
+    return replace(fit, scale=size, sized=sized)
+
+
 def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: Progress | None) -> Finding:
     """Whether the list fits: its order, its size, and each microphone."""
     measurement = inputs.measurement
@@ -381,20 +402,11 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
         text += "" if sure else f"; {result.verdict_text}"
         return Finding("list", "fault" if sure else "unknown", text, found=(("other", ""),) if sure else ())
     own = np.asarray(result.positions)
-    fit = fit_list(check, own, listed, result.uncertainty, result.verdict != "scale_undetermined")
-    dead = {one.name for one in (result.channels.faults if result.channels else ()) if one.kind == "dead"}
-    fit = replace(fit, misplaced=tuple(n for n in fit.misplaced if names[n] not in dead))  # found anywhere
-    if check.scale == 1:
-        right = ~np.isin(np.arange(len(own)), fit.misplaced)
-        size, sigma = _size(inputs, listed[check.order], right, fit.rms / np.sqrt(own.shape[1]), progress)
-        if np.isfinite(sigma):
-            sized = abs(size - 1) > max(LIST_RULES.scale, DOCTOR_RULES.size_sigmas * sigma)
-            fit = replace(fit, scale=size, sized=sized)
-    off = fit.poor and sure
-    faults = [*check.exchanges(names), *replace(fit, poor=off).faults(names)]
+    fit = list_fit(inputs, result, check, progress)
+    faults = [*check.exchanges(names), *fit.faults(names)]
     moved = np.flatnonzero(check.order != np.arange(len(own)))
     kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
-    kinds += ([("off", "")] if off else []) + ([("size", "")] if fit.sized else [])
+    kinds += ([("off", "")] if fit.poor and sure else []) + ([("size", "")] if fit.sized else [])
     rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if fit.poor else "fine"
     text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
     text += "" if faults or not fit.poor else f"; {result.verdict_text}"

@@ -59,10 +59,9 @@ class TakesResult:
         check, given, result = self.check, self.inputs.measurement.positions, self.result
         if check is None or given is None or not check.fits:
             return []
-        names, lines = self.inputs.labels or result.names, []
-        if result.verdict == "good":
-            lines = fit_list(check, result.positions, given, result.uncertainty).faults(names)
-        return check.exchanges(names) + lines
+        names = self.inputs.labels or result.names
+        fit = fit_list(check, result.positions, given, result.uncertainty, result.verdict)
+        return check.exchanges(names) + fit.faults(names)
 
     @property
     def faults(self) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -186,6 +188,29 @@ def test_a_list_that_is_wrong_everywhere_is_neither_fine_nor_a_temperature(seed)
     assert words.endswith("mm off on average") and float(words.split()[3]) == pytest.approx(
         1e3 * error * 3**0.5, rel=0.4
     )
+
+
+def test_a_row_that_is_wrong_is_named_whatever_the_verdict_if_the_other_rows_confirm_the_array():
+    places, rng = ball(3, 16, 3), np.random.default_rng(3)
+    listed = places + 0.25 * np.eye(16)[5][:, None] * (0.6, 0.8, 0.0)
+    for error, misplaced in ((0.005, (5,)), (0.06, ())):
+        found = moved(places, 3) + error * rng.normal(size=places.shape)
+        check = compare_positions(found, listed)
+        fit = fit_list(check, found, listed, np.full(16, 0.01), "ambiguous")
+        assert check.fits and fit.misplaced == misplaced and fit.wrong == bool(misplaced)
+    text = describe(
+        compare_positions(moved(places, 3), listed), range(16), "ambiguous", fit=replace(fit, misplaced=(5,))
+    )
+    assert "5 is " in text and "mm off on average" not in text
+
+
+def test_a_dense_array_whose_list_is_five_percent_too_large_is_recognised():
+    """The rows at its rim are off by more than half of the distance of neighbours."""
+    angle = 2 * np.pi * np.arange(80) / 80
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    check = compare_positions(circle, 1.05 * circle, known=[0, 20, 50])
+    assert check.fits and check.scale == pytest.approx(1.05) and not check.agrees
+    assert "+5.0 % too large" in describe(check, range(80))
 
 
 @pytest.mark.parametrize("array", ARRAYS)

@@ -16,6 +16,7 @@ from recorded import FS, SPEED, exact, mismatch_db, noisy, places, responses, st
 from running import exit_code
 from scipy.signal import chirp, fftconvolve
 
+import fdcal
 from fdcal.acoustics.dictionary import f_max
 from fdcal.commands.file_commands import import_
 from fdcal.commands.options import OPTIONS
@@ -365,6 +366,20 @@ def test_a_swap_in_the_file_is_named(tmp_path, monkeypatch, capsys):
     assert "channels 7 and 12 are swapped" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("words", ["the list is +5.0 % too large", "7 is 141 mm from its place"])
+def test_a_list_of_another_size_or_with_a_wrong_row_ends_with_5(words, tmp_path, capsys):
+    listed = fdcal.load("tiny").positions.copy()
+    if "large" in words:
+        listed *= 1.05
+    else:
+        listed[7] += 0.1
+    rows = [f"{n},{x:.6f},{y:.6f}" for n, (x, y) in enumerate(listed)]
+    (tmp_path / "list.csv").write_text("\n".join(["name,x,y", *rows]) + "\n")
+    options = ("--known", "none", "--check", "--positions", tmp_path / "list.csv")
+    assert exit_code("calibrate", "tiny", *options) == 5
+    assert words in capsys.readouterr().out
+
+
 def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve_them(folder, tmp_path):
     np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="response")
     np.savez(tmp_path / "placed.npz", recordings=responses(), sample_rate=FS, kind="response", positions=places())
@@ -599,8 +614,8 @@ def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch, capsys)
 
     monkeypatch.setattr("fdcal.session.calibration_run.solve", lambda *_: SimpleNamespace(verdict="not_converged"))
     monkeypatch.setattr(report, "comparison", lambda *_: Compared)
-    for name in ("summary", "comparison_text"):
-        monkeypatch.setattr(report, name, lambda *_: "")
+    for name in ("summary", "comparison_text", "fit_of_rows"):
+        monkeypatch.setattr(report, name, lambda *_: None)
     assert exit_code("calibrate", "tiny", "--check") == 5
     Compared.agrees = True
     assert exit_code("calibrate", "tiny", "--check") == 4
