@@ -77,10 +77,14 @@ MIN_CORNER = 3.0
 
 
 def _filtered(estimate: Estimate) -> dict[int, FaultyChannel]:
-    """Return the channels that the solver found a delay or a high-pass for, where it is beyond its uncertainty."""
+    """Return the channels that the solver found a delay or a high-pass for, where it is beyond its uncertainty.
+
+    Where few waves make a field less random than assumed, filters are as uncertain as positions are.
+    """
     c = estimate.problem.sound_speed * np.exp(estimate.log_speed)
     units = np.array([1 / c, c / (2 * np.pi)])
-    value, sigma = estimate.channels.filters * units, estimate.channels.filter_sigma * units
+    wider = np.sqrt(1 + estimate.spread.excess)
+    value, sigma = estimate.channels.filters * units, wider * estimate.channels.filter_sigma * units
     value = value - np.median(value, axis=0)
     scatter = np.median(np.abs(value), axis=0) / MEDIAN_OF_NORMAL
     limits = np.maximum(GAIN_SIGMAS * scatter, [MIN_DELAY, MIN_CORNER])

@@ -12,7 +12,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from .camera import Camera, project
+from .camera import Camera, lifted, project
 from .glyphs import polygons, stars
 from .markers import CUT, ELLIPSE, ESTIMATE, FAULTY, KNOWN, LOWEST, TRAIL, TRUE, solver_mark
 from .overlays import ELLIPSE_TEXT
@@ -73,8 +73,9 @@ MARKS = {
         Entry("microphones/error", "error", (LEVEL,), TRUE, 0.14),
         Entry("lowest", "lowest cost", (_diamond(0.56),), LOWEST),
         Entry("minima", "other minimum", (_diamond(0.38),), LOWEST, 0.2),
-        Entry("isosurfaces", "isosurface", (_ring(0.75), _ring(0.35)), LOW_COST, 0.2, halo=False),
-        Entry("slice", "slice", (_square(0.6),), LOW_COST, 0.1, filled=True, halo=False),
+        # their halo shows on a dark page
+        Entry("isosurfaces", "isosurface", (_ring(0.66), _ring(0.28)), LOW_COST, 0.2),
+        Entry("slice", "slice", (_square(0.6),), LOW_COST, 0.1, filled=True),
         Entry("trails", "trail", (LEVEL,), TRAIL, 0.24, halo=False),
         Entry("ellipses", ELLIPSE_TEXT, (_ring(0.8, 0.5),), ELLIPSE, 0.24, halo=False),
         Entry("cut", "cut from A to B", (LEVEL,), CUT, 0.24, halo=False),
@@ -85,7 +86,7 @@ MARKS = {
 
 def legend_of(picture: Picture) -> tuple[Entry, ...]:
     """Return the entries of a picture: areas of its map, the marks that can be seen in the order of MARKS, solvers."""
-    seen = {part.name for part in (*picture.meshes, *picture.lines) if _is_visible(part, picture)}
+    seen = {part.name for part in (*picture.meshes, *picture.lines) if _is_visible(part)}
     seen |= {"isosurfaces"} if picture.surfaces else set()
     seen |= {plate.name for plate in picture.plates}
     captions = dict(picture.captions)
@@ -112,14 +113,9 @@ def compared_entry(name: str, solver: str) -> Entry:
     return Entry(name, solver, paths, mark.rgb, 0.24)
 
 
-def _is_visible(part: Mesh | Lines, picture: Picture) -> bool:
-    """Whether a part has anything to be seen: an error line shorter than a marker lies below its marks."""
-    if isinstance(part, Lines):
-        return bool(len(part.segments))
-    if part.name != "microphones/error":
-        return bool(len(part.faces))
-    corners = part.vertices.reshape(-1, 4, 3)  # a bar each, from its first corner to its second
-    return bool((np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1) > picture.marker_radius).any())
+def _is_visible(part: Mesh | Lines) -> bool:
+    """Whether a part has anything to be seen."""
+    return bool(len(part.segments if isinstance(part, Lines) else part.faces))
 
 
 SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
@@ -239,7 +235,8 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
 def uncovered(draw, picture: Picture, camera: Camera, letters) -> list[tuple[Label, tuple[float, float]]]:
     """The texts of a scene and their pixels, without those that would cover one that comes before, as on the page."""
     labels, taken, seen = by_rank(picture.labels), [], []
-    places = project(camera, draw.im.size, np.array([label.position for label in labels]).reshape(-1, 3)).tolist()
+    points = np.array([label.position for label in labels]).reshape(-1, 3)
+    places = project(camera, draw.im.size, lifted(camera, points, [label.lift for label in labels])).tolist()
     heights = [y for label, (_, y) in zip(labels, places, strict=True) if label.name.startswith("frame/z")]
     upright = bool(heights) and max(heights) - min(heights) > 4 * letters.size
     for label, (x, y) in zip(labels, places, strict=True):

@@ -99,6 +99,11 @@ def _camera(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
     return Camera((x, y, z), look_at, (0.0, 0.0, 1.0), fov, height)
 
 
+def lifted(camera: Camera, points, heights) -> np.ndarray:
+    """Return points (P, 3) moved up in the image by heights (P,), metres."""
+    return np.asarray(points, float) + np.asarray(heights, float)[:, None] * _axes(camera)[1]
+
+
 def project(camera: Camera, size: tuple[int, int], points) -> np.ndarray:
     """Return the pixels (P, 2), column and row from the upper left corner, at which points (P, 3), metres, appear."""
     width, height = size

@@ -248,8 +248,9 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
         way = _on(np.asarray(path, float), floor, base) + above
         drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), WHITE, PATH_WIDTH))
     raised = in_space or (floor is not None and floor.heights is not None)
-    x, y, z = (centre + 1.3 * ball * np.array([0.0, not raised, raised])).tolist()
-    above = {"position": (x, y, z), "anchor": "bottom-center"} if text or raised else {}
+    above = (
+        {"position": tuple(centre.tolist()), "anchor": "bottom-center", "lift": 1.3 * ball} if text or raised else {}
+    )
     labels = tuple(
         replace(label, **above, text=text or label.text) if label.name == "selected/name" else label
         for label in picture.labels

@@ -191,7 +191,7 @@ def _room(scene: Scene, marker_radius: float, theme: Theme) -> list[Part]:
 
 # In radii of a marker: sizes of a text on the screen where the search domain fills it, and distances.
 LETTER, HEIGHT = 1.2, 2.8  # width of a letter, with its fraction of the edges; height of a text
-BESIDE, ABOVE = 2.6, 3.0  # from the microphone to the near edge of its name
+BESIDE, ABOVE = 3.2, 3.2  # from the microphone to the near edge of its name: beyond a diamond around it
 MARK = 1.2  # reach of another mark
 # Where the near edge of the name is, from the microphone, and the part of the text that lies there; the first of equals
 # is taken.
@@ -351,7 +351,7 @@ def with_estimate(
     truth = measurement.aligned_truth(positions) if truth is None else truth
     radius, known = picture.marker_radius, measurement.known
     crossed = _seen_elsewhere(measurement.known_positions, known, np.asarray(positions, float), radius)
-    lined = crossed if truth is None else crossed | _seen_elsewhere(truth[known], known, np.asarray(positions), radius)
+    errors = np.empty((0, 2, 3)) if truth is None else _error_lines(truth, np.asarray(positions, float), floor, picture)
     truth = None if truth is None else drape(truth, floor, radius)
     positions = drape(positions, floor, radius)
     base = picture.z_range[0]
@@ -361,9 +361,8 @@ def with_estimate(
     if len(known):
         squares = known_microphones(drape(measurement.known_positions, floor, radius), base, radius)
         picture = _without(picture, "microphones/known").plus(*squares)
-    if truth is not None:
-        pieces = np.stack([on_layer(points, base, radius, Layer.ERROR) for points in (truth, positions)], axis=1)
-        picture = picture.plus(*strokes("microphones/error", pieces[lined], radius, TRUE, 0.13, halo=0.2))
+    if len(errors):
+        picture = picture.plus(*strokes("microphones/error", errors, radius, TRUE, 0.13, halo=0.2))
     crosses = glyphs.stars(on_layer(positions[crossed], base, radius, Layer.ESTIMATE), radius)
     picture = picture.plus(*strokes("microphones/estimate", crosses, radius, ESTIMATE, 0.34))
     if microphone is None or not 0 <= microphone < len(positions):
@@ -373,6 +372,20 @@ def with_estimate(
     minima = np.empty((0, 2)) if floor is None or not floor.show_minima else np.array([*floor.lowest, *floor.minima])
     marks = np.concatenate([others, minima] if truth is None else [others, minima, truth[:, :2]])
     return _with_selected(picture, name, positions[microphone], None if truth is None else truth[microphone], marks)
+
+
+ERROR_PIECES = 40  # of an error line over a relief, on which it lies: straight, it would go through hills
+
+
+def _error_lines(truth: Reals, positions: Reals, floor: Floor | None, picture: Picture) -> np.ndarray:
+    """Return pieces (S, 2, 3), metres, from each true position (N, D) to its estimate, unless the marks hide them."""
+    radius = picture.marker_radius
+    far = np.linalg.norm(positions - truth, axis=1) > radius
+    on_relief = floor is not None and floor.heights is not None and positions.shape[1] == 2
+    way = np.linspace(truth[far], positions[far], ERROR_PIECES + 1 if on_relief else 2)  # (P, F, D)
+    points = drape(way.reshape(-1, way.shape[2]), floor, radius / 2)
+    points = on_layer(points, picture.z_range[0], radius, Layer.ERROR).reshape(*way.shape[:2], 3)
+    return np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3)
 
 
 def _seen_elsewhere(places, known: np.ndarray, positions: np.ndarray, radius: float) -> np.ndarray:

@@ -222,6 +222,7 @@ class Label:
     position: tuple[float, float, float]  # (3,), metres
     colour: Colour
     anchor: Anchor = "center-center"  # the part of the text that lies at the point, as in "center-left"
+    lift: float = 0.0  # metres, from the point up to the text as it is seen from anywhere, also from the top
 
 
 def by_rank(labels: Iterable[Label]) -> list[Label]:

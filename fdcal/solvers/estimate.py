@@ -62,7 +62,12 @@ class PositionSpread:
     @property
     def covariance(self) -> Reals:
         """Covariance of the positions (N D, N D), metres^2, where the error of the data is what they show."""
-        return self.newton + EXCESS * max(0.0, self.dispersion - 1) * self.data
+        return self.newton + self.excess * self.data
+
+    @property
+    def excess(self) -> float:
+        """How much more the error of the data is than that of a field as assumed, over the latter's variance."""
+        return EXCESS * max(0.0, self.dispersion - 1)
 
 
 # part of a dispersion over 1 that counts: its estimate from ten blocks scatters by a factor of two. In 192 draws of 24

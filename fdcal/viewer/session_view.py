@@ -373,7 +373,9 @@ class Viewer:
         self._key = key
 
     def _hint(self, picture: Picture) -> str:
-        """Return how to read the map of a cost, in words; "" for anything else."""
+        """Return how to read the map of a cost, in words, or why there can be none; "" for anything else."""
+        if self.run.problem.search is None:
+            return "No map: the file of this measurement has no search domain."
         if picture.bar is None or not picture.bar.label.startswith("cost"):
             return ""
         low = "low and dark" if picture.floor is not None and picture.floor.heights is not None else "dark"

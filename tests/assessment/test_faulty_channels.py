@@ -73,6 +73,20 @@ def test_healthy_channels_are_not_at_fault(healthy, reference):
     assert np.max(errors(reference, healthy)) < 0.01
 
 
+def test_a_delay_counts_by_what_the_field_leaves_uncertain(estimate):
+    """Blocks of frequencies that disagree ten times more than a diffuse field would make filters less certain, too."""
+    c = estimate.problem.sound_speed
+    sigma = np.full((COUNT, 2), 1e-5 * c)  # metres, of the delays
+    filters = np.zeros((COUNT, 2))
+    filters[FAULTY, 0] = 6 * sigma[FAULTY, 0]
+    channels = replace(estimate.channels, filters=filters, filter_sigma=sigma)
+    for dispersion, kinds in ((1.0, ["delayed"]), (10.0, [])):
+        spread = replace(estimate.spread, dispersion=dispersion)
+        filtered = replace(estimate, channels=channels, spread=spread)
+        found = faulty_channels(filtered, covariance_of(filtered))
+        assert [one.kind for one in found if one.number == FAULTY] == kinds
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_channels_that_all_differ_are_not_at_fault(healthy, seed):
     """Gains of 3 dB, one sigma: each is found, none is a fault."""

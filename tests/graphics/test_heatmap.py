@@ -208,4 +208,4 @@ def test_texts_stand_out_from_their_ground(theme):
 
 def test_every_mark_has_a_shape_of_its_own():
     shapes = [(entry.paths, entry.filled) for entry in annotations.MARKS.values() if entry.halo]
-    assert len(shapes) == len(set(shapes)) == 8
+    assert len(shapes) == len(set(shapes)) == 10

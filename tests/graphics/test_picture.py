@@ -18,8 +18,8 @@ from fdcal import solvers
 from fdcal.graphics import annotations, glyphs
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE, solver_mark
-from fdcal.graphics.overlays import with_comparison, with_ellipses, with_trails
+from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE, drape, solver_mark
+from fdcal.graphics.overlays import with_ball, with_comparison, with_ellipses, with_trails
 from fdcal.graphics.picture import (
     HEIGHT,
     LETTER,
@@ -111,7 +111,7 @@ def test_a_known_microphone_that_is_assumed_to_be_elsewhere_has_a_cross_there_an
 ):
     """Solver robust begins with an array that fits the given positions only in part."""
     estimate = measurement.positions.copy()
-    estimate[1] += 0.05
+    estimate[[1, *range(3, len(estimate))]] += 0.05
     estimate[2] += 1e-4  # its square covers that
     drawn = compose(scene, measurement, estimate)
     squares = part(drawn, "microphones/known").vertices.reshape(3, 4, 3).mean(axis=1)
@@ -385,7 +385,7 @@ def test_a_name_covers_no_mark_where_one_side_is_free(seed):
     marks = np.random.default_rng(seed).uniform(0, 1, (25, 2))
     place = (0.5, 0.5)
     chosen = covered(box_of(*name_place(TEXT, place, marks, FOCUS, RADIUS)), marks)
-    assert chosen <= covered(box_of((0.5 + 2.6 * RADIUS, 0.5), "center-left"), marks)
+    assert chosen <= covered(box_of((0.5 + 3.2 * RADIUS, 0.5), "center-left"), marks)
     ring = [(0.5 + 0.1 * np.cos(a), 0.5 + 0.1 * np.sin(a)) for a in np.linspace(-2.2, 2.2, 30)]  # open on the left
     assert not covered(box_of(*name_place(TEXT, place, ring, FOCUS, RADIUS)), ring)
 
@@ -442,6 +442,29 @@ def test_bars_in_space_keep_their_width_and_length():
     corners = vertices.reshape(3, 4, 3)
     np.testing.assert_allclose(np.linalg.norm(corners[:, 0] - corners[:, 3], axis=1), 0.1)
     np.testing.assert_allclose(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1), [4, 2, 2])
+
+
+def test_an_error_lies_on_the_relief_between_its_ends(scene, measurement):
+    """Straight, it would show in pieces, where no hill is above it."""
+    cost = np.add.outer(np.sin(np.arange(60) / 4), np.zeros(50)) + 2
+    floor = cost_floor(cost, scene.search, relief=True)
+    drawn = compose(scene, measurement, measurement.positions + [0.1, 0.3], floor=floor)
+    middles = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3).mean(axis=1)
+    height = drape(middles[:, :2], floor)[:, 2]
+    assert (middles[:, 2] > height - 1e-6).all() and (middles[:, 2] < height + 0.2 * floor.heights.max()).all()
+    assert np.ptp(middles[:, 2]) > 0.8 * np.ptp(floor.heights), "it goes down and up"
+
+
+@pytest.mark.parametrize("view", ["top", "close"])
+def test_the_name_of_a_ball_stands_above_it_from_everywhere(scene, measurement, view):
+    floor = cost_floor(np.ones((60, 50)), scene.search, relief=True)
+    estimate, size = measurement.positions, (900, 700)
+    drawn = with_ball(compose(scene, measurement, estimate, 5, floor), estimate[5], floor)
+    camera = camera_for(drawn, size, view)
+    ball = project(camera, size, part(drawn, "microphones/ball").vertices)
+    texts = annotations.uncovered(ImageDraw.Draw(Image.new("RGB", size)), drawn, camera, annotations.font(14))
+    (place,) = (at for label, at in texts if label.name == "selected/name")
+    assert ball[:, 1].min() - 10 < place[1] < ball[:, 1].min() and abs(place[0] - ball[:, 0].mean()) < 3
 
 
 def test_a_map_in_relief_is_a_block_from_its_heights_down_to_its_level(scene, measurement):

@@ -21,6 +21,7 @@ from fdcal.session.sources import OpenRequest, scene_input
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.cost_maps import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
+from fdcal.viewer.display_frame import DisplayFrame
 from fdcal.viewer.gui import html
 from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.tabs import comparison as comparison_tab
@@ -63,7 +64,7 @@ def array():
 def test_the_measured_array_has_maps_at_once_and_a_list_of_takes(array, server):
     """Seven microphones carry no mode with the usual order."""
     assert array.known_scene is None and array.measurement.take_count == 4
-    places = np.asarray(array.session.view.state.positions)
+    places = DisplayFrame(array).positions(array.session.view.state.positions)  # where the page draws them
     low = np.array(array.measurement.search.origin)
     assert ((low < places) & (places < low + array.measurement.search.size)).all(), "the map is where the array is"
     binding = Binding(server.gui, array, len(array.measurement.frequencies))

@@ -232,7 +232,7 @@ def test_errors_are_averaged_over_the_microphones_sought(server, measurement):
     curves.show(Tick(view_of([state]), 0.0))
     assert [column[0] for column in curves.error.data[1:3]] == pytest.approx([2.0, 3.0])
     text = html.status(view_of([state]), measurement, sought=np.array([4, 5]))
-    assert "mean <b>2 mm</b>, largest 3 mm" in text
+    assert "mean <b>2 mm</b>, <span style='white-space: nowrap'>largest 3 mm</span>" in text
     assert "<b>1 mm</b>" in html.status(view_of([state]), measurement, sought=np.array([4]))
 
 

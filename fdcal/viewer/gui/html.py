@@ -1,6 +1,7 @@
 """Status lines, the verdict, remarks and error messages as HTML. All texts of a file or a solver are escaped."""
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
@@ -109,7 +110,8 @@ def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarr
     below = f"<br><span style='opacity: 0.65'>{escape(', '.join(words))}</span>" if words else ""
     if len(errors) == 1:
         return f"<b>{length_text(errors[0])}</b>{below}"
-    return f"mean <b>{length_text(errors.mean())}</b>, largest {length_text(errors.max())}{below}"
+    largest = f"<span style='white-space: nowrap'>largest {length_text(errors.max())}</span>"
+    return f"mean <b>{length_text(errors.mean())}</b>, {largest}{below}"
 
 
 def cost_text(cost: float, corrected: bool = False, row: str = "mode") -> str:
@@ -279,7 +281,8 @@ def colour_bar(bar: ColourBar) -> str:
     unit = " dB" if "(dB)" in bar.label else ""
     beyond = " and ".join(f"{side} {format_number(value, 3)}{unit}" for side, value, there in ends if there)
     note = f"values {beyond} are clipped" if beyond else ""
-    words = "<br>".join(filter(None, (escape(bar.label), note)))
+    label = re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(bar.label))
+    words = "<br>".join(filter(None, (label, note)))
     layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
     return (
         f"<div style='{CARD} {layout}'><div style='margin: 0.3em 1em 0 1em; flex: 1; min-width: 150px'>"

@@ -113,7 +113,7 @@ BROAD, BROAD_RATIO = 1000, 1.4
 BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 188, 290, 44), (400, 240, 200, 56)
 EXPERT_MARGINS, BROAD_EXPERT_MARGINS = (76, 152, 34, 66), (290, 76, 290, 66)  # beside the panels, without a bar
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
-PHONE_PANEL = 0.45  # of the height of its canvas, which a panel or a caption covers
+PHONE_PANEL, PHONE_CAPTION = 0.45, 0.53  # of the height of its canvas, which a panel or a caption covers
 PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top there
 # Likewise beside the panel: of the height of the legend above it and of the rulers, and of the buttons at the top.
 PHONE_LEGEND, PHONE_BUTTONS = 168, 56
@@ -306,5 +306,5 @@ def _margins(size: tuple[int, int], room: Room, expert: bool) -> tuple[int, int,
             right = (LECTURE_CAPTION if room.lecture else CAPTION) + min(right, MARGINS[2])
         return left, bottom, right, top
     left, right, top = PHONE_MARGINS
-    panel = round(PHONE_PANEL * size[1])
+    panel = round((PHONE_CAPTION if room.caption and not expert else PHONE_PANEL) * size[1])
     return (left, panel + PHONE_LEGEND, right, PHONE_BUTTONS) if expert else (left, panel, right, top)

@@ -13,12 +13,12 @@ from ...graphics.primitives import Colour, Label, Theme, by_rank, halo_of
 
 
 def labels_html(labels: Iterable[Label], theme: Theme) -> str:
-    """Return the texts as elements with their places in `data-at`, metres; what comes first covers the others."""
+    """Return the texts as elements with place and lift in `data-at`, metres; what comes first covers the others."""
     return "".join(_element(label, theme) for label in by_rank(labels))
 
 
 def _element(label: Label, theme: Theme) -> str:
-    place = ",".join(f"{x:.4f}" for x in label.position)
+    place = ",".join(f"{x:.4f}" for x in (*label.position, label.lift))
     style = f"color:{_css(label.colour)};--halo:{_css(halo_of(label.colour, theme))}"
     kind, axis = ("number", label.name.partition("/")[2][:1]) if label.name.startswith("frame/") else ("name", "")
     return (

@@ -135,7 +135,9 @@ function show(uuid, content) {
   const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
   if (!region) return;
   made.innerHTML = html;
+  const text = () => region.querySelector(".text")?.textContent, before = text();
   morph(region, made.content);
+  if (text() != before) for (const part of [region, ...region.querySelectorAll(".text")]) part.scrollTop = 0;
 }
 
 // Change only what differs: a slider that is dragged and a button that is pressed stay what they are. Elements with an
@@ -206,10 +208,10 @@ function placeLabels(camera) {
   const key = [...e, ...canvasSize].join();
   if (key == drawnFrom) return;
   drawnFrom = key;
-  const span = {}, taken = [];
+  const span = {}, taken = [], scale = Math.hypot(e[1], e[5], e[9]), up = [1, 5, 9].map(i => e[i] / scale);
   for (const label of labels) {
     label.size ??= [label.element.offsetWidth, label.element.offsetHeight];
-    const [x, y, z] = label.at, [u, v, w] = [0, 1, 3].map(i => e[i] * x + e[i + 4] * y + e[i + 8] * z + e[i + 12]);
+    const [x, y, z] = [0, 1, 2].map(i => label.at[i] + label.at[3] * up[i]), [u, v, w] = [0, 1, 3].map(i => e[i] * x + e[i + 4] * y + e[i + 8] * z + e[i + 12]);
     label.place = [(1 + u / w) / 2, (1 - v / w) / 2].map((share, i) => share * canvasSize[i]);
     label.seen = w > 0;
     label.box = label.place.map((at, i) => Math.round(at - label.share[i] * label.size[i]));

@@ -360,8 +360,8 @@ def remark_on_start(setup: ComparisonSetup) -> str:
     if setup.start != "random" or not far:
         return ""
     return html.remark(
-        f"A random start is far from the array. {' and '.join(far)}, which look for a near one by themselves, may end"
-        " metres off from there; to compare where all solvers end, start from affine."
+        f"A random start is far from the array. From there {' and '.join(far)}, which look for a near start by"
+        " themselves, may end metres off; to compare where all solvers end, start from affine."
     )
 
 

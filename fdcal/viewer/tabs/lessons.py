@@ -66,9 +66,9 @@ class Caption:
         if self.number == 0 and self.choice < 0 and self.waits:
             parts.append(f"<div class='dim'>{escape(self.waits)}</div>")
         if self.choice < 0:
-            parts.append(f"<div>{_paragraphs(step.text)}</div>")
+            parts.append(f"<div class='text'>{_paragraphs(step.text)}</div>")
         if not self.ready:
-            parts.append("<b>The picture of this step is being prepared ...</b>")
+            parts.append("<b>The map of this step is being prepared&nbsp;...</b>")
         elif step.question:
             parts.append(f"<b>{escape(step.question)}</b>")
             parts += _answered(step, self.choice) if self.choice >= 0 else []
@@ -89,7 +89,7 @@ def _answered(step: Step, choice: int) -> list[str]:
         for i in sorted({choice, right})
     ]
     verdict = "Right." if choice == right else f"The answer is: {escape(step.choices[right])}."
-    return [*parts, f"<b>{verdict}</b>", f"<div>{_paragraphs(step.reveal)}</div>"]
+    return [*parts, f"<b>{verdict}</b>", f"<div class='text'>{_paragraphs(step.reveal)}</div>"]
 
 
 def _button(command: str, text: str, kind: str = "") -> str:

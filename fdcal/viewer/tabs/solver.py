@@ -27,7 +27,7 @@ class SolverTab(Tab):
         with binding.gui.add_folder("Settings", expand_by_default=False):
             self._add_modes()
             self._add_method()
-            binding.gui.add_html(html.remark("Reset restarts with method, start and seed."))
+            binding.gui.add_html(html.remark("The modes apply at once, the rest with Reset."))
         self.refresh()
 
     def _add_method(self) -> None:

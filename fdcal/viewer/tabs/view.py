@@ -46,7 +46,7 @@ class ViewTab(Tab):
             gui.add_button_group("Camera", tuple(VIEWS)),  # a hint would cover the tabs above
             lambda client, value: place(client, VIEWS[value]),
         )
-        gui.add_html(html.remark("Of this window only: plan view, whole room, array."))
+        gui.add_html(html.remark("In this window only: plan view, array, whole room."))
         self.dark = binding.checkbox("Dark page", choices.style.dark, self.darken)
         self.lecture = binding.checkbox(
             "Lecture mode", choices.lecture, self.lecture_mode,
@@ -57,7 +57,10 @@ class ViewTab(Tab):
             hint="Path of each estimate over the last 200 states",
         )  # fmt: skip
         self.ellipses = binding.checkbox(
-            "Error ellipses (95 %)", choices.ellipses, lambda value: self.draw(ellipses=value), hint=ELLIPSES_LATER
+            "Error ellipses (95\N{NO-BREAK SPACE}%)",
+            choices.ellipses,
+            lambda value: self.draw(ellipses=value),
+            hint=ELLIPSES_LATER,
         )
         self.scale = binding.dropdown(
             "Ellipse size", tuple(ELLIPSE_SCALES), _label(ELLIPSE_SCALES, choices.ellipse_scale),

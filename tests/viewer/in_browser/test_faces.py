@@ -8,6 +8,12 @@ from browsing import press
 from fdcal.session.lesson import load_lesson
 
 PHONE = (390, 844)
+# Where a caption begins and where its buttons do, and from where to where each answer reaches, pixels.
+ANSWERS = """() => {
+    const [caption, steps, ...answers] = ["", " .steps", " .choices button"].flatMap(part =>
+        [...document.querySelectorAll(`#fdcal [data-region=caption]${part}`)].map(e => e.getBoundingClientRect()));
+    return [caption.top, steps.top, ...answers.map(one => [one.top, one.bottom])];
+}"""
 LESSON = "1_many_minima"
 CONTRAST = 4.5  # at least, of a text and what is behind it (WCAG 2.2, 1.4.3)
 
@@ -116,8 +122,12 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
     page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth == 390")
     tops = [page.locator(f"[data-region={name}]").bounding_box() for name in ("caption", "bar")]
     assert min(box["y"] for box in tops) >= PHONE[1] / 2, "the map has half of the screen"
+    top, bottom, *answers = page.evaluate(ANSWERS)
+    assert len(answers) == len(step.choices) and all(top < a < b <= bottom for a, b in answers), "all are in sight"
+    page.evaluate("document.querySelector('[data-region=caption] .text').scrollTop = 999")
     page.get_by_role("button", name=step.choices[1], exact=True).click()
     page.locator("[data-region=caption]").get_by_text("Right.").wait_for()
+    assert page.evaluate("[...document.querySelectorAll('[data-region=caption], .text')].every(e => !e.scrollTop)")
     press(page, "Next step")
     press(page, "End lesson")
     question.wait_for(state="detached")
@@ -127,6 +137,14 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
     page.set_viewport_size({"width": 1280, "height": 720})
 
 
+# Names of controls, in which a word is wider than its room.
+CUT_NAMES = """() => [...document.querySelectorAll("#root label")].filter(label => label.offsetWidth).filter(label => {
+    const pen = document.createElement("canvas").getContext("2d"), room = label.parentElement.clientWidth;
+    pen.font = getComputedStyle(label).font;
+    return label.innerText.split(/\\s/).some(word => pen.measureText(word).width > room);
+}).map(label => label.innerText)"""
+
+
 def test_expert_has_the_panels_and_can_be_left(page):
     page.evaluate("delete document.documentElement.dataset.sheet")
     press(page, "Expert")
@@ -134,5 +152,7 @@ def test_expert_has_the_panels_and_can_be_left(page):
     page.wait_for_function("location.hash.includes('face=expert')")
     assert widths(page)[0] < widths(page)[1] - 600
     readable(page)
+    page.get_by_role("tab", name="Scene", exact=True).click()
+    assert page.evaluate(CUT_NAMES) == []
     press(page, "Explore")
     page.get_by_role("tab", name="Map").wait_for(state="hidden")
