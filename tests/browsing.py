@@ -146,7 +146,7 @@ def hover(page, pixel):
 
 MIDDLE = """name => {
     const box = [1e9, 1e9, -1e9, -1e9];
-    window.__viserMutable.nodeRefFromName[name].traverse(node => {
+    window.__viserMutable.nodeRefFromName[name]?.traverse(node => {
         const places = node.geometry?.attributes?.position;
         node.updateWorldMatrix(true, false);
         for (let i = 0; places && i < places.count; i++) {

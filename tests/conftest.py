@@ -126,7 +126,7 @@ def _edit(text: str, changes: dict[str, str | None]) -> str:
 @functools.cache
 def has_browser(path: Path) -> bool:
     """Whether a test of a file needs a browser."""
-    return BROWSER.search(path.read_text(encoding="utf-8")) is not None
+    return path.parent.name == "in_browser" or BROWSER.search(path.read_text(encoding="utf-8")) is not None
 
 
 class OneBrowser(LoadFileScheduling):
@@ -147,6 +147,8 @@ def pytest_xdist_make_scheduler(config, log):
 def pytest_collection_modifyitems(items) -> None:
     """Mark what is slow, and begin with the browser tests, then with the files that take longest: workers end together.
 
+    The browser tests of a folder, which may share a page, stay together, in the order of their names.
+
     Slow are the tests of slow.txt, which slow.py writes from the durations of a run, and those in a browser.
     """
     lines = (ROOT / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()
@@ -157,7 +159,8 @@ def pytest_collection_modifyitems(items) -> None:
             item.add_marker("slow")
     for path, name in dict.fromkeys((item.path, item.originalname) for item in items):
         files[path] += slow.get(name, 0.0)
-    items.sort(key=lambda item: (not has_browser(item.path), -files[item.path]))
+    last = "~"  # behind the path of any file
+    items.sort(key=lambda item: (str(item.path) if has_browser(item.path) else last, -files[item.path]))
 
 
 def _missing(reason: str) -> None:

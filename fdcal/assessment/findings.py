@@ -28,6 +28,7 @@ from ..model.gauge import align
 from ..model.problem import Problem
 from ..model.validation import length_text
 from ..solvers.estimate import Estimate, RoomEstimate, TriedOptimum
+from ..solvers.requirements import needed_modes
 from .channels import FaultyChannel, channel_faults, healthy_channels
 from .uncertainty import one_sigma, root_mean_square
 
@@ -38,7 +39,6 @@ CAUSES = (
 )
 ROOM_CAUSES = "another size or shape, objects in the room, several sources, a source within a metre, or faulty channels"
 MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpolate, in a remedy
-MIN_MODES = 8  # with fewer modes below the limit, fewer modes are no remedy
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ def _highest(seen: Judged) -> float:
 def _undersampled(seen: Judged) -> str:
     positions = seen.estimate.positions[seen.healthy]
     below = modes_below_limit(seen.estimate.problem, positions)
-    remedy = f"use <modes> {below}, or" if below >= MIN_MODES else "use"
+    remedy = f"use <modes> {below}, or" if below >= needed_modes(seen.estimate.problem) else "use"
     return (
         f"{len(positions)} microphones so far apart interpolate up to {_f_max(seen):.0f} Hz (Eq. 9), but modes up to"
         f" {_highest(seen):.0f} Hz are in use; {remedy} more microphones closer together"

@@ -12,7 +12,7 @@ import numpy as np
 from .. import solvers
 from ..assessment.assess import ARGUMENTS, Assessment, assess
 from ..assessment.calibration import Calibration, Run
-from ..assessment.findings import MIN_MODES, modes_below_limit
+from ..assessment.findings import modes_below_limit
 from ..cost.expansion import reference_cost_of
 from ..model.declared import require_positive
 from ..model.gauge import move_to_frame, turn_to_frame
@@ -24,7 +24,7 @@ from ..model.settings import SolverSettings, search_round
 from ..model.validation import InputError, frozen_array
 from ..solvers import load, run
 from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
-from ..solvers.requirements import check_solvable
+from ..solvers.requirements import check_solvable, needed_modes
 from .process import one_blas_thread
 from .sources import CalibrationInput, Progress
 
@@ -184,7 +184,7 @@ def solve(
                 found = replace(found, verdict="not_converged", message=stopped)
             left = end - clock() if inputs.all_modes and found.verdict == "undersampled" else -np.inf
             fewer = modes_below_limit(problem, found.positions) if left >= limit / 2 else 0
-            if not MIN_MODES <= fewer < inputs.settings.modes:
+            if not needed_modes(problem) <= fewer < inputs.settings.modes:  # fewer are no remedy
                 break
             settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))
             inputs = replace(inputs, settings=settings, all_modes=False, time_limit=left)

@@ -92,19 +92,22 @@ def require_range(problem: Problem, first: int, last: int) -> None:
 MIN_MODES = {2: 6, 3: 12}
 
 
+def needed_modes(problem: Problem) -> int:
+    """Return how many modes the unknown coordinates need at least."""
+    # Real equations of a row: those that its field does not take up, or the phases of the direct sound.
+    equations = max(1, 2 * (problem.pressures.shape[1] - problem.dimension - 1))
+    return max(MIN_MODES[problem.dimension], -(-problem.array_dimension * len(problem.free) // equations) + 1)
+
+
 def require_modes(problem: Problem, count: int) -> None:
     """Raise InputError unless `count` modes were measured and are enough for the unknown coordinates."""
     require_measured(problem, count)
-    microphones, D = problem.pressures.shape[1], problem.array_dimension
-    enough = min_microphones(problem.dimension)
+    microphones, enough = problem.pressures.shape[1], min_microphones(problem.dimension)
     if microphones < enough:
         raise InputError(f"{microphones} microphones are too few to find", f"use {enough} or more", key="pressures")
-    unknowns = D * len(problem.free)
-    # Real equations of a row: those that its field does not take up, or the phases of the direct sound.
-    equations = max(1, 2 * (microphones - problem.dimension - 1))
-    needed = max(MIN_MODES[problem.dimension], -(-unknowns // equations) + 1)
+    needed = needed_modes(problem)
     if count < needed:
-        message = f"{count} modes are too few for {unknowns} unknown coordinates"
+        message = f"{count} modes are too few for {problem.array_dimension * len(problem.free)} unknown coordinates"
         raise InputError(message, f"use at least {needed} modes (<modes>)", key="modes", value=count)
 
 

@@ -12,7 +12,7 @@ import fdcal
 from fdcal.acoustics.coherence import is_single_wave
 from fdcal.model.measurement import Measurement
 
-SPEED, MODES, KNOWN = 343.0, 40, np.array([0, 5, 11, 17])
+SPEED, MODES, KNOWN = 343.0, 30, np.array([0, 5, 11, 17])
 
 
 def disc(count=24, radius=0.5):
@@ -50,7 +50,7 @@ def plate():
     return disc(), f, waves(disc(), 2 * np.pi * np.sqrt(200 * f) / SPEED, 8)
 
 
-def rigid_sphere(count=32, radius=0.1):
+def rigid_sphere(count=24, radius=0.1):
     """Total pressure of plane waves on a rigid sphere (Morse and Ingard, Theoretical Acoustics, 8.2)."""
     i = np.arange(count) + 0.5
     z, t = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i

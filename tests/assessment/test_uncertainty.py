@@ -88,7 +88,7 @@ def blind() -> Estimate:
 def test_95_percent_ellipses_cover_95_percent(given):
     """Of draws of a diffuse field; they may cover more, since a room's field is less isotropic than assumed."""
     rng, covered, ratios, free = np.random.default_rng(1), [], [], np.setdiff1d(np.arange(len(TRUTH)), given)
-    for _ in range(20):
+    for _ in range(10):
         found = ended(diffuse(rng, given))
         x = found.positions if len(given) else align(found.positions, TRUTH)
         blocks, error = covariance_of(found if len(given) else replace(found, positions=x)), x - TRUTH
@@ -211,10 +211,9 @@ def test_modes_measured_twice_say_nothing_new():
     assert two.dispersion == pytest.approx(2 * one.dispersion, rel=0.25)
 
 
-@pytest.mark.parametrize("modes", [16, 32])
-def test_the_sandwich_equals_the_inverse_hessian_where_the_model_holds(modes):
-    """On average over draws of the field that is assumed, however few its frequencies are."""
-    k = np.linspace(1.0, 4.0, modes)
+def test_the_sandwich_equals_the_inverse_hessian_where_the_model_holds():
+    """On average over draws of the field that is assumed, though its frequencies are few."""
+    k = np.linspace(1.0, 4.0, 16)
     found = [at(diffuse(np.random.default_rng(seed), KNOWN, wavenumbers=k)).spread for seed in range(16)]
     dispersions = np.array([one.dispersion for one in found])
     assert np.mean(dispersions) == pytest.approx(1.0, abs=0.35 + 2 * np.std(dispersions) / 4)

@@ -264,8 +264,7 @@ def opened(browser, path, text, address=""):
         yield page
 
 
-@pytest.mark.parametrize("dimension, array_dimension", [(2, 2), (3, 2), (3, 3)])
-@pytest.mark.parametrize("corrected", [False, True])
+@pytest.mark.parametrize(("dimension", "array_dimension", "corrected"), [(2, 2, True), (3, 2, False), (3, 3, True)])
 def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimension, array_dimension, corrected):
     measurement = measured(dimension, array_dimension)
     channels = None

@@ -112,6 +112,14 @@ def test_a_number_of_modes_that_was_asked_for_is_kept(wide):
     assert (len(found.frequencies), found.verdict) == (60, "undersampled")
 
 
+def test_where_too_few_modes_can_be_interpolated_none_is_left_out(wide):
+    ratio = wide.frequencies / array_f_max(wide.positions, SPEED, 3)
+    rows = np.append(np.flatnonzero(ratio < 0.8)[-10:], np.flatnonzero(ratio > 1.03))
+    few = replace(wide, frequencies=wide.frequencies[rows], pressures=wide.pressures[rows])
+    found = fdcal.calibrate(few)
+    assert (len(found.frequencies), found.verdict) == (len(rows), "undersampled")
+
+
 # A scene that is a measurement: opened by its name like any other, simulated by nothing.
 
 

@@ -12,7 +12,7 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers.robust.outliers import groups, other_poses
 
-FREQUENCIES = np.linspace(40.0, 300.0, 30)
+FREQUENCIES = np.linspace(40.0, 300.0, 24)
 K = 2 * np.pi * FREQUENCIES / 343.0
 WAVELENGTH = 2 * np.pi / K.max()
 

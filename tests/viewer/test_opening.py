@@ -1,4 +1,4 @@
-"""The opening: its film is what the scene computes to, and each browser plays it for itself until any touch."""
+"""The opening: its film is what the scene computes to, each browser plays it for itself until any touch; a phone."""
 
 import base64
 import json
@@ -16,6 +16,7 @@ from fdcal.graphics.heatmap import colour_limits, normalise
 from fdcal.model.measurement import load_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer import opening
+from fdcal.viewer.explore import summed_text
 
 ROUNDED = 6e-4  # metres, of the places in the film
 EXPLORE = COARSE.partition("#")[0]
@@ -82,72 +83,140 @@ LEVELS = """time => {  // share of the canvas that the relief covers, and the me
 }"""
 
 
-def opened(browser, url, query=EXPLORE, **options):
+@pytest.fixture(scope="module")
+def url(kernels):
+    """Where the opening is served."""
+    with serving_here() as address:
+        yield address
+
+
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+REACH = 24  # pixels, within which a finger takes a microphone
+# Where the disc of a microphone stands on the screen, pixels.
+DISC = """number => {
+    const mutable = window.__viserMutable, canvas = document.querySelector("canvas[data-engine]");
+    const {left, top, width, height} = canvas.getBoundingClientRect();
+    for (const [name, node] of Object.entries(mutable.nodeRefFromName)) {
+        let discs = null;
+        if (/^\\/picking\\/\\d+$/.test(name)) node?.traverse(part => { if (part.isInstancedMesh2) discs = part; });
+        if (!discs) continue;
+        const at = mutable.camera.position.clone().copy(discs.getPositionAt(number)).applyMatrix4(discs.matrixWorld);
+        const {x, y} = at.project(mutable.camera);
+        return [left + (1 + x) / 2 * width, top + (1 - y) / 2 * height];
+    }
+}"""
+# Whether a text of the scene that shows lies below the legend.
+COVERED = """() => {
+    const legend = document.querySelector("#fdcal [data-region=legend]").getBoundingClientRect();
+    const texts = [...document.querySelectorAll("#fdcal-labels span")].filter(text => !text.style.visibility);
+    return texts.filter(text => text.getBoundingClientRect().bottom > legend.top).map(text => text.innerText);
+}"""
+EMPTY_BOXES = """() => [...document.querySelectorAll(".mantine-Paper-root > .mantine-Paper-root")]
+    .filter(name => /none/.test(name.nextElementSibling.style.display))
+    .filter(name => getComputedStyle(name.parentElement).borderLeftColor != "rgba(0, 0, 0, 0)")
+    .map(name => name.innerText)"""
+
+
+def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags_it(browser, url):
+    context = browser.new_context(**PHONE)
+    page = context.new_page()
+    page.set_default_timeout(WAIT * 1e3)
+    page.goto(f"{url}/?fixedDpr=1#face=explore", wait_until="domcontentloaded")
+    assert page.evaluate(f"!{FILM}"), "a link leads to what it names"
+    legend = page.locator("#fdcal [data-region=legend]")
+    legend.get_by_text("low and dark").wait_for()
+    assert "this microphone" in legend.inner_text()
+    assert page.locator("[data-do=modes] + output").inner_text() == "92 alone"
+    page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/relief']?.children.length > 0")
+    page.wait_for_timeout(1500)
+    x, y = (at + 0.5 * REACH for at in page.evaluate(DISC, opening.MICROPHONE))
+    finger = context.new_cdp_session(page)
+    page.wait_for_timeout(500)
+    other = {"x": 330, "y": 320, "id": 1}
+    for number in range(8):
+        kind = "touchMove" if number else "touchStart"
+        at = {"x": x + 4 * number, "y": y + 9 * number, "id": 0}
+        if number == 5:
+            finger.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [at, other]})
+        fingers = [at] if number < 5 else [at, other]
+        finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
+        page.wait_for_timeout(150)
+    below = f"([x, y]) => {{ const at = ({DISC})({opening.MICROPHONE}); return Math.hypot(at[0] - x, at[1] - y) < 8; }}"
+    page.wait_for_function(below, arg=[at["x"] - 0.5 * REACH, at["y"] - 0.5 * REACH])  # as far from it as at first
+    page.locator("[data-region=words]").get_by_text(re.compile(r"^-[\d.]+ dB$")).wait_for()
+    finger.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    page.get_by_text(re.compile(r"^[01] of 1 home$")).wait_for()
+    page.get_by_role("button", name="Expert", exact=True).click()
+    page.get_by_text("In use", exact=True).wait_for()
+    page.wait_for_function(f"() => ({COVERED})().length == 0")
+    assert page.evaluate(EMPTY_BOXES) == [], "a folded section is a line with its name"
+    context.close()
+
+
+@pytest.mark.parametrize(
+    ("modes", "text"),
+    [((92,), "92 alone"), (tuple(range(1, 93)), "1 to 92"), ((3, 4), "3 to 4"), ((1, 2, 3, 7), "1-3, 7")],
+)
+def test_one_mode_alone_is_told_from_a_sum(modes, text):
+    assert summed_text(modes) == text
+
+
+def opened(browser, url, **options):
     page = browser.new_page(viewport={"width": 1280, "height": 720}, **options)
     page.set_default_timeout(WAIT * 1e3)
-    page.goto(f"{url}/{query}", wait_until="domcontentloaded")
+    page.goto(f"{url}/{EXPLORE}", wait_until="domcontentloaded")
     return page
 
 
-def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone(browser, kernels, capsys):
-    with serving_here() as url:
-        first = opened(browser, url)
-        first.evaluate("fdcalFilm.hold()")
-        assert first.evaluate(WORDS) == "One frequency: 8 places fit", "before any message of the server"
-        first.get_by_role("button", name="Skip").click()
-        first.locator("#fdcal [data-do=play]").wait_for()
-        first.wait_for_function(LEFT)
-        first.wait_for_function("location.hash.includes('modes=92') && location.hash.includes('relief')")
-        first.locator("[data-do=microphone]").press("Home")
-        first.wait_for_function("location.hash.includes('microphone=0')")
+def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone(browser, url, capsys):
+    first = opened(browser, url)
+    first.evaluate("fdcalFilm.hold()")
+    assert first.evaluate(WORDS) == "One frequency: 8 places fit", "before any message of the server"
+    first.get_by_role("button", name="Skip").click()
+    first.locator("#fdcal [data-do=play]").wait_for()
+    first.wait_for_function(LEFT)
+    first.wait_for_function("location.hash.includes('modes=92') && location.hash.includes('relief')")
+    first.locator("[data-do=microphone]").press("Home")
+    first.wait_for_function("location.hash.includes('microphone=0')")
 
-        second = opened(browser, url, color_scheme="dark")
-        second.evaluate("fdcalFilm.hold()")
-        shown = [second.evaluate(LEVELS, time) for time in (0.0, 3.0, 5.7, 11.0, 30.0)]
-        assert all(0.1 < share < 0.5 for share, _ in shown), "never blank"
-        assert shown[0] == shown[1] and len({colour for _, colour in shown}) == 4
-        assert second.evaluate(WORDS) == "The microphone is found"
-        second.wait_for_function("window.__viserMutable?.nodeRefFromName?.['/microphones/true'] != null")
-        second.wait_for_timeout(1000)
-        assert second.evaluate("location.hash") == "", "one that is loaded again begins with the film"
-        second.keyboard.press("Shift")
-        assert second.evaluate(f"{FILM}.className") == ""
-        second.get_by_role("button", name="Now you").click()
-        second.wait_for_function(LEFT)
-        second.wait_for_function("location.hash.includes('microphone=0')")
-        assert first.evaluate("document.documentElement.dataset.mantineColorScheme") == "light", "its own user's"
+    second = opened(browser, url, color_scheme="dark")
+    second.evaluate("fdcalFilm.hold()")
+    shown = [second.evaluate(LEVELS, time) for time in (0.0, 3.0, 5.7, 11.0, 30.0)]
+    assert all(0.1 < share < 0.5 for share, _ in shown), "never blank"
+    assert shown[0] == shown[1] and len({colour for _, colour in shown}) == 4
+    assert second.evaluate(WORDS) == "The microphone is found"
+    second.wait_for_function("window.__viserMutable?.nodeRefFromName?.['/microphones/true'] != null")
+    second.wait_for_timeout(1000)
+    assert second.evaluate("location.hash") == "", "one that is loaded again begins with the film"
+    second.keyboard.press("Shift")
+    assert second.evaluate(f"{FILM}.className") == ""
+    second.get_by_role("button", name="Now you").click()
+    second.wait_for_function(LEFT)
+    second.wait_for_function("location.hash.includes('microphone=0')")
+    assert first.evaluate("document.documentElement.dataset.mantineColorScheme") == "light", "its own user's"
 
-        third = opened(browser, url, f"{EXPLORE}#face=expert")
-        assert third.evaluate(f"!{FILM}"), "a link leads to what it names"
-        for page in (second, third):
-            page.close()
-        first.get_by_role("button", name="3-D", exact=True).click()
-        angle = "window.__viserMutable.cameraControl.polarAngle"
-        while first.evaluate(angle) < 1.4:  # a face that has just changed may place the camera once more
-            first.mouse.move(30, 200)
-            first.mouse.down()
-            first.mouse.move(30, -1200, steps=4)
-            first.mouse.up()
-            first.wait_for_timeout(500)
-        assert first.evaluate(angle) < np.pi / 2, "above the floor"
-        first.get_by_role("button", name="3-D", exact=True).click()
-        first.wait_for_function(f"{angle} < 1")
-        first.close()
+    second.close()
+
+    first.get_by_role("button", name="3-D", exact=True).click()
+    angle = "window.__viserMutable.cameraControl.polarAngle"
+    while first.evaluate(angle) < 1.4:  # a face that has just changed may place the camera once more
+        first.mouse.move(30, 200)
+        first.mouse.down()
+        first.mouse.move(30, -1200, steps=4)
+        first.mouse.up()
+        first.wait_for_timeout(500)
+    assert first.evaluate(angle) < np.pi / 2, "above the floor"
+    first.get_by_role("button", name="3-D", exact=True).click()
+    first.wait_for_function(f"{angle} < 1")
+
+    first.get_by_role("button", name="Expert", exact=True).click()
+    tab(first, "Map")
+    choose(first, "Show", "No map")
+    first.wait_for_function("location.hash.includes('map=none')")
+    still = opened(browser, url, reduced_motion="reduce")
+    assert still.evaluate(WORDS) == "The microphone is found", "nothing moves"
+    still.locator(FILM_NODE).click()
+    still.locator(FILM_NODE).wait_for(state="detached")  # there is no map that it could give way to
+    still.close()
+    first.close()
     assert "Traceback" not in capsys.readouterr().err
-
-
-def test_the_film_gives_way_to_a_session_without_a_map(browser, kernels):
-    with serving_here() as url:
-        first = opened(browser, url, COARSE)
-        tab(first, "Map")
-        choose(first, "Show", "No map")
-        first.wait_for_function("location.hash.includes('map=none')")
-
-        second = browser.new_context(reduced_motion="reduce")
-        page = second.new_page()
-        page.goto(f"{url}/{EXPLORE}", wait_until="domcontentloaded")
-        assert page.evaluate(WORDS) == "The microphone is found", "nothing moves"
-        page.locator(FILM_NODE).click()
-        page.locator(FILM_NODE).wait_for(state="detached", timeout=WAIT * 1e3)
-        second.close()
-        first.close()

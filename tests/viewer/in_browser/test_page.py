@@ -5,16 +5,14 @@ import http.server
 import logging
 import re
 import threading
-from types import SimpleNamespace
 
 import msgspec
 import pytest
 import viser
-from browsing import COARSE, begin_anew, choose, opened_page, press, serving_here, slider, tab, unfold
+from browsing import COARSE, begin_anew, choose, opened_page, press, slider, tab, unfold
 from websockets.exceptions import ConnectionClosed
 
 from benchmarks.protocol import CAMERA, connect, send
-from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import load_lesson
 from fdcal.viewer.server import hardening
 
@@ -25,24 +23,8 @@ LESSON = "3_too_many_too_soon"
 
 
 @pytest.fixture(scope="module")
-def served(kernels):
-    """Address of a server, and functions that stop it and start another one at the same address."""
-    scene, lessons = load_scene("tiny"), (load_lesson(LESSON),)
-    with contextlib.ExitStack() as stack:
-        url = stack.enter_context(serving_here(scene, lessons=lessons))
-
-        def start():
-            stack.enter_context(serving_here(scene, lessons=lessons, port=int(url.rpartition(":")[2])))
-
-        yield SimpleNamespace(url=url, stop=stack.close, start=start)
-
-
-@pytest.fixture(scope="module")
-def page(served, browser):
-    page = opened_page(browser, served.url, f"{COARSE}&microphone=5&modes=2-4&map=none")
-    page.get_by_text("step 0, sweep 0").wait_for()
-    yield page
-    page.close()
+def page(opened):
+    return opened
 
 
 @pytest.fixture(autouse=True)
@@ -61,11 +43,35 @@ def alive(page):
     page.get_by_text(re.compile("^step 1, ")).wait_for()
 
 
-def test_the_page_follows_its_address_the_theme_and_the_arrows_and_its_address_follows_it(page, served, browser):
-    page.wait_for_function("location.hash.includes('scene=tiny&microphone=5&modes=2-4&map=none')")
+def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, served, browser):
+    other = opened_page(browser, served.url, f"{COARSE}&microphone=5&modes=2-4&map=none")
+    for one in (page, other):
+        one.wait_for_function("location.hash.includes('scene=tiny&microphone=5&modes=2-4&map=none')")
+    other.get_by_text("step 0, sweep 0").wait_for()
+    press(page, "Step")
+    other.get_by_text("step 1, sweep 0").wait_for()
+    press(other, "Sweep")
+    page.get_by_text("step 13, sweep 1").wait_for()  # 16 microphones, 3 of them known
+
+    page.goto("about:blank")  # away, while another browser goes on
+    other.evaluate("location.hash = 'microphone=3&map=none&face=expert'")
+    other.wait_for_function("location.hash.includes('microphone=3')")
+    page.go_back()
+    page.wait_for_function("location.hash.includes('microphone=3')")
+    page.get_by_text("step 13, sweep 1").wait_for()
+    other.wait_for_timeout(500)
+    assert "microphone=3" in other.evaluate("location.hash"), "who comes back leaves the session as it is"
+    other.evaluate("location.hash = 'microphone=8&map=none&scene=t%69ny'")
+    page.wait_for_function("location.hash.includes('microphone=8')")
+    other.close()
+    page.keyboard.press("v")  # a map again
+    page.keyboard.press("u")
+
+
+def test_the_page_follows_the_theme_and_the_arrows(page):
     page.emulate_media(color_scheme="dark")
     page.locator("html[data-mantine-color-scheme=dark]").wait_for()
-    page.evaluate("location.hash = 'microphone=7&map=none'")
+    page.evaluate("location.hash = 'microphone=7&map=none&face=expert'")
     page.wait_for_function("location.hash.includes('microphone=7')")
     tab(page, "Map")
     handle = slider(page, "Microphone")
@@ -75,16 +81,7 @@ def test_the_page_follows_its_address_the_theme_and_the_arrows_and_its_address_f
     handle.press("ArrowRight", delay=300)
     page.wait_for_function("location.hash.includes('microphone=8')")
     assert page.evaluate(place) == before, "the arrows move the slider alone"
-    page.goto("about:blank")  # away, while another browser goes on
-    other = opened_page(browser, served.url, f"{COARSE}&microphone=3&map=none")
-    other.wait_for_function("location.hash.includes('microphone=3')")
-    page.go_back()
-    page.wait_for_function("location.hash.includes('microphone=3')")
-    other.wait_for_timeout(500)
-    assert "microphone=3" in other.evaluate("location.hash"), "who comes back leaves the session as it is"
-    other.evaluate("location.hash = 'microphone=8&map=none&scene=t%69ny'")
-    page.wait_for_function("location.hash.includes('microphone=8')")
-    other.close()
+    page.evaluate("document.activeElement.blur()")
     page.keyboard.press("v")  # a map again
     page.keyboard.press("u")
 
@@ -228,13 +225,13 @@ KNOCK = """([url, protocol]) => new Promise(resolve => {
 })"""
 
 
-def test_a_page_of_another_site_is_refused_by_a_real_browser(served, browser, elsewhere):
+def test_a_page_of_another_site_is_refused_by_a_real_browser(served, page, browser, elsewhere):
     door = [served.url.replace("http", "ws"), f"viser-v{viser.__version__}"]
-    for address, answer in ((served.url, "open"), (elsewhere, "refused")):
-        visitor = browser.new_page()
-        visitor.goto(address)
-        assert visitor.evaluate(KNOCK, door) == answer, address
-        visitor.close()
+    assert page.evaluate(KNOCK, door) == "open"
+    visitor = browser.new_page()
+    visitor.goto(elsewhere)
+    assert visitor.evaluate(KNOCK, door) == "refused"
+    visitor.close()
 
 
 def test_the_page_comes_back_with_the_server_as_it_was(served, page):

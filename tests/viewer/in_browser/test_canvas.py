@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import COARSE, WAIT, begin_anew, choose, on_screen, opened_page, press, run_to_the_end, serving_here, tab
+from browsing import WAIT, begin_anew, on_screen, press, tab
 from doubles import assessment
 
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
@@ -18,18 +18,9 @@ DESKTOP, LARGE, PHONE = (1280, 720), (1440, 900), (390, 844)
 
 
 @pytest.fixture(scope="module")
-def address(kernels):
-    """Where the page of `tiny` is served; each test leaves it as it was."""
-    with serving_here(load_scene("tiny")) as url:
-        yield url
-
-
-@pytest.fixture(scope="module")
-def desktop(address, browser):
-    page = opened_page(browser, address, COARSE, *DESKTOP)
-    legend_of(page).get_by_text("dB").wait_for()
-    yield page
-    page.close()
+def desktop(opened):
+    legend_of(opened).get_by_text("dB").wait_for()
+    return opened
 
 
 @pytest.fixture
@@ -41,12 +32,11 @@ def page(desktop):
 
 
 @pytest.fixture(scope="module")
-def phone(desktop, address, browser):
-    desktop.close()  # it draws, too
-    page = opened_page(browser, address, COARSE, *PHONE)
-    legend_of(page).get_by_text("dB").wait_for()
-    yield page
-    page.close()
+def phone(desktop):
+    resized(desktop, PHONE)
+    desktop.get_by_text(re.compile("fdcal · tiny")).wait_for()
+    legend_of(desktop).get_by_text("dB").wait_for()
+    return desktop
 
 
 def resized(page, size):
@@ -163,22 +153,6 @@ def test_a_key_begins_and_ends_lecture_mode(page):
     wait_for_width(page, lambda now: abs(now - width) < 2)
 
 
-def test_the_legend_says_how_large_the_ellipses_are_drawn(page):
-    run_to_the_end(page)
-    page.get_by_text(re.compile(r"one sigma [\d.]+ mm")).first.wait_for()
-    verdict = page.get_by_text(re.compile(r"one sigma [\d.]+ mm")).first.inner_text()
-    tab(page, "View")
-    page.get_by_role("checkbox", name="Error ellipses").click()
-    sigma = re.search(r"one sigma [\d.]+ mm", verdict)[0]
-    legend_of(page).get_by_text(re.compile(rf"drawn \d+ times larger; {re.escape(sigma)}")).wait_for()
-    choose(page, "Ellipse size", "100 times")
-    legend_of(page).get_by_text("drawn 100 times larger").wait_for()
-    choose(page, "Ellipse size", "True")
-    legend_of(page).get_by_text(re.compile(rf"error ellipse \(95 %\)(, too small to be seen)?; {sigma}")).wait_for()
-    page.get_by_role("checkbox", name="Error ellipses").click()
-    legend_of(page).get_by_text("error ellipse").wait_for(state="detached")
-
-
 def test_the_race_is_visible_whole(page):
     tab(page, "Race")
     press(page, "Start")
@@ -212,7 +186,7 @@ def test_on_a_phone_the_sheet_stays_as_wide_as_the_screen(phone):
     begin_anew(phone)
     phone.get_by_text("Cost (Eq. 7", exact=False).last.wait_for()  # a plot, which fills the width
     press(phone, "Step")
-    phone.get_by_text("step 1, sweep 1").wait_for()
+    phone.get_by_text(re.compile("^step 1, ")).wait_for()
     phone.wait_for_timeout(300)  # a sheet that grows does so within a few frames
     widths = "areas => areas.map(area => area.scrollWidth)"
     assert max(phone.locator(".mantine-ScrollArea-viewport").evaluate_all(widths)) == PHONE[0]
@@ -231,7 +205,15 @@ def test_on_a_phone_every_tab_can_be_opened(phone):
 SIZES = f"<style>{STYLE.read_text(encoding='utf-8')}</style>"  # of type
 
 
-def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_them(browser):
+@pytest.fixture(scope="module")
+def narrow(browser):
+    """An empty page as narrow as a panel."""
+    page = browser.new_page(viewport={"width": 340, "height": 720})
+    yield page
+    page.close()
+
+
+def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_them(narrow):
     words = "the residual of 10 of 63 microphones is large: " + "one cause, or another; " * 20
     faulty = Channels(*np.zeros((5, 50)), (ChannelFault("20", "inverted"),))
     shown = [
@@ -240,29 +222,26 @@ def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_t
         assessment("model_mismatch", words, evidence=Evidence(1.0, leave_one_out_db=-9.0)),
     ]
     shown += [assessment("model_mismatch", words, evidence=Evidence(1.0, leave_one_out_db=-9.0), channels=faulty)]
-    page, heights = browser.new_page(viewport={"width": 340, "height": 720}), []
+    heights = []
     for one in shown:
-        page.set_content(f"{SIZES}<div id='box'>{verdict_html(one, pending=True)}</div>")
-        heights.append(page.locator("#box").bounding_box()["height"])
-    page.locator("summary").click()
-    assert words.strip() in page.locator("summary").inner_text() and page.get_by_text("-9.0 dB").is_visible()
-    opened = page.locator("#box").bounding_box()["height"]
-    page.close()
+        narrow.set_content(f"{SIZES}<div id='box'>{verdict_html(one, pending=True)}</div>")
+        heights.append(narrow.locator("#box").bounding_box()["height"])
+    narrow.locator("summary").click()
+    assert words.strip() in narrow.locator("summary").inner_text() and narrow.get_by_text("-9.0 dB").is_visible()
+    opened = narrow.locator("#box").bounding_box()["height"]
     assert np.ptp(heights) < 1 and opened > heights[0] + 100, heights
 
 
-def test_the_names_of_two_odd_channels_are_seen_without_a_click(browser):
+def test_the_names_of_two_odd_channels_are_seen_without_a_click(narrow):
     odd = "nothing speaks against the positions of the other microphones; one sigma 0.45 mm; faulty: microphone 20: "
     odd += "inverted; microphone 45: dead"
     faults = (ChannelFault("20", "inverted"), ChannelFault("45", "dead"))
-    page = browser.new_page(viewport={"width": 340, "height": 720})
     hidden = []
     for channels in (None, Channels(*np.zeros((5, 50)), faults)):
         line = verdict_html(assessment("good", odd, channels=channels))
-        page.set_content(
+        narrow.set_content(
             f"{SIZES}<body style='margin: 0; font: 14px DejaVu Sans, sans-serif'>{line}</body>"
         )  # as viser's
-        words = page.locator("summary div").first
+        words = narrow.locator("summary div").first
         hidden.append(words.evaluate("words => words.scrollHeight > words.clientHeight + 2"))
-    page.close()
     assert hidden == [True, False]

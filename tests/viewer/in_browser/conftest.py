@@ -1,0 +1,45 @@
+"""One server and one page of it for all of these tests: to open another takes longer than most of them."""
+
+import contextlib
+from types import SimpleNamespace
+
+import pytest
+from browsing import COARSE, begin_anew, opened_page, serving_here
+
+from fdcal.model.scene_file import load_scene
+from fdcal.session.lesson import load_lesson
+from fdcal.session.scene_edits import edited
+
+LESSONS = ("1_many_minima", "3_too_many_too_soon")
+
+
+@pytest.fixture(scope="package")
+def served(kernels):
+    """Address of a server of `tiny`, solved by descent, whose steps are seen; functions that stop and start it."""
+    scene, lessons = edited(load_scene("tiny"), {"solver.name": "descent"}), [load_lesson(name) for name in LESSONS]
+    with contextlib.ExitStack() as stack:
+        url = stack.enter_context(serving_here(scene, lessons=lessons))
+
+        def start():
+            stack.enter_context(serving_here(scene, lessons=lessons, port=int(url.rpartition(":")[2])))
+
+        yield SimpleNamespace(url=url, stop=stack.close, start=start)
+
+
+@pytest.fixture(scope="package")
+def shared(served, browser):
+    """The page of all tests, on a desktop."""
+    page = opened_page(browser, served.url, COARSE)
+    yield page
+    page.close()
+
+
+@pytest.fixture(scope="module")
+def opened(shared):
+    """The page as one finds it in Expert, whatever the tests of other files have left."""
+    shared.set_viewport_size({"width": 1280, "height": 720})
+    shared.emulate_media(color_scheme="light")
+    shared.evaluate("location.hash = 'scene=tiny&microphone=9&modes=solver&map=flat&face=expert'")
+    shared.wait_for_function("/microphone=9.*map=flat.*face=expert/.test(location.hash)")
+    begin_anew(shared)
+    return shared

@@ -1,0 +1,130 @@
+"""Other scenes in place of the first, in a real browser: with uncertainties, and with an array in space."""
+
+import re
+
+import pytest
+from browsing import choose, press, run_to_the_end, slider, tab
+
+DRAWN = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
+GONE = "name => window.__viserMutable?.nodeRefFromName?.[name] == null"
+# Lowest and highest x, y, z of what is drawn under a name; the browser's own axes: y up
+BOX = """name => {
+    const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
+    window.__viserMutable.nodeRefFromName[name]?.traverse(node => {
+        const places = node.geometry?.attributes?.position;
+        node.updateWorldMatrix(true, false);
+        for (let i = 0; places && i < places.count; i++) {
+            const at = node.localToWorld(node.position.clone().fromBufferAttribute(places, i));
+            [-at.z, -at.x, at.y].forEach((x, a) => { low[a] = Math.min(low[a], x); high[a] = Math.max(high[a], x); });
+        }
+    });
+    return [low, high];
+}"""
+
+
+@pytest.fixture(scope="module")
+def lshape(opened):
+    """The page of `lshape`, which was chosen in Explore."""
+    press(opened, "Explore")
+    opened.get_by_role("button", name="Choose a scene").click()
+    opened.locator("[data-do='scene=lshape']").click()
+    opened.get_by_role("button", name="Choose a scene").get_by_text("L-shaped").wait_for()
+    return opened
+
+
+def test_a_scene_is_chosen_in_explore(lshape):
+    lshape.wait_for_function("location.hash.includes('scene=lshape')")
+
+
+@pytest.fixture(scope="module")
+def tiny(lshape):
+    """The page of `tiny` as it comes with fdcal, whose solver says how uncertain it is."""
+    lshape.evaluate("location.hash = 'scene=tiny&face=expert'")
+    lshape.get_by_text("fdcal · tiny").wait_for()
+    return lshape
+
+
+def test_the_legend_says_how_large_the_ellipses_are_drawn(tiny):
+    legend = tiny.locator(".fdcal-legend")
+    run_to_the_end(tiny)
+    tiny.get_by_text(re.compile(r"one sigma [\d.]+ mm")).first.wait_for()
+    verdict = tiny.get_by_text(re.compile(r"one sigma [\d.]+ mm")).first.inner_text()
+    tab(tiny, "View")
+    tiny.get_by_role("checkbox", name="Error ellipses").click()
+    sigma = re.search(r"one sigma [\d.]+ mm", verdict)[0]
+    legend.get_by_text(re.compile(rf"drawn \d+ times larger; {re.escape(sigma)}")).wait_for()
+    choose(tiny, "Ellipse size", "100 times")
+    legend.get_by_text("drawn 100 times larger").wait_for()
+    choose(tiny, "Ellipse size", "True")
+    legend.get_by_text(re.compile(rf"error ellipse \(95 %\)(, too small to be seen)?; {sigma}")).wait_for()
+    tiny.get_by_role("checkbox", name="Error ellipses").click()
+    legend.get_by_text("error ellipse").wait_for(state="detached")
+
+
+@pytest.fixture(scope="module")
+def ball(opened):
+    """The page of `ball3d`, in the tab Map."""
+    opened.evaluate("location.hash = 'scene=ball3d&face=expert'")
+    opened.get_by_text("fdcal · ball3d").wait_for()
+    tab(opened, "Map")
+    return opened
+
+
+def box(page, name):
+    return page.evaluate(BOX, name)
+
+
+def lies(page, axis, place=None):
+    """Wait until the slice lies across an axis, at a place if one is given."""
+    flat = f"name => {{ const [low, high] = ({BOX})(name), thick = high[{axis}] - low[{axis}];"
+    there = "true" if place is None else f"Math.abs(low[{axis}] - {place}) < 1e-3"
+    page.wait_for_function(f"{flat} return thick >= 0 && thick < 1e-3 && {there}; }}", arg="/slice")
+
+
+def test_isosurfaces_and_a_slice_stand_in_the_scene_and_follow_the_controls(ball):
+    choose(ball, "Show", "Isosurfaces (3-D)")
+    ball.wait_for_function(DRAWN, arg="/isosurfaces")
+    ball.wait_for_function(GONE, arg="/floor")
+    ball.get_by_text(re.compile(r"isosurfaces at -[\d.]+(, -[\d.]+)* and -[\d.]+ dB")).first.wait_for()
+    low, high = box(ball, "/isosurfaces")
+    assert all(a > b - 0.02 for a, b in zip(low, (1.4, 1.1, 0.8), strict=True))
+    assert all(a < b + 0.02 for a, b in zip(high, (2.4, 2.1, 1.8), strict=True))
+    choose(ball, "Slice across", "x")
+    lies(ball, 0)  # the slider has the ends of this axis now
+    handle = slider(ball, "Slice at (m)")
+    handle.focus()
+    handle.press("Home")
+    lies(ball, 0, 1.4)
+    handle.press("End")
+    lies(ball, 0, 2.4)
+    choose(ball, "Slice across", "y")
+    lies(ball, 1)
+    handle = slider(ball, "Slice at (m)")
+    handle.focus()
+    handle.press("Home")
+    lies(ball, 1, 1.1)
+    sizes = [round(b - a, 2) for a, b in zip(*box(ball, "/slice"), strict=True)]
+    assert sizes == [1.02, 0.0, 1.02]
+    choose(ball, "Slice across", "None")
+    ball.wait_for_function(GONE, arg="/slice")
+    before = ball.evaluate(BOX, "/lowest")
+    microphone = slider(ball, "Microphone")
+    microphone.focus()
+    microphone.press("End")
+    ball.get_by_text("microphone 63, sum of").first.wait_for()
+    ball.wait_for_function(f"before => JSON.stringify(({BOX})('/lowest')) != before", arg=str(before).replace(" ", ""))
+    choose(ball, "Show", "Flat map")
+    ball.wait_for_function(DRAWN, arg="/floor")
+    ball.wait_for_function(GONE, arg="/isosurfaces")
+
+
+def test_a_relief_lies_on_its_axes_from_the_top_and_its_slider_sets_its_height(ball):
+    choose(ball, "Show", "Relief")
+    ball.wait_for_function(DRAWN, arg="/relief")
+    seen = f"() => {{ const box = ({BOX})('/relief'), top = box[1][2]; return 0 < top && top < 2 && box }}"
+    low, high = ball.wait_for_function(seen).json_value()  # in one look: while a surface is replaced there is none
+    assert [round(x, 3) for x in low] == [1.39, 1.09, 0.8] and [round(x, 3) for x in high[:2]] == [2.41, 2.11]
+    handle = slider(ball, "Relief height (%)")
+    handle.focus()
+    handle.press("End")
+    ball.wait_for_function(f"() => ({BOX})('/relief')[1][2] > 1.8")
