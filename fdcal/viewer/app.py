@@ -1,6 +1,5 @@
 """Serve the page until Ctrl-C."""
 
-import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 from ..session.lesson import Lesson
 from ..session.process import Interrupt
 from ..session.sources import OpenRequest
+from ..session.worker import WakeEvent
 from .opening import film_html, opening_request
 from .server.hardening import is_loopback, open_server, without_output
 from .server.process import error_log, share_one_heap
@@ -37,8 +37,8 @@ def serve(
     share_one_heap()
     with Interrupt() as interrupt, error_log():
         page, opens = None, request is None and begin is None
-        sent = threading.Event()
-        server = open_server(host, port, film_html() if opens else "", sent)
+        sent = WakeEvent()
+        server = open_server(host, port, film_html() if opens else "", sent.set)
         try:
             server.gui.configure_theme(show_share_button=False, show_logo=False)
             server.gui.set_panel_label("fdcal")

@@ -296,7 +296,7 @@ def test_the_film_stands_before_the_program_of_viser():
     """A browser draws it while it reads the rest, and the server knows then that the page was sent."""
     body, film, sent = viser_page(), "<i>film</i>", threading.Event()
     response = SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "1"}, body=body)
-    page = titled(lambda *_: response, film, sent)(None, None).body
+    page = titled(lambda *_: response, film, sent.set)(None, None).body
     assert sent.is_set() and page.index(film.encode()) < 80_000 < len(page) / 2
     (program,) = re.findall(rb"<script data-p=.*?</script>", body, re.DOTALL)
     assert page.count(program) == 1 and page.index(b"<body>") < page.index(film.encode()) < page.index(program)

@@ -23,7 +23,6 @@ import ipaddress
 import logging
 import re
 import socket
-import threading
 import time
 from collections.abc import Callable, Iterator
 from importlib import metadata
@@ -227,10 +226,10 @@ BUNDLE = re.compile(rb"<script data-p=.*?</script>", re.DOTALL)  # the program o
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 
 
-def titled(respond: Respond, film: str = "", sent: threading.Event | None = None) -> Respond:
+def titled(respond: Respond, film: str = "", on_sent: Callable[[], None] = lambda: None) -> Respond:
     """Wrap the function that answers requests for files: its page has the title TITLE, our style and our script.
 
-    `film`, `sent`: as in `open_server`.
+    `film`, `on_sent`: as in `open_server`.
     """
 
     def answer(connection, request) -> Response | None:
@@ -243,8 +242,7 @@ def titled(respond: Respond, film: str = "", sent: threading.Event | None = None
             response.headers["Content-Security-Policy"] = (
                 "frame-ancestors 'self'"  # no other site shows it, and acts by it
             )
-            if sent is not None:
-                sent.set()
+            on_sent()
         return response
 
     return answer
@@ -329,15 +327,15 @@ BLOCKED_MESSAGES = (  # messages that the page of fdcal never sends: public tunn
 Result = TypeVar("Result")
 
 
-def open_server(host: str, port: int, film: str = "", sent: threading.Event | None = None) -> viser.ViserServer:
+def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None] = lambda: None) -> viser.ViserServer:
     """Open a server that only its own page can use.
 
     `host`: address to listen at; `port`: 0 to 65535; 0 takes a free port; `film`: HTML that the page shows before its
-    scene, or ""; `sent`: set when the page is sent. Raises InputError: the address cannot be used, the port is in use,
-    or viser can no longer be restricted.
+    scene, or ""; `on_sent`: called when the page is sent. Raises InputError: the address cannot be used, the port is in
+    use, or viser can no longer be restricted.
     """
     _require_address(host, port)
-    server = _open_restricted(host, port, film, sent)
+    server = _open_restricted(host, port, film, on_sent)
     if port and server.get_port() != port:  # viser takes the next free port without a message
         without_output(server.stop)
         raise InputError(f"port = {port} is in use", "give another <port>, or 0 for a free one", key="port", value=port)
@@ -345,7 +343,7 @@ def open_server(host: str, port: int, film: str = "", sent: threading.Event | No
 
 
 @contextlib.contextmanager
-def _restricted_listening(host: str, film: str, sent: threading.Event | None) -> Iterator[None]:
+def _restricted_listening(host: str, film: str, on_sent: Callable[[], None]) -> Iterator[None]:
     """Give the sockets that are opened meanwhile a list of allowed origins and bounds of what a client may send."""
     module = websockets.asyncio.server
     serve = module.serve
@@ -361,7 +359,7 @@ def _restricted_listening(host: str, film: str, sent: threading.Event | None) ->
 
     def restricted(handler: Handler, *arguments, **given):
         if given.get("process_request") is not None:
-            given["process_request"] = same_origin(titled(given["process_request"], film, sent))
+            given["process_request"] = same_origin(titled(given["process_request"], film, on_sent))
         return serve(version_checked(handler), *arguments, **(given | options))
 
     module.serve = restricted
@@ -371,13 +369,13 @@ def _restricted_listening(host: str, film: str, sent: threading.Event | None) ->
         module.serve = serve
 
 
-def _open_restricted(host: str, port: int, film: str, sent: threading.Event | None) -> viser.ViserServer:
+def _open_restricted(host: str, port: int, film: str, on_sent: Callable[[], None]) -> viser.ViserServer:
     """Open a server, or refuse where viser or websockets no longer have what the restrictions hang on."""
     server = None
     try:
         replace_private(_infra, "AsyncMessageBuffer", SafeMessageBuffer)  # for servers and clients created from now on
         replace_private(_scene_api, "cv2_imencode_with_fallback", encoded)
-        with _restricted_listening(host, film, sent):
+        with _restricted_listening(host, film, on_sent):
             server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
         for message in BLOCKED_MESSAGES:
             server._websock_server.unregister_handler(message)
