@@ -183,7 +183,9 @@ def solve(
             if stopped:
                 found = replace(found, verdict="not_converged", message=stopped)
             left = end - clock() if inputs.all_modes and found.verdict == "undersampled" else -np.inf
-            fewer = modes_below_limit(problem, found.positions) if left >= limit / 2 else 0
+            faulty = found.channels.faulty if found.channels else ()  # a dead one may stand anywhere
+            healthy = found.positions[[name not in faulty for name in inputs.measurement.names]]
+            fewer = modes_below_limit(problem, healthy) if left >= limit / 2 else 0
             if not needed_modes(problem) <= fewer < inputs.settings.modes:  # fewer are no remedy
                 break
             settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))

@@ -112,6 +112,15 @@ def test_a_number_of_modes_that_was_asked_for_is_kept(wide):
     assert (len(found.frequencies), found.verdict) == (60, "undersampled")
 
 
+def test_a_dead_channel_takes_no_modes_from_the_others(wide):
+    """It may stand anywhere, also far from the array, whose size sets the highest frequency."""
+    pressures, rng = np.array(wide.pressures), np.random.default_rng(1)
+    pressures[:, 9] = rng.normal(size=60) + 1j * rng.normal(size=60)
+    found, alone = (fdcal.calibrate(replace(wide, pressures=p)) for p in (pressures, wide.pressures))
+    assert [fault.name for fault in found.channels.faults] == ["9"]
+    assert 0.8 * len(alone.frequencies) <= len(found.frequencies) <= len(alone.frequencies)
+
+
 def test_where_too_few_modes_can_be_interpolated_none_is_left_out(wide):
     ratio = wide.frequencies / array_f_max(wide.positions, SPEED, 3)
     rows = np.append(np.flatnonzero(ratio < 0.8)[-10:], np.flatnonzero(ratio > 1.03))
