@@ -246,7 +246,8 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
         drawn.append(mesh("ball/shadow", glyphs.annuli(shadow[None], 0.55 * ball, 1.1 * ball), (0, 0, 0), 0.3))
     if path is not None and len(path) > 1:
         way = _on(np.asarray(path, float), floor, base) + above
-        drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), WHITE, PATH_WIDTH))
+        colour = picture.theme.foreground if in_space else WHITE  # seen beside what is below it
+        drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), colour, PATH_WIDTH))
     raised = in_space or (floor is not None and floor.heights is not None)
     above = (
         {"position": tuple(centre.tolist()), "anchor": "bottom-center", "lift": 1.3 * ball} if text or raised else {}

@@ -164,6 +164,7 @@ class Drop:
         end = np.append(fall.path.points[-1], height)
         if share < 1:
             place = along(fall.path.points, share)
+            self._say(fall.cost_text(int(np.linalg.norm(fall.path.points - place, axis=1).argmin())))
             return Dropped(drag.microphone, (*place.tolist(), *height), "", fall.path.points)
         if self._rest(view, drag, end, now):
             if fall.home is not None:

@@ -1,6 +1,7 @@
 """The cost of one microphone in space on the page: coarse at once, fine later, of what is looked at."""
 
 import dataclasses
+import re
 import time
 from types import SimpleNamespace
 
@@ -193,6 +194,28 @@ def test_the_scene_has_surfaces_and_slice_and_moves_the_slice_without_a_new_node
     assert len(made) == 1 and made[0].position[2] == pytest.approx(1.2)
     nodes.show(picture)
     assert not {"isosurfaces", "slice"} & set(nodes.parts)
+
+
+def test_surfaces_stay_until_every_page_has_drawn_those_that_replace_them(server, worker, snapshot, monkeypatch):
+    """A page takes a moment to read a surface, and showed none meanwhile."""
+    there = []
+
+    def adding(name, *_, **__):
+        there.append(name)
+        return SimpleNamespace(remove=lambda: there.remove(name))
+
+    monkeypatch.setattr(server.scene, "add_mesh_trimesh", adding)
+    run, nodes, wanted = snapshot.run, SceneNodes(server), snapshot.map_request
+    picture = compose(run.scene, run.measurement, snapshot.view.state.positions, MICROPHONE)
+    for modes in ((1, 2, 3), (1, 2, 3, 4)):
+        nodes.show(with_volume(picture, first(worker, dataclasses.replace(wanted, modes=modes), True).volume))
+    assert len(set(there)) == 2 and all(re.fullmatch(r"/isosurfaces/\d+", name) for name in there)
+    newest = there[-1]
+    for now, count in ((0.0, 2), (2.9, 2), (3.1, 1)):
+        nodes.settle(now)
+        assert len(there) == count and newest in there
+    nodes.show(picture)
+    assert not there
 
 
 def test_solvers_race_in_three_dimensions(server, run):

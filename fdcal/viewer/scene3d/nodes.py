@@ -88,7 +88,7 @@ def same_frame(one: Plate, other: Plate) -> bool:
     return (one.axis, one.origin, one.size) == (other.axis, other.origin, other.size)
 
 
-REPLACING_TIME = 3.0  # s that a relief stays below the one that replaces it; `server/page.js` shows one of them
+REPLACING_TIME = 3.0  # s that a surface stays beside the one that replaces it; `server/page.js` shows one of them
 
 Part = Lines | Mesh | Floor | Surface | Plate
 
@@ -109,7 +109,7 @@ class SceneNodes:
         self._labels = server.gui.add_html(content("labels"), visible=False)
         self._empty = True
         self._numbers = itertools.count()
-        self._replaced: list[tuple[float | None, Any]] = []  # reliefs that others replace, and since when, s
+        self._replaced: list[tuple[float | None, Any]] = []  # surfaces that others replace, and since when, s
         self.cameras = Cameras(server)
 
     @property
@@ -135,7 +135,7 @@ class SceneNodes:
         with self._server.atomic():
             for name in sorted(self._handles.keys() - parts.keys(), reverse=True):  # a child before its parent
                 self._handles.pop(name).remove()
-            if "relief" not in parts:
+            if not any(_drawn_late(part) for part in parts.values()):
                 self._remove_replaced(math.inf)
             for name, part in parts.items():
                 old = self._parts.get(name)
@@ -146,7 +146,7 @@ class SceneNodes:
         self._parts = parts
 
     def settle(self, now: float) -> None:
-        """Remove reliefs once every page has drawn those that replace them; called by the main loop at the time `now`.
+        """Remove surfaces once every page has drawn those that replace them; called by the main loop at the time `now`.
 
         A page takes a moment to read a surface, and shows none meanwhile.
         """
@@ -154,7 +154,7 @@ class SceneNodes:
         self._remove_replaced(now - REPLACING_TIME)
 
     def _remove_replaced(self, before: float) -> None:
-        """Remove the reliefs that others have replaced before a time, s."""
+        """Remove the surfaces that others have replaced before a time, s."""
         while self._replaced and (self._replaced[0][0] or 0.0) < before:
             self._replaced.pop(0)[1].remove()
 
@@ -167,7 +167,7 @@ class SceneNodes:
         if isinstance(part, Plate):
             return self._send_plate(name, old, handle, part)
         if isinstance(part, Surface):
-            return self._server.scene.add_mesh_trimesh(name, trimesh_of(part), cast_shadow=False, receive_shadow=False)
+            return self._send_late(name, handle, trimesh_of(part))
         return self._send_solid(name, old, handle, part)
 
     def _send_lines(self, name: str, old: Part | None, handle, lines: Lines):
@@ -180,10 +180,7 @@ class SceneNodes:
 
     def _send_floor(self, name: str, old: Part | None, handle, floor: Floor):
         if floor.heights is not None:
-            if handle is not None:
-                self._replaced.append((None, handle))
-            surface, name = surface_of(floor, floor.heights), f"{name}/{next(self._numbers)}"
-            return self._server.scene.add_mesh_trimesh(name, surface, cast_shadow=False, receive_shadow=False)
+            return self._send_late(name, handle, surface_of(floor, floor.heights))
         if isinstance(old, Floor) and same_extent(old, floor):
             handle.image = image_of(floor)
             return handle
@@ -192,6 +189,13 @@ class SceneNodes:
             name, image_of(floor), width, depth, format="png", cast_shadow=False, receive_shadow=False,
             wxyz=(1.0, 0.0, 0.0, 0.0), position=(x + width / 2, y + depth / 2, floor.height),
         )  # fmt: skip
+
+    def _send_late(self, name: str, handle, surface: trimesh.Trimesh):
+        """Create the node of a surface, which a page draws late, beside the one that it replaces."""
+        if handle is not None:
+            self._replaced.append((None, handle))
+        name = f"{name}/{next(self._numbers)}"
+        return self._server.scene.add_mesh_trimesh(name, surface, cast_shadow=False, receive_shadow=False)
 
     def _send_plate(self, name: str, old: Part | None, handle, plate: Plate):
         place = tuple(plate.corners.mean(axis=0).tolist())
@@ -214,6 +218,11 @@ class SceneNodes:
             name, solid.vertices, solid.faces, color=solid.colour, opacity=opacity,
             side="double", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
+
+
+def _drawn_late(part: Part) -> bool:
+    """Whether a page takes a moment to read a primitive: a map in relief or an isosurface."""
+    return isinstance(part, Surface) or (isinstance(part, Floor) and part.heights is not None)
 
 
 def _looks_same(old: Part, new: Part) -> bool:

@@ -193,12 +193,18 @@ function hideHandles() {
       node?.traverse(part => { for (const material of [part.material ?? []].flat()) material.depthWrite = false; });
 }
 
-// A relief stays until its successor is drawn, which takes a slow browser seconds: only the newest that is drawn shows.
+// A surface stays until its successor is drawn, which takes a slow browser seconds: only the newest that is drawn shows.
 function showNewest() {
-  const reliefs = Object.entries(window.__viserMutable.nodeRefFromName).filter(([name, node]) => node && /^\/relief\/\d+$/.test(name));
-  const drawn = reliefs.filter(([, node]) => { let found = false; node.traverse(part => { found ||= Boolean(part.isMesh); }); return found; });
-  const newest = Math.max(...drawn.map(([name]) => Number(name.slice(8))));
-  for (const [name, node] of drawn) node.visible = Number(name.slice(8)) == newest;
+  const newest = {}, drawn = [];
+  for (const [name, node] of Object.entries(window.__viserMutable.nodeRefFromName)) {
+    const [, kind, number] = /^\/(relief|isosurfaces)\/(\d+)$/.exec(name) ?? [];
+    let found = false;
+    if (kind) node?.traverse(part => { found ||= Boolean(part.isMesh); });
+    if (!found) continue;
+    drawn.push([kind, Number(number), node]);
+    newest[kind] = Math.max(newest[kind] ?? 0, Number(number));
+  }
+  for (const [kind, number, node] of drawn) node.visible = number == newest[kind];
 }
 
 function placeLabels(camera) {

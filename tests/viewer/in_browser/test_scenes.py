@@ -7,6 +7,12 @@ from browsing import choose, press, run_to_the_end, slider, tab
 
 DRAWN = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
 GONE = "name => window.__viserMutable?.nodeRefFromName?.[name] == null"
+# Number of meshes below a name that a picture shows; a frame of the name stays when they have gone.
+SHOWN = """name => {
+    let count = 0;
+    window.__viserMutable.nodeRefFromName[name]?.traverseVisible(part => { count += Boolean(part.isMesh); });
+    return count;
+}"""
 # Lowest and highest x, y, z of what is drawn under a name; the browser's own axes: y up
 BOX = """name => {
     const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
@@ -86,6 +92,7 @@ def test_isosurfaces_and_a_slice_stand_in_the_scene_and_follow_the_controls(ball
     ball.wait_for_function(DRAWN, arg="/isosurfaces")
     ball.wait_for_function(GONE, arg="/floor")
     ball.get_by_text(re.compile(r"isosurfaces at -[\d.]+(, -[\d.]+)* and -[\d.]+ dB")).first.wait_for()
+    ball.wait_for_function(f"name => ({SHOWN})(name) == 1", arg="/isosurfaces")
     low, high = box(ball, "/isosurfaces")
     assert all(a > b - 0.02 for a, b in zip(low, (1.4, 1.1, 0.8), strict=True))
     assert all(a < b + 0.02 for a, b in zip(high, (2.4, 2.1, 1.8), strict=True))
@@ -115,7 +122,7 @@ def test_isosurfaces_and_a_slice_stand_in_the_scene_and_follow_the_controls(ball
     ball.wait_for_function(f"before => JSON.stringify(({BOX})('/lowest')) != before", arg=str(before).replace(" ", ""))
     choose(ball, "Show", "Flat map")
     ball.wait_for_function(DRAWN, arg="/floor")
-    ball.wait_for_function(GONE, arg="/isosurfaces")
+    ball.wait_for_function(f"name => ({SHOWN})(name) == 0", arg="/isosurfaces")
 
 
 def test_a_relief_lies_on_its_axes_from_the_top_and_its_slider_sets_its_height(ball):
