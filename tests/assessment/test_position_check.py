@@ -92,16 +92,16 @@ def test_three_channels_in_each_others_places():
     assert "channels 4, 9, 15 stand in each other's places" in describe(check, range(20))
 
 
-@pytest.mark.parametrize("verdict", ["good", "model_mismatch"])
 @pytest.mark.parametrize("array", ARRAYS)
-def test_the_list_of_another_array_fits_in_no_order(array, verdict):
+def test_the_list_of_another_array_fits_in_no_order(array):
     for seed in range(2):
         check = compare_positions(moved(ARRAYS[array](seed), seed), ARRAYS[array](seed + 50))
-        text = describe(check, range(len(check.errors)), verdict)
         assert not check.fits and not check.agrees
-        assert text.startswith("the list fits the array found in no order") and "at the place of" not in text
         assert (check.swapped, check.permuted) == ((), ()) and np.array_equal(check.order, np.arange(len(check.order)))
-        assert "no channels are swapped" not in text and "another array" in text
+        for verdict in ("good", "model_mismatch"):
+            text = describe(check, range(len(check.errors)), verdict)
+            assert text.startswith("the list fits the array found in no order") and "at the place of" not in text
+            assert "no channels are swapped" not in text and "another array" in text
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(100.0, "centimetres"), (1000.0, "millimetres"), (1.3, None)])

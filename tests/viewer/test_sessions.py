@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from browsing import WAIT
 from doubles import finish
+from running import exit_code
 
 from benchmarks.bench_switches import MAX_GROWTH, soak
 from fdcal import solvers
@@ -220,12 +221,11 @@ def test_a_saved_session_is_restored(page_of, scene, tmp_path):
 
 
 @pytest.mark.parametrize("change", [{"solver.name": '"magic"'}, {"solver.modes": "500"}])
-def test_an_invalid_scene_gives_a_one_line_error(edited, change):
-    command = [sys.executable, "-m", "fdcal", "view", str(edited(change)), "--port", "0", "--no-browser"]
-    run = subprocess.run(command, capture_output=True, timeout=WAIT, env=os.environ)
-    assert run.returncode == 2, run.stderr
-    line = run.stderr.split(b"\r")[-1]  # progress is written over
-    assert line.startswith(b"error: ") and run.stderr.count(b"\n") == 1, run.stderr
+def test_an_invalid_scene_gives_a_one_line_error(edited, change, capsys):
+    code, (_, said) = exit_code("view", edited(change), "--port", "0", "--no-browser"), capsys.readouterr()
+    assert code == 2, said
+    line = said.split("\r")[-1]  # progress is written over
+    assert line.startswith("error: ") and said.count("\n") == 1, said
 
 
 def test_an_interrupted_simulation_stops(page_of, scene, monkeypatch):
