@@ -260,7 +260,7 @@ class Kind:
 
 
 KINDS = {
-    PICTURE: Kind(".png", "The current view, re-rendered off-screen in about 5 s.", _picture, slow=True),
+    PICTURE: Kind(".png", "The current view, re-rendered off-screen in about 3 s.", _picture, slow=True),
     "Maps as in Fig. 1 (PNG)": Kind(
         "-maps.png",
         "Cost maps of the selected microphone, or its basins: up to eight single modes, and the sum of all.",
