@@ -68,7 +68,7 @@ function nearestState(values, wanted) {
 }
 
 function addressNow() {
-  const degrees = angle => Math.round(angle * 180 / Math.PI), turned = eye.azimuth == TURNED && eye.elevation == TURNED;
+  const degrees = angle => Math.round(angle * 180 / Math.PI), turned = eye.azimuth == TURNED && eye.elevation == RAISED;
   const parts = {lesson: lesson && (answer < 0 ? stepAt + 1 : `${stepAt + 1},${answer + 1}`), step: step[at], microphone: selected >= 0 && encodeURIComponent(data.names[selected]), modes: chosen && [...new Set(chosen)].join("-")};
   parts.view = flat ? "top" : turned ? "3d" : `${degrees(eye.azimuth)},${Math.max(degrees(eye.elevation), 1)}`;
   if (eye.zoom != 1 || eye.x || eye.y) parts.zoom = [eye.zoom, eye.x, eye.y].map(v => Number(v.toPrecision(4))).join();

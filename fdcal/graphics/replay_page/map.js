@@ -82,6 +82,19 @@ function depth([x, y]) {
   const value = 10 ** (level(map, [x, y]) / 10), share = 10 * Math.log10(Math.max(value, 10 ** (map.low / 10))) - map.high;
   return RELIEF * Math.max(...landscapes.edge) * share / Math.max(map.high - map.low, 1e-9);
 }
+// Whether a relief hides a place on it: ground on the way to the viewer stands above the line of sight.
+const RAY = 40;  // places on that way
+function hidden([x, y]) {
+  if (!reliefShown()) return false;
+  const away = Math.cos(eye.elevation), way = [-Math.sin(eye.azimuth) * away, -Math.cos(eye.azimuth) * away, Math.sin(eye.elevation)];
+  const z = depth([x, y]), long = Math.max(...landscapes.edge), reach = Math.min(-z / way[2], 2 * long), [left, low] = landscapes.corner, [wide, deep] = landscapes.edge;
+  for (let i = 1; i <= RAY; i++) {
+    const [u, v, w] = way.map((d, axis) => [x, y, z][axis] + reach * i / RAY * d);
+    if (u < left || v < low || u > left + wide || v > low + deep) return false;
+    if (depth([u, v]) > w + 0.03 * RELIEF * long) return true;
+  }
+  return false;
+}
 function reliefMap(pen, project) {
   const {cost, lattice} = map, [nx, ny] = lattice.shape, every = Math.ceil(Math.max(nx, ny) / 96);
   const axes = [nx, ny].map(count => Array.from({length: Math.floor((count - 1) / every) + 1}, (_, i) => i * every));
@@ -118,7 +131,7 @@ function drawMinima(pen, project, r) {
   for (const [places, reach, wide] of [[map.minima.others, 1.1, 1.6], [map.minima.lowest, 2, 2.4]]) for (const [x, y] of places) {
     const [u, v] = project([x, y, z0 + depth([x, y])]), size = reach * r;
     const corners = [[u + size, v], [u, v + size], [u - size, v], [u, v - size]];
-    withHalo((c, width) => stroke(pen, corners, c, width, true), MINIMUM, wide, 2.2);
+    faintly(pen, [x, y], () => withHalo((c, width) => stroke(pen, corners, c, width, true), MINIMUM, wide, 2.2));
   }
 }
 
@@ -170,4 +183,4 @@ function mapControls() {
   $("map").onchange = show;
 }
 // For tests, and for curious people with the console open.
-window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, placeOf, data, arrays, descentStep, jointStep, downhill, level, get own() { return own; }, drawn: n => drawnAt[n]};
+window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, placeOf, hidden, data, arrays, descentStep, jointStep, downhill, level, get own() { return own; }, drawn: n => drawnAt[n]};

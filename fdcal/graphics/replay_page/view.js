@@ -8,7 +8,9 @@ const places = Float64Array.from(arrays.positions, v => v * data.unit);
 const landscapes = maps && new Landscapes(maps, arrays, N, D);
 const fineLandscapes = maps && new Landscapes(maps, arrays, N, D, Landscapes.FINE);
 const RED = "#d61828", BLUE = "#1f78c8", ORANGE = "#e08a1e", TRAIL = "#8c5ab4";
-const STRIP = maps ? 56 : 0, TURNED = 35 * Math.PI / 180;  // above the scene, for the scale; angles of the view 3-D
+const STRIP = maps ? 56 : 0;  // above the scene, for the scale
+// Angles of the view 3-D, from which one looks into the holes of a relief.
+const TURNED = 35 * Math.PI / 180, RAISED = maps && D == 2 ? 52 * Math.PI / 180 : TURNED;
 let at = 0, playing = false, selected = data.microphone ?? -1, drawnAt = null, flat = true;
 let chosen = null;  // modes of the map, [first, last], or null for those of the solver
 let range = [0, T - 1];  // the states of the run that is shown; a lesson has several
@@ -80,6 +82,18 @@ function square(pen, [x, y], r) {
   pen.fillStyle = BLUE; pen.fillRect(x - r, y - r, 2 * r, 2 * r);
 }
 
+// A mark that a hill of the relief hides is drawn faint.
+function faintly(pen, place, draw) {
+  pen.globalAlpha = mapShown() && hidden(place) ? 0.5 : 1;
+  draw();
+  pen.globalAlpha = 1;
+}
+// Places from one to another; over a relief, on which the line between them lies, with many between.
+function between(one, other) {
+  const count = maps && reliefShown() ? 24 : 1;
+  return Array.from({length: count + 1}, (_, i) => one.map((v, axis) => v + i / count * (other[axis] - v)));
+}
+
 const roundStep = (span, count) => {
   const raw = span / count, base = 10 ** Math.floor(Math.log10(raw));
   return base * [1, 2, 5, 10].find(m => m * base >= raw * 0.999);
@@ -129,7 +143,7 @@ function room(pen, project) {
 }
 
 function scene() {
-  $("reset").hidden = eye.zoom == 1 && !eye.x && !eye.y && (flat || eye.azimuth == TURNED && eye.elevation == TURNED);
+  $("reset").hidden = eye.zoom == 1 && !eye.x && !eye.y && (flat || eye.azimuth == TURNED && eye.elevation == RAISED);
   const [pen, w, h] = fit($("view")), [project, scale] = projector(w, h);
   const r = Math.max(4, Math.min(11, scale * 0.0125 * Math.max(x1 - x0, y1 - y0)));
   pen.font = "12px system-ui, sans-serif"; pen.lineJoin = "round"; pen.lineCap = "round";
@@ -141,22 +155,24 @@ function scene() {
   if ($("trails").checked) for (let n = 0; n < N; n++) {
     if (known.has(n)) continue;
     const path = [];
-    for (let t = Math.max(range[0], at - 200); t <= at; t++) path.push(project(recorded(t, n)));
+    for (let t = Math.max(range[0], at - 200); t <= at; t++) path.push(on(recorded(t, n)));
     stroke(pen, path, TRAIL, 1.4);
   }
   if (truth) for (let n = 0; n < N; n++) {
     const p = on(truthOf(n));
-    if (!covered(n)) withHalo((c, width) => stroke(pen, [p, now[n]], c, width), "#000", 1.3, 1.6);
-    ring(pen, p, r, "#000", Math.max(1.6, r * 0.28));
+    if (!covered(n)) withHalo((c, width) => stroke(pen, between(truthOf(n), placeOf(at, n)).map(on), c, width), "#000", 1.3, 1.6);
+    faintly(pen, truthOf(n), () => ring(pen, p, r, "#000", Math.max(1.6, r * 0.28)));
   }
-  for (const p of held.values()) square(pen, p, r * 0.8);
-  for (let n = 0; n < N; n++) if (!covered(n)) cross(pen, now[n], r * 0.75, RED, Math.max(1.8, r * 0.34));
+  data.known.forEach((n, i) => faintly(pen, givenOf(i), () => square(pen, held.get(n), r * 0.8)));
+  for (let n = 0; n < N; n++) if (!covered(n)) faintly(pen, placeOf(at, n), () => cross(pen, now[n], r * 0.75, RED, Math.max(1.8, r * 0.34)));
   if (mapShown() && marked) drawMinima(pen, project, r);
   const n = subject();
   if (n >= 0) {
     if (D == 3 && !flat) stroke(pen, [now[n], project([...placeOf(at, n).slice(0, 2), z0])], RED, 1.6);  // down to the map
-    if (truth) ring(pen, on(truthOf(n)), 1.9 * r, "#000", Math.max(2, r * 0.4));
-    if (covered(n)) square(pen, held.get(n), 1.3 * r); else if (known.has(n)) cross(pen, now[n], 1.45 * r, RED, Math.max(2.4, r * 0.5)); else ball(pen, now[n], 1.5 * r);
+    if (truth) faintly(pen, truthOf(n), () => ring(pen, on(truthOf(n)), 1.9 * r, "#000", Math.max(2, r * 0.4)));
+    faintly(pen, placeOf(at, n), () => {
+      if (covered(n)) square(pen, held.get(n), 1.3 * r); else if (known.has(n)) cross(pen, now[n], 1.45 * r, RED, Math.max(2.4, r * 0.5)); else ball(pen, now[n], 1.5 * r);
+    });
     pen.font = "600 13px system-ui, sans-serif";
     pen.lineWidth = 4; pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
     const left = now[n][0] > w - 150, x = now[n][0] + (left ? -2.4 : 2.4) * r;
@@ -259,7 +275,7 @@ function play(on) {
   if (on) { if (at == range[1]) at = range[0]; due = 0; before = performance.now(); requestAnimationFrame(tick); }
   show();
 }
-function look(top, azimuth = TURNED, elevation = TURNED) {
+function look(top, azimuth = TURNED, elevation = RAISED) {
   flat = top;
   Object.assign(eye, top ? {azimuth: 0, elevation: Math.PI / 2} : {azimuth, elevation}, {zoom: 1, x: 0, y: 0});
   $("top").setAttribute("aria-pressed", top); $("turn").setAttribute("aria-pressed", !top);
