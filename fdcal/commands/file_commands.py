@@ -139,22 +139,24 @@ def correct(recording, result, output, force):
 @opt.files_options
 @click.option("--kind", type=opt.RecordingKind(("auto", "impulse", "stationary")), help="As of `fdcal import`.")
 @click.option("--temperature", type=opt.Number(), metavar="C", help="Of the air, degrees Celsius; of recordings.")
+@click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane; of recordings.")
 @opt.output_option("FILE.html", required=False)
 @opt.force_option
-def doctor(sources, positions, files, split, number, kind, temperature, output, force):
+def doctor(sources, positions, files, split, number, kind, temperature, array_dimension, output, force):
     """Tell whether a recording, or a published data set, is what it says.
 
     FILE is what `fdcal calibrate` takes. Each finding is one line: channels that are silent, clipped, copies or
     different; responses that wrap round; clocks that differ; whether there is one sound field, and a measured one;
     whether the list fits. -o writes them with a picture each.
 
-    The exit code is 5 if the list does not fit, else 4 if anything else is at fault.
+    The exit code is 5 if the list does not fit, else 4 if anything else is at fault or nothing can be said of the list.
     """
     path = opt.output_path(output, ".html", force, *sources, positions) if output else None
     from ..session.doctor import examine
     from ..session.sources import is_recording
 
     given = {"files": files, "split": split, "source": number, "kind": kind, "temperature": temperature}
+    given["array_dimension"] = array_dimension
     given = {key: value for key, value in given.items() if value is not None}
     other = next((one for one in sources if not is_recording(one)), None)
     if given and other is not None:
@@ -170,7 +172,8 @@ def doctor(sources, positions, files, split, number, kind, temperature, output, 
         write_atomically(path, lambda file: file.write_text(page, encoding="utf-8"), force)
     print("\n".join(one.line for one in findings))
     at_fault = {one.question for one in findings if one.state == "fault"}
-    return 5 if "list" in at_fault else 4 if at_fault else 0
+    unsaid = positions is not None and any((one.question, one.state) == ("list", "unknown") for one in findings)
+    return 5 if "list" in at_fault else 4 if at_fault or unsaid else 0
 
 
 INTERRUPTED = 130  # exit code

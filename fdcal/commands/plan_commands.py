@@ -1,6 +1,7 @@
 """The commands `plan`, how exact an array will be calibrated, and `study`, many calibrations over several axes."""
 
 import sys
+from collections import Counter
 from pathlib import Path
 
 import click
@@ -189,7 +190,7 @@ def study(file, output, workers, scheduler, resume, dry_run, report, axes, at, p
 
 
 def _run(found, output: str, workers: int, scheduler: str | None, resume: bool) -> int:
-    from ..session.study.run import Results, connected, run_study
+    from ..session.study.run import Results, connected, read_results, run_study
 
     results = Results(output, found, resume)
     with connected(workers, scheduler) as client:
@@ -197,7 +198,11 @@ def _run(found, output: str, workers: int, scheduler: str | None, resume: bool) 
         with progress_bar("calibrating") as progress:
             computed = run_study(found, results, client, progress)
     print(f"{output}: {computed} calibrations, {found.count} in all; draw them with fdcal study --report {output}")
-    return 0
+    _, rows = read_results(output)
+    reasons = rows["reason"][rows["verdict"] == "refused"].tolist()
+    if reasons:
+        print(f"refused {len(reasons)} of {len(rows)}, most often: {Counter(reasons).most_common(1)[0][0]}")
+    return 4 if len(reasons) == len(rows) else 0
 
 
 def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:

@@ -124,6 +124,8 @@ def _given_lines(given: Sequence[GivenPosition]) -> list[str]:
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in text]
     more = f"; the {MAX_ROWS} that differ most" if len(rows) > MAX_ROWS else ""
     head = f"given   {len(rows)} of {len(given)} given positions corrected by more than {1e3 * MIN_MOVE:g} mm{more}"
+    if not any(one.wrong for one in rows):
+        head += "; none of them contradicts the pressures"
     return [head, *(f"        {line}".rstrip() for line in lines)]
 
 
@@ -152,11 +154,13 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
 
     Raises InputError: the measurement has no positions.
     """
-    from ..assessment.position_check import compare_positions
+    from ..assessment.position_check import compare_positions, in_size_of
 
     measurement = inputs.measurement
     require_positions(measurement)
     positions = result.positions if result.room is None else result.positions_for(measurement)
+    if result.verdict == "scale_undetermined":  # the size is no finding
+        positions = in_size_of(positions, measurement.positions)
     return compare_positions(positions, measurement.positions, _frame(inputs))
 
 

@@ -219,6 +219,8 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | N
         few = stationary and rows < DOCTOR_RULES.rows  # of a stationary source those at which the channels are coherent
         text = f"the channels are coherent at {rows} frequencies only" if few else str(error)
         yield Finding("field", "fault" if few else "unknown", text, found=(("field", ""),) if few else ())
+        if measurement.positions is not None:
+            yield Finding("list", "unknown", "no array was found to compare it with")
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
     if check is not None and result.verdict != "good":
@@ -366,7 +368,9 @@ def _size(
     except InputError:
         return 1.0, np.inf
     c, speed, spread = measurement.sound_speed, found.sound_speed, found.sound_speed_sigma
-    return (1.0, np.inf) if speed is None or spread is None else (speed / c, spread / c)
+    if speed is None or spread is None or found.verdict == "not_converged":
+        return 1.0, np.inf
+    return speed / c, spread / c
 
 
 def list_fit(
@@ -380,14 +384,16 @@ def list_fit(
     fit = fit_list(check, result.positions, listed, result.uncertainty, result.verdict)
     dead = {one.name for one in (result.channels.faults if result.channels else ()) if one.kind == "dead"}
     fit = replace(fit, misplaced=tuple(n for n in fit.misplaced if names[n] not in dead))  # found anywhere
-    if check.scale != 1:
+    if check.scale != 1 or result.verdict == "scale_undetermined":
         return fit
     right = ~np.isin(np.arange(len(listed)), fit.misplaced)
     size, sigma = _size(inputs, listed[check.order], right, fit.rms / np.sqrt(listed.shape[1]), progress)
     if not np.isfinite(sigma):
         return fit
-    sized = abs(size - 1) > max(LIST_RULES.scale, DOCTOR_RULES.size_sigmas * sigma)
-    return replace(fit, scale=size, sized=sized)
+    off, limit = abs(size - 1), LIST_RULES.scale
+    # the array found, its shape free, must show it, too: else the search with the shape of the list went elsewhere
+    confirmed = abs(size - fit.scale) < limit and (size - 1) * (fit.scale - 1) > 0 and abs(fit.scale - 1) > limit / 2
+    return replace(fit, scale=size, sized=confirmed and off > max(limit, DOCTOR_RULES.size_sigmas * sigma))
 
 
 def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: Progress | None) -> Finding:

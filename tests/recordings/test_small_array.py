@@ -52,10 +52,15 @@ def cube(tmp_path_factory):
     return path, points
 
 
-def test_the_band_and_the_number_of_frequencies_follow_from_the_array(cube):
+@pytest.fixture(scope="module")
+def imported(cube):
+    return import_recording(cube[0], ImportOptions(sound_speed=SPEED))
+
+
+def test_the_band_and_the_number_of_frequencies_follow_from_the_array(cube, imported):
     path, points = cube
     limit = array_f_max(points, SPEED, 3)
-    measurement, report = import_recording(path, ImportOptions(sound_speed=SPEED))
+    measurement, report = imported
     assert limit / 1.5 < measurement.frequencies[-1] <= report.highest_frequency < 1.5 * limit
     assert len(measurement.frequencies) > 80
     radius = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
@@ -64,8 +69,6 @@ def test_the_band_and_the_number_of_frequencies_follow_from_the_array(cube):
     assert 0.9 * limit < stated.frequencies[-1] <= limit and len(stated.frequencies) <= 30
 
 
-def test_the_cube_is_found_to_a_fifth_of_a_millimetre(cube):
-    path, points = cube
-    measurement, _ = import_recording(path, ImportOptions(sound_speed=SPEED))
-    found = fdcal.calibrate(dataclasses.replace(measurement, positions=points))
+def test_the_cube_is_found_to_a_fifth_of_a_millimetre(cube, imported):
+    found = fdcal.calibrate(dataclasses.replace(imported[0], positions=cube[1]))
     assert found.mean_error < 0.2e-3

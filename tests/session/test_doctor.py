@@ -2,16 +2,21 @@
 
 import dataclasses
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import soundfile
 
 import fdcal
+from fdcal.assessment.position_check import compare_positions
+from fdcal.commands import report
 from fdcal.commands.cli import main
 from fdcal.model.measurement import save_measurement
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.session import doctor
+from fdcal.session.calibration_run import solve
+from fdcal.session.sources import measurement_input
 
 RATE = 4000
 
@@ -56,7 +61,7 @@ def answers(*arguments) -> dict[str, tuple[str, str]]:
     [
         (lambda x: x, 0, "list         fine"),
         (lambda x: x[[0, 1, 2, 12, *range(4, 12), 3, *range(13, 16)]], 5, "channels 3 and 12 are swapped"),
-        (lambda x: 1.05 * x, 5, "+5.0 % too large"),
+        (lambda x: 1.05 * x, 5, "5.0 % too large"),
         (lambda x: x + 0.25 * (np.arange(len(x)) == 6)[:, None] * [0.6, 0.8], 5, "6 is 250 mm from its place"),
     ],
 )
@@ -66,6 +71,28 @@ def test_a_list_that_does_not_fit_is_described(tiny, tmp_path, capsys, solve_onc
     out = capsys.readouterr().out
     assert ended.value.code == code and words in out.splitlines()[-1]
     assert out.count("fault") == (code > 0)
+
+
+@pytest.mark.parametrize(
+    ("found", "sized"),
+    [((1.05, 0.005), True), ((0.885, 0.007), False), ((1.029, 0.005), False), ((1.0, np.inf), False)],
+)
+def test_a_size_counts_only_where_the_array_found_without_the_list_shows_it_too(tiny, monkeypatch, found, sized):
+    """The list is 4 % too large; the search that is given its shape may go elsewhere."""
+    inputs = replace(measurement_input(tiny, "tiny"), measurement=replace(tiny, positions=1.04 * tiny.positions))
+    result = solve(measurement_input(replace(tiny, known=[], known_positions=None), "tiny"))
+    result = replace(result, verdict="ambiguous")
+    check = compare_positions(result.positions, inputs.measurement.positions)
+    monkeypatch.setattr(doctor, "_size", lambda *_: found)
+    fit = doctor.list_fit(inputs, result, check)
+    assert fit.sized == sized and not fit.misplaced
+
+
+def test_a_size_that_nothing_determines_is_no_finding(tiny):
+    result = solve(measurement_input(replace(tiny, known=[], known_positions=None), "tiny"))
+    small = replace(result, positions=0.8 * result.positions, verdict="scale_undetermined")
+    check = report.comparison(measurement_input(tiny, "tiny"), small)
+    assert check.agrees and check.scale == 1
 
 
 @pytest.mark.parametrize(("true_over_assumed", "words"), [(1.05, "warmer"), (1 / 1.05, "colder")])

@@ -106,7 +106,7 @@ class Results:
                 found.update(parquet.read_table(path)["task"].to_pylist())
             except (OSError, ValueError, KeyError):  # as after a crash of the machine
                 log.warning("%s is damaged: it is set aside, and its tasks are done again", path)
-                path.replace(path.with_suffix(".damaged"))
+                path.replace(self.folder / f"{path.stem}.damaged")  # not among the rows, which are read as one table
         return found
 
     @contextmanager

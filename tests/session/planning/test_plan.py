@@ -240,7 +240,7 @@ def test_trials_find_an_easy_array_and_never_an_impossible_accuracy():
 def test_processes_that_share_trials_change_no_result_and_one_that_dies_is_reported():
     easy = request_of("rectangle 4x4 0.6x0.6", room=(6.0, 5.0), snr_db=40.0, known=(0, 3, 12), band=(20.0, 250.0))
     information = request_information(easy)
-    alone, shared = run_trials(easy, information, 3), run_trials(easy, information, 3, workers=2)
+    alone, shared = run_trials(easy, information, 2), run_trials(easy, information, 2, workers=2)
     np.testing.assert_array_equal(alone.errors, shared.errors)
     assert alone.verdicts == shared.verdicts
 

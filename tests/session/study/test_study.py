@@ -6,16 +6,20 @@ import re
 import signal
 import subprocess
 import threading
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from importlib.metadata import version as fdcal_version
+from types import SimpleNamespace
 
 import numpy as np
+import pandas
 import pytest
 from running import FDCAL, done
 
 import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.assessment.study_statistics import classified, clustered, selected, share_grid
+from fdcal.commands import plan_commands
 from fdcal.graphics.study_report import write_page, write_report
 from fdcal.model.room import Room
 from fdcal.model.validation import InputError, StorageError
@@ -164,7 +168,6 @@ def test_the_source_of_a_draw_is_the_same_at_all_points(file):
 
 
 def test_the_table_goes_on_where_it_was_left_is_one_whatever_a_part_lacks_and_has_one_writer(file, tmp_path):
-    import pandas
 
     study, folder = load_study(file), tmp_path / "out"
     first, at = Results(folder, study, False), {"draw": 0, "seed": 0, "snr_db": 20, "solver.modes": 12}
@@ -194,6 +197,7 @@ def test_a_damaged_part_of_the_table_is_named_and_its_tasks_are_done_again(file,
     with pytest.raises(InputError, match=rf"{damaged.name} is damaged.*resume, which does its tasks again"):
         read_results(folder)
     assert Results(folder, study, True).done() == {3} and damaged.name in caplog.text
+    assert list(pandas.read_parquet(folder / "rows")["task"]) == [3]
     assert list(read_results(folder)[1]["task"]) == [3]
 
 
@@ -234,7 +238,6 @@ def test_a_study_does_not_go_on_with_other_code(file, tmp_path, monkeypatch):
 
 def test_the_report_names_the_code_and_reads_rows_that_lack_it(file, tmp_path):
     """Folders of before have neither the columns nor the key in their head: they go on, and the report says so."""
-    import pandas
 
     study, folder = load_study(file), tmp_path / "out"
     table = Results(folder, study, False)
@@ -318,7 +321,6 @@ def free_port():
 
 
 def test_a_killed_study_goes_on_a_killed_worker_costs_no_row_and_its_report_is_drawn(tmp_path, monkeypatch):
-    import pandas
 
     path, folder = tmp_path / "study.toml", tmp_path / "out"
     path.write_text(TEXT.format(draws=8))
@@ -360,6 +362,25 @@ def test_a_killed_study_goes_on_a_killed_worker_costs_no_row_and_its_report_is_d
         write_report(folder, head, rows, ("snr_db", "nothing"), {})
 
 
+def test_a_study_whose_calibrations_are_all_refused_says_so_and_does_not_end_like_a_success(
+    file, tmp_path, monkeypatch, capsys
+):
+    study, rest = load_study(file), "refused"
+
+    def run_all(study, results, client, progress):
+        rows = [{"task": n, "verdict": rest if n else "refused", "reason": "no room"} for n in range(study.count)]
+        results.append(rows)
+        return len(rows)
+
+    monkeypatch.setattr(study_run, "run_study", run_all)
+    monkeypatch.setattr(study_run, "connected", lambda *_: nullcontext(SimpleNamespace(dashboard_link="")))
+    assert plan_commands._run(study, str(tmp_path / "none"), 1, None, False) == 4
+    assert f"refused {study.count} of {study.count}, most often: no room" in capsys.readouterr().out
+    rest = "good"
+    assert plan_commands._run(study, str(tmp_path / "some"), 1, None, False) == 0
+    assert f"refused 1 of {study.count}" in capsys.readouterr().out
+
+
 def test_a_field_that_points_of_a_draw_share_changes_no_row(tmp_path, monkeypatch):
     """The noise differs between points; the radius changes the field itself."""
     path = tmp_path / "study.toml"
@@ -388,7 +409,6 @@ def test_a_field_that_points_of_a_draw_share_changes_no_row(tmp_path, monkeypatc
 
 
 def test_statistics_of_a_table_and_its_rows_at_values_of_the_axes():
-    import pandas
 
     table = pandas.DataFrame(
         {
