@@ -43,6 +43,13 @@ def alive(page):
     page.get_by_text(re.compile("^step 1, ")).wait_for()
 
 
+def map_again(page):
+    """Show the map of the solver's modes, and wait for it: an address that the page still writes would undo the next."""
+    page.keyboard.press("v")
+    page.keyboard.press("u")
+    page.wait_for_function("/modes=solver.*map=flat/.test(location.hash)")
+
+
 def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, served, browser):
     other = opened_page(browser, served.url, f"{COARSE}&microphone=5&modes=2-4&map=none")
     for one in (page, other):
@@ -64,8 +71,7 @@ def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, serv
     other.evaluate("location.hash = 'microphone=8&map=none&scene=t%69ny'")
     page.wait_for_function("location.hash.includes('microphone=8')")
     other.close()
-    page.keyboard.press("v")  # a map again
-    page.keyboard.press("u")
+    map_again(page)
 
 
 def test_the_page_follows_the_theme_and_the_arrows(page):
@@ -82,8 +88,7 @@ def test_the_page_follows_the_theme_and_the_arrows(page):
     page.wait_for_function("location.hash.includes('microphone=8')")
     assert page.evaluate(place) == before, "the arrows move the slider alone"
     page.evaluate("document.activeElement.blur()")
-    page.keyboard.press("v")  # a map again
-    page.keyboard.press("u")
+    map_again(page)
 
 
 def test_keys_do_what_buttons_do(page):
