@@ -360,7 +360,11 @@ function write() {
     setAddress({fdcal: {server, address: asked}}, `#${asked}`);
   }, WRITE_DELAY);
 }
-addEventListener("hashchange", () => open(location.hash.slice(1)));
+// Not `location.hash`, over which `write` may have written the address of before. Kept for a server that just stops.
+addEventListener("hashchange", event => {
+  asked = new URL(event.newURL).hash.slice(1);
+  open(asked);
+});
 
 // --- connection
 
