@@ -44,7 +44,7 @@ def alive(page):
 
 
 def map_again(page):
-    """Show the map of the solver's modes, and wait for it: an address that the page still writes would undo the next."""
+    """Show the map of the solver's modes, and wait until the address says so."""
     page.keyboard.press("v")
     page.keyboard.press("u")
     page.wait_for_function("/modes=solver.*map=flat/.test(location.hash)")
