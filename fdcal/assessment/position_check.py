@@ -413,8 +413,8 @@ class ListRules:
     Figures are of twelve lists with 2 mm of error in each coordinate (`python -m benchmarks doctor`).
     """
 
-    # relative, and sigmas of it: a size that is off. Without a thermometer the sound speed is known to 2 %. Of 17 right
-    # lists of living and dead rooms the size seemed off by 3.0 % at most
+    # relative, and sigmas of it: a size that is off. Without a thermometer the sound speed is known to 2 %. Of 16 right
+    # lists of living and dead rooms, whose runs ended, the size seemed off by 3.0 % at most
     scale: float = 0.033
     scale_sigmas: float = 2.5
     # metres, sigmas and medians of the errors: a microphone beyond all of them is in another place than listed. They

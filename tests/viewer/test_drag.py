@@ -286,11 +286,11 @@ def test_in_space_it_falls_along_its_path_to_a_lower_cost(page_of, monkeypatch):
     start = session.view.state.positions[9] + [0.1, -0.1, 0.0]
     viewer.drop.move(9, start[:2], 1, False)  # the pointer gives no height
     turn_until(lambda: any("dB" in text for text in labels(viewer)))
-    told, words = [], lambda: page.panels.overlay._regions["words"].content
+    costs, words = [], lambda: page.panels.overlay._regions["words"].content
     viewer.drop.move(9, start[:2], 1, True)
-    turn_until(lambda: session.view.count == 2 or told.append(words()))
+    turn_until(lambda: session.view.count == 2 or costs.append(words()))
     path = viewer.drop.worker.latest.result.path
-    assert len(set(told)) > 2, "the cost follows the ball"
+    assert len(set(costs)) > 2, "the cost follows the ball"
     np.testing.assert_allclose(path.points[0], start, atol=1e-9)
     np.testing.assert_allclose(session.view.state.positions[9], path.points[-1])
     assert np.all(np.diff(path.costs) < 0) and path.points[-1][2] != start[2]
