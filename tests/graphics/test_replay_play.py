@@ -141,7 +141,10 @@ def test_the_opening_counts_the_places_that_fit_and_ends_with_any_touch(page):
 
 def test_what_a_hill_of_the_relief_hides_is_known(page):
     """Of the places below a line of sight that grazes the ground some are hidden, seen from above none is."""
-    look = f"view => {{ location.hash = `step=0&microphone={MICROPHONE}&modes=8&view=${{view}}`; }}"
+    look = f"""view => new Promise(read => {{
+        addEventListener("hashchange", read, {{once: true}}); // after the page's own listener has moved the camera
+        location.hash = `step=0&microphone={MICROPHONE}&modes=8&view=${{view}}`;
+    }})"""
     hidden = """() => {
         const {map: {lattice: {places: [xs, ys]}}, hidden} = replay, some = list => list.filter((_, i) => i % 4 == 2);
         return some(xs).flatMap(x => some(ys).map(y => hidden([x, y]))).filter(Boolean).length;
