@@ -38,26 +38,17 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
 
     Their own coordinates where these lie inside; otherwise the array is moved off the room's middle.
     """
-    size, x = np.array(request.room), _stated_places(request)
+    size, x = np.array(request.room), request.stated_places
     if _inside(x, size):
         return x
-    extent = np.ptp(x, axis=0)
-    if np.any(extent > size - 2 * WALL_DISTANCE_M):
-        raise InputError("the array does not fit into the room", "give a larger <room>", key="room", value=request.room)
-    edge = extent / 2 + WALL_DISTANCE_M
+    edge = np.ptp(x, axis=0) / 2 + WALL_DISTANCE_M
     centre = np.clip(np.array(PLAN_LIMITS.place[: len(size)]) * size, edge, size - edge)
     return x - (x.min(axis=0) + x.max(axis=0)) / 2 + centre
 
 
 def is_moved(request: PlanRequest) -> bool:
     """Return whether the array's own coordinates do not lie inside the room, so that it is moved there."""
-    return request.room is not None and not _inside(_stated_places(request), np.array(request.room))
-
-
-def _stated_places(request: PlanRequest) -> np.ndarray:
-    """Return the microphones by their own coordinates, in as many as the room has : (N, 2 or 3) float64, metres."""
-    size = request.room or ()
-    return request.layout.in_space(PLAN_LIMITS.place[2] * size[2]) if len(size) == 3 else request.layout.positions
+    return request.room is not None and not _inside(request.stated_places, np.array(request.room))
 
 
 def _inside(places: np.ndarray, size: np.ndarray) -> bool:

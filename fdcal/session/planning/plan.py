@@ -81,7 +81,6 @@ def _room_bound(request: PlanRequest) -> tuple[Bound | None, tuple[str, ...]]:
     """Return the bound in the room's own field; None without a room, or with a note where no source fits in."""
     if request.room is None:
         return None, ()
-    places_in_room(request)  # refuses an array that does not fit
     try:
         return position_bound(room_information(request), request.prior), ()
     except InputError as error:

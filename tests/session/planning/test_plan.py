@@ -12,6 +12,7 @@ from fdcal.assessment.uncertainty import position_bound
 from fdcal.graphics.reports import draw_plan, plan_html
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings.frequencies import default_max_rows
+from fdcal.session.planning.advice import sizes_of
 from fdcal.session.planning.bounds import field_of, forecast, places_in_room, request_information, wavenumbers_of
 from fdcal.session.planning.plan import make_plan, plan_dict, plan_lines
 from fdcal.session.planning.request import Layout, PlanRequest, read_layout
@@ -155,9 +156,26 @@ def test_the_tape_improves_the_shape_which_is_compared_in_one_frame(known):
     assert "in the frame of the tape" in line and "after alignment" in line
 
 
-def test_an_array_larger_than_the_room():
-    with pytest.raises(InputError, match="does not fit"):
-        places_in_room(request_of("rectangle 4x4 3x3", room=(2.0, 4.0, 2.5)))
+@pytest.mark.parametrize(
+    ("text", "room", "words"),
+    [
+        ("rectangle 4x4 3x3", (2.0, 4.0, 2.5), "the array, 3 x 3 x 0 m, does not fit into the room, 2 x 4 x 2.5 m"),
+        ("ball 16 4", (5.0, 4.0, 2.6), r"does not fit into the room, 5 x 4 x 2\.6 m"),  # nor has it a band
+        ("circle 16 0.3 vertical", (5.0, 4.0, 0.6), r"the array, 0\.6 x 0 x 0\.6 m, does not fit"),
+        ("circle 16 0.3", (5.0, 0.7), r"the array, 0\.6 x 0\.6 m, does not fit into the room, 5 x 0\.7 m"),
+    ],
+)
+def test_an_array_larger_than_the_room(text, room, words):
+    with pytest.raises(InputError, match=words) as refused:
+        request_of(text, room=room)
+    assert refused.value.key == "room" and "smaller array or a larger" in refused.value.remedy
+
+
+def test_no_size_is_compared_that_does_not_fit_into_the_room():
+    request = request_of("ball 16 0.8", room=(5.0, 4.0, 2.6))
+    extent = np.ptp(request.layout.positions, axis=0)
+    factors = sizes_of(request, None)[:, 0]
+    assert 2.0 in factors and 2.83 not in factors and 2.83 * extent[2] > 2.4
 
 
 @pytest.mark.parametrize("room", [(6.0, 5.0), (6.0, 5.0, 2.7)])
