@@ -121,11 +121,6 @@ def sparse_information(
     return found.scaled(request.takes * len(request.frequencies) / len(used))
 
 
-def rms_at(request: PlanRequest, snr_db: float) -> float:
-    """Return the bound at another signal-to-noise ratio, dB: root mean square, metres."""
-    return position_bound(information_at(request, snr_db), request.prior).rms
-
-
 def information_at(request: PlanRequest, snr_db: float) -> Information:
     """Return the information of a request at another signal-to-noise ratio, dB, by `sparse_information`."""
     noise = 10 ** (-snr_db / 10)
@@ -137,7 +132,11 @@ TAKES = (1, 2, 4, 8)  # numbers of takes that a plan compares, and its own
 
 @dataclass(frozen=True)
 class TakesCase:
-    """The bound with several places of the source, or with a longer recording from one: root mean square, metres."""
+    """The error expected with several places of the source, or with a longer recording from one, RMS, metres.
+
+    Arrival times are left out. The bound would not do: where an import takes only so many rows of all takes together,
+    more takes have fewer rows each, whose bound is the same, but which are farther apart and so say more.
+    """
 
     takes: int  # places of the source
     rms: float  # each recorded for as long as one
@@ -150,13 +149,14 @@ def takes_cases(request: PlanRequest) -> tuple[TakesCase, ...]:
 
     A recording that is n times as long has a signal-to-noise ratio higher by 10 log10 n dB, the noise being steady.
     """
+
+    def expected(takes: int, more_db: float = 0.0) -> float:
+        other = replace(request, takes=takes)
+        information = information_at(other, request.snr_db + more_db)
+        return forecast(other, information, position_bound(information, request.prior), ()).rms
+
     return tuple(
-        TakesCase(
-            takes,
-            rms_at(replace(request, takes=takes), request.snr_db),
-            rms_at(replace(request, takes=takes), request.snr_db - 10 * np.log10(takes)),
-            rms_at(replace(request, takes=1), request.snr_db + 10 * np.log10(takes)),
-        )
+        TakesCase(takes, expected(takes), expected(takes, -10 * np.log10(takes)), expected(1, 10 * np.log10(takes)))
         for takes in sorted({*TAKES, request.takes})
     )
 

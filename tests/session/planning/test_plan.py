@@ -409,6 +409,18 @@ def test_a_plan_says_what_more_places_of_the_source_bring():
     assert table["takes"] == 3 and [row["takes"] for row in table["takes_rms_m"]] == [1, 2, 3, 4, 8]
 
 
+@pytest.mark.parametrize(("count", "room", "seconds"), [(64, (5.0, 4.0, 2.6), 0.4), (32, (9.0, 7.0, 4.0), 1.0)])
+def test_more_places_are_worth_more_also_where_they_share_the_rows_that_an_import_takes(count, room, seconds):
+    """Rows of a take that are farther apart are less alike; the bound takes all for independent."""
+    layout = read_layout(f"ball {count} 0.4")
+    requests = [PlanRequest(layout, room, seconds, takes=takes) for takes in (1, 2, 4)]
+    plans = [make_plan(request, with_advice=False) for request in requests]
+    assert len(requests[1].frequencies) > len(requests[2].frequencies), "they share them"
+    cases = [case.rms for case in plans[0].takes]
+    assert cases[:3] == pytest.approx([plan.forecast.rms for plan in plans], rel=0.03)
+    assert cases[2] < 0.95 * cases[1] < 0.9 * cases[0]
+
+
 def test_trials_of_several_takes_have_a_source_for_each():
     one, three = (
         draw_measurement(request_of("ball 12 0.3", takes=takes, gain_sigma_db=1.0, known=(0, 1), known_sigma=0.01), 4)
