@@ -107,7 +107,10 @@ def _channel_lines(result: Calibration) -> list[str]:
     gain, phase = (float(np.std(values[result.healthy])) for values in (channels.gain_db, channels.phase_deg))
     faults = "; ".join(fault.text for fault in channels.faults)
     spread = f"spread {gain:.2g} dB and {phase:.2g} degrees" if channels.gains_sought else "taken as matched"
-    return [f"channels {spread}; {'faulty: ' + faults if faults else 'none is faulty'}", *_given_lines(channels.given, result.converged)]
+    return [
+        f"channels {spread}; {'faulty: ' + faults if faults else 'none is faulty'}",
+        *_given_lines(channels.given, result.converged),
+    ]
 
 
 def _given_lines(given: Sequence[GivenPosition], converged: bool) -> list[str]:
