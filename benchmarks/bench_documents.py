@@ -5,14 +5,18 @@ A figure stands between marks, in a text or as a whole table:
     <!-- figure: KEY -->text<!-- /figure -->
 
 and in docs/figures.json under its key, with which a test compares the documents. FDCAL_BENCH_KEYS names some keys,
-separated by commas; all take about half an hour of one processor. `python -m benchmarks documents` writes both.
+separated by commas; all take about half an hour of one processor. `python -m benchmarks documents` writes both. What a
+command prints keeps the lines and the words that the document has, and gets the numbers of a run (`printed.renewed`).
 """
 
+import contextlib
 import json
 import os
 import re
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from fdcal.model.scene_file import scene_names
@@ -21,11 +25,13 @@ from fdcal.session.sources import load_input, with_settings
 from fdcal_bench.scores import read_reference, table
 
 from . import bench_doctor, bench_leave_one_out, bench_planned
+from .printed import renewed, run_fdcal
 
 ALONE = True
 DOCS = Path(__file__).parents[1] / "docs"
 STORE = DOCS / "figures.json"
 TIME_LIMIT = 600.0  # s of processor time, so that the verdict does not depend on the machine
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 MARK = re.compile(r"(<!-- figure: ([\w-]+) -->)(.*?)(<!-- /figure -->)", re.DOTALL)
 
 
@@ -90,9 +96,74 @@ def doctor_table(lines) -> str:
     return "\n".join(["| injected | named | as what it is |", "|---|---|---|", *cells])
 
 
+@cache
+def printed(commands: str) -> str:
+    """What commands print in an empty folder that has the examples of the repository."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        Path("examples").symlink_to(DOCS.parent / "examples")
+        return run_fdcal(commands)
+
+
+@cache
+def tutorial() -> list[str]:
+    """What the commands of the tutorial print, one after the other, then with two rows of its list exchanged."""
+    code = BLOCK.findall((DOCS / "tutorials" / "first-recording.md").read_text(encoding="utf-8"))
+    compare = "fdcal calibrate plate.npz --check --positions layout.csv --known none"
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        exec(next(text for language, text in code if language == "python"), {})
+        found = [run_fdcal(text) for language, text in code if language == "sh"]
+        rows = Path("layout.csv").read_text().splitlines()
+        rows[4], rows[13] = rows[13].replace("12,", "3,", 1), rows[4].replace("3,", "12,", 1)
+        Path("layout.csv").write_text("\n".join(rows))
+        return [*found, run_fdcal(compare)]
+
+
+def excerpt(key: str, output: str) -> str:
+    """The block `text` of a document that stands between the marks of a key, with the numbers of an output."""
+    found = {mark: value for page in pages() for mark, value in figures_in(page.read_text(encoding="utf-8")).items()}
+    return fenced(renewed(found[key].removeprefix("```text").removesuffix("```"), output).splitlines())
+
+
+def fenced(lines: list[str]) -> str:
+    """Lines as a block of text."""
+    return "\n".join(["```text", *lines, "```"])
+
+
+def one(pattern: str, output: str, form: str = "{}") -> str:
+    """The number that a pattern finds in an output."""
+    found = re.findall(pattern, output)
+    if len(found) != 1:
+        raise ValueError(f"{pattern} is found {len(found)} times in\n{output}")
+    return form.format(float(found[0]))
+
+
+FRL = "examples/frl_array"
+FRL_TAKES = " ".join(f"{FRL}/source{angle}.flac" for angle in ("000", "090", "180", "270"))
+TINY = "fdcal calibrate tiny"
+RECORD = (
+    f"fdcal record -o take1.wav --replay {FRL}/source000.flac --replay {FRL}/source180.flac"
+    f" --positions {FRL}/nominal.csv --temperature 20"
+)
+DOCTOR = f"fdcal doctor {FRL_TAKES} --positions {FRL}/nominal.csv"
+MEASURED = (
+    f"fdcal import {FRL_TAKES} -o array.npz --temperature 20\nfdcal calibrate array.npz --positions {FRL}/nominal.csv"
+)
+MEAN, SIGMA, MILLIMETRES = r"error +mean ([\d.]+) mm", r"one sigma ([\d.]+) mm", "{:.2g} mm"
+
 FIGURES: dict[str, Callable[[], str]] = {
     "bench": bench, "scenes": scenes, "leave-one-out": leave_one_out, "displaced": displaced, "doctor": doctor,
     "planned": planned,
+    "tiny": lambda: one(MEAN, printed(TINY), MILLIMETRES),
+    "record": lambda: excerpt("record", printed(RECORD)),
+    "doctor-frl": lambda: excerpt("doctor-frl", printed(DOCTOR)),
+    "frl-error": lambda: one(MEAN, printed(MEASURED), MILLIMETRES),
+    "frl-sigma": lambda: one(r"verdict .*" + SIGMA, printed(MEASURED), MILLIMETRES),
+    "plate-import": lambda: excerpt("plate-import", tutorial()[0]),
+    "plate-verdict": lambda: excerpt("plate-verdict", tutorial()[1]),
+    "plate-prediction": lambda: one(r"leave-one-out error (-[\d.]+) dB", tutorial()[1], "{:.0f} dB"),
+    "plate-largest": lambda: one(r"are swapped\n +\w+ +([\d.]+) mm", tutorial()[2], MILLIMETRES),
+    "plate-swapped": lambda: fenced(tutorial()[-1].partition("good: ")[2].splitlines()[1:6]),
+    "faults": lambda: excerpt("faults", printed("fdcal calibrate array2_faults")),
 }  # fmt: skip
 QUICK = ("bench",)  # which a test computes again
 

@@ -12,8 +12,8 @@ decibels, degrees = rng.normal(scale=1.5, size=room.count), rng.normal(scale=10,
 gains = 10 ** (decibels / 20) * np.exp(1j * np.radians(degrees))
 
 found = fdcal.calibrate(replace(room, pressures=room.pressures * gains))
-found.export("gains.csv", table="gains")
-found.export("calib.xml", table="gains")  # factors for Acoular
+found.export("gains.csv", table="gains", force=True)
+found.export("calib.xml", table="gains", force=True)  # factors for Acoular
 
 channels = found.channels  # relative to the median channel
 for name, own, given, unit in (

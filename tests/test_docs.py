@@ -10,10 +10,11 @@ import click
 import numpy as np
 import pytest
 import soundfile
-from documents import ALL, DOCS, PAGES, ROOT, blocks, name_of, run_fdcal, run_python, shows, text_of
+from documents import ALL, DOCS, PAGES, ROOT, blocks, name_of, prose, run_python, text_of
 from PIL import Image
 
 import fdcal
+from benchmarks.printed import renewed, run_fdcal, shows
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
 from fdcal.assessment.result_file import FaultRow, GivenRow, Keys
@@ -53,7 +54,7 @@ def figure(pattern: str, text: str) -> float:
 
 
 def test_the_first_run_finds_the_array_as_exactly_as_the_installation_says():
-    said = figure(r"finds them to ([\d.]+) mm", text_of(DOCS / "how-to" / "install.md"))
+    said = figure(r"finds them to ([\d.]+) mm", prose(DOCS / "how-to" / "install.md"))
     assert said == pytest.approx(figure(r"error +mean ([\d.]+) mm", run_fdcal("fdcal calibrate tiny")), abs=0.15)
 
 
@@ -92,13 +93,13 @@ def test_the_tutorial_runs_from_beginning_to_end_and_then_the_check_of_its_chann
     assert {"plate.wav", "plate.npz", "result.json", "positions.csv", "positions.xml"} <= set(
         path.name for path in tmp_path.iterdir()
     )
-    prose = " ".join(text_of(TUTORIAL).split())
+    words = prose(TUTORIAL)
     printed = run_fdcal("fdcal calibrate plate.npz --check --positions layout.csv")
     for said, shown_in, near in (
         (r"not used: (-\d+) dB here", r"leave-one-out error (-[\d.]+) dB", 1.5),
         (r"largest distance is ([\d.]+) mm", r"no channels are swapped\n +\w+ +([\d.]+) mm", 0.3),
     ):
-        assert figure(said, prose) == pytest.approx(figure(shown_in, printed), abs=near)
+        assert figure(said, words) == pytest.approx(figure(shown_in, printed), abs=near)
     rows = (tmp_path / "layout.csv").read_text().splitlines()
     rows[4], rows[13] = rows[13].replace("12,", "3,", 1), rows[4].replace("3,", "12,", 1)
     (tmp_path / "layout.csv").write_text("\n".join(rows))
@@ -118,11 +119,11 @@ def test_the_page_of_the_measured_array_finds_it_as_exactly_as_it_says(tmp_path,
     run_page(MEASURED, {})
     found = fdcal.Calibration.load("result.json")
     nominal = np.loadtxt("examples/frl_array/nominal.csv", delimiter=",", skiprows=1)[:, 1:]
-    said = figure(r"error.*? ([\d.]+) mm on average", " ".join(text_of(MEASURED).split()))
+    said = figure(r"error.*? ([\d.]+) mm on average", prose(MEASURED))
     errors = np.linalg.norm(align(np.asarray(found.positions), nominal) - nominal, axis=1)
     assert 1e3 * errors.mean() == pytest.approx(said, abs=1.5)
     assert found.verdict == "good"
-    claimed = figure(r"one sigma is ([\d.]+) mm", " ".join(text_of(MEASURED).split()))
+    claimed = figure(r"one sigma is ([\d.]+) mm", prose(MEASURED))
     assert 1e3 * np.sqrt(np.mean(found.uncertainty[np.arange(6)] ** 2)) == pytest.approx(claimed, abs=1)
     inputs, imported = load_input("frl_array"), load_measurement("array.npz")  # by its name it is the same measurement
     assert inputs.scene is None, "nothing of it is simulated"
@@ -140,7 +141,7 @@ def test_the_microphones_of_the_measured_array_are_as_far_apart_as_its_page_says
     band = (f > 300) & (f < 1500)
     phase, weight = np.unwrap(np.angle(front * back.conj())[band]), np.abs(front * back)[band]
     delay = np.sum(weight * phase * f[band]) / np.sum(weight * f[band] ** 2) / (2 * np.pi)
-    said = figure(r"(\d+) mm apart by the direct sound", " ".join(text_of(MEASURED).split()))
+    said = figure(r"(\d+) mm apart by the direct sound", prose(MEASURED))
     assert 1e3 * 343.2 * delay == pytest.approx(said, abs=2)
 
 
@@ -317,3 +318,17 @@ def test_the_figures_in_the_documents_are_those_that_runs_wrote():
     assert set(found) == set(documents.FIGURES) and all(found.values())
     for key in documents.QUICK:
         assert documents.FIGURES[key]() == found[key], f"FDCAL_BENCH_KEYS={key} python -m benchmarks documents"
+
+
+def test_lines_that_a_document_shows_get_the_numbers_that_are_printed_now():
+    documented = "result  1 take, one sigma 6.1 mm\n...\nverdict good: one sigma 2.4 mm, ...\nlist  +1.4 %"
+    printed = "head\nresult  1 take, one sigma 6 mm\nverdict good: one sigma 12.25 mm, and more 3.5\nlist  -10.0 %\nend"
+    new = "result  1 take, one sigma 6 mm\n...\nverdict good: one sigma 12.25 mm, ...\nlist -10.0 %"
+    assert renewed(documented, printed).replace("list  ", "list ") == new
+    assert renewed(new, printed) == renewed(documented, printed)
+    for other in (printed.replace("take", "takes"), "\n".join(printed.splitlines()[::-1])):
+        with pytest.raises(ValueError, match="is not printed"):
+            renewed(documented, other)
+        assert not shows(documented, other)
+    assert shows("mean 2.5 mm over 16 microphones", "mean 7 mm over 16 microphones")
+    assert not shows("mean 2.5 mm over 16 microphones", "mean 2.5 mm over 15 microphones")

@@ -58,12 +58,15 @@ WRITTEN = {
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_an_example_runs_and_finds_what_it_says(script, tmp_path, monkeypatch, capsys):
+    for name in WRITTEN[script.stem]:
+        (tmp_path / name).write_text("of an earlier run")
     text = printed(script, tmp_path, monkeypatch, capsys)
     pattern, most = EXPECTED[script.stem]
     match = re.search(pattern, text)
     assert match is not None, text
     assert float(match.group(1)) <= most
     assert {path.name for path in tmp_path.iterdir()} == WRITTEN[script.stem]
+    assert all(path.read_bytes() != b"of an earlier run" for path in tmp_path.iterdir()), "it can be run again"
 
 
 def cells(kind: str) -> list[str]:

@@ -11,11 +11,15 @@ harm.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..model.gauge import align
 from ..model.validation import InputError, frozen_array, length_text, require_finite, word_arguments
+
+if TYPE_CHECKING:
+    from .calibration import Calibration
 
 
 @dataclass(frozen=True, eq=False)
@@ -493,25 +497,36 @@ def _of_size(scale: float) -> str:
     return f"the list is {size}, or the air is {air}"
 
 
-def fit_list(check: PositionCheck, found, given, sigma=None, verdict: str = TRUSTED) -> ListFit:
+def fit_result(check: PositionCheck, result: "Calibration", given) -> ListFit:
+    """Return how a list fits the array of a calibration row by row, as `fit_list` does, its dead channels left out."""
+    dead = {fault.name for fault in (result.channels.faults if result.channels else ()) if fault.kind == "dead"}
+    numbers = [n for n, name in enumerate(result.names) if name in dead]
+    return fit_list(check, result.positions, given, result.uncertainty, result.verdict, numbers)
+
+
+def fit_list(
+    check: PositionCheck, found, given, sigma=None, verdict: str = TRUSTED, dead: Sequence[int] = ()
+) -> ListFit:
     """Return how a list fits row by row, which `check` has found to fit as a whole.
 
-    `found`, `given` (N, D), metres, as compared; `sigma` (N,), metres, of each position found. Whatever the verdict, an
-    array found and a list that agree in most rows are both right there, because nothing else makes them agree; the
-    rows that differ are then wrong. Size and mean error are judged of a trusted array alone.
+    `found`, `given` (N, D), metres, as compared; `sigma` (N,), metres, of each position found; `dead`: channels that
+    recorded nothing of the field, and so were found anywhere. Whatever the verdict, an array found and a list that
+    agree in most rows are both right there, because nothing else makes them agree; the rows that differ are then
+    wrong. Size and mean error are judged of a trusted array alone.
     """
     rules, own, placed = LIST_RULES, np.asarray(found, float), np.asarray(given, float)[check.order] / check.scale
-    errors, kept = np.zeros(len(own)), np.ones(len(own), bool)
+    alive = ~np.isin(np.arange(len(own)), dead)
+    errors, kept = np.zeros(len(own)), alive
     for _ in range(3):  # without those that are misplaced
         errors = np.linalg.norm(align(own, placed, kept) - placed, axis=1)
-        kept = errors <= max(3 * float(np.median(errors)), 1e-3)
+        kept = alive & (errors <= max(3 * float(np.median(errors[alive])), 1e-3))
     spread = [np.linalg.norm(x[kept] - x[kept].mean(axis=0)) for x in (placed, own)]
     ratio = float(spread[0] / spread[1])
     errors = np.linalg.norm(align(own * ratio, placed, kept) - placed, axis=1)
     sigma = np.zeros(len(own)) if sigma is None else np.asarray(sigma, float)
     limit = np.maximum(rules.misplaced, rules.misplaced_sigmas * sigma)
-    limit = np.maximum(limit, rules.misplaced_medians * float(np.median(errors)))
-    fit = ListFit(errors, kept, check.scale * ratio, tuple(np.flatnonzero(errors > limit).tolist()))
+    limit = np.maximum(limit, rules.misplaced_medians * float(np.median(errors[alive])))
+    fit = ListFit(errors, kept, check.scale * ratio, tuple(np.flatnonzero(alive & (errors > limit)).tolist()))
     own_sigma = float(np.sqrt(np.mean(sigma[kept] ** 2)))
     # errors of the array found may all point outwards, those of a list are independent
     unsure = float(np.hypot(own_sigma, fit.rms / np.sqrt(np.sum(kept)))) / (spread[1] / np.sqrt(np.sum(kept)))

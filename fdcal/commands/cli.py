@@ -70,7 +70,7 @@ def _described(error: BaseException) -> tuple[str, int]:
     if isinstance(error, ImportError):
         error = missing_library(error) or error
     if isinstance(error, (click.exceptions.Abort, KeyboardInterrupt)):
-        return INTERRUPTED, 130
+        return str(error) or str(error.__cause__ or "") or INTERRUPTED, 130  # click turns an interrupt into an Abort
     if isinstance(error, click.NoSuchOption):
         return error.format_message().rstrip(".") + _owners(error), 2
     if isinstance(error, click.ClickException):

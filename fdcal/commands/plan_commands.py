@@ -193,10 +193,14 @@ def _run(found, output: str, workers: int, scheduler: str | None, resume: bool) 
     from ..session.study.run import Results, connected, read_results, run_study
 
     results = Results(output, found, resume)
-    with connected(workers, scheduler) as client:
-        print(f"dashboard: {client.dashboard_link}", file=sys.stderr)
-        with progress_bar("calibrating") as progress:
-            computed = run_study(found, results, client, progress)
+    try:
+        with connected(workers, scheduler) as client:
+            print(f"dashboard: {client.dashboard_link}", file=sys.stderr)
+            with progress_bar("calibrating") as progress:
+                computed = run_study(found, results, client, progress)
+    except KeyboardInterrupt as error:
+        kept = f"{len(results.done())} of {found.count} calibrations are in {output}"
+        raise KeyboardInterrupt(f"interrupted; {kept}: the same command with --resume goes on") from error
     print(f"{output}: {computed} calibrations, {found.count} in all; draw them with fdcal study --report {output}")
     _, rows = read_results(output)
     reasons = rows["reason"][rows["verdict"] == "refused"].tolist()

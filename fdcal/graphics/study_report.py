@@ -22,7 +22,7 @@ from scipy.stats import binomtest
 from ..assessment import study_statistics as statistics
 from ..assessment.study_statistics import BINS, COLUMNS, LEVELS
 from ..model.storage import parse_toml, read_bytes, write_atomically
-from ..model.validation import InputError
+from ..model.validation import InputError, StorageError
 from ..session.study import version_text
 from .calibration_figure import html_page, html_table
 from .landscape import figure_bytes
@@ -354,7 +354,7 @@ and whose channels have no fault. One sigma of a position is the root of the tra
 |---|---|---|---|---|{rules}|
 """
 FIGURE = """
-```{{image}} ../pictures/{stem}.png
+```{{image}} {pictures}/{stem}.png
 :alt: Rank histograms of the coordinates in every setting, with bands
 ```
 
@@ -375,10 +375,13 @@ named. *Refused*: draws that are not calibrated, but for a reason that is said; 
 """
 
 
-def calibration_page(head: dict, rows: Any, name: str, stem: str, commands: str, cases: dict | None = None) -> str:
+def calibration_page(
+    head: dict, rows: Any, name: str, stem: str, commands: str, cases: dict | None = None, pictures: str = "pictures"
+) -> str:
     """Return the page of a study's file `name`; `rows` as of `read_results`, `stem`: of the page's file name.
 
-    `cases`: why draws are good and wrong: "cases", each with "setting", "seed" and "why", and a "text" on them all.
+    `pictures`: the folder of its figure, as the page calls it; `cases`: why draws are good and wrong: "cases", each
+    with "setting", "seed" and "why", and a "text" on them all.
     """
     every, rows, key = rows, _scored(rows), next(iter(head["axes"]))
     names = [value for value in head["axes"][key] if np.any(every[key] == value)]
@@ -402,7 +405,7 @@ def calibration_page(head: dict, rows: Any, name: str, stem: str, commands: str,
     )
     parts = [(value, rows[rows[key] == value]) for value in names]
     text += "".join(_bars_line(value, part) for value, part in (*parts, ("all", rows)))
-    text += FIGURE.format(stem=stem, bins=BINS)
+    text += FIGURE.format(stem=stem, pictures=pictures, bins=BINS)
     planned = dict(counts) | {"all": len(every)}
     text += "".join(_verdict_line(value, part, planned[value]) for value, part in (*parts, ("all", rows)))
     refused, wrong = every.drop(rows.index), rows[rows["wrong"]]
@@ -506,19 +509,23 @@ def _stepped(values: np.ndarray) -> np.ndarray:
 
 
 def write_page(page: Path, head: dict, rows: Any, name: str, commands: str) -> None:
-    """Write the page, its rows as CSV beside it, and its figure into the folder `pictures` beside that of the page.
+    """Write the page, its rows as CSV beside it, and its figure into a folder `pictures`.
 
+    That is the one beside the page's own folder, as in the documentation, if there is one, else one beside the page.
     Why a draw is good and wrong nobody can compute: the page takes it from a file beside it that ends in .cases.toml.
     """
-    pictures = page.resolve().parent.parent / "pictures"
-    if not pictures.is_dir():
-        problem = f"{page} has no folder pictures beside its own"
-        raise InputError(problem, "give a page in a folder of the documentation", key="page", value=str(page))
+    beside = page.resolve().parent.parent / "pictures"
+    shared = beside.is_dir()
+    pictures, called = (beside, "../pictures") if shared else (page.resolve().parent / "pictures", "pictures")
     written = page.with_suffix(".cases.toml")
     cases = parse_toml(read_bytes(written), written) if written.exists() else None
-    text, key = calibration_page(head, rows, name, page.stem, commands, cases), next(iter(head["axes"]))
-    picture = figure_bytes(draw_ranks(head, rows), "png")
+    text = calibration_page(head, rows, name, page.stem, commands, cases, called)
+    picture, key = figure_bytes(draw_ranks(head, rows), "png"), next(iter(head["axes"]))
     table = rows[[key, *KEPT]].sort_values(["draw", key]).to_csv(index=False, float_format="%.4g")
     write_atomically(page, lambda file: file.write_text(text, encoding="utf-8"), True)
     write_atomically(page.with_suffix(".csv"), lambda file: file.write_text(table, encoding="utf-8"), True)
+    try:
+        pictures.mkdir(exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"cannot make the folder {pictures}: {error.strerror}") from error
     write_atomically(pictures / f"{page.stem}.png", lambda file: file.write_bytes(picture), True)

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..assessment.calibration import Calibration, ChannelFault
 from ..assessment.field import leave_one_out_errors, summarise
-from ..assessment.position_check import LIST_RULES, ListFit, PositionCheck, compare_positions, fit_list
+from ..assessment.position_check import LIST_RULES, ListFit, PositionCheck, compare_positions, fit_result
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -380,10 +380,8 @@ def list_fit(
 
     Its size is that at which its shape explains the pressures, where it is known so; that takes another calibration.
     """
-    listed, names = np.asarray(inputs.measurement.positions), inputs.measurement.names
-    fit = fit_list(check, result.positions, listed, result.uncertainty, result.verdict)
-    dead = {one.name for one in (result.channels.faults if result.channels else ()) if one.kind == "dead"}
-    fit = replace(fit, misplaced=tuple(n for n in fit.misplaced if names[n] not in dead))  # found anywhere
+    listed = np.asarray(inputs.measurement.positions)
+    fit = fit_result(check, result, listed)
     if check.scale != 1 or result.verdict == "scale_undetermined":
         return fit
     right = ~np.isin(np.arange(len(listed)), fit.misplaced)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..assessment.calibration import placed_in_frame
-from ..assessment.position_check import PositionCheck, compare_positions, fit_list
+from ..assessment.position_check import PositionCheck, compare_positions, fit_result
 from ..model.validation import InputError, length_text
 from ..recordings.import_options import ImportOptions
 from ..recordings.importer import measurement_of_takes, read_takes
@@ -60,8 +60,7 @@ class TakesResult:
         if check is None or given is None or not check.fits:
             return []
         names = self.inputs.labels or result.names
-        fit = fit_list(check, result.positions, given, result.uncertainty, result.verdict)
-        return check.exchanges(names) + fit.faults(names)
+        return check.exchanges(names) + fit_result(check, result, given).faults(names)
 
     @property
     def faults(self) -> list[str]:

@@ -204,6 +204,20 @@ def test_a_row_that_is_wrong_is_named_whatever_the_verdict_if_the_other_rows_con
     assert "5 is " in text and "mm off on average" not in text
 
 
+@pytest.mark.parametrize("away", [0.03, 0.5])
+def test_a_dead_channel_counts_nowhere_in_the_fit_of_a_list(away):
+    places = ball(4, 8, 3)
+    found = places + 1e-4 * np.random.default_rng(4).normal(size=places.shape)
+    found[5, 0] += away
+    check = compare_positions(found, places)
+    assert fit_list(check, found, places).misplaced == (5,)
+    fit = fit_list(check, found, places, dead=[5])
+    assert fit.faults(range(8)) == [] and not fit.kept[5] and fit.rms < 1e-3
+    others = np.delete(np.arange(8), 5)
+    alone = fit_list(compare_positions(found[others], places[others]), found[others], places[others])
+    assert fit.rms == pytest.approx(alone.rms, rel=0.01) and fit.scale == pytest.approx(alone.scale)
+
+
 def test_a_dense_array_whose_list_is_five_percent_too_large_is_recognised():
     """The rows at its rim are off by more than half of the distance of neighbours."""
     angle = 2 * np.pi * np.arange(80) / 80

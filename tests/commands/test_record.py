@@ -11,7 +11,9 @@ import soundfile
 from recorded import FS, places, stationary_source
 from running import exit_code
 
+from fdcal.assessment.position_check import fit_list
 from fdcal.recordings import take
+from fdcal.recordings.recording import recording_of
 from fdcal.session import takes
 from fdcal.session.takes import Day, takes_result
 
@@ -58,6 +60,15 @@ def test_a_dead_channel_is_named_and_marked_in_the_table(folder):
     found = takes_result([folder / "dead.wav"], Day(str(folder / "list.csv")))
     assert found.faults == [f"microphone {DEAD}: dead"]
     assert [row for row in found.table if row.endswith("dead")] == [found.table[1 + DEAD]]
+
+
+def test_a_dead_channel_is_not_called_misplaced_wherever_it_was_found(folder):
+    """It records loud noise of its own; a calibration places it metres away."""
+    sound = soundfile.read(folder / "one.wav", frames=15 * FS)[0].T
+    sound[DEAD] = np.std(sound[0]) * np.random.default_rng(0).standard_normal(sound.shape[1])
+    found = takes_result([recording_of("one", None, FS, sound)], Day(str(folder / "list.csv")))
+    errors = fit_list(found.check, found.result.positions, found.inputs.measurement.positions).errors
+    assert errors[DEAD] > 0.5 and found.faults == [f"microphone {DEAD}: dead"] and not found.of_list
 
 
 def test_each_take_says_what_all_of_them_say_together(folder, capsys):

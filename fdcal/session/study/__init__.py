@@ -124,6 +124,10 @@ class Study:
             if len(kinds) > 1 and kinds != {int, float}:
                 problem = f"axes.{shown(key)} mixes numbers with texts or lists"
                 raise InputError(problem, "run a study for each kind", key=f"axes.{key}")
+            twice = next((value for i, value in enumerate(values) if value in values[:i]), None)
+            if twice is not None:
+                problem = f"axes.{shown(key)} has the value {shown(json.dumps(twice))} twice"
+                raise InputError(problem, "write each value once", key=f"axes.{key}", value=twice)
         if bool(self.scene) == (SCENE in self.axes):
             remedy = 'write scene = "NAME", or name several by scene = [...] below [axes]'
             raise InputError("a study has a scene, or an axis of scenes", remedy, key=SCENE)

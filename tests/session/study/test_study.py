@@ -104,6 +104,7 @@ def test_tasks_of_a_long_study_are_not_listed(tmp_path):
         ("snr_db = [20, 40]", 'microphones = ["many"]'),
         ("snr_db = [20, 40]", "microphones = [nan]"),
         ("snr_db = [20, 40]", "absorption = [0.1, 0.5]"),  # of rigid walls
+        ("[20, 40]", "[20, 40, 20.0]"),
     ],
 )
 def test_a_wrong_study_is_one_line(file, old, new):
@@ -318,6 +319,24 @@ def free_port():
     with socket.socket() as bound:
         bound.bind(("127.0.0.1", 0))
         yield bound.getsockname()[1]
+
+
+def test_an_interrupted_study_says_in_one_line_what_is_kept_and_how_it_goes_on(tmp_path):
+    path, folder = tmp_path / "study.toml", tmp_path / "out"
+    path.write_text(TEXT.format(draws=100))
+    process = subprocess.Popen(
+        [*FDCAL, "study", str(path), "-o", str(folder), "--workers", "1"],
+        start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    waited = threading.Event()
+    while process.poll() is None and not list(folder.glob(PARTS)):
+        waited.wait(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # a terminal interrupts the workers, too
+    _, errors = process.communicate(timeout=60)
+    kept = len(Results(folder, load_study(path), True).done())
+    said = f"interrupted; {kept} of 400 calibrations are in {folder}: the same command with --resume goes on"
+    assert process.returncode == 130 and kept and errors.splitlines()[-1] == f"error: {said}"
+    assert "Traceback" not in errors
 
 
 def test_a_killed_study_goes_on_a_killed_worker_costs_no_row_and_its_report_is_drawn(tmp_path, monkeypatch):
@@ -552,6 +571,28 @@ def test_the_standard_error_of_a_fraction_takes_the_draws_for_clusters():
     assert np.mean(share) == pytest.approx(0.8, abs=0.02)
     assert np.mean(error) == pytest.approx(np.std(share), rel=0.15)
     assert np.std(share) > 3 * np.sqrt(0.8 * 0.2 / 700)
+
+
+def test_a_value_that_an_axis_has_twice_is_named(file):
+    file.write_text(file.read_text().replace("[20, 40]", "[20, 40, 20.0]"))
+    with pytest.raises(InputError, match=r"axes\.snr_db has the value 20.0 twice") as caught:
+        load_study(file)
+    assert caught.value.key == "axes.snr_db" and caught.value.value == 20
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_the_figure_of_a_page_is_where_the_page_looks_for_it(settings, tmp_path, shared):
+    results = Results(tmp_path / "out", settings, False)
+    results.append([row_of(settings, number) for number in range(2)])
+    (tmp_path / "docs").mkdir()
+    if shared:
+        (tmp_path / "pictures").mkdir()
+    page = tmp_path / "docs" / "page.md"
+    for _ in range(2):
+        write_page(page, *read_results(tmp_path / "out"), "settings.toml", "fdcal study settings.toml")
+        (picture,) = re.findall(r"\{image\} (\S+)", page.read_text())
+        assert (page.parent / picture).stat().st_size > 5000
+    assert (tmp_path / "pictures").exists() == shared
 
 
 def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
