@@ -3,9 +3,9 @@
 good                no check contradicts it
 odd_channel         a microphone whose pressures no position in the known room explains
 too_noisy           hardly anything but noise
-known_position      a given position contradicts the recordings, or its channel is swapped
 undersampled        frequencies in use that the array cannot interpolate (Eq. 9)
 not_converged       the solver stopped while microphones still moved
+known_position      a given position contradicts the recordings, or its channel is swapped
 sound_speed         given positions agree with the pressures at another sound speed, or a given length at one that air
                     hardly has
 room_size           the pressures are those of a room of another size (or of another sound speed)
@@ -364,15 +364,15 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",
             "", 0.1, "uneven channels over all; fewer are single noisy channels"),
+    Finding("undersampled", lambda seen, _: _highest(seen) > _f_max(seen), _undersampled),
+    Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
+            lambda _: "the solver stopped while microphones still moved", "use other modes (<modes>)",
+            3.0, "Newton step left over one sigma"),
     Finding("known_position", _few_right, _contradicted, "check the positions and the cables of the known microphones",
             0.2, "misplaced given positions over all; more leave no frame to trust"),
     Finding("known_position", lambda seen, limit: bool(len(seen.estimate.problem.known)) and seen.agreement <= limit,
             _disagreement, "check them, or use more modes (<modes>)",
             0.01, "probability of the disagreement by chance: one healthy array in a hundred is suspected"),
-    Finding("undersampled", lambda seen, _: _highest(seen) > _f_max(seen), _undersampled),
-    Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
-            lambda _: "the solver stopped while microphones still moved", "use other modes (<modes>)",
-            3.0, "Newton step left over one sigma"),
     Finding("model_mismatch", _beyond_given_noise,
             lambda seen: f"the residual is {seen.noise_fraction / (seen.given_noise or 1.0):.2g} times what the noise"
                          f" explains: {CAUSES}",

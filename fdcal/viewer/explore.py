@@ -150,8 +150,8 @@ class Explore:
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
         binding, state = viewer.binding, viewer.view.state
         running = viewer.view.running
-        drawn = viewer.snapshot.drawn  # of the modes that the solver uses a map may be able to show some alone
-        modes = binding.choices.modes or (drawn and drawn.request.modes) or tuple(range(state.first, state.last + 1))
+        wanted = viewer.wanted  # of the modes that the solver uses a map may be able to show some alone
+        modes = binding.choices.modes or (wanted and wanted.modes) or tuple(range(state.first, state.last + 1))
         label = f"{PAUSE} Pause" if running else f"{PLAY} Play again" if state.finished else f"{PLAY} Play"
         sweeps = viewer.tabs.sweep.playing
         row = binding.row.capitalize()

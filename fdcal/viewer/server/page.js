@@ -117,6 +117,7 @@ line.setAttribute("role", "status");
 for (const name of ["words", "caption", "legend", "sheet", "bar"]) {
   const region = overlay.appendChild(document.createElement("div"));
   region.dataset.region = name;
+  if (name == "bar") region.innerHTML = "<span class='scene'><span><b>fdcal</b><small>Starting ...</small></span></span>";
 }
 
 function show(uuid, content) {
@@ -133,7 +134,7 @@ function show(uuid, content) {
     return;
   }
   const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
-  if (!region) return;
+  if (!region || name == "bar" && !html) return;  // a server that has only just begun to load
   made.innerHTML = html;
   const text = () => region.querySelector(".text")?.textContent, before = text();
   morph(region, made.content);
