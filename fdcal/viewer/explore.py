@@ -192,9 +192,10 @@ class Explore:
         sought = viewer.snapshot.counted
         errors = measurement.errors(view.state.positions, sought)
         one = len(errors[sought]) == 1 if errors is not None else False
-        word = (
-            "" if errors is None else f", {length_text(float(errors[sought].mean()))} off{'' if one else ' on average'}"
-        )
+        word = "" if errors is None else f", {length_text(float(errors[sought].mean()))} off"
+        word += "" if errors is None or one else " on average"
+        faulty = len(viewer.run.sought) - len(sought)
+        word += f" without {faulty} faulty channel{'' if faulty == 1 else 's'}" if errors is not None and faulty else ""
         return escape(f"{state_word(view)}{word}")
 
     def _sheet(self, viewer: Viewer) -> str:
