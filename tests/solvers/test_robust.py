@@ -261,7 +261,11 @@ def test_without_noise_a_gain_is_still_sought():
 
 
 def test_the_listening_lab_is_found_blind():
-    inputs = scene_input(load_scene("listening_lab"))
+    lab = load_scene("listening_lab")  # with half of its microphones in two thirds of its width
+    array = replace(lab.array, count=32, radius=0.3)
+    inputs = scene_input(
+        replace(lab, array=array, measurement=replace(lab.measurement, resolution=12.0, highest=820.0))
+    )
     assert inputs.measurement.blind
     result = solve(inputs)
     errors = inputs.measurement.errors(result.positions)
