@@ -312,7 +312,7 @@ def test_snapshot_does_not_overwrite(tmp_path, refused):
 
 
 def test_interrupt_leaves_nothing_half_written(edited, tmp_path):
-    scene = edited({"source.duration": "60.0"})
+    scene = edited({"source.duration": "600.0"})
     folder, cache = tmp_path / "out", tmp_path / "cache"
     folder.mkdir()
     command = [*FDCAL, "simulate", str(scene), "-o", "long.npz"]
