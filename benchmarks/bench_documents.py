@@ -24,7 +24,7 @@ from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
 from fdcal_bench.scores import read_reference, table
 
-from . import bench_doctor, bench_leave_one_out, bench_planned
+from . import bench_doctor, bench_leave_one_out, bench_planned, bench_takes
 from .printed import renewed, run_fdcal
 
 ALONE = True
@@ -87,6 +87,11 @@ def doctor() -> str:
 def planned() -> str:
     """What a plan promises beside what recordings reach."""
     return "\n".join(bench_planned.table())
+
+
+def takes() -> str:
+    """What more places of the source bring."""
+    return "\n".join(bench_takes.table())
 
 
 def doctor_table(lines) -> str:
@@ -153,6 +158,7 @@ MEAN, SIGMA, MILLIMETRES = r"error +mean ([\d.]+) mm", r"one sigma ([\d.]+) mm",
 FIGURES: dict[str, Callable[[], str]] = {
     "bench": bench, "scenes": scenes, "leave-one-out": leave_one_out, "displaced": displaced, "doctor": doctor,
     "planned": planned,
+    "takes": takes,
     "tiny": lambda: one(MEAN, printed(TINY), MILLIMETRES),
     "record": lambda: excerpt("record", printed(RECORD)),
     "doctor-frl": lambda: excerpt("doctor-frl", printed(DOCTOR)),

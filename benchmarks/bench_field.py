@@ -78,6 +78,9 @@ def _figures(name: str, scores: list[Score]) -> Iterator[Figure]:
     target = "" if part is None else f"at least {part:.0%}"
     yield Figure(f"{name}: right", right, f"of {count}", target, None if part is None else right >= part * count)
     yield Figure(f"{name}: verdict good", sum(s.verdict == "good" for s in scores), f"of {count}")
+    placed = [s for s in scores if s.right and s.placeable]
+    called = sum(s.verdict == "good" for s in placed)
+    yield Figure(f"{name}: good of those right, and certain to a tenth of the radius", called, f"of {len(placed)}")
     yield Figure(f"{name}: good and wrong", wrong, f"of {count}", "0", wrong == 0)
     yield Figure(f"{name}: what is at fault is named", sum(s.named for s in scores), f"of {count}")
     good = [s for s in scores if s.verdict == "good"]

@@ -24,6 +24,15 @@ ARGUMENTS = (
 )  # fmt: skip
 
 
+# Draws by WebGL, and ends when that has been seen.
+DRAWN = """new Promise(resolve => {
+    const gl = document.querySelector("canvas").getContext("webgl2");
+    gl.clearColor(1, 0, 0, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    requestAnimationFrame(() => requestAnimationFrame(resolve));
+})"""
+
+
 class Served:
     """`fdcal view` of a scene, its solver changed; a context manager. `stopped_in` is how long Ctrl-C took, s."""
 
@@ -129,12 +138,16 @@ def _changed(scene: str, solver: dict[str, str], folder: Path) -> Path:
 
 @contextlib.contextmanager
 def chromium() -> Iterator:
-    """A browser without a screen."""
+    """A browser without a screen that has shown a page, as that of a user has: its own start is not ours."""
     from playwright.sync_api import sync_playwright
 
     path = shutil.which("chromium") or "/usr/bin/chromium"
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, headless=True, args=list(ARGUMENTS))
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.set_content("<canvas></canvas><p>Another page</p>")
+        page.evaluate(DRAWN)
+        page.close()
         yield browser
         browser.close()
 

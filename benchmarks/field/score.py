@@ -26,7 +26,8 @@ class Score:
 
     outcome : "ran", "hang", "refused" or "crash"; seconds : of processor; verdict : its code; error, claim, limit :
     RMS error, claimed RMS error and Cramer-Rao bound of the healthy microphones, metres; right : the error is below
-    5 mm or three times the bound; confidently_wrong : the verdict is good and should not be; named : every channel or
+    5 mm or three times the bound; placeable : the bound is below a tenth of the array's root mean square radius, beyond
+    which no verdict is good; confidently_wrong : the verdict is good and should not be; named : every channel or
     position at fault is named; judged, covered : number of microphones that are sought and trusted, and of those inside
     their ellipse of 95 %
     """
@@ -38,6 +39,7 @@ class Score:
     claim: float = np.nan
     limit: float = np.nan
     right: bool = False
+    placeable: bool = False
     confidently_wrong: bool = False
     named: bool = False
     judged: int = 0
@@ -109,6 +111,7 @@ def _scored(case: Case, result: dict, seconds: float) -> Score:
         claim,
         limit,
         right=error < max(RIGHT_ERROR, 3 * limit),
+        placeable=limit < 0.1 * _rms(np.linalg.norm(case.positions - case.positions.mean(axis=0), axis=1)[healthy]),
         confidently_wrong=bool(result["verdict"] == "good" and wrong),
         named=bool(case.named) and set(map(str, case.named)) <= odd,
         judged=int(np.sum(judged & healthy)),

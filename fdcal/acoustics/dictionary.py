@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from scipy.special import jv, sph_harm_y_all, spherical_jn
 
 from ..model.settings import Search
-from ..model.validation import Complexes, InputError, Numbers, Reals
+from ..model.validation import Complexes, InputError, Integers, Numbers, Reals
 
 NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in one place
 
@@ -225,8 +225,8 @@ class LatticeDictionary:
     Every `centre` below is a point of the lattice. So the offsets of all candidates are multiples of the step, their
     squared lengths are integers, and J_l is needed at a few thousand radii only, once for all centres.
 
-    `points` (C, 2), candidates, metres, x fastest; `shape`: (ny, nx); `radial` (M, U, Lmax + 1), J_l at U radii, zero
-    above the order of the mode; `row` (d2max + 1,), row of `radial` for each squared offset in steps, else -1.
+    `points` (C, 2), candidates, metres, x fastest; `shape`: (ny, nx); `row` (d2max + 1,), row of the table for each
+    squared offset in steps, else -1.
     """
 
     def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
@@ -244,10 +244,24 @@ class LatticeDictionary:
         squared = np.unique(np.add.outer(np.arange(nx) ** 2, np.arange(ny) ** 2))
         self.row = np.full(squared[-1] + 1, -1, dtype=np.int32)
         self.row[squared] = np.arange(len(squared))
-        radii = search.step * np.sqrt(squared)
-        self.radial = np.zeros((len(self.orders), len(radii), int(self.orders.max()) + 1), dtype=complex)
-        for table, k, L in zip(self.radial, self.wavenumbers, self.orders, strict=True):
-            table[:, : L + 1] = bessel(k * radii, int(L) + SPARE_ORDERS)[: L + 1].T
+        self._radii = search.step * np.sqrt(squared)
+        self._radial = np.zeros((len(self.orders), len(squared), int(self.orders.max()) + 1), dtype=complex)
+        self._made = np.zeros(len(self.orders), bool)
+
+    def radial(self, modes: slice) -> np.ndarray:
+        """Return the table of some modes (M, U, Lmax + 1), J_l at U radii, zero above the order of the mode.
+
+        A mode's is made when it is first used: a solver begins with few of them, and all take a second.
+        """
+        self._make(np.arange(len(self.orders))[modes])
+        return self._radial[modes]
+
+    def _make(self, modes: Integers) -> None:
+        for m in modes[~self._made[modes]].tolist():
+            L = int(self.orders[m])
+            J = bessel(self.wavenumbers[m] * self._radii, L + SPARE_ORDERS)
+            self._radial[m, :, : L + 1] = J[: L + 1].T
+            self._made[m] = True
 
     def index(self, point: ArrayLike) -> int:
         """Return the number of the candidate nearest to `point` (2,), metres."""
@@ -255,7 +269,7 @@ class LatticeDictionary:
         return int(iy * self.shape[1] + ix)
 
     def phases(self, centre: Reals) -> tuple[np.ndarray, np.ndarray]:
-        """Return exp(j theta) (C,) complex128 and the row of `radial` (C,) int32 of every candidate about `centre`."""
+        """Return exp(j theta) (C,) complex128 and the row of the table (C,) int32 of every candidate about `centre`."""
         index = tuple(self.search.index(centre).tolist())
         cached, phases = self._phases  # the centre rarely moves from step to step
         if cached != index:
@@ -270,7 +284,7 @@ class LatticeDictionary:
         return unit, self.row[squared]
 
     def microphones(self, positions: Reals, centre: Reals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return exp(j theta) and the row of `radial` of given positions, and W of those that are off the lattice.
+        """Return exp(j theta) and the row of the table of given positions, and W of those that are off the lattice.
 
         `positions` (N, 2), metres. Returns `unit` (N,), 1 off the lattice; `row` (N,), -1 off the lattice; `others`
         (M, N_off, 2 Lmax + 1), zero beyond the order of the mode.
@@ -296,12 +310,13 @@ class LatticeDictionary:
     def dictionary(self, positions: Reals, centre: Reals, modes: ArrayLike) -> list[np.ndarray]:
         """Return W (N, 2L + 1) of positions (N, 2), metres, on the lattice or off it, for each of `modes`."""
         unit, row, others = self.microphones(np.asarray(positions), centre)
-        phase = unit[:, None] ** np.arange(self.radial.shape[2])
+        phase = unit[:, None] ** np.arange(self._radial.shape[2])
         modes = np.asarray(modes)
+        self._make(modes)
         W: dict[int, np.ndarray] = {}
         for L in np.unique(self.orders[modes]):  # modes of equal order in one batch
             batch = modes[self.orders[modes] == L]
-            J = self.radial[batch[:, None], row, : L + 1]
+            J = self._radial[batch[:, None], row, : L + 1]
             W |= zip(batch.tolist(), join_orders(J, phase[:, : L + 1]), strict=True)
         for m in modes.tolist() if (row < 0).any() else ():
             W[m][row < 0] = others[m, :, : 2 * self.orders[m] + 1]

@@ -64,7 +64,8 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyC
             faulty[n] = FaultyChannel(n, "gain", float(DECIBELS_PER_NEPER * gains[n, 0]), "dB")
         elif _far(gains[n, 1], spreads[1]):
             faulty[n] = FaultyChannel(n, "gain", float(np.degrees(gains[n, 1])), "degrees")
-    faulty.update(_misplaced(estimate, covariance))
+    if estimate.converged:  # an array that was not found contradicts no given position
+        faulty.update(_misplaced(estimate, covariance))
     return tuple(faulty[n] for n in sorted(faulty))
 
 

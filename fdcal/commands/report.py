@@ -107,10 +107,13 @@ def _channel_lines(result: Calibration) -> list[str]:
     gain, phase = (float(np.std(values[result.healthy])) for values in (channels.gain_db, channels.phase_deg))
     faults = "; ".join(fault.text for fault in channels.faults)
     spread = f"spread {gain:.2g} dB and {phase:.2g} degrees" if channels.gains_sought else "taken as matched"
-    return [f"channels {spread}; {'faulty: ' + faults if faults else 'none is faulty'}", *_given_lines(channels.given)]
+    return [
+        f"channels {spread}; {'faulty: ' + faults if faults else 'none is faulty'}",
+        *_given_lines(channels.given, result.converged),
+    ]
 
 
-def _given_lines(given: Sequence[GivenPosition]) -> list[str]:
+def _given_lines(given: Sequence[GivenPosition], converged: bool) -> list[str]:
     """Return a table of the given positions as corrected, where any is by more than MIN_MOVE."""
     rows = sorted((one for one in given if one.difference > MIN_MOVE), key=lambda one: -one.difference)
     if not rows:
@@ -124,7 +127,7 @@ def _given_lines(given: Sequence[GivenPosition]) -> list[str]:
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in text]
     more = f"; the {MAX_ROWS} that differ most" if len(rows) > MAX_ROWS else ""
     head = f"given   {len(rows)} of {len(given)} given positions corrected by more than {1e3 * MIN_MOVE:g} mm{more}"
-    if not any(one.wrong for one in rows):
+    if converged and not any(one.wrong for one in rows):  # else nothing is known of them
         head += "; none of them contradicts the pressures"
     return [head, *(f"        {line}".rstrip() for line in lines)]
 

@@ -67,7 +67,7 @@ def best_candidate(
     from . import lattice_kernels  # compiled code, loaded with the first step
 
     weights, pressures = known_weights(problem, known_weight), problem.pressures[modes]
-    radial, orders = lattice.radial[modes], lattice.orders[modes]
+    radial, orders = lattice.radial(modes), lattice.orders[modes]
     unit, row, others = lattice.microphones(positions, centre)
     roots = np.sqrt(weights)
     roots[n] = 0.0

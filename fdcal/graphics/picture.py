@@ -119,6 +119,9 @@ def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[
     return lines("frame", np.concatenate(pieces), theme.foreground, 1.5), *labels
 
 
+HEIGHT_TICKS = "frame_ticks"  # which coincide from the top
+
+
 def upper_frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> tuple[Part, ...]:
     """Return the edges of a search domain in space above its base, with a ruler of heights at its left edge.
 
@@ -132,7 +135,8 @@ def upper_frame(focus: Box, z_range: tuple[float, float], marker_radius: float, 
     text = f"z {low:.2f} to {high:.2f} m"
     return (
         lines("frame_uprights", uprights, theme.grid, 1.5),
-        lines("frame_top", np.concatenate([glyphs.loop(corners, high), ticks]), theme.foreground, 1.0),
+        lines("frame_top", glyphs.loop(corners, high), theme.foreground, 1.0),
+        lines(HEIGHT_TICKS, ticks, theme.foreground, 1.0),
         Label("frame/range", text, (x1, y1 + marker_radius, high), theme.foreground, "bottom-right"),
         Label("frame/z", "z (m)", (x0, y1, high + 3 * marker_radius), theme.foreground, "bottom-center"),
         *_numbers("z", places, texts, theme, "center-right"),

@@ -18,6 +18,7 @@ from ..model.validation import InputError, StorageError, require_choice
 from .annotations import annotate, margins, text_scale
 from .camera import VIEWS, Camera, camera_for
 from .heatmap import relief_grid
+from .picture import HEIGHT_TICKS
 from .primitives import Floor, Picture, fractions
 
 MIN_EDGE, MAX_EDGE = 64, 8192  # pixels
@@ -97,6 +98,7 @@ def draw(picture: Picture, size: tuple[int, int], view: str, camera: Camera | No
     else:
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
     plotter.set_background(fractions(picture.theme.background))
+    hidden = HEIGHT_TICKS if camera is None and view == "top" else None
     camera = camera or camera_of(picture, size, view)
     if picture.floor is not None:
         _add_floor(plotter, pyvista, picture.floor)
@@ -104,7 +106,7 @@ def draw(picture: Picture, size: tuple[int, int], view: str, camera: Camera | No
         triangles = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
         plotter.add_mesh(triangles, color=mesh.colour, opacity=mesh.opacity, lighting=False)
     for lines in picture.lines:
-        if len(lines.segments):
+        if len(lines.segments) and lines.name != hidden:
             polylines = pyvista.line_segments_from_points(lines.segments.reshape(-1, 3))
             width = max(lines.width * text_scale(size), MIN_LINE_WIDTH) * (SUPERSAMPLED if picture.surfaces else 1)
             plotter.add_mesh(polylines, color=lines.colour, line_width=width, lighting=False)

@@ -1,6 +1,5 @@
 """Serve the page until Ctrl-C."""
 
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from .server.hardening import is_loopback, open_server, without_output
 from .server.process import error_log, share_one_heap
 
 BROWSER_TIME = 1.0  # s at most that the session waits for a browser to ask for the page of the opening
-FIRST_PICTURE = 0.3  # s from there to the first picture of the film
+FIRST_PICTURE = 1.0  # s at most from there to the first picture of the film, after which viser's program connects
 
 
 def serve(
@@ -37,7 +36,7 @@ def serve(
     share_one_heap()
     with Interrupt() as interrupt, error_log():
         page, opens = None, request is None and begin is None
-        sent = WakeEvent()
+        sent, connected = WakeEvent(), WakeEvent()
         server = open_server(host, port, film_html() if opens else "", sent.set)
         try:
             server.gui.configure_theme(show_share_button=False, show_logo=False)
@@ -45,7 +44,8 @@ def serve(
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
             if opens and sent.wait(BROWSER_TIME):  # its film needs nothing of what is loaded below, and a processor
-                time.sleep(FIRST_PICTURE)
+                server.on_client_connect(lambda client: connected.set())
+                connected.wait(FIRST_PICTURE)
             from .preview import show_cached
             from .scene3d.nodes import SceneNodes
 

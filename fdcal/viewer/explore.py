@@ -150,8 +150,8 @@ class Explore:
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
         binding, state = viewer.binding, viewer.view.state
         running = viewer.view.running
-        drawn = viewer.snapshot.drawn  # of the modes that the solver uses a map may be able to show some alone
-        modes = binding.choices.modes or (drawn and drawn.request.modes) or tuple(range(state.first, state.last + 1))
+        wanted = viewer.wanted  # of the modes that the solver uses a map may be able to show some alone
+        modes = binding.choices.modes or (wanted and wanted.modes) or tuple(range(state.first, state.last + 1))
         label = f"{PAUSE} Pause" if running else f"{PLAY} Play again" if state.finished else f"{PLAY} Play"
         sweeps = viewer.tabs.sweep.playing
         row = binding.row.capitalize()
@@ -192,9 +192,10 @@ class Explore:
         sought = viewer.snapshot.counted
         errors = measurement.errors(view.state.positions, sought)
         one = len(errors[sought]) == 1 if errors is not None else False
-        word = (
-            "" if errors is None else f", {length_text(float(errors[sought].mean()))} off{'' if one else ' on average'}"
-        )
+        word = "" if errors is None else f", {length_text(float(errors[sought].mean()))} off"
+        word += "" if errors is None or one else " on average"
+        faulty = len(viewer.run.sought) - len(sought)
+        word += f" without {faulty} faulty channel{'' if faulty == 1 else 's'}" if errors is not None and faulty else ""
         return escape(f"{state_word(view)}{word}")
 
     def _sheet(self, viewer: Viewer) -> str:

@@ -193,17 +193,6 @@ function drawMarks(camera, now) {
   drawn.lineWidth = 1.3;
   for (const [a, b] of data.frame) { trace(drawn, [project(camera, a), project(camera, b)]); drawn.stroke(); }
   const halo = (text, x, y) => { drawn.lineWidth = 4; drawn.strokeStyle = css(background); drawn.fillStyle = css(foreground); drawn.strokeText(text, x, y); drawn.fillText(text, x, y); };
-  drawn.font = "12px system-ui, sans-serif";
-  const taken = [];
-  for (const {text, at, anchor} of data.labels) {
-    const [vertical, horizontal] = anchor.split("-"), [x, y] = project(camera, at), half = drawn.measureText(text).width / 2 + 3;
-    const middle = x + half * ({left: 1, right: -1}[horizontal] ?? 0);
-    if (taken.some(([a, b, reach]) => Math.abs(a - middle) < reach + half && Math.abs(b - y) < 13)) continue;
-    taken.push([middle, y, half]);
-    drawn.textAlign = horizontal;
-    drawn.textBaseline = {center: "middle"}[vertical] ?? vertical;
-    halo(text, x, y);
-  }
   const spots = known.map(p => on(p, data.marker)).filter(p => seen(camera, p)).map(p => project(camera, p));
   for (const [reach, colour] of [[1.5, "#fff"], [1.15, "#000"], [0.85, "#fff"], [0.68, css(data.known_colour)]]) for (const [x, y] of spots) {
     drawn.fillStyle = colour;
@@ -216,6 +205,17 @@ function drawMarks(camera, now) {
     if (!seen(camera, p)) continue;
     trace(drawn, [[s, 0], [0, s], [-s, 0], [0, -s]].map(([x, y]) => project(camera, [p[0] + x, p[1] + y, p[2]])), true);
     for (const [colour, width] of [["#fff", 5], [css(data.minimum_colour), 2.8]]) { drawn.strokeStyle = colour; drawn.lineWidth = width; drawn.stroke(); }
+  }
+  drawn.font = "12px system-ui, sans-serif";
+  const taken = [];
+  for (const {text, at, anchor} of data.labels) {
+    const [vertical, horizontal] = anchor.split("-"), [x, y] = project(camera, at), half = drawn.measureText(text).width / 2 + 3;
+    const middle = x + half * ({left: 1, right: -1}[horizontal] ?? 0);
+    if (taken.some(([a, b, reach]) => Math.abs(a - middle) < reach + half && Math.abs(b - y) < 13)) continue;
+    taken.push([middle, y, half]);
+    drawn.textAlign = horizontal;
+    drawn.textBaseline = {center: "middle"}[vertical] ?? vertical;
+    halo(text, x, y);
   }
   if (over) return;  // the session draws it where it is there
   const ball = 1.9 * r, ground = on(along(now.rolled), 1.7 * data.marker), [x, y] = project(camera, plus(ground, [0, 0, 1.3 * data.marker]));

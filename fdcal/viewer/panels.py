@@ -129,6 +129,11 @@ QUICK_STEP = 0.004  # s; a run whose steps take longer is slow enough to follow,
 STEPS = ("Step", "Sweep", "Stage", "Reset")
 
 
+def watched_rate(first: float, elapsed: float) -> float:
+    """Return the steps per second of a run that is watched, `elapsed` s after it began with `first` per second."""
+    return first * 2 ** min(elapsed / DOUBLING_TIME, MAX_DOUBLINGS)
+
+
 class RunBar:
     """Owns the controls above the tabs: status, verdict, Run or Pause, single steps, the history and the speed.
 
@@ -137,7 +142,7 @@ class RunBar:
 
     def __init__(self, binding: Binding, restart: Callable[[], None]):
         self._binding, self._restart, gui = binding, restart, binding.gui
-        self._watched = binding.run.solver.TRAITS.moves_all  # whether a run begins slowly
+        self._lesson = False  # whose every run begins slowly
         self._since, self._paced = -1.0, float(self._rate)  # when the run began, s, or below 0; its steps per second
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
         self.run = binding.button(
@@ -160,7 +165,7 @@ class RunBar:
     @property
     def _rate(self) -> int:
         """Steps per second with which a run begins."""
-        return self._binding.choices.steps_per_second(self._binding.run.solver.TRAITS.moves_all, self._watched)
+        return self._binding.choices.steps_per_second(self._binding.run.solver.TRAITS.moves_all, self._lesson)
 
     def limit_rate(self, rate: int) -> None:
         """Limit the solver to so many steps per second; MAX_RATE removes the limit."""
@@ -170,7 +175,7 @@ class RunBar:
 
     def watch(self) -> None:
         """Let every run begin slowly, and become faster and faster: no speed that was chosen before counts."""
-        self._watched = True
+        self._lesson = True
         self._binding.choose(rate=None)
         self.apply_rate()
 
@@ -185,14 +190,15 @@ class RunBar:
 
     def _speed_up(self, tick: Tick) -> None:
         """Let a run whose speed nobody has chosen go on faster: a short one can be followed, a long one ends soon."""
-        slow = max(self._binding.session.step_time / QUICK_STEP, 1.0)
-        if not tick.view.running or self._binding.choices.rate is not None or not self._watched:
+        watched = self._lesson or self._binding.run.solver.TRAITS.moves_all
+        if not tick.view.running or self._binding.choices.rate is not None or not watched:
             if self._since >= 0:
                 self.apply_rate()
             return
         if self._since < 0:
             self._since = tick.now
-        rate = slow * self._rate * 2 ** min((tick.now - self._since) / DOUBLING_TIME, MAX_DOUBLINGS)
+        slow = 1.0 if self._lesson else max(self._binding.session.step_time / QUICK_STEP, 1.0)
+        rate = slow * watched_rate(self._rate, tick.now - self._since)
         if rate > 1.2 * self._paced:
             self._pace(rate)
 

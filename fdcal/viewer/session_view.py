@@ -25,7 +25,7 @@ from ..session.process import one_blas_thread
 from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
-from .background.cost_maps import CostMap, CostMapWorker, MapStyle
+from .background.cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, count_label
 from .background.prepare import Last, PreparedRun, Same, Threads
 from .display_frame import DisplayFrame
 from .drop import Drop, Dropped
@@ -230,7 +230,8 @@ class Viewer:
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
     function that makes the main loop update the page at once; `words`: on the canvas, or None. Raises InputError: the
     request of the run has choices that are not possible. `view`: the states as they are shown; `snapshot`: what is on
-    the screen; `fault`: the last exception of the page, as long as the status lines show it.
+    the screen; `wanted`: the map that belongs to it, None without one; `fault`: the last exception of the page, as long
+    as the status lines show it.
     """
 
     def __init__(
@@ -253,6 +254,7 @@ class Viewer:
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
         self._key: tuple = ()  # of what is drawn
+        self.wanted: CostMapRequest | None = None
         self._assessed: tuple[Assessment | None, PositionUncertainty | None] = None, None  # of the last verdict
         try:
             self._build(server, words)
@@ -356,7 +358,8 @@ class Viewer:
         floor, volume = self._picture.faded_parts(tick.drawn, choices.style)
         marked, planned = self.tabs.comparison.marked(tick.runs), self.tabs.plan.planned
         parts = floor, volume, tick.uncertainty, marked, planned
-        key = tick.revision, choices, tick.microphone, dropped, *map(Same, parts)
+        awaited = "" if tick.drawn is not None else tick.reason or self._awaited()
+        key = tick.revision, choices, tick.microphone, dropped, awaited, *map(Same, parts)
         if key == self._key:
             return
         picture = self._picture.draw(tick.view, choices, tick.microphone, *parts, dropped)
@@ -366,11 +369,20 @@ class Viewer:
             self.run, picture, tick.view, choices, tick.microphone, sigma, volume, sought, tick.drawn
         )
         self.nodes.show(picture)
-        self._folders.overlay.show("legend", canvas_legend(picture.bar, legend_of(picture), self._hint(picture)))
+        self._folders.overlay.show(
+            "legend", canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
+        )
         across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
         self._picker.show(self._picture.places, picture.floor, across if across >= 0 else 2)
         self._line_handles.show(choices.cut, floor)
         self._key = key
+
+    def _awaited(self) -> str:
+        """Return which map is computed, in words; "" where none is wanted."""
+        if self.wanted is None:
+            return ""
+        modes = count_label(self.run.measurement, self.wanted.modes)
+        return f"Computing the map of microphone {self.wanted.microphone}: {modes} ..."
 
     def _hint(self, picture: Picture) -> str:
         """Return how to read the map of a cost, in words, or why there can be none; "" for anything else."""
@@ -393,9 +405,10 @@ class Viewer:
         elif not following and view.state.moved >= 0:
             self._selected = view.state.moved
         if not choices.shown or self.run.problem.search is None:
+            self.wanted = None
             return None, ""
         microphone = view.state.moved if following and view.state.moved >= 0 else self._selected
-        wanted = choices.map_request(self.run, view, microphone, self._revision, following)
+        self.wanted = wanted = choices.map_request(self.run, view, microphone, self._revision, following)
         drawn, reason = self.tabs.sweep.map_for(wanted, *self.maps.newest(wanted, view.running, now))
         if following and drawn is not None:
             self._selected = drawn.request.microphone

@@ -9,15 +9,17 @@ import pytest
 from browsing import WAIT
 from doubles import CallRecorder, set_by_client
 
+from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
+from fdcal.model.validation import parse_modes
 from fdcal.session.lesson import MAPS, Frame, Lesson, Setting, Step, lesson_names, load_lesson
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.gui.binding import MAP_KINDS, Choices
 from fdcal.viewer.lesson_settings import apply_setting, control_values, show_frame
-from fdcal.viewer.panels import Panels
+from fdcal.viewer.panels import Panels, watched_rate
 from fdcal.viewer.tabs.comparison import ComparisonSetup
 from fdcal.viewer.tabs.lessons import NEXT, RESTORE, Caption, LessonsTab
 
@@ -262,6 +264,42 @@ def test_a_frame_is_shown_or_run_to(kernels):
     show_frame(session, Frame("stage", 1), list(session.view.history))
     assert session.wait_for(lambda view: view.index == 0, timeout=WAIT)
     session.close()
+
+
+def runs_to_the_end(lesson):
+    """Number of steps of runs of a lesson that go to their ends, and whether a step moves all microphones.
+
+    Of runs of the same scene whose steps do, which take seconds, one stands for all.
+    """
+    begun, seen = None, set()
+    for number, step in enumerate(lesson.steps):
+        for setting, revealed in ((step.page, False), (step.then, True)):
+            scene, seed = lesson.start(number, revealed)
+            solver = solvers.load(scene.solver.name)
+            if begun != scene or setting.begins or setting.reset:
+                problem = cached_measurement(scene).problem(scene.solver.weights, scene.solver.known)
+                state = solver.init(problem, solvers.with_mode_count(problem, scene.solver), seed)
+                begun = scene
+            if setting.modes is not None or setting.automatic is not None:
+                modes = parse_modes(setting.modes or f"{state.first}-{state.last}", len(problem.pressures))
+                automatic = state.automatic if setting.automatic is None else setting.automatic
+                state = solver.use_modes(problem, state, modes[0], modes[-1], automatic)
+            steps, kind = 0, (scene.name, solver.TRAITS.moves_all)
+            while setting.run == "end" and kind not in seen and not state.finished:
+                state, steps = solver.step(problem, state), steps + 1
+            if steps:
+                seen |= {kind} if solver.TRAITS.moves_all else set()
+                yield steps, solver.TRAITS.moves_all
+
+
+@pytest.mark.parametrize("name", lesson_names()[2:])  # the others run a single step
+def test_a_run_of_a_lesson_can_be_followed_and_takes_ten_seconds_at_most(name):
+    """By the number of its steps and the speeds that it is given, whatever the machine."""
+    for steps, moves_all in runs_to_the_end(load_lesson(name)):
+        rate, done, duration = Choices(0).steps_per_second(moves_all, lesson=True), 0.0, 0.0
+        while done < steps:
+            done, duration = done + 0.01 * watched_rate(rate, duration), duration + 0.01
+        assert 5.0 <= duration <= 10.0, (steps, duration)
 
 
 def test_texts_of_a_file_are_escaped():

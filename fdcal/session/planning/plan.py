@@ -81,7 +81,6 @@ def _room_bound(request: PlanRequest) -> tuple[Bound | None, tuple[str, ...]]:
     """Return the bound in the room's own field; None without a room, or with a note where no source fits in."""
     if request.room is None:
         return None, ()
-    places_in_room(request)  # refuses an array that does not fit
     try:
         return position_bound(room_information(request), request.prior), ()
     except InputError as error:
@@ -200,7 +199,7 @@ def _plane_lines(request: PlanRequest) -> list[str]:
 
 
 def takes_lines(cases: Sequence[TakesCase], own: int = 1) -> list[str]:
-    """Return what more places of the source bring to the least error, a line for each way to record them."""
+    """Return what more places of the source bring to the expected error, a line for each way to record them."""
     several = [case for case in cases if case.takes > 1]
     if not several:
         return []
@@ -212,7 +211,7 @@ def takes_lines(cases: Sequence[TakesCase], own: int = 1) -> list[str]:
     mine = next(case for case in cases if case.takes == max(own, 2))
     times = "twice" if mine.takes == 2 else f"{mine.takes} times"
     return [
-        row(f"more places of the source, each recorded as long as one ({_mm(one)} rms)", "rms"),
+        row(f"more places of the source, each recorded as long as one ({_mm(one)} rms expected)", "rms"),
         row("the same recording time in all, divided among the places", "shared"),
         f"one place, recorded {times} as long: {_mm(mine.longer)}",
     ]

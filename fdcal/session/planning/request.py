@@ -14,7 +14,7 @@ from ...acoustics.measure import cached_measurement
 from ...acoustics.room_modes import independent_frequencies
 from ...assessment.uncertainty import Prior
 from ...model import measurement_checks
-from ...model.arrays import ball, box, circle, positions_of, rectangle
+from ...model.arrays import WALL_DISTANCE_M, ball, box, circle, positions_of, rectangle
 from ...model.declared import Metres, MetresPerSecond, Seconds, Seed, check, within
 from ...model.scene import Array, Scene
 from ...model.scene_file import MeasuredScene, load_scene, scene_names
@@ -224,11 +224,30 @@ class PlanRequest:
         if self.known_sigma and not self.known:
             why = "is of given positions, and none is given"
             raise refusal("known_sigma", self.known_sigma, why, "give <known>, or leave out <known_sigma>", "m")
+        if room is not None:
+            self._require_fit(np.ptp(self.stated_places, axis=0), np.array(room))
         if len(self.frequencies) < MIN_FREQUENCIES:
             low, high = self.limits
-            problem = f"{low:g} to {high:.0f} Hz with a reverberation time of {self.reverberation_time:g} s hold"
+            problem = f"{low:.3g} to {high:.3g} Hz with a reverberation time of {self.reverberation_time:g} s hold"
+            problem += f" {len(self.frequencies)} independent frequencies, and a calibration needs {MIN_FREQUENCIES}"
             remedy = "use a wider band (<frequencies>), or a smaller array, whose band reaches higher" + self._width
-            raise InputError(f"{problem} {len(self.frequencies)} independent frequencies", remedy, key="frequencies")
+            raise InputError(problem, remedy, key="frequencies")
+
+    def _require_fit(self, extent: np.ndarray, size: np.ndarray) -> None:
+        """Raise InputError unless an array of some extent (D,), metres, fits into a room, its walls left free."""
+        if np.any(extent > size - 2 * WALL_DISTANCE_M):
+            array, room = (" x ".join(f"{length:.3g}" for length in lengths) for lengths in (extent, size))
+            problem = (
+                f"the array, {array} m, does not fit into the room, {room} m, {WALL_DISTANCE_M:g} m from its walls"
+            )
+            remedy = "give a smaller array or a larger <room>, both in metres"
+            raise InputError(problem, remedy, key="room", value=self.room)
+
+    @property
+    def stated_places(self) -> np.ndarray:
+        """The microphones by their own coordinates, in as many as the room has : (N, 2 or 3) float64, metres."""
+        size = self.room or ()
+        return self.layout.in_space(PLAN_LIMITS.place[2] * size[2]) if len(size) == 3 else self.layout.positions
 
     @property
     def dimension(self) -> int:

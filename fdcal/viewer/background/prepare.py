@@ -233,14 +233,18 @@ class PreparedRun:
         return None if isinstance(self.scene, MeasuredScene) else self.scene
 
 
+SIMULATING, READING = "Simulating the room", "Reading the measurement"
+
+
 class PreparationProgress:
     """Progress of the preparation: written by its thread, read by the main one. Setting `stop` cancels it.
 
     `task`: what is in progress; `done`: 0 to 1, of the task; `measurement`: or None until there is one.
     """
 
-    def __init__(self):
-        self.task, self.done, self.stop = "Simulating the room", 0.0, False
+    def __init__(self, task: str = SIMULATING):
+        self.task, self.done, self.stop = task, 0.0, False
+        self._since = time.perf_counter()
         self.warmup: Warmup | None = None
         self.measurement: Measurement | None = None
 
@@ -258,7 +262,10 @@ class PreparationProgress:
     def text(self) -> str:
         """The progress in words."""
         if self.done < 1:
-            return f"{self.task} ... {round(100 * self.done)} %"
+            if self.done:
+                return f"{self.task} ... {round(100 * self.done)} %"
+            slow = self.task == SIMULATING and time.perf_counter() - self._since > COMPILE_TIME
+            return "Preparing the simulation (compiled in the first run) ..." if slow else f"{self.task} ..."
         return (self.warmup.text if self.warmup else "") or "Preparing the solver ..."
 
 
@@ -361,7 +368,8 @@ class Preparation:
     """One request while it is prepared. Its thread sets `run` or `error`, and then `done`."""
 
     def __init__(self, request: OpenRequest):
-        self.request, self.progress = request, PreparationProgress()
+        read = request.measurement is not None or isinstance(request.scene, MeasuredScene)
+        self.request, self.progress = request, PreparationProgress(READING if read else SIMULATING)
         self.run: PreparedRun | None = None
         self.error: Exception | None = None
         self.done = False

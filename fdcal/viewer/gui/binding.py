@@ -68,8 +68,8 @@ VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camer
 
 Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
 MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
-WATCHED_MOVES = 20  # steps per second that can be followed, of single microphones
 WATCHED_RATE = 5  # steps per second that can be followed, of a solver whose steps move all microphones
+LESSON_RATE, LESSON_MOVES = 1, 3  # the same of a lesson, and of steps that move single microphones: 5 to 10 s a run
 BOUNDS = {"opacity": (0.1, 1.0), "relief_height": (0.05, 1.0), "slice_position": (-math.inf, math.inf)}
 # Choices that another scene keeps.
 KEPT = ("trails", "ellipses", "ellipse_scale", "lecture", "export_kind", "export_view", "export_size", "rate", "themed")
@@ -103,13 +103,14 @@ class Choices:
     plan: PlanChoices = field(default_factory=PlanChoices)
     take: int | None = None  # whose rows and spectrum are shown; None for those of all takes
 
-    def steps_per_second(self, moves_all: bool, watched: bool = False) -> int:
-        """Return how many steps the solver takes per second, MAX_RATE for no limit.
+    def steps_per_second(self, moves_all: bool, lesson: bool = False) -> int:
+        """Return with how many steps per second a run begins, MAX_RATE for no limit.
 
-        `moves_all`: whether a step of the solver moves all microphones, so that a run has few of them; `watched`:
-        whether it is to be followed though its steps move single microphones.
+        `moves_all`: whether a step of the solver moves all microphones, so that a run has few of them; `lesson`:
+        whether it is to be followed, whatever its steps are.
         """
-        return self.rate or (WATCHED_RATE if moves_all else WATCHED_MOVES if watched else MAX_RATE)
+        usual, followed = (WATCHED_RATE, LESSON_RATE) if moves_all else (MAX_RATE, LESSON_MOVES)
+        return self.rate or (followed if lesson else usual)
 
     @property
     def map_order(self) -> int | None:

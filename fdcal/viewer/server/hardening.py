@@ -220,6 +220,17 @@ def same_origin(respond: Respond) -> Respond:
     return answer
 
 
+def uncompressed_here(respond: Respond) -> Respond:
+    """Wrap the function that answers requests for files: within this machine, to compress takes longer than to send."""
+
+    def answer(connection, request) -> Response | None:
+        if is_loopback(connection.remote_address[0]):
+            request.headers.pop("Accept-Encoding", None)
+        return respond(connection, request)
+
+    return answer
+
+
 TITLE = "fdcal"
 OF_VISER = b"<title>Viser</title>"
 BUNDLE = re.compile(rb"<script data-p=.*?</script>", re.DOTALL)  # the program of viser's page
@@ -359,7 +370,7 @@ def _restricted_listening(host: str, film: str, on_sent: Callable[[], None]) -> 
 
     def restricted(handler: Handler, *arguments, **given):
         if given.get("process_request") is not None:
-            given["process_request"] = same_origin(titled(given["process_request"], film, on_sent))
+            given["process_request"] = same_origin(uncompressed_here(titled(given["process_request"], film, on_sent)))
         return serve(version_checked(handler), *arguments, **(given | options))
 
     module.serve = restricted

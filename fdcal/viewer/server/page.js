@@ -117,6 +117,7 @@ line.setAttribute("role", "status");
 for (const name of ["words", "caption", "legend", "sheet", "bar"]) {
   const region = overlay.appendChild(document.createElement("div"));
   region.dataset.region = name;
+  if (name == "bar") region.innerHTML = "<span class='scene'><span><b>fdcal</b><small>Starting ...</small></span></span>";
 }
 
 function show(uuid, content) {
@@ -133,7 +134,7 @@ function show(uuid, content) {
     return;
   }
   const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
-  if (!region) return;
+  if (!region || name == "bar" && !html) return;  // a server that has only just begun to load
   made.innerHTML = html;
   const text = () => region.querySelector(".text")?.textContent, before = text();
   morph(region, made.content);
@@ -164,7 +165,7 @@ function morph(old, wanted) {
 
 const layer = document.createElement("div");
 layer.id = "fdcal-labels";
-let labels = [], drawnFrom = "", canvasSize = [0, 0];
+let labels = [], drawnFrom = "", canvasSize = [0, 0], upright = true;
 const SIDES = {left: 0, center: 0.5, right: 1, top: 0, bottom: 1}, GAP = 3, AXIS = 60;  // pixels: between texts; of an axis that shows
 
 function setLabels(html) {
@@ -182,7 +183,7 @@ function followScene() {
   const {scene, camera} = window.__viserMutable ?? {};
   if (!scene || !camera) { setTimeout(followScene, 50); return; }
   scene.onAfterRender = (renderer, from, by) => { if (by == window.__viserMutable.camera) placeLabels(by); };
-  scene.onBeforeRender = () => { hideHandles(); showNewest(); };
+  scene.onBeforeRender = () => { hideHandles(); showNewest(); showTicks(); };
   placeLabels(camera);
 }
 
@@ -191,6 +192,12 @@ function hideHandles() {
   for (const [name, node] of Object.entries(window.__viserMutable.nodeRefFromName))
     if (/^\/(picking|cut_handles)\//.test(name))
       node?.traverse(part => { for (const material of [part.material ?? []].flat()) material.depthWrite = false; });
+}
+
+// From the top those of the heights would be a blob, as their numbers would.
+function showTicks() {
+  const ticks = window.__viserMutable.nodeRefFromName["/frame_ticks"];
+  if (ticks) ticks.visible = upright;
 }
 
 // A surface stays until its successor is drawn, which takes a slow browser seconds: only the newest that is drawn shows.
@@ -225,10 +232,11 @@ function placeLabels(camera) {
     if (label.axis) span[label.axis] = [low.map((a, i) => Math.min(a, label.place[i])), high.map((a, i) => Math.max(a, label.place[i]))];
   }
   const long = axis => axis in span && Math.hypot(...span[axis][1].map((a, i) => a - span[axis][0][i])) > AXIS;
+  upright = long("z");
   for (const {element, axis, seen, box: [x, y], size: [width, height]} of labels) {
     const inside = x >= 0 && y >= 0 && x + width <= canvasSize[0] && y + height <= canvasSize[1];
     const free = taken.every(([a, b, c, d]) => x > c + GAP || x + width + GAP < a || y > d || y + height < b);
-    const shown = seen && inside && free && (axis == "r" ? !long("z") : !axis || long(axis));
+    const shown = seen && inside && free && (axis == "r" ? !upright : !axis || long(axis));
     if (shown) taken.push([x, y, x + width, y + height]);
     element.style.visibility = shown ? "" : "hidden";
     element.style.transform = `translate(${x}px, ${y}px)`;

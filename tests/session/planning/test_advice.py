@@ -8,7 +8,7 @@ import pytest
 from fdcal.assessment.uncertainty import field_information, position_bound
 from fdcal.model.gauge import fixes_gauge
 from fdcal.session.planning.advice import accuracy_advice, best_addition, best_tape, resized
-from fdcal.session.planning.bounds import field_of, forecast, request_information, rms_at, wavenumbers_of
+from fdcal.session.planning.bounds import field_of, forecast, information_at, request_information, wavenumbers_of
 from fdcal.session.planning.request import ASSUMED, PlanRequest, read_layout
 from fdcal.session.planning.trials import run_trials
 
@@ -142,7 +142,7 @@ def test_a_ratio_is_not_advised_where_noise_is_not_the_limit():
     """The bound of ten microphones on a circle still falls beyond 40 dB, while calibrations no longer follow it."""
     request = request_of("circle 10 0.3", known=(0, 3, 6), room=(6.0, 5.0), accuracy=0.003)
     assert advice_of(request).snr_db is None
-    assert rms_at(request, 70.0) < request.accuracy
+    assert position_bound(information_at(request, 70.0), request.prior).rms < request.accuracy
     assert median_error(replace(request, snr_db=50.0), 3) > request.accuracy
 
 

@@ -12,6 +12,7 @@ from fdcal.assessment.uncertainty import position_bound
 from fdcal.graphics.reports import draw_plan, plan_html
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings.frequencies import default_max_rows
+from fdcal.session.planning.advice import sizes_of
 from fdcal.session.planning.bounds import field_of, forecast, places_in_room, request_information, wavenumbers_of
 from fdcal.session.planning.plan import make_plan, plan_dict, plan_lines
 from fdcal.session.planning.request import Layout, PlanRequest, read_layout
@@ -155,9 +156,26 @@ def test_the_tape_improves_the_shape_which_is_compared_in_one_frame(known):
     assert "in the frame of the tape" in line and "after alignment" in line
 
 
-def test_an_array_larger_than_the_room():
-    with pytest.raises(InputError, match="does not fit"):
-        places_in_room(request_of("rectangle 4x4 3x3", room=(2.0, 4.0, 2.5)))
+@pytest.mark.parametrize(
+    ("text", "room", "words"),
+    [
+        ("rectangle 4x4 3x3", (2.0, 4.0, 2.5), "the array, 3 x 3 x 0 m, does not fit into the room, 2 x 4 x 2.5 m"),
+        ("ball 16 4", (5.0, 4.0, 2.6), r"does not fit into the room, 5 x 4 x 2\.6 m"),  # nor has it a band
+        ("circle 16 0.3 vertical", (5.0, 4.0, 0.6), r"the array, 0\.6 x 0 x 0\.6 m, does not fit"),
+        ("circle 16 0.3", (5.0, 0.7), r"the array, 0\.6 x 0\.6 m, does not fit into the room, 5 x 0\.7 m"),
+    ],
+)
+def test_an_array_larger_than_the_room(text, room, words):
+    with pytest.raises(InputError, match=words) as refused:
+        request_of(text, room=room)
+    assert refused.value.key == "room" and "smaller array or a larger" in refused.value.remedy
+
+
+def test_no_size_is_compared_that_does_not_fit_into_the_room():
+    request = request_of("ball 16 0.8", room=(5.0, 4.0, 2.6))
+    extent = np.ptp(request.layout.positions, axis=0)
+    factors = sizes_of(request, None)[:, 0]
+    assert 2.0 in factors and 2.83 not in factors and 2.83 * extent[2] > 2.4
 
 
 @pytest.mark.parametrize("room", [(6.0, 5.0), (6.0, 5.0, 2.7)])
@@ -394,6 +412,18 @@ def test_a_plan_says_what_more_places_of_the_source_bring():
     assert f"one place, recorded 3 times as long: {1e3 * plan.takes[2].longer:.3g} mm" in lines
     table = plan_dict(plan)
     assert table["takes"] == 3 and [row["takes"] for row in table["takes_rms_m"]] == [1, 2, 3, 4, 8]
+
+
+@pytest.mark.parametrize(("count", "room", "seconds"), [(64, (5.0, 4.0, 2.6), 0.4), (32, (9.0, 7.0, 4.0), 1.0)])
+def test_more_places_are_worth_more_also_where_they_share_the_rows_that_an_import_takes(count, room, seconds):
+    """Rows of a take that are farther apart are less alike; the bound takes all for independent."""
+    layout = read_layout(f"ball {count} 0.4")
+    requests = [PlanRequest(layout, room, seconds, takes=takes) for takes in (1, 2, 4)]
+    plans = [make_plan(request, with_advice=False) for request in requests]
+    assert len(requests[1].frequencies) > len(requests[2].frequencies), "they share them"
+    cases = [case.rms for case in plans[0].takes]
+    assert cases[:3] == pytest.approx([plan.forecast.rms for plan in plans], rel=0.03)
+    assert cases[2] < 0.95 * cases[1] < 0.9 * cases[0]
 
 
 def test_trials_of_several_takes_have_a_source_for_each():

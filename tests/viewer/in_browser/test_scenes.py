@@ -28,18 +28,48 @@ BOX = """name => {
 }"""
 
 
+# What bar and legend say of the scene and of its map from now on, in the order in which it is said.
+SAID = """() => {
+    const last = {}, say = () => ["[data-region=bar] .scene small", "[data-region=legend] p"].forEach(part => {
+        const text = document.querySelector(part)?.innerText ?? "";
+        if (text != last[part]) said.push(text);
+        last[part] = text;
+    });
+    window.said = [];
+    say();
+    said.length = 0;
+    window.saying = new MutationObserver(say);
+    saying.observe(document.getElementById("fdcal"), {subtree: true, childList: true, characterData: true});
+}"""
+
+
 @pytest.fixture(scope="module")
 def lshape(opened):
     """The page of `lshape`, which was chosen in Explore."""
     press(opened, "Explore")
-    opened.get_by_role("button", name="Choose a scene").click()
-    opened.locator("[data-do='scene=lshape']").click()
-    opened.get_by_role("button", name="Choose a scene").get_by_text("L-shaped").wait_for()
+    chosen(opened, "lshape", "L-shaped")
     return opened
+
+
+def chosen(page, name, title):
+    """Choose a scene in Explore, and wait until it is shown."""
+    page.get_by_role("button", name="Choose a scene").click()
+    page.locator(f"[data-do='scene={name}']").click()
+    page.get_by_role("button", name="Choose a scene").get_by_text(title).wait_for()
 
 
 def test_a_scene_is_chosen_in_explore(lshape):
     lshape.wait_for_function("location.hash.includes('scene=lshape')")
+
+
+def test_something_that_says_it_works_is_seen_before_a_scene_and_before_its_map(lshape):
+    lshape.evaluate(SAID)
+    chosen(lshape, "frl_array", "Measured")
+    lshape.wait_for_function("said.join().includes('Paused') && said.join().includes('Where the map')")
+    said = lshape.evaluate("saying.disconnect(), said")
+    at = {word: [text.startswith(word) for text in said].index(True) for word in ("Paused", "Computing", "Where")}
+    assert any(text.startswith(("Reading", "Preparing")) for text in said[: at["Paused"]]), said
+    assert at["Computing"] < at["Where"], said
 
 
 @pytest.fixture(scope="module")
