@@ -29,7 +29,7 @@ from ..model.problem import Problem
 from ..model.validation import length_text
 from ..solvers.estimate import Estimate, RoomEstimate, TriedOptimum
 from ..solvers.requirements import needed_modes
-from .channels import FaultyChannel, channel_faults, healthy_channels
+from .channels import MAX_NOISE, FaultyChannel, channel_faults, healthy_channels
 from .uncertainty import one_sigma, root_mean_square
 
 Evidence = TypeVar("Evidence")
@@ -79,6 +79,16 @@ class Judged:
     def healthy(self) -> np.ndarray:
         """Which channels are not at fault : (N,) bool."""
         return healthy_channels(len(self.covariance), self.faulty)
+
+    @property
+    def unexplained(self) -> list[FaultyChannel]:
+        """Faulty channels and given positions that the field does not explain.
+
+        Gain, polarity, delay and high-pass that a solver has found are part of the model, which leaves no more of such
+        a channel than of another.
+        """
+        kinds, noise = ("dead", "noisy", "misplaced", "exchanged"), self.estimate.channels.noise
+        return [one for one in self.faulty if one.kind in kinds or noise[one.number] > MAX_NOISE]
 
     @property
     def sigma(self) -> float:
@@ -227,6 +237,15 @@ def _contradicted(seen: Judged) -> str:
     )
 
 
+ANY_FAULTY = 0.3  # fraction of the channels with a fault of any kind beyond which too few are left that agree
+
+
+def _many_faulty(seen: Judged, limit: float) -> bool:
+    """Whether faulty channels are more than single faults; three of few may be where the field explains them."""
+    count = len(seen.names)
+    return len(seen.unexplained) > max(2, limit * count) or len(seen.faulty) > max(2, ANY_FAULTY * count)
+
+
 def _few_right(seen: Judged, limit: float) -> bool:
     """Whether wrong given positions are too many, or leave too few, to hold the array; one may always be misplaced."""
     problem, wrong = seen.estimate.problem, seen.wrong_given
@@ -325,7 +344,8 @@ def _uncertain_given(seen: Judged, limit: float) -> bool:
 def _other_minimum(seen: Judged, limit: float) -> bool:
     """Whether a microphone leaves more than its share of a noise that hides what rooms leave: it may stand elsewhere.
 
-    Of M frequencies the noise of a channel is known to about one over the root of M.
+    In living rooms it mostly does not: in 7 of 7 draws of a study it was within 1.3 sigma. Of M frequencies the noise
+    of a channel is known to about one over the root of M.
     """
     if seen.noisiest is None:
         return False
@@ -337,7 +357,7 @@ def _other_minimum_words(seen: Judged) -> str:
     n = seen.noisiest
     assert n is not None
     noise = f"{seen.estimate.channels.noise[n]:.2g} times the noise of the others"
-    return f"microphone {seen.names[n]} may stand elsewhere: its position leaves {noise}"
+    return f"microphone {seen.names[n]} leaves {noise}: it may stand elsewhere, or the room does this to a right one"
 
 
 def _beyond_given_noise(seen: Judged, limit: float) -> bool:
@@ -356,10 +376,10 @@ FINDINGS: tuple[Finding[Judged], ...] = (
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY),
     Finding("sound_speed", _contradicted_speed, _contradicted_speed_words, "correct it, or add <estimate_sound_speed>",
             3.0, "nats by which that is likelier than wrong positions"),
-    Finding("model_mismatch", lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
+    Finding("model_mismatch", _many_faulty,
             lambda seen: "no sound field without sources explains microphone"
                          f" {enumerated([seen.names[one.number] for one in seen.faulty])}: {CAUSES}",
-            "", 0.12, "faulty channels over all; more are no single faults"),
+            "", 0.12, "faulty channels that the field does not explain, over all; more are no single faults"),
     Finding("model_mismatch", lambda seen, limit: np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",

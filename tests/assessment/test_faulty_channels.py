@@ -130,6 +130,30 @@ def test_a_fault_is_named_with_its_value(healthy, kind, unit, value, factor):
     assert np.max(errors(found, healthy)) < 0.012
 
 
+FEW, MANY = [2, 7, 13], [1, 2, 6, 7, 9, 13, 16]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "factor", "verdict"),
+    [
+        (FEW, lambda f: -np.ones_like(f), "good"),
+        (FEW, lambda f: np.full_like(f, 10 ** (6 / 20)), "good"),
+        (FEW, lambda f: np.exp(-2j * np.pi * f * 1e-3), "good"),
+        (MANY, lambda f: -np.ones_like(f), "model_mismatch"),
+        (FEW, None, "model_mismatch"),  # noise of their own
+    ],
+)
+def test_faults_that_the_model_explains_are_no_mismatch_unless_they_are_many(healthy, numbers, factor, verdict):
+    p, rng, f = np.array(healthy.pressures), np.random.default_rng(8), healthy.frequencies
+    for n in numbers:
+        noise = np.sqrt(np.mean(np.abs(p) ** 2, axis=1)) * (rng.normal(size=MODES) + 1j * rng.normal(size=MODES))
+        p[:, n] = noise if factor is None else p[:, n] * factor(f)
+    found, faulty = found_in(replace(healthy, pressures=p))
+    assert found.verdict == verdict, found.message
+    assert {one.number for one in faulty} == set(numbers) or verdict != "good"
+    assert verdict != "good" or np.max(errors(found, healthy)) < 0.012
+
+
 def test_a_channel_with_more_noise_is_noisy_by_so_many_decibels(healthy):
     p, rng = np.array(healthy.pressures), np.random.default_rng(6)
     power = np.mean(np.abs(p) ** 2, axis=1)
