@@ -1,8 +1,9 @@
 """A smoke test of fdcal as it is installed: a calibration, a picture, a page that answers. `python -m benchmarks.smoke`
 
-`.ci/run` calls it with the lowest versions that pyproject.toml allows, and with each Python that it names, where the
-test suite runs with the newest versions and one Python. It needs nothing that fdcal does not; `--core` tests an
-installation without extras. It runs outside of the checkout, so that the installed package is what it tests.
+`.ci/run` calls it with the lowest versions that pyproject.toml allows on the oldest Python, and with the newest
+versions on the newest one; the test suite runs with the newest versions and one Python. It needs nothing that fdcal
+does not; `--core` tests an installation without extras. It runs outside of the checkout, so that the installed package
+is what it tests.
 """
 
 import platform

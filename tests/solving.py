@@ -3,7 +3,7 @@
 import hashlib
 import json
 import pickle
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,12 @@ import numpy as np
 from fdcal import solvers
 from fdcal.assessment.assess import Assessment, assess, judged
 from fdcal.model.gauge import align
+from fdcal.model.measurement import Measurement, load_measurement
 from fdcal.model.problem import Problem
 from fdcal.model.settings import SolverSettings
 from fdcal.session.session_file import read_states, write_states
 from fdcal.solvers.estimate import Estimate
+from fdcal.viewer import opening
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,12 @@ def solved_anew(problem: Problem, settings: SolverSettings) -> Solved:
     *_, state = solvers.run(problem, settings, 0)
     estimate = solvers.load(settings.name).result(problem, state)
     return Solved(problem, state, estimate, assess(estimate))
+
+
+def simulated_square() -> Measurement:
+    """49 microphones of a simulated room, no noise: the measurement that comes with fdcal, with three corners given."""
+    shipped, corners = load_measurement(opening.MEASUREMENT), np.array([0, 6, 42])
+    return replace(shipped, known=corners, known_positions=shipped.positions[corners])
 
 
 def run_from(solver, problem, state) -> list:

@@ -61,7 +61,7 @@ def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         G, fault = factor(A.T, lower=0, overwrite_a=1, clean=1)
         if fault:
             raise np.linalg.LinAlgError(f"covariance of mode {m} is not positive definite")
-        diagonals[m] = np.real(np.diagonal(G))
+        diagonals[m] = G.diagonal().real
         invert(G, lower=0, overwrite_c=1)
     upper = np.conj(np.swapaxes(C, 1, 2))  # A.T holds the upper triangle, so A the lower
     np.copyto(C, upper, where=np.tri(C.shape[1], k=-1, dtype=bool).T)

@@ -433,7 +433,7 @@ def test_a_chain_of_solvers_finds_a_healthy_array_good():
 
 
 @pytest.mark.parametrize("known", [CORNERS, []], ids=["known", "blind"])
-@pytest.mark.parametrize("snr_db", [np.inf, 40, 30, 20, 10])
+@pytest.mark.parametrize("snr_db", [np.inf, 30, 10])
 def test_the_true_positions_are_good_whoever_found_them(known, snr_db):
     seed = int(10 * len(known) + min(snr_db, 50))
     measurement = room(known, snr_db, seed, source=(5.6 - 0.01 * seed, 4.53))

@@ -35,11 +35,18 @@ phase_deg = 5.0
 """
 
 
-def small(show, faulty):
-    """A show of the gallery with scene `tiny`, whose simulation takes no time; in space it stays as it is."""
+SMALL_BALL = (
+    ("count = 64", "count = 20"),
+    ("[3, 29, 52, 57]", "[3, 8, 13, 18]"),
+    ("highest = 300.0", "highest = 200.0"),
+)
+
+
+def small(show, folder):
+    """A show of the gallery with scene `tiny`, whose simulation takes no time; in space with fewer microphones."""
+    scene = {"ball3d": folder / "ball.toml", "faults": folder / "faulty.toml"}.get(show.name, "tiny")
     if show.scene == "ball3d":
-        return show
-    scene = faulty if show.name == "faults" else "tiny"
+        return replace(show, scene=str(scene))
     address = re.sub(r"microphone=\d+", "microphone=9", re.sub(r"modes=[\d-]+", "modes=9", show.address))
     return replace(show, scene=str(scene), microphone=9, address=address)
 
@@ -47,10 +54,14 @@ def small(show, faulty):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The gallery, as the command writes it, of small scenes."""
-    folder, faulty = tmp_path_factory.mktemp("site") / "gallery", tmp_path_factory.mktemp("scene") / "faulty.toml"
-    faulty.write_text((scene_folder() / "tiny.toml").read_text(encoding="utf-8") + FAULTY, encoding="utf-8")
+    folder, scenes = tmp_path_factory.mktemp("site") / "gallery", tmp_path_factory.mktemp("scenes")
+    tiny, ball = ((scene_folder() / f"{name}.toml").read_text(encoding="utf-8") for name in ("tiny", "ball3d"))
+    (scenes / "faulty.toml").write_text(tiny + FAULTY, encoding="utf-8")
+    for old, new in SMALL_BALL:
+        ball = ball.replace(old, new)
+    (scenes / "ball.toml").write_text(ball, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as left:
-        patch.setattr(gallery_pages, "SHOWS", tuple(small(show, faulty) for show in gallery_pages.SHOWS))
+        patch.setattr(gallery_pages, "SHOWS", tuple(small(show, scenes) for show in gallery_pages.SHOWS))
         patch.setattr(gallery_pages, "LESSONS", {LESSON: gallery_pages.LESSONS[LESSON]})
         main(["gallery", "-o", str(folder)])
     assert not left.value.code

@@ -6,6 +6,7 @@ import sys
 import pytest
 from running import exit_code
 
+from fdcal.session.planning import plan
 from fdcal.session.study import load_study
 from fdcal.session.study.rows import run_task
 from fdcal.session.study.run import Results
@@ -13,7 +14,14 @@ from fdcal.session.study.run import Results
 LAYOUT = "rectangle 4x4 0.5x0.5"
 
 
-def test_a_plan_is_written_in_each_format(tmp_path, capsys):
+def test_a_plan_is_written_in_each_format(tmp_path, capsys, monkeypatch):
+    made, make = [], plan.make_plan  # one plan, in three formats
+
+    def make_once(request, **others):
+        made.extend([] if made else [make(request, **others)])
+        return made[0]
+
+    monkeypatch.setattr(plan, "make_plan", make_once)
     for suffix, first in ((".html", b"<!doctype html>"), (".json", b"{"), (".png", b"\x89PNG")):
         path = tmp_path / f"plan{suffix}"
         assert exit_code("plan", LAYOUT, "--known", "0,3,12", "-o", path) == 0

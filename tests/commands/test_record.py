@@ -36,7 +36,7 @@ def folder(tmp_path_factory):
     faulty = one.copy()
     faulty[INVERTED] *= -1
     faulty[list(SWAPPED)] = one[list(SWAPPED[::-1])]
-    dead = one[:, : 15 * FS].copy()
+    dead = one[:, : 10 * FS].copy()
     dead[DEAD] = 0.001 * np.random.default_rng(0).standard_normal(dead.shape[1])
     for name, sound in (("one", one), ("two", two), ("faulty", faulty), ("dead", dead)):
         soundfile.write(path / f"{name}.wav", sound.T, FS, subtype="PCM_24")
@@ -64,7 +64,7 @@ def test_a_dead_channel_is_named_and_marked_in_the_table(folder):
 
 def test_a_dead_channel_is_not_called_misplaced_wherever_it_was_found(folder):
     """It records loud noise of its own; a calibration places it metres away."""
-    sound = soundfile.read(folder / "one.wav", frames=15 * FS)[0].T
+    sound = soundfile.read(folder / "one.wav", frames=10 * FS)[0].T
     sound[DEAD] = np.std(sound[0]) * np.random.default_rng(0).standard_normal(sound.shape[1])
     found = takes_result([recording_of("one", None, FS, sound)], Day(str(folder / "list.csv")))
     errors = fit_list(found.check, found.result.positions, found.inputs.measurement.positions).errors
@@ -73,7 +73,7 @@ def test_a_dead_channel_is_not_called_misplaced_wherever_it_was_found(folder):
 
 def test_each_take_says_what_all_of_them_say_together(folder, capsys):
     arguments = ["record", "-o", folder / "t1.wav", "--result", folder / "r.json", "--positions", folder / "list.csv"]
-    code = exit_code(*arguments, "--replay", folder / "one.wav", "--replay", folder / "two.wav", "--seconds", 14)
+    code = exit_code(*arguments, "--replay", folder / "one.wav", "--replay", folder / "two.wav", "--seconds", 10)
     out = capsys.readouterr().out
     assert (folder / "t2.wav").exists() and code in (0, 4)
     found = json.loads((folder / "r.json").read_text())

@@ -23,7 +23,7 @@ from fdcal.recordings.recording import recording_of, split
 
 COUNT = 16
 SOURCES = ((4.3, 3.4, 0.8), (0.6, 3.2, 2.3), (4.4, 0.5, 2.5))  # m
-FEW = 60  # rows of a calibration: the time grows with their number, and the laws hold at any
+FEW = 40  # rows of a calibration: the time grows with their number, and the laws hold at any
 GIVEN = {"sound_speed": SPEED, "array_radius": 0.5}
 
 

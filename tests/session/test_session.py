@@ -333,7 +333,7 @@ def test_a_slow_pace_holds_up_no_command(make):
 
 
 def test_a_session_that_yields_takes_no_step_but_obeys_commands(make):
-    session = make(Counter(), yield_time=3.0)
+    session = make(Counter(), yield_time=1.5)
     session.yield_to_ui()
     session.play()
     session.use_modes(2, 3, False)

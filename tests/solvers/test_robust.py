@@ -154,7 +154,7 @@ def blind_circle(seed):
 def test_the_directions_of_the_field_hold_the_shape_of_a_blind_circle(monkeypatch):
     def mean_error():
         errors = []
-        for seed in range(3):
+        for seed in range(2):
             measurement = blind_circle(seed)
             settings = SolverSettings(name="robust", modes=40, known="none")
             found = solved_anew(measurement.problem("unit", "none"), settings).state.positions
@@ -261,7 +261,11 @@ def test_without_noise_a_gain_is_still_sought():
 
 
 def test_the_listening_lab_is_found_blind():
-    inputs = scene_input(load_scene("listening_lab"))
+    lab = load_scene("listening_lab")  # with half of its microphones in two thirds of its width
+    array = replace(lab.array, count=32, radius=0.3)
+    inputs = scene_input(
+        replace(lab, array=array, measurement=replace(lab.measurement, resolution=12.0, highest=820.0))
+    )
     assert inputs.measurement.blind
     result = solve(inputs)
     errors = inputs.measurement.errors(result.positions)

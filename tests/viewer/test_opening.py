@@ -121,7 +121,7 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     context = browser.new_context(**PHONE)
     page = context.new_page()
     page.set_default_timeout(WAIT * 1e3)
-    page.goto(f"{url}/?fixedDpr=1#face=explore", wait_until="domcontentloaded")
+    page.goto(f"{url}/?fixedDpr=0.25#face=explore", wait_until="domcontentloaded")
     assert page.evaluate(f"!{FILM}"), "a link leads to what it names"
     legend = page.locator("#fdcal [data-region=legend]")
     legend.get_by_text("low and dark").wait_for()
@@ -162,7 +162,7 @@ def test_one_mode_alone_is_told_from_a_sum(modes, text):
 
 
 def opened(browser, url, **options):
-    page = browser.new_page(viewport={"width": 1280, "height": 720}, **options)
+    page = browser.new_page(viewport={"width": 1024, "height": 576}, **options)
     page.set_default_timeout(WAIT * 1e3)
     page.goto(f"{url}/{EXPLORE}", wait_until="domcontentloaded")
     return page

@@ -403,5 +403,5 @@ def turn_until_ready(page):
 
 
 def test_the_memory_of_a_server_does_not_grow_by_scene_switches():
-    seen = soak(8, ["tiny"], settle_time=3.0)
+    seen = soak(5, ["tiny"], settle_time=3.0)
     assert seen.end - seen.start <= MAX_GROWTH and seen.threads_left <= 0 and not seen.errors

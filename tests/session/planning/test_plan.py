@@ -247,9 +247,15 @@ def test_the_figure_says_that_the_accuracy_is_of_every_microphone_and_counts_tri
     assert np.array_equal(drawn.get_yticks(), np.rint(drawn.get_yticks()))
 
 
-def test_trials_find_an_easy_array_and_never_an_impossible_accuracy():
-    easy = request_of("rectangle 4x4 0.6x0.6", room=(6.0, 5.0), snr_db=40.0, known=(0, 3, 12), band=(20.0, 400.0))
-    found = run_trials(easy, request_information(easy), 3)
+@pytest.fixture(scope="module")
+def easy():
+    """A request that is easy to fulfil, and three trials of it."""
+    asked = request_of("rectangle 4x4 0.6x0.6", room=(6.0, 5.0), snr_db=40.0, known=(0, 3, 12), band=(20.0, 400.0))
+    return asked, run_trials(asked, request_information(asked), 3)
+
+
+def test_trials_find_an_easy_array_and_never_an_impossible_accuracy(easy):
+    found = easy[1]
     assert found.accurate == 1.0
     assert found.found == 1.0
     assert replace(found, accuracy=1e-9).accurate == 0.0
@@ -271,12 +277,11 @@ def test_processes_that_share_trials_change_no_result_and_one_that_dies_is_repor
     assert not multiprocessing.active_children()
 
 
-def test_a_plan_with_trials_answers_first():
+def test_a_plan_with_trials_answers_first(easy):
     """Whoever asks whether an array will do reads yes or no before any figure of the bound."""
-    easy = request_of("rectangle 4x4 0.6x0.6", room=(6.0, 5.0), snr_db=40.0, known=(0, 3, 12), band=(20.0, 400.0))
-    simulated = run_trials(easy, request_information(easy), 2)
+    asked, simulated = easy
     hard = replace(simulated, errors=np.full_like(simulated.errors, 0.3))
-    lines = [plan_lines(make_plan(easy, trials=trials)) for trials in (simulated, hard, None)]
+    lines = [plan_lines(make_plan(asked, with_advice=False, trials=trials)) for trials in (simulated, hard, None)]
     assert lines[0][1].startswith("yes: ")
     assert lines[1][1].startswith("no: ")
     assert lines[2][0].startswith("no calibration was simulated: ")

@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import subprocess
+import sys
 import threading
 from contextlib import nullcontext
 from dataclasses import asdict, replace
@@ -14,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas
 import pytest
-from running import FDCAL, done
+from running import done
 
 import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
@@ -321,11 +322,22 @@ def free_port():
         yield bound.getsockname()[1]
 
 
+# `fdcal` whose studies write every batch as it comes, so that there is a row to keep at once.
+EAGER = """
+import sys
+from dataclasses import replace
+from fdcal.commands.cli import main
+from fdcal.session.study import run
+run.PACE = replace(run.PACE, write_seconds=0.0)
+main(sys.argv[1:])
+"""
+
+
 def test_an_interrupted_study_says_in_one_line_what_is_kept_and_how_it_goes_on(tmp_path):
     path, folder = tmp_path / "study.toml", tmp_path / "out"
     path.write_text(TEXT.format(draws=100))
     process = subprocess.Popen(
-        [*FDCAL, "study", str(path), "-o", str(folder), "--workers", "1"],
+        [sys.executable, "-c", EAGER, "study", str(path), "-o", str(folder), "--workers", "1"],
         start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     waited = threading.Event()
@@ -342,11 +354,12 @@ def test_an_interrupted_study_says_in_one_line_what_is_kept_and_how_it_goes_on(t
 def test_a_killed_study_goes_on_a_killed_worker_costs_no_row_and_its_report_is_drawn(tmp_path, monkeypatch):
 
     path, folder = tmp_path / "study.toml", tmp_path / "out"
-    path.write_text(TEXT.format(draws=8))
+    path.write_text(TEXT.format(draws=3))
     command = ["study", str(path), "-o", str(folder), "--workers"]
     process = subprocess.Popen(  # with one worker it lasts long enough
-        [*FDCAL, *command, "1"], start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+        [sys.executable, "-c", EAGER, *command, "1"],
+        start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
     waited = threading.Event()
     while process.poll() is None and not list(folder.glob(PARTS)):
         waited.wait(0.05)
@@ -369,7 +382,7 @@ def test_a_killed_study_goes_on_a_killed_worker_costs_no_row_and_its_report_is_d
         return run_study(study, results, client, noted)
 
     monkeypatch.setattr(study_run, "run_study", killing_one)
-    done(*command, "2", "--resume", folder=tmp_path)
+    done(*command, "1", "--resume", folder=tmp_path)
     assert len(killed) == 1
     head, rows = read_results(folder)
     assert sorted(rows["task"]) == list(range(study.count))
