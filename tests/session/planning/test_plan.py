@@ -14,7 +14,7 @@ from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings.frequencies import default_max_rows
 from fdcal.session.planning.advice import sizes_of
 from fdcal.session.planning.bounds import field_of, forecast, places_in_room, request_information, wavenumbers_of
-from fdcal.session.planning.plan import make_plan, plan_dict, plan_lines
+from fdcal.session.planning.plan import make_plan, plan_dict, plan_lines, trial_lines
 from fdcal.session.planning.request import Layout, PlanRequest, read_layout
 from fdcal.session.planning.trials import Trials, draw_measurement, run_trials
 from fdcal_bench.cases import FAMILIES, SNR_DB, TAKES
@@ -412,6 +412,29 @@ def test_a_plan_says_what_more_places_of_the_source_bring():
     assert f"one place, recorded 3 times as long: {1e3 * plan.takes[2].longer:.3g} mm" in lines
     table = plan_dict(plan)
     assert table["takes"] == 3 and [row["takes"] for row in table["takes_rms_m"]] == [1, 2, 3, 4, 8]
+
+
+@pytest.mark.parametrize(
+    ("text", "others", "said"),
+    [
+        ("ball 16 0.4", {}, True),
+        ("ball 16 0.4", {"room": (5.0, 4.0, 2.6)}, True),
+        ("ball 16 0.4", {"takes": 2}, False),
+        ("ball 16 0.4", {"known": (0, 1, 2, 3)}, False),
+        ("ball 32 0.4", {}, False),
+        ("circle 16 0.4", {"room": (5.0, 4.0)}, False),
+    ],
+)
+def test_few_microphones_from_one_place_with_nothing_given_are_said_to_be_often_not_found(text, others, said):
+    lines = plan_lines(make_plan(request_of(text, **others), with_advice=False))
+    assert any("more places of the source, or try" in line for line in lines) == said
+
+
+def test_trials_say_which_verdicts_there_were():
+    verdicts = ("good", "ambiguous", "not_converged", "ambiguous")
+    trials = Trials(np.full((4, 16), 1e-3), verdicts, np.ones(16, bool), 1e-3, 0.01, 1.0)
+    (line, _) = trial_lines(trials)
+    assert "verdict good in 25%" in line and line.endswith(", ambiguous in 50%, not_converged in 25%")
 
 
 @pytest.mark.parametrize(("count", "room", "seconds"), [(64, (5.0, 4.0, 2.6), 0.4), (32, (9.0, 7.0, 4.0), 1.0)])
