@@ -226,17 +226,21 @@ def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:
     return 0
 
 
+OWN_PAGE = "study-"  # how the pages of the studies in studies/ begin
+
+
 def _page(folder: str, page: str) -> int:
     _require(page.endswith(".md"), "page", f"{page} is no page", "give FILE.md")
     from ..graphics.study_report import write_page
     from ..session.study.run import read_results
 
     head, rows = read_results(Path(folder))
-    stem = Path(page).stem
-    name = stem.removeprefix("study-")
-    study = f"studies/{name}.toml"
-    commands = f"fdcal study {study} -o {name}\nfdcal study --report {name} --page docs/explanation/{stem}.md"
-    write_page(Path(page), head, rows, study, commands)
+    study, output, target = "STUDY.toml", folder, page
+    if Path(page).stem.startswith(OWN_PAGE):  # of the documentation
+        output = Path(page).stem.removeprefix(OWN_PAGE)
+        study, target = f"studies/{output}.toml", f"docs/explanation/{Path(page).name}"
+    commands = f"fdcal study {study} -o {output}\nfdcal study --report {output} --page {target}"
+    write_page(Path(page), head, rows, study if study != "STUDY.toml" else str(head["title"]), commands)
     print(page)
     return 0
 

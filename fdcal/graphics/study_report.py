@@ -23,7 +23,7 @@ from ..assessment import study_statistics as statistics
 from ..assessment.study_statistics import BINS, COLUMNS, LEVELS
 from ..model.storage import parse_toml, read_bytes, write_atomically
 from ..model.validation import InputError, StorageError
-from ..session.study import version_text
+from ..session.study import SETTING, version_text
 from .calibration_figure import html_page, html_table
 from .landscape import figure_bytes
 
@@ -330,8 +330,7 @@ KEPT = (  # columns of the data file
 HEAD = """# {title}
 
 How often is the true position inside the ellipse that is claimed, and how often is a verdict wrong? `{name}`
-answers for {settings} settings: each draw has its own room, array, source, noise, channels and given positions, and is
-calibrated with the solver's own settings. {count} draws, {least} to {most} of each setting, of {planned} that are
+answers for {settings} settings{drawn}. {count} draws, {least} to {most} of each setting, of {planned} that are
 planned; seeds {first} to {last}. {code}
 
 This page is written by
@@ -340,7 +339,7 @@ This page is written by
 {commands}
 ```
 
-from the rows in [{stem}.csv]({stem}.csv). [Uncertainty](uncertainty.md) says how the covariance is computed.
+from the rows in [{stem}.csv]({stem}.csv).{beside}
 {about}
 
 ## Error bars
@@ -353,6 +352,10 @@ and whose channels have no fault. One sigma of a position is the root of the tra
 | setting | good | error mm | claim mm | error over claim | {levels} |
 |---|---|---|---|---|{rules}|
 """
+SHARED = "../pictures"  # folder of the figure of a page of the documentation
+BESIDE = " [Uncertainty](uncertainty.md) says how the covariance is computed."
+DRAWN = """: each draw has its own room, array, source, noise, channels and given positions, and is
+calibrated with the solver's own settings"""
 FIGURE = """
 ```{{image}} {pictures}/{stem}.png
 :alt: Rank histograms of the coordinates in every setting, with bands
@@ -392,6 +395,7 @@ def calibration_page(
         commands=commands,
         stem=stem,
         settings=len(names),
+        drawn=DRAWN if key == SETTING else "",
         count=len(every),
         least=counts.min(),
         most=counts.max(),
@@ -401,6 +405,7 @@ def calibration_page(
         code=code_text(rows),
         levels=" | ".join(f"{100 * level:.0f} %" for level in LEVELS),
         rules="---|" * (len(LEVELS) - 1) + "---",
+        beside=BESIDE if pictures == SHARED else "",
         about="".join(f"\n- {line}" for line in head.get("about", ())),
     )
     parts = [(value, rows[rows[key] == value]) for value in names]
@@ -516,7 +521,7 @@ def write_page(page: Path, head: dict, rows: Any, name: str, commands: str) -> N
     """
     beside = page.resolve().parent.parent / "pictures"
     shared = beside.is_dir()
-    pictures, called = (beside, "../pictures") if shared else (page.resolve().parent / "pictures", "pictures")
+    pictures, called = (beside, SHARED) if shared else (page.resolve().parent / "pictures", "pictures")
     written = page.with_suffix(".cases.toml")
     cases = parse_toml(read_bytes(written), written) if written.exists() else None
     text = calibration_page(head, rows, name, page.stem, commands, cases, called)

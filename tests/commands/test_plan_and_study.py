@@ -7,6 +7,9 @@ import pytest
 from running import exit_code
 
 from fdcal.session.planning import plan
+from fdcal.session.study import load_study
+from fdcal.session.study.rows import run_task
+from fdcal.session.study.run import Results
 
 LAYOUT = "rectangle 4x4 0.5x0.5"
 
@@ -84,3 +87,15 @@ def test_what_to_install_is_named_for_a_checkout_too(capsys, tmp_path, monkeypat
     monkeypatch.setitem(sys.modules, "pandas", None)
     line = refusal(capsys, "--report", str(tmp_path))
     assert "pip install -e '.[study]' in a checkout" in line
+
+
+def test_a_page_of_a_study_of_axes_says_how_it_was_made_here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text('scene = "tiny"\ndraws = 1\n[axes]\nsnr_db = [20, 40]\n')
+    study, results = load_study("mine.toml"), Results("found", load_study("mine.toml"), False)
+    results.append([run_task(study, number) for number in range(2)])
+    assert exit_code("study", "--report", "found", "--page", "page.md") == 0
+    text = (tmp_path / "page.md").read_text()
+    assert "`mine`\nanswers for 2 settings. 2 draws" in text and "uncertainty.md" not in text
+    assert "fdcal study STUDY.toml -o found\nfdcal study --report found --page page.md\n" in text
+    assert (tmp_path / "pictures" / "page.png").exists()

@@ -292,7 +292,7 @@ def test_a_wrong_sign_carries_its_microphone_away_and_spoils_the_others(swapped)
     assert scene.faults.inverted == (11,) and scene.solver.name == "descent"
     picture = compose(scene, spoilt.measurement, spoilt.positions)
     for size in ((1280, 720), (618, 720), (390, 844)):
-        camera = camera_for(picture, size, load_lesson(CHANNEL).steps[0].then.view)
+        camera = camera_for(picture, size, load_lesson(CHANNEL).steps[0].page.view)
         at = project(camera, size, np.column_stack([spoilt.positions, np.zeros(len(spoilt.positions))]))
         assert (at > 0).all() and (at < size).all(), "the wrong estimate is in the picture"
     healthy = np.setdiff1d(spoilt.free, 11)

@@ -168,7 +168,11 @@ function takeJointStep() {
 let opening = false;
 async function open() {
   const high = (chosen ?? [0, maps.modes.at(-1)])[1], pause = seconds => new Promise(resolve => setTimeout(resolve, 1e3 * seconds));
-  const say = words => { $("words").textContent = words; };
+  const say = words => {
+    const room = Boolean($("words").textContent) != Boolean(words);  // the scene gives it or takes it back
+    $("words").textContent = words;
+    if (room) show();
+  };
   let places = null;  // the holes of the first map
   opening = true; at = 0; giveBack();
   for (let low = high, added = 1; opening; low = Math.max(low - added, 1), added = low > high - 4 ? 1 : 2 * added) {

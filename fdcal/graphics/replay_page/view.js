@@ -175,7 +175,7 @@ function scene() {
     });
     pen.font = "600 13px system-ui, sans-serif";
     pen.lineWidth = 4; pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
-    const left = now[n][0] > w - 150, x = now[n][0] + (left ? -2.4 : 2.4) * r;
+    const left = now[n][0] > w - 150, x = left ? Math.min(now[n][0] - 2.4 * r, w - 4) : Math.max(now[n][0] + 2.4 * r, 4);
     pen.textAlign = left ? "right" : "left";
     pen.strokeText("microphone " + data.names[n], x, now[n][1] + 4); pen.fillText("microphone " + data.names[n], x, now[n][1] + 4);
     pen.textAlign = "left";

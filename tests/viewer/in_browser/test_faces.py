@@ -26,7 +26,8 @@ LOWEST_CONTRAST = """() => {
         + 0.7152 * linear(g / 255) + 0.0722 * linear(b / 255);
     const paper = parse(getComputedStyle(document.body).backgroundColor);
     let lowest = [99, ""];
-    const seen = {opacityProperty: true, visibilityProperty: true}, of = "label, td, button, p, [role=tab]";
+    const seen = {opacityProperty: true, visibilityProperty: true};
+    const of = "label, td, button, button *, p, [role=tab], [role=tab] *";
     for (const node of document.querySelectorAll(`#fdcal *, #root :is(${of})`)) {
         const text = [...node.childNodes].filter(n => n.nodeType == 3).map(n => n.data).join("").trim();
         if (!text || !node.checkVisibility(seen) || node.closest(":disabled, .uplot, [data-disabled]")) continue;
