@@ -32,6 +32,7 @@ CHANGE_TIME, ROLL_TIME = 1.2, 1.4  # s that one map takes to become the next, at
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
 ABOUT = "The red microphone's place is unknown: its recording fits where the map is low and dark. Blue ones are known."
 FOUND, INVITATION = "The microphone is found", "Drag it away, and let it go."
+PURPOSE = "fdcal finds where microphones are, from the resonances of a room."
 MARGINS = (24, 24, 24, 128)  # pixels left, bottom, right and top of the map, for the words above it
 NEAR = 1e-6  # metres
 
@@ -68,7 +69,7 @@ def main() -> None:
     with open(opening.MEASUREMENT, "wb") as file:
         save_measurement(measurement, file)
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    parts = 3 * "<canvas></canvas>" + "<h1></h1><p></p><button></button>"
+    parts = 3 * "<canvas></canvas>" + f"<h1></h1><p></p><button></button><small>{PURPOSE}</small>"
     script = f'<script type="application/json">{text}</script>'
     opening.FILM.write_text(f'<div id="fdcal-film">{parts}{script}</div>\n', encoding="utf-8")
     for path in (opening.MEASUREMENT, opening.FILM):

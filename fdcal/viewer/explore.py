@@ -25,6 +25,7 @@ THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
 DOT = 8.5  # pixels, radius of a single microphone; of several it falls with the square root of their number
 CURVE_POINTS, CURVE_HEIGHT = 120, 20  # at most, of the curve along a run, and in its own units
+ONE_LINE = 40  # characters of a status that leave room for the whole title of the scene
 PLAY, PAUSE = "&#9654;", "&#10074;&#10074;"
 
 
@@ -158,6 +159,7 @@ class Explore:
         shown = title or viewer.run.scene.title
         head, colon, rest = shown.partition(":")
         end = "<button data-do='lecture'>End lecture mode</button>" if binding.choices.lecture else ""
+        status = escape(waiting) or self._status(viewer)
         count, done = viewer.view.count, state.finished and not running
         return (
             f"<div class='run'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none' aria-hidden='true'>"
@@ -167,7 +169,7 @@ class Explore:
             "<button class='view' data-do='look=top'>Top</button><button class='view' data-do='look=close'>3-D</button>"
             f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'"
             f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(head)}<i>{escape(colon + rest)}</i></b>"
-            f"<small>{escape(waiting) or self._status(viewer)}</small></span></button>"
+            f"<small class='{'long' if len(status) > ONE_LINE else ''}'>{status}</small></span></button>"
             f"<button class='first' data-do='play'>{label}</button>"
             f"<button data-do='onestep'{' disabled' if done else ''}>Step</button>"
             f"<label>{row}s <input type='range' data-do='modes' min='1' max='{binding.modes}' value='{modes[-1]}'>"
@@ -192,7 +194,8 @@ class Explore:
         sought = viewer.snapshot.counted
         errors = measurement.errors(view.state.positions, sought)
         one = len(errors[sought]) == 1 if errors is not None else False
-        word = "" if errors is None else f", {length_text(float(errors[sought].mean()))} off"
+        away = "from nominal" if measurement.nominal else "off"
+        word = "" if errors is None else f", {length_text(float(errors[sought].mean()))} {away}"
         word += "" if errors is None or one else " on average"
         faulty = len(viewer.run.sought) - len(sought)
         word += f" without {faulty} faulty channel{'' if faulty == 1 else 's'}" if errors is not None and faulty else ""

@@ -324,8 +324,8 @@ def test_the_size_follows_the_given_corners(plane):
 def test_four_takes_in_a_living_room_are_found_within_their_uncertainty():
     """Little noise, and few waves at a time: by image sources, walls that absorb alike, 0.4 s."""
     room, rng = (5.0, 4.0, 2.6), np.random.default_rng([1, 285, 24, 400])
-    places = draw_array(rng, 20, 0.4) + np.array(room) * (0.44, 0.47, 0.5)
-    frequencies = np.linspace(25.0, 400.0, 32)
+    places = draw_array(rng, 24, 0.4) + np.array(room) * (0.44, 0.47, 0.5)
+    frequencies = np.linspace(25.0, 400.0, 24)
     takes = []
     for source in [draw_source(rng, room, places.mean(axis=0)) for _ in range(4)]:
         h = responses(places, source, 0.4, 40, room)

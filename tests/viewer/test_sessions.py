@@ -336,8 +336,8 @@ def ready(url):
         os.kill(os.getpid(), signal.SIGINT)
     threading.Thread(target=interrupt, daemon=True, name="finger").start()
 serve(OpenRequest(load_scene(sys.argv[1]), play=True), "127.0.0.1", 0, ready)
-end = time.monotonic() + 30  # `serve` does not wait for the search for files and sound cards
-while time.monotonic() < end and any(thread.name in ("fdcal-cards", "fdcal-files") for thread in threading.enumerate()):
+end, unawaited = time.monotonic() + 30, ("fdcal-cards", "fdcal-files", "fdcal-open", "fdcal-takes")  # by `serve`
+while time.monotonic() < end and any(thread.name in unawaited for thread in threading.enumerate()):
     time.sleep(0.05)
 print(*(thread.name for thread in threading.enumerate() if thread is not threading.main_thread()), sep="|")
 """

@@ -118,6 +118,8 @@ def lies(page, axis, place=None):
 
 
 def test_isosurfaces_and_a_slice_stand_in_the_scene_and_follow_the_controls(ball):
+    ticks = "window.__viserMutable?.nodeRefFromName?.['/frame_ticks']?.visible"
+    ball.wait_for_function(f"{ticks} === false")  # of the heights, which coincide from the top
     choose(ball, "Show", "Isosurfaces (3-D)")
     ball.wait_for_function(DRAWN, arg="/isosurfaces")
     ball.wait_for_function(GONE, arg="/floor")
@@ -150,6 +152,11 @@ def test_isosurfaces_and_a_slice_stand_in_the_scene_and_follow_the_controls(ball
     microphone.press("End")
     ball.get_by_text("microphone 63, sum of").first.wait_for()
     ball.wait_for_function(f"before => JSON.stringify(({BOX})('/lowest')) != before", arg=str(before).replace(" ", ""))
+    tab(ball, "View")
+    ball.get_by_role("button", name="3-D", exact=True).locator("visible=true").click()
+    ball.wait_for_function(f"{ticks} === true")
+    ball.get_by_role("button", name="Top", exact=True).locator("visible=true").click()
+    ball.wait_for_function(f"{ticks} === false")
     choose(ball, "Show", "Flat map")
     ball.wait_for_function(DRAWN, arg="/floor")
     ball.wait_for_function(f"name => ({SHOWN})(name) == 0", arg="/isosurfaces")
