@@ -205,8 +205,8 @@ def _blind_lines(request: PlanRequest) -> list[str]:
         return []
     return [
         "so few microphones, from one place of the source and without given positions, are often not found: of 24"
-        " recordings of 16 in rooms by image sources 10 had the verdict good, 5 did not converge, and they erred by about"
-        " 1.4 times what was expected; use more places of the source, or try some trials"
+        " recordings of 16 in rooms by image sources 10 had the verdict good, 5 did not converge, and they erred by"
+        " about 1.4 times what was expected; use more places of the source, or try some trials"
     ]
 
 
