@@ -266,36 +266,39 @@ def test_a_frame_is_shown_or_run_to(kernels):
     session.close()
 
 
-def runs_to_the_end(lesson):
-    """Number of steps of runs of a lesson that go to their ends, and whether a step moves all microphones.
+def runs_to_the_end(lessons):
+    """Number of steps of runs of lessons that go to their ends, and whether a step moves all microphones.
 
     Of runs of the same scene whose steps do, which take seconds, one stands for all.
     """
-    begun, seen = None, set()
-    for number, step in enumerate(lesson.steps):
-        for setting, revealed in ((step.page, False), (step.then, True)):
-            scene, seed = lesson.start(number, revealed)
-            solver = solvers.load(scene.solver.name)
-            if begun != scene or setting.begins or setting.reset:
-                problem = cached_measurement(scene).problem(scene.solver.weights, scene.solver.known)
-                state = solver.init(problem, solvers.with_mode_count(problem, scene.solver), seed)
-                begun = scene
-            if setting.modes is not None or setting.automatic is not None:
-                modes = parse_modes(setting.modes or f"{state.first}-{state.last}", len(problem.pressures))
-                automatic = state.automatic if setting.automatic is None else setting.automatic
-                state = solver.use_modes(problem, state, modes[0], modes[-1], automatic)
-            steps, kind = 0, (scene.name, solver.TRAITS.moves_all)
-            while setting.run == "end" and kind not in seen and not state.finished:
-                state, steps = solver.step(problem, state), steps + 1
-            if steps:
-                seen |= {kind} if solver.TRAITS.moves_all else set()
-                yield steps, solver.TRAITS.moves_all
+    seen = set()
+    for lesson in lessons:
+        begun = None
+        for number, step in enumerate(lesson.steps):
+            for setting, revealed in ((step.page, False), (step.then, True)):
+                scene, seed = lesson.start(number, revealed)
+                solver = solvers.load(scene.solver.name)
+                if begun != scene or setting.begins or setting.reset:
+                    problem = cached_measurement(scene).problem(scene.solver.weights, scene.solver.known)
+                    state = solver.init(problem, solvers.with_mode_count(problem, scene.solver), seed)
+                    begun = scene
+                if setting.modes is not None or setting.automatic is not None:
+                    modes = parse_modes(setting.modes or f"{state.first}-{state.last}", len(problem.pressures))
+                    automatic = state.automatic if setting.automatic is None else setting.automatic
+                    state = solver.use_modes(problem, state, modes[0], modes[-1], automatic)
+                steps, kind = 0, (scene.name, solver.TRAITS.moves_all)
+                while setting.run == "end" and kind not in seen and not state.finished:
+                    state, steps = solver.step(problem, state), steps + 1
+                if steps:
+                    seen |= {kind} if solver.TRAITS.moves_all else set()
+                    yield steps, solver.TRAITS.moves_all
 
 
-@pytest.mark.parametrize("name", lesson_names()[2:])  # the others run a single step
-def test_a_run_of_a_lesson_can_be_followed_and_takes_ten_seconds_at_most(name):
+def test_a_run_of_a_lesson_can_be_followed_and_takes_ten_seconds_at_most():
     """By the number of its steps and the speeds that it is given, whatever the machine."""
-    for steps, moves_all in runs_to_the_end(load_lesson(name)):
+    runs = list(runs_to_the_end(map(load_lesson, lesson_names())))
+    assert {moves_all for _, moves_all in runs} == {False, True}
+    for steps, moves_all in runs:
         rate, done, duration = Choices(0).steps_per_second(moves_all, lesson=True), 0.0, 0.0
         while done < steps:
             done, duration = done + 0.01 * watched_rate(rate, duration), duration + 0.01
