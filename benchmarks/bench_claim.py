@@ -3,6 +3,8 @@
 24 microphones in a disc of 0.5 m in a room of 6 x 5 m, and 32 in a ball of 0.4 m in one of 4.6 x 3.8 x 2.7 m, six given
 each, rigid walls, the noise reported. The ratio of the means over the microphones that are sought is averaged over
 draws; +- is its standard error. FDCAL_BENCH_DRAWS draws of each line, 25 unless given, at least 1.
+FDCAL_BENCH_KNOWN_SIGMA is the error in metres that the given positions, which are exact, are said to have; the solver's
+own unless given.
 """
 
 import os
@@ -24,6 +26,7 @@ from .report import Figure
 
 ALONE = True
 DRAWS = max(1, int(os.environ.get("FDCAL_BENCH_DRAWS", "25")))
+KNOWN_SIGMA = os.environ.get("FDCAL_BENCH_KNOWN_SIGMA")
 SNR_DB = (20.0, 30.0, 40.0, 60.0)
 GIVEN = 6
 C = 343.0  # m/s
@@ -85,7 +88,8 @@ def _figures(array: Fixed, snr_db: float) -> Iterator[Figure]:
     ratios, inside, good = [], 0, 0
     D = array.places.shape[1]
     for seed in range(DRAWS):
-        found = fdcal.calibrate(array.measured(snr_db, seed))
+        stated = {} if KNOWN_SIGMA is None else {"known_sigma": float(KNOWN_SIGMA)}
+        found = fdcal.calibrate(array.measured(snr_db, seed), **stated)
         assert found.covariance is not None  # of any result of `calibrate`
         e, covariance = (found.positions - array.places)[GIVEN:], found.covariance[GIVEN:]
         ratios.append(np.mean(np.sum(e**2, axis=1)) / np.mean(np.trace(covariance, axis1=1, axis2=2)))

@@ -69,6 +69,9 @@ def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None
         return _in_room(estimate, names)
     seen = judged(estimate, names, scale)
     code, message = first_finding(FINDINGS, seen)
+    if code in ("undersampled", "not_converged"):  # an array that was not found contradicts no given position
+        kept = tuple(one for one in seen.faulty if one.kind not in ("misplaced", "exchanged"))
+        seen = replace(seen, faulty=kept)
     problem, size = estimate.problem, scale or 1.0
     speed = problem.sound_speed * size * float(np.exp(estimate.log_speed))
     positions = exchanged_back(estimate, seen.faulty)

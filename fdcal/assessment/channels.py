@@ -80,7 +80,8 @@ MIN_CORNER = 3.0
 def _filtered(estimate: Estimate) -> dict[int, FaultyChannel]:
     """Return the channels that the solver found a delay or a high-pass for, where it is beyond its uncertainty.
 
-    Where few waves make a field less random than assumed, filters are as uncertain as positions are.
+    Where few waves make a field less random than assumed, the part of sigma that the data decide grows; here all of
+    it does, which is an upper bound.
     """
     c = estimate.problem.sound_speed * np.exp(estimate.log_speed)
     units = np.array([1 / c, c / (2 * np.pi)])

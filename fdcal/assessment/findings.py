@@ -237,13 +237,13 @@ def _contradicted(seen: Judged) -> str:
     )
 
 
-ANY_FAULTY = 0.3  # fraction of the channels with a fault of any kind beyond which too few are left that agree
+def _many(faulty: Sequence[FaultyChannel], seen: Judged, limit: float) -> bool:
+    """Whether faults are those of more than two channels, and of more than the fraction `limit` of all."""
+    return len(faulty) > max(2, limit * len(seen.names))
 
 
-def _many_faulty(seen: Judged, limit: float) -> bool:
-    """Whether faulty channels are more than single faults; three of few may be where the field explains them."""
-    count = len(seen.names)
-    return len(seen.unexplained) > max(2, limit * count) or len(seen.faulty) > max(2, ANY_FAULTY * count)
+def _named(faulty: Sequence[FaultyChannel], seen: Judged) -> str:
+    return enumerated([seen.names[one.number] for one in faulty])
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
@@ -344,8 +344,8 @@ def _uncertain_given(seen: Judged, limit: float) -> bool:
 def _other_minimum(seen: Judged, limit: float) -> bool:
     """Whether a microphone leaves more than its share of a noise that hides what rooms leave: it may stand elsewhere.
 
-    In living rooms and halls it mostly does not: in 15 of 15 draws it was within 1.9 sigma. Of M frequencies the noise
-    of a channel is known to about one over the root of M.
+    In living rooms and halls such a microphone is usually right: in 15 of 15 draws it was within 1.9 sigma. Of M
+    frequencies the noise of a channel is known to about one over the root of M.
     """
     if seen.noisiest is None:
         return False
@@ -376,10 +376,15 @@ FINDINGS: tuple[Finding[Judged], ...] = (
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY),
     Finding("sound_speed", _contradicted_speed, _contradicted_speed_words, "correct it, or add <estimate_sound_speed>",
             3.0, "nats by which that is likelier than wrong positions"),
-    Finding("model_mismatch", _many_faulty,
+    Finding("model_mismatch", lambda seen, limit: _many(seen.unexplained, seen, limit),
             lambda seen: "no sound field without sources explains microphone"
-                         f" {enumerated([seen.names[one.number] for one in seen.faulty])}: {CAUSES}",
+                         f" {_named(seen.unexplained, seen)}: {CAUSES}",
             "", 0.12, "faulty channels that the field does not explain, over all; more are no single faults"),
+    Finding("model_mismatch", lambda seen, limit: _many(seen.faulty, seen, limit),
+            lambda seen: f"{len(seen.faulty)} of {len(seen.names)} channels are faulty, microphone"
+                         f" {_named(seen.faulty, seen)}: too few are left that agree",
+            "check cables and gains, or leave faulty ones out with <exclude>",
+            0.3, "channels with a fault of any kind, over all; with more the healthy ones are hardly the rule"),
     Finding("model_mismatch", lambda seen, limit: np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",

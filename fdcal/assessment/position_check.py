@@ -304,7 +304,8 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     return replace(free, moved=True)
 
 
-MAX_SCALE = 1.1  # factor by which list and array may differ in size, if they fit all the same
+# factor by which list and array may differ in size; below it the size is not mentioned if the list fits unscaled
+MAX_SCALE = 1.1
 
 
 def _size_ratio(found: np.ndarray, given: np.ndarray) -> float:
@@ -329,7 +330,8 @@ def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
         return check
     scaled = _best(found, given / scale)
     if not scaled.fits:
-        return replace(check, scale=scale)
+        near = 1 / MAX_SCALE < scale < MAX_SCALE  # where nothing fits, nothing shows so small a factor
+        return check if near else replace(check, scale=scale)
     close = scaled.distances <= 2 * np.median(scaled.distances)
     spreads = [np.linalg.norm(p - p.mean(axis=0)) for p in (given[scaled.order[close]] / scale, found[close])]
     scale *= float(spreads[0]) / float(spreads[1])

@@ -109,11 +109,11 @@ def _channel_lines(result: Calibration) -> list[str]:
     spread = f"spread {gain:.2g} dB and {phase:.2g} degrees" if channels.gains_sought else "taken as matched"
     return [
         f"channels {spread}; {'faulty: ' + faults if faults else 'none is faulty'}",
-        *_given_lines(channels.given, result.converged),
+        *_given_lines(channels.given, result.verdict == "good"),
     ]
 
 
-def _given_lines(given: Sequence[GivenPosition], converged: bool) -> list[str]:
+def _given_lines(given: Sequence[GivenPosition], trusted: bool) -> list[str]:
     """Return a table of the given positions as corrected, where any is by more than MIN_MOVE."""
     rows = sorted((one for one in given if one.difference > MIN_MOVE), key=lambda one: -one.difference)
     if not rows:
@@ -127,7 +127,7 @@ def _given_lines(given: Sequence[GivenPosition], converged: bool) -> list[str]:
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in text]
     more = f"; the {MAX_ROWS} that differ most" if len(rows) > MAX_ROWS else ""
     head = f"given   {len(rows)} of {len(given)} given positions corrected by more than {1e3 * MIN_MOVE:g} mm{more}"
-    if converged and not any(one.wrong for one in rows):  # else nothing is known of them
+    if trusted and not any(one.wrong for one in given):  # else nothing is known of them
         head += "; none of them contradicts the pressures"
     return [head, *(f"        {line}".rstrip() for line in lines)]
 

@@ -119,7 +119,7 @@ def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[
     return lines("frame", np.concatenate(pieces), theme.foreground, 1.5), *labels
 
 
-HEIGHT_TICKS = "frame_ticks"  # which coincide from the top
+HEIGHT_TICKS = "frame_ticks"  # name of the ruler's ticks; seen from the top they overlap
 
 
 def upper_frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> tuple[Part, ...]:

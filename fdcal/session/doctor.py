@@ -378,19 +378,21 @@ def list_fit(
 ) -> ListFit:
     """Return how the list of a measurement fits row by row, which `check` has found to fit as a whole.
 
-    Its size is that at which its shape explains the pressures, where it is known so; that takes another calibration.
+    Where the array found is of another size, the size is that at which the shape of the list explains the pressures, if
+    another calibration finds it.
     """
     listed = np.asarray(inputs.measurement.positions)
     fit = fit_result(check, result, listed)
-    if check.scale != 1 or result.verdict == "scale_undetermined":
+    off_alone = abs(fit.scale - 1) > LIST_RULES.scale / 2  # the array found, its shape free, must show it, too
+    if check.scale != 1 or not off_alone or result.verdict in ("scale_undetermined", "not_converged"):
         return fit
     right = ~np.isin(np.arange(len(listed)), fit.misplaced)
     size, sigma = _size(inputs, listed[check.order], right, fit.rms / np.sqrt(listed.shape[1]), progress)
     if not np.isfinite(sigma):
         return fit
     off, limit = abs(size - 1), LIST_RULES.scale
-    # the array found, its shape free, must show it, too: else the search with the shape of the list went elsewhere
-    confirmed = abs(size - fit.scale) < limit and (size - 1) * (fit.scale - 1) > 0 and abs(fit.scale - 1) > limit / 2
+    # else the search with the shape of the list went elsewhere
+    confirmed = abs(size - fit.scale) < limit and (size - 1) * (fit.scale - 1) > 0
     return replace(fit, scale=size, sized=confirmed and off > max(limit, DOCTOR_RULES.size_sigmas * sigma))
 
 

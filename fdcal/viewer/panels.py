@@ -142,7 +142,7 @@ class RunBar:
 
     def __init__(self, binding: Binding, restart: Callable[[], None]):
         self._binding, self._restart, gui = binding, restart, binding.gui
-        self._lesson = False  # whose every run begins slowly
+        self._lesson = False  # whether a lesson is shown: each of its runs begins slowly
         self._since, self._paced = -1.0, float(self._rate)  # when the run began, s, or below 0; its steps per second
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
         self.run = binding.button(

@@ -14,6 +14,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.overlays import with_volume
 from fdcal.graphics.picture import compose
+from fdcal.graphics.primitives import Floor
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
@@ -214,6 +215,17 @@ def test_surfaces_stay_until_every_page_has_drawn_those_that_replace_them(server
     for now, count in ((0.0, 2), (2.9, 2), (3.1, 1)):
         nodes.settle(now)
         assert len(there) == count and newest in there
+    volume = with_volume(picture, first(worker, wanted, True).volume)
+    nodes.show(volume)
+    assert len(there) == 2
+    heights = np.zeros((4, 4), np.float32)
+    relief = Floor(np.zeros((4, 4, 3), np.uint8), (0.0, 0.0), (1.0, 1.0), None, (), heights=heights)
+    nodes.show(dataclasses.replace(picture, floor=relief))
+    assert [name[:8] for name in there] == ["/relief/"], "no surface of before comes back"
+    nodes.show(dataclasses.replace(picture, floor=dataclasses.replace(relief)))
+    assert len(there) == 2
+    nodes.show(volume)
+    assert [name[:13] for name in there] == ["/isosurfaces/"]
     nodes.show(picture)
     assert not there
 

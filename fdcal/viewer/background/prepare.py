@@ -265,7 +265,7 @@ class PreparationProgress:
             if self.done:
                 return f"{self.task} ... {round(100 * self.done)} %"
             slow = self.task == SIMULATING and time.perf_counter() - self._since > COMPILE_TIME
-            return "Preparing the simulation (compiled in the first run) ..." if slow else f"{self.task} ..."
+            return "Preparing the simulation ..." if slow else f"{self.task} ..."
         return (self.warmup.text if self.warmup else "") or "Preparing the solver ..."
 
 

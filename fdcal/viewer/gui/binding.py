@@ -69,7 +69,9 @@ VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camer
 Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
 MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
 WATCHED_RATE = 5  # steps per second that can be followed, of a solver whose steps move all microphones
-LESSON_RATE, LESSON_MOVES = 1, 3  # the same of a lesson, and of steps that move single microphones: 5 to 10 s a run
+# The same of a lesson, and of steps that move single microphones: a run takes at least 5 s, and 10 s at most where the
+# machine keeps up.
+LESSON_RATE, LESSON_MOVES = 1, 3
 BOUNDS = {"opacity": (0.1, 1.0), "relief_height": (0.05, 1.0), "slice_position": (-math.inf, math.inf)}
 # Choices that another scene keeps.
 KEPT = ("trails", "ellipses", "ellipse_scale", "lecture", "export_kind", "export_view", "export_size", "rate", "themed")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -109,7 +109,7 @@ class SceneNodes:
         self._labels = server.gui.add_html(content("labels"), visible=False)
         self._empty = True
         self._numbers = itertools.count()
-        self._replaced: list[tuple[float | None, Any]] = []  # surfaces that others replace, and since when, s
+        self._replaced: list[tuple[str, float | None, Any]] = []  # name, since when, s, and node that another replaces
         self.cameras = Cameras(server)
 
     @property
@@ -135,8 +135,7 @@ class SceneNodes:
         with self._server.atomic():
             for name in sorted(self._handles.keys() - parts.keys(), reverse=True):  # a child before its parent
                 self._handles.pop(name).remove()
-            if not any(_drawn_late(part) for part in parts.values()):
-                self._remove_replaced(math.inf)
+            self._remove_replaced(lambda name, since: name not in parts)  # nothing replaces them any more
             for name, part in parts.items():
                 old = self._parts.get(name)
                 if old is None or not (old is part or _looks_same(old, part)):
@@ -150,13 +149,15 @@ class SceneNodes:
 
         A page takes a moment to read a surface, and shows none meanwhile.
         """
-        self._replaced = [(now if since is None else since, handle) for since, handle in self._replaced]
-        self._remove_replaced(now - REPLACING_TIME)
+        self._replaced = [(name, now if since is None else since, handle) for name, since, handle in self._replaced]
+        self._remove_replaced(lambda name, since: since is not None and since < now - REPLACING_TIME)
 
-    def _remove_replaced(self, before: float) -> None:
-        """Remove the surfaces that others have replaced before a time, s."""
-        while self._replaced and (self._replaced[0][0] or 0.0) < before:
-            self._replaced.pop(0)[1].remove()
+    def _remove_replaced(self, outdated: Callable[[str, float | None], bool]) -> None:
+        """Remove the replaced surfaces of which `outdated(name, since)` is true."""
+        for name, since, handle in self._replaced:
+            if outdated(name, since):
+                handle.remove()
+        self._replaced = [entry for entry in self._replaced if not outdated(*entry[:2])]
 
     def _send(self, name: str, old: Part | None, handle, part: Part):
         """Create the node of `part`, or update the one that shows `old`, and return its handle."""
@@ -193,7 +194,7 @@ class SceneNodes:
     def _send_late(self, name: str, handle, surface: trimesh.Trimesh):
         """Create the node of a surface, which a page draws late, beside the one that it replaces."""
         if handle is not None:
-            self._replaced.append((None, handle))
+            self._replaced.append((name.removeprefix("/"), None, handle))
         name = f"{name}/{next(self._numbers)}"
         return self._server.scene.add_mesh_trimesh(name, surface, cast_shadow=False, receive_shadow=False)
 
@@ -218,11 +219,6 @@ class SceneNodes:
             name, solid.vertices, solid.faces, color=solid.colour, opacity=opacity,
             side="double", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
-
-
-def _drawn_late(part: Part) -> bool:
-    """Whether a page takes a moment to read a primitive: a map in relief or an isosurface."""
-    return isinstance(part, Surface) or (isinstance(part, Floor) and part.heights is not None)
 
 
 def _looks_same(old: Part, new: Part) -> bool:

@@ -221,10 +221,13 @@ def same_origin(respond: Respond) -> Respond:
 
 
 def uncompressed_here(respond: Respond) -> Respond:
-    """Wrap the function that answers requests for files: within this machine, to compress takes longer than to send."""
+    """Send the page uncompressed to loopback addresses (also through an SSH tunnel).
+
+    Compressing costs 30 ms before the first byte. Other files are sent as viser sends them.
+    """
 
     def answer(connection, request) -> Response | None:
-        if is_loopback(connection.remote_address[0]):
+        if request.path.partition("?")[0] == "/" and is_loopback(connection.remote_address[0]):
             request.headers.pop("Accept-Encoding", None)
         return respond(connection, request)
 
@@ -342,8 +345,8 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
     """Open a server that only its own page can use.
 
     `host`: address to listen at; `port`: 0 to 65535; 0 takes a free port; `film`: HTML that the page shows before its
-    scene, or ""; `on_sent`: called when the page is sent. Raises InputError: the address cannot be used, the port is in
-    use, or viser can no longer be restricted.
+    scene, or ""; `on_sent`: called when the page is about to be sent. Raises InputError: the address cannot be used,
+    the port is in use, or viser can no longer be restricted.
     """
     _require_address(host, port)
     server = _open_restricted(host, port, film, on_sent)

@@ -363,13 +363,16 @@ function write() {
   clearTimeout(writing);
   if (!introduced || lost || !shared) return;
   writing = setTimeout(() => {
+    if (lost) return;
     if (root.hasAttribute("data-film")) { write(); return; }  // a page that is loaded again begins with the film
     asked = addressNow().slice(1);
     setAddress({fdcal: {server, address: asked}}, `#${asked}`);
   }, WRITE_DELAY);
 }
-// Not `location.hash`, over which `write` may have written the address of before. Kept for a server that just stops.
+// `write` may already have replaced `location.hash` by the previous address. `asked` is kept for the reload after the
+// server stops.
 addEventListener("hashchange", event => {
+  clearTimeout(writing);  // it would write the address of before over this one
   asked = new URL(event.newURL).hash.slice(1);
   open(asked);
 });
