@@ -7,9 +7,11 @@ import shlex
 
 from fdcal.commands.cli import main
 
-VALUE = r" *[-+]?\d+(?:\.\d+)?(?:e[+-]?\d+)?"  # with its column, which depends on its width
+VALUE = r" *[-+]?\d+(?:\.\d+)?(?:e[+-]?\d+)?"  # with the spaces before it, which align columns
 MEASURED = re.compile(r" *[-+]?\d+\.\d+(?:e[+-]?\d+)?")  # a number with a decimal point depends on the machine
-WITH_UNIT = re.compile(rf"{MEASURED.pattern}|{VALUE}(?= (?:mm|dB|degrees)\b)")  # another one may be 6 mm after 6.1 mm
+WITH_UNIT = re.compile(
+    rf"{MEASURED.pattern}|{VALUE}(?= (?:mm|dB|degrees)\b)"
+)  # a length may be printed as 6 mm in one run and 6.1 mm in the next
 
 
 def run_fdcal(code: str) -> str:

@@ -132,7 +132,7 @@ class ChannelFault:
             if value > 0
             else f"more bass than the others, as if theirs were a high-pass at {-value:.3g} Hz",
             "gain": f"phase {value:.0f} degrees" if self.unit == "degrees" else f"gain {value:+.1f} dB",
-            "misplaced": f"{1e3 * value:.3g} mm from the position given",
+            "misplaced": f"{length_text(value)} from the position given",
             "exchanged": f"exchanged with microphone {self.partner}",
         }
         return f"microphone {self.name}: {words.get(self.kind, self.kind)}"

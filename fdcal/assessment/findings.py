@@ -315,7 +315,7 @@ def _good(seen: Judged) -> str:
     words = precision(sigma, seen.residual_to_noise * used / given if given else None)
     given_estimate = seen.estimate.given
     if len(known) and given_estimate.sigma > INACCURATE * given_estimate.expected_sigma:
-        words += f"; the given positions are inaccurate, one sigma {1e3 * given_estimate.sigma:.2g} mm"
+        words += f"; the given positions are inaccurate, one sigma {length_text(given_estimate.sigma, 2)}"
     if not seen.faulty:
         return f"nothing speaks against these positions; {words}"
     faults = "; ".join(fault.text for fault in channel_faults(seen.faulty, seen.names))
@@ -428,7 +428,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             0.1, "one sigma of the positions over the root mean square radius of the array"),
     Finding("ambiguous", _uncertain_given,
             lambda seen: "nothing would show an error of a given position: the pressures and the other given positions"
-                         f" place that microphone only to {1e3 * seen.loosest:.2g} mm",
+                         f" place that microphone only to {length_text(seen.loosest, 2)}",
             "use more modes (<modes>), or give more positions",
             0.04, "metres, one sigma of the loosest given microphone, or three sigmas of the array"),
     Finding("good", lambda seen, _: True, _good),

@@ -2,7 +2,8 @@
 
 Exit codes: 0 done, 1 out of memory or a fault of fdcal itself, 2 bad input, 3 a file that cannot be read or written,
 4 calibrated but the verdict is not "good" (everything is written all the same, with the verdict), 5 the list that
-`--check` compares with does not fit or is in another order, 130 interrupted; of `doctor` 4 stands for any other fault.
+`--check` compares with does not fit or is in another order, 130 interrupted; `doctor` ends with 4 at any other
+fault, or if nothing can be said of the list, `study` with 4 if all calibrations are refused.
 An error is one line on standard error; `--debug` shows the traceback as well. Libraries that take long to load are
 imported by the command that needs them.
 """

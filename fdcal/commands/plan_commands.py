@@ -160,12 +160,14 @@ MAX_STUDY_WORKERS = 1024
 @click.option("--report", metavar="FOLDER", help="Draw the results of a study.")
 @click.option("--axes", metavar="Y,X", help="Of the map of a report.  [default: the first two]")
 @click.option("--at", multiple=True, metavar="KEY=VALUE", help="Value of another axis in a report; may be repeated.")
-@click.option("--page", metavar="FILE.md", help="With --report: whether the error bars hold, as a page.")
+@click.option(
+    "--page", metavar="FILE.md", help="With --report, of a study of settings: whether the error bars hold, as a page."
+)
 def study(file, output, workers, scheduler, resume, dry_run, report, axes, at, page):
     """Run many calibrations over the axes of a file.
 
     They run on Dask; --report draws what they found. Results are written as they come; an interrupted study goes on
-    with --resume.
+    with --resume. The exit code is 4 if all calibrations are refused.
     """
     if report is not None:
         _require(file is None and output is None, "study", "--report takes no study file and no -o", "leave them out")
@@ -226,21 +228,12 @@ def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:
     return 0
 
 
-OWN_PAGE = "study-"  # how the pages of the studies in studies/ begin
-
-
 def _page(folder: str, page: str) -> int:
     _require(page.endswith(".md"), "page", f"{page} is no page", "give FILE.md")
     from ..graphics.study_report import write_page
     from ..session.study.run import read_results
 
-    head, rows = read_results(Path(folder))
-    study, output, target = "STUDY.toml", folder, page
-    if Path(page).stem.startswith(OWN_PAGE):  # of the documentation
-        output = Path(page).stem.removeprefix(OWN_PAGE)
-        study, target = f"studies/{output}.toml", f"docs/explanation/{Path(page).name}"
-    commands = f"fdcal study {study} -o {output}\nfdcal study --report {output} --page {target}"
-    write_page(Path(page), head, rows, study if study != "STUDY.toml" else str(head["title"]), commands)
+    write_page(Path(page), *read_results(Path(folder)), folder)
     print(page)
     return 0
 

@@ -14,7 +14,7 @@ from ..assessment.calibration import Calibration
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..cost.expansion import reference_cost_of
 from ..model.given_positions import with_search_domain
-from ..model.validation import InputError
+from ..model.validation import InputError, length_text
 from .landscape import figure_bytes
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
 from .overlays import enlargement
@@ -62,7 +62,7 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
     figure = Figure(figsize=(5.6 * len(views), 5.6), dpi=100, layout="constrained")
     for panel, view in zip(figure.subplots(1, len(views), squeeze=False).ravel(), views, strict=True):
         _draw_view(panel, result, places, list(view))
-    error = "" if result.mean_error is None else f", mean error {1e3 * result.mean_error:.2g} mm"
+    error = "" if result.mean_error is None else f", mean error {length_text(result.mean_error, 2)}"
     figure.suptitle(f"{len(result.positions)} microphones, {result.verdict or 'no verdict'}{error}", parse_math=False)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2 * len(views), frameon=False)

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from ..model.validation import length_text
 from ..session.doctor import Chart, Finding
 from ..session.planning.advice import ExtraMicrophone
 from ..session.planning.plan import Plan, plan_lines
@@ -106,7 +107,7 @@ def _draw_bound(plan: Plan, panel: Any) -> None:
     if not bound.free.all():
         given = {"color": fractions(KNOWN), "fillstyle": "none", "markersize": 9, "label": "position given"}
         panel.plot(*x[~bound.free].T, "s", **given)
-    _finish(panel, f"Bound: {1e3 * bound.rms:.3g} mm rms")
+    _finish(panel, f"Bound: {length_text(bound.rms)} rms")
 
 
 def _draw_map(

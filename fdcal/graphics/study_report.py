@@ -23,7 +23,7 @@ from ..assessment import study_statistics as statistics
 from ..assessment.study_statistics import BINS, COLUMNS, LEVELS
 from ..model.storage import parse_toml, read_bytes, write_atomically
 from ..model.validation import InputError, StorageError
-from ..session.study import SETTING, version_text
+from ..session.study import PACKAGE, SETTING, version_text
 from .calibration_figure import html_page, html_table
 from .landscape import figure_bytes
 
@@ -330,7 +330,8 @@ KEPT = (  # columns of the data file
 HEAD = """# {title}
 
 How often is the true position inside the ellipse that is claimed, and how often is a verdict wrong? `{name}`
-answers for {settings} settings{drawn}. {count} draws, {least} to {most} of each setting, of {planned} that are
+answers for {settings} settings: each draw has its own room, array, source, noise, channels and given positions, and is
+calibrated with the solver's own settings. {count} draws, {least} to {most} of each setting, of {planned} that are
 planned; seeds {first} to {last}. {code}
 
 This page is written by
@@ -352,10 +353,9 @@ and whose channels have no fault. One sigma of a position is the root of the tra
 | setting | good | error mm | claim mm | error over claim | {levels} |
 |---|---|---|---|---|{rules}|
 """
-SHARED = "../pictures"  # folder of the figure of a page of the documentation
+DOCUMENTED = PACKAGE.resolve().parent / "docs" / "explanation"  # of a checkout
+SHARED = "../pictures"  # folder of the figures of its pages
 BESIDE = " [Uncertainty](uncertainty.md) says how the covariance is computed."
-DRAWN = """: each draw has its own room, array, source, noise, channels and given positions, and is
-calibrated with the solver's own settings"""
 FIGURE = """
 ```{{image}} {pictures}/{stem}.png
 :alt: Rank histograms of the coordinates in every setting, with bands
@@ -386,16 +386,15 @@ def calibration_page(
     `pictures`: the folder of its figure, as the page calls it; `cases`: why draws are good and wrong: "cases", each
     with "setting", "seed" and "why", and a "text" on them all.
     """
-    every, rows, key = rows, _scored(rows), next(iter(head["axes"]))
-    names = [value for value in head["axes"][key] if np.any(every[key] == value)]
-    counts = every.groupby(key).size()
+    every, rows = rows, _scored(rows)
+    names = [value for value in head["axes"][SETTING] if np.any(every[SETTING] == value)]
+    counts = every.groupby(SETTING).size()
     text = HEAD.format(
         title=head["title"],
         name=name,
         commands=commands,
         stem=stem,
         settings=len(names),
-        drawn=DRAWN if key == SETTING else "",
         count=len(every),
         least=counts.min(),
         most=counts.max(),
@@ -408,7 +407,7 @@ def calibration_page(
         beside=BESIDE if pictures == SHARED else "",
         about="".join(f"\n- {line}" for line in head.get("about", ())),
     )
-    parts = [(value, rows[rows[key] == value]) for value in names]
+    parts = [(value, rows[rows[SETTING] == value]) for value in names]
     text += "".join(_bars_line(value, part) for value, part in (*parts, ("all", rows)))
     text += FIGURE.format(stem=stem, pictures=pictures, bins=BINS)
     planned = dict(counts) | {"all": len(every)}
@@ -416,9 +415,9 @@ def calibration_page(
     refused, wrong = every.drop(rows.index), rows[rows["wrong"]]
     text += _counted("Refused", len(refused), len(every))
     for row in refused.to_dict("records"):
-        text += f"\n- {row[key]}, seed {row['seed']}: {row['reason']}"
+        text += f"\n- {row[SETTING]}, seed {row['seed']}: {row['reason']}"
     text += "\n" * bool(len(refused)) + _counted("Good and wrong", len(wrong), len(every))
-    text += _one_by_one(wrong, key, cases or {}) if len(wrong) else ""
+    text += _one_by_one(wrong, cases or {}) if len(wrong) else ""
     return text.rstrip("\n") + "\n"
 
 
@@ -429,14 +428,14 @@ WRONG = """
 UNEXPLAINED = "not examined yet"
 
 
-def _one_by_one(wrong: Any, key: str, cases: dict) -> str:
+def _one_by_one(wrong: Any, cases: dict) -> str:
     """The table of the draws that are good and wrong, with why each is, and what the `cases` have in common."""
     why = {(one["setting"], one["seed"]): one["why"] for one in cases.get("cases", ())}
     text = WRONG
     for row in wrong.to_dict("records"):
         text += (
-            f"| {row[key]} | {row['seed']} | {1e3 * row['rms_error_m']:.2g} | {1e3 * row['claimed_sigma_m']:.2g} |"
-            f" {row['worst_sigmas']:.1f} | {why.get((row[key], row['seed']), UNEXPLAINED)} |\n"
+            f"| {row[SETTING]} | {row['seed']} | {1e3 * row['rms_error_m']:.2g} | {1e3 * row['claimed_sigma_m']:.2g} |"
+            f" {row['worst_sigmas']:.1f} | {why.get((row[SETTING], row['seed']), UNEXPLAINED)} |\n"
         )
     return f"{text}\n{cases.get('text', '')}"
 
@@ -481,9 +480,9 @@ NAMED, FAULTS = ("named", "doubted_given"), ("faults", "wrong_given")
 
 def draw_ranks(head: dict, rows: Any) -> Figure:
     """Return the rank histograms of the good draws of every setting, with bands, and the coverage of all of them."""
-    rows, key = _scored(rows), next(iter(head["axes"]))
+    rows = _scored(rows)
     good = rows[rows["trusted"] & (rows["judged"] > 0)]
-    names = [value for value in head["axes"][key] if np.any(good[key] == value)]
+    names = [value for value in head["axes"][SETTING] if np.any(good[SETTING] == value)]
     lines = -(-(len(names) + 1) // RANK_COLUMNS)
     figure = Figure(figsize=(2.2 * RANK_COLUMNS, 1.5 * lines), dpi=80)
     figure.set_layout_engine("constrained")
@@ -496,7 +495,7 @@ def draw_ranks(head: dict, rows: Any) -> Figure:
     cells[0].set_title("coverage, all settings", fontsize=7)
     edges = np.linspace(0, 1, BINS + 1)
     for cell, name in zip(cells[1:], names, strict=False):
-        counts = statistics.json_columns(good[good[key] == name], "ranks")
+        counts = statistics.json_columns(good[good[SETTING] == name], "ranks")
         fraction, error = statistics.clustered(counts, counts.sum(axis=1))
         cell.stairs(BINS * fraction, edges, fill=True, color="tab:blue", alpha=0.7)
         cell.fill_between(edges, *(1 + sign * BAND * BINS * _stepped(error) for sign in (-1, 1)), step="post",
@@ -513,24 +512,31 @@ def _stepped(values: np.ndarray) -> np.ndarray:
     return np.append(values, values[-1])
 
 
-def write_page(page: Path, head: dict, rows: Any, name: str, commands: str) -> None:
-    """Write the page, its rows as CSV beside it, and its figure into a folder `pictures`.
+def write_page(page: Path, head: dict, rows: Any, folder: str) -> None:
+    """Write the page of a study of settings, its rows as CSV beside it, and its figure into a folder `pictures`.
 
-    That is the one beside the page's own folder, as in the documentation, if there is one, else one beside the page.
-    Why a draw is good and wrong nobody can compute: the page takes it from a file beside it that ends in .cases.toml.
+    That is the one of the documentation for its own pages, whose studies are in `studies`, else one beside the page.
+    `folder` has the results. Why a draw is good and wrong nobody can compute: the page takes it from a file beside it
+    that ends in .cases.toml.
     """
-    beside = page.resolve().parent.parent / "pictures"
-    shared = beside.is_dir()
-    pictures, called = (beside, SHARED) if shared else (page.resolve().parent / "pictures", "pictures")
+    if list(head["axes"]) != [SETTING]:
+        raise InputError("a page is of a study of settings", "use --report without --page", key="page")
+    name, study, target, pictures = str(head["title"]), "STUDY.toml", str(page), "pictures"
+    if page.resolve().parent == DOCUMENTED:
+        folder = page.stem.removeprefix("study-")
+        name = study = f"studies/{folder}.toml"
+        target, pictures = f"docs/explanation/{page.name}", SHARED
+    commands = f"fdcal study {study} -o {folder}\nfdcal study --report {folder} --page {target}"
     written = page.with_suffix(".cases.toml")
     cases = parse_toml(read_bytes(written), written) if written.exists() else None
-    text = calibration_page(head, rows, name, page.stem, commands, cases, called)
-    picture, key = figure_bytes(draw_ranks(head, rows), "png"), next(iter(head["axes"]))
-    table = rows[[key, *KEPT]].sort_values(["draw", key]).to_csv(index=False, float_format="%.4g")
+    text = calibration_page(head, rows, name, page.stem, commands, cases, pictures)
+    picture = figure_bytes(draw_ranks(head, rows), "png")
+    table = rows[[SETTING, *KEPT]].sort_values(["draw", SETTING]).to_csv(index=False, float_format="%.4g")
+    figures = page.resolve().parent / pictures
+    try:
+        figures.mkdir(exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"cannot make the folder {figures}: {error.strerror}") from error
     write_atomically(page, lambda file: file.write_text(text, encoding="utf-8"), True)
     write_atomically(page.with_suffix(".csv"), lambda file: file.write_text(table, encoding="utf-8"), True)
-    try:
-        pictures.mkdir(exist_ok=True)
-    except OSError as error:
-        raise StorageError(f"cannot make the folder {pictures}: {error.strerror}") from error
-    write_atomically(pictures / f"{page.stem}.png", lambda file: file.write_bytes(picture), True)
+    write_atomically(figures / f"{page.stem}.png", lambda file: file.write_bytes(picture), True)

@@ -153,7 +153,8 @@ def test_a_fault_is_plain_english():
     assert ChannelFault("17", "inverted").text == "microphone 17: inverted"
     assert ChannelFault("a", "dead", 40.0, "dB").text == "microphone a: dead"
     assert ChannelFault("a", "gain", 3.21, "dB").text == "microphone a: gain +3.2 dB"
-    assert ChannelFault("a", "misplaced", 0.0234, "m").text == "microphone a: 23.4 mm from the position given"
+    for value, words in ((0.0234, "23.4 mm"), (2.0, "2 m")):
+        assert ChannelFault("a", "misplaced", value, "m").text == f"microphone a: {words} from the position given"
     assert ChannelFault("a", "exchanged", 0.4, "m", "b").text == "microphone a: exchanged with microphone b"
 
 

@@ -89,13 +89,12 @@ def test_what_to_install_is_named_for_a_checkout_too(capsys, tmp_path, monkeypat
     assert "pip install -e '.[study]' in a checkout" in line
 
 
-def test_a_page_of_a_study_of_axes_says_how_it_was_made_here(tmp_path, monkeypatch):
+def test_a_page_of_a_study_of_axes_is_refused_before_anything_is_written(tmp_path, monkeypatch, capsys):
+    """Its statistics hold for independent draws only."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text('scene = "tiny"\ndraws = 1\n[axes]\nsnr_db = [20, 40]\n')
     study, results = load_study("mine.toml"), Results("found", load_study("mine.toml"), False)
     results.append([run_task(study, number) for number in range(2)])
-    assert exit_code("study", "--report", "found", "--page", "page.md") == 0
-    text = (tmp_path / "page.md").read_text()
-    assert "`mine`\nanswers for 2 settings. 2 draws" in text and "uncertainty.md" not in text
-    assert "fdcal study STUDY.toml -o found\nfdcal study --report found --page page.md\n" in text
-    assert (tmp_path / "pictures" / "page.png").exists()
+    line = refusal(capsys, "--report", "found", "--page", "page.md")
+    assert line.endswith("a page is of a study of settings; use --report without --page")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["found", "mine.toml"]

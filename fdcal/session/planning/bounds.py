@@ -134,8 +134,8 @@ TAKES = (1, 2, 4, 8)  # numbers of takes that a plan compares, and its own
 class TakesCase:
     """The error expected with several places of the source, or with a longer recording from one, RMS, metres.
 
-    Arrival times are left out. The bound would not do: where an import takes only so many rows of all takes together,
-    more takes have fewer rows each, whose bound is the same, but which are farther apart and so say more.
+    Arrival times are left out. The bound is no measure here: takes share the rows of an import, and it counts rows as
+    independent. Fewer rows per take are farther apart and less alike, which only the expected error takes into account.
     """
 
     takes: int  # places of the source
@@ -144,10 +144,12 @@ class TakesCase:
     longer: float  # one place, recorded `takes` times as long, at a higher signal-to-noise ratio
 
 
-def takes_cases(request: PlanRequest) -> tuple[TakesCase, ...]:
+def takes_cases(request: PlanRequest, information: Information, bound: Bound) -> tuple[TakesCase, ...]:
     """Return what more places of the source bring, and what a longer recording from one place brings instead.
 
-    A recording that is n times as long has a signal-to-noise ratio higher by 10 log10 n dB, the noise being steady.
+    A recording that is n times as long has a signal-to-noise ratio higher by 10 log10 n dB, the noise being steady. The
+    cases take fewer frequencies, which is faster, and are scaled so that the one of the request itself has the expected
+    error that follows from the `information` of all frequencies and its `bound`.
     """
 
     def expected(takes: int, more_db: float = 0.0) -> float:
@@ -155,8 +157,14 @@ def takes_cases(request: PlanRequest) -> tuple[TakesCase, ...]:
         information = information_at(other, request.snr_db + more_db)
         return forecast(other, information, position_bound(information, request.prior), ()).rms
 
+    scale = forecast(request, information, bound, ()).rms / expected(request.takes)
     return tuple(
-        TakesCase(takes, expected(takes), expected(takes, -10 * np.log10(takes)), expected(1, 10 * np.log10(takes)))
+        TakesCase(
+            takes,
+            scale * expected(takes),
+            scale * expected(takes, -10 * np.log10(takes)),
+            scale * expected(1, 10 * np.log10(takes)),
+        )
         for takes in sorted({*TAKES, request.takes})
     )
 

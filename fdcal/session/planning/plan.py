@@ -11,7 +11,7 @@ import numpy as np
 
 from ...assessment.uncertainty import Bound, Information, field_information, position_bound
 from ...model.gauge import fixes_gauge
-from ...model.validation import InputError
+from ...model.validation import InputError, length_text
 from ..process import one_blas_thread
 from .advice import ACCURACY_RULES, AccuracyAdvice, Advice, advise
 from .bounds import (
@@ -74,7 +74,7 @@ def make_plan(request: PlanRequest, with_advice: bool = True, trials: Trials | N
             degeneracies=(*degeneracies(request, bound), *note),
             advice=advise(request, information, margin) if with_advice else None,
             trials=trials,
-            takes=takes_cases(request),
+            takes=takes_cases(request, information, bound),
         )
 
 
@@ -162,7 +162,7 @@ def plan_lines(plan: Plan) -> list[str]:
         f" the array interpolates up to {plan.f_max:.0f} Hz{_left_out(request)}",
         *_plane_lines(request),
         forecast_line(request, plan.forecast),
-        *_blind_lines(request),
+        *([] if plan.trials is not None else _blind_lines(request)),
         f"least error (Cramer-Rao bound): {_mm(bound.rms)} rms, {_mm(bound.sigma[bound.free].max())} at the worst"
         " microphone, in a diffuse field",
     ]
@@ -170,7 +170,7 @@ def plan_lines(plan: Plan) -> list[str]:
         lines.append(f"in this room, mean of some source positions: {_mm(plan.room_bound.rms)} rms{_moved(request)}")
     lines += [f"{case.name}: {_mm(case.rms)} rms, {_mm(case.worst)} at the worst" for case in plan.cases]
     lines += list(plan.degeneracies)
-    lines += takes_lines(plan.takes, request.takes)
+    lines += takes_lines(plan.takes, request.takes, plan.forecast.timed)
     if plan.trials is not None:
         lines[1:1] = [_judgement(plan.trials), *trial_lines(plan.trials), *_trials_without(request)]
     else:
@@ -192,21 +192,20 @@ def forecast_line(request: PlanRequest, found: Forecast) -> str:
     return f"expected error: {_mm(found.rms)} rms, {_mm(found.low)} to {_mm(found.high)} in 8 of 10 recordings{why}"
 
 
-FEW_BLIND = 20  # microphones at most of which a blind calibration from one place is often not good
+FEW_BLIND = 16  # microphones at most of which a blind calibration from one place is often not good
 
 
 def _blind_lines(request: PlanRequest) -> list[str]:
     """Return in words how often few microphones are found from one place of the source with nothing given.
 
-    Figures of `python -m benchmarks blind`: 16 microphones in a living room and a studio. With two places 7 of 10 were
-    good.
+    Figures of `python -m benchmarks blind`: 16 microphones in a living room and a studio.
     """
     if request.known or request.takes > 1 or request.dimension < 3 or len(request.layout.names) > FEW_BLIND:
         return []
     return [
         "so few microphones, from one place of the source and without given positions, are often not found: of 24"
-        " recordings of 16 in rooms by image sources 10 had the verdict good, 5 did not converge, and they erred by"
-        " about 1.4 times what was expected; use more places of the source, or try some trials"
+        " simulated recordings of 16 microphones 10 had the verdict good and 5 did not converge; the error of all 24"
+        " was 1.4 times the expected one; use more places of the source, or try some trials (--trials 20)"
     ]
 
 
@@ -218,12 +217,16 @@ def _plane_lines(request: PlanRequest) -> list[str]:
     return [f"a plane array that is not level: its coordinates are along {along}"]
 
 
-def takes_lines(cases: Sequence[TakesCase], own: int = 1) -> list[str]:
-    """Return what more places of the source bring to the expected error, a line for each way to record them."""
+def takes_lines(cases: Sequence[TakesCase], own: int = 1, timed: bool = False) -> list[str]:
+    """Return what more places of the source bring to the expected error, a line for each way to record them.
+
+    `timed`: whether the expected error of the plan has arrival times, which these leave out.
+    """
     several = [case for case in cases if case.takes > 1]
     if not several:
         return []
-    one = next(case.rms for case in cases if case.takes == 1)
+    one = _mm(next(case.rms for case in cases if case.takes == 1))
+    left_out = ", arrival times left out" if timed else ""
 
     def row(words: str, name: str) -> str:
         return f"{words}: " + ", ".join(f"{case.takes} places {_mm(getattr(case, name))}" for case in several)
@@ -231,7 +234,7 @@ def takes_lines(cases: Sequence[TakesCase], own: int = 1) -> list[str]:
     mine = next(case for case in cases if case.takes == max(own, 2))
     times = "twice" if mine.takes == 2 else f"{mine.takes} times"
     return [
-        row(f"more places of the source, each recorded as long as one ({_mm(one)} rms expected)", "rms"),
+        row(f"more places of the source, each recorded as long as one ({one} rms expected{left_out})", "rms"),
         row("the same recording time in all, divided among the places", "shared"),
         f"one place, recorded {times} as long: {_mm(mine.longer)}",
     ]
@@ -362,7 +365,7 @@ def _size_line(plan: Plan, advice: AccuracyAdvice) -> str:
 
 
 def _mm(metres: float) -> str:
-    return f"{1e3 * metres:.3g} mm" if np.isfinite(metres) else "none (trials were refused)"
+    return length_text(metres) if np.isfinite(metres) else "none (trials were refused)"
 
 
 def plan_dict(plan: Plan) -> dict:
@@ -380,7 +383,7 @@ def plan_dict(plan: Plan) -> dict:
         "f_max_hz": plan.f_max,
         "modes": plan.modes,
         "takes": request.takes,
-        "takes_rms_m": [
+        "takes_expected_rms_m": [
             {"takes": case.takes, "same_each": case.rms, "same_in_all": case.shared, "one_place_longer": case.longer}
             for case in plan.takes
         ],

@@ -228,7 +228,7 @@ class PlanRequest:
             self._require_fit(np.ptp(self.stated_places, axis=0), np.array(room))
         if len(self.frequencies) < MIN_FREQUENCIES:
             low, high = self.limits
-            problem = f"{low:.3g} to {high:.3g} Hz with a reverberation time of {self.reverberation_time:g} s hold"
+            problem = f"{low:.1f} to {high:.1f} Hz with a reverberation time of {self.reverberation_time:g} s hold"
             problem += f" {len(self.frequencies)} independent frequencies, and a calibration needs {MIN_FREQUENCIES}"
             remedy = "use a wider band (<frequencies>), or a smaller array, whose band reaches higher" + self._width
             raise InputError(problem, remedy, key="frequencies")

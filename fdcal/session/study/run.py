@@ -107,7 +107,9 @@ class Results:
                 found.update(parquet.read_table(path)["task"].to_pylist())
             except (OSError, ValueError, KeyError):  # as after a crash of the machine
                 log.warning("%s is damaged: it is set aside, and its tasks are done again", path)
-                path.replace(self.folder / f"{path.stem}.damaged")  # not among the rows, which are read as one table
+                path.replace(
+                    self.folder / f"{path.stem}.damaged"
+                )  # outside the folder `rows`, which readers open as one table
         return found
 
     @contextmanager
@@ -225,7 +227,8 @@ def connected(workers: int, scheduler: str | None) -> Iterator[Client]:
 def _uninterrupted() -> Iterator[None]:
     """Ignore Ctrl-C in the block, and for good in the processes that are started in it, which inherit that.
 
-    A terminal sends it to all of them, and each worker would answer with a traceback; the cluster ends them.
+    A terminal sends it to all of them, and each worker would answer with a traceback; the cluster ends them. A worker
+    that Dask starts later, in place of one that died, is started outside of the block and does answer with one.
     """
     try:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)

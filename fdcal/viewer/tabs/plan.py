@@ -74,7 +74,7 @@ def planned_array(run: PreparedRun, choices: PlanChoices) -> PlannedArray:
             information = request_information(request)
             bound = position_bound(information, request.prior)
             expected = forecast_line(request, forecast(request, information, bound))
-            takes = takes_lines(takes_cases(request), request.takes)
+            takes = takes_lines(takes_cases(request, information, bound), request.takes)
     except ValueError as error:  # an InputError, too
         return PlannedArray(choices, np.zeros((0, 2, 2)), error=error_message(error))
     covariance = np.where(bound.free[:, None, None], bound.covariance, 0.0)

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from contextlib import nullcontext
 from dataclasses import asdict, replace
 from importlib.metadata import version as fdcal_version
@@ -21,6 +22,7 @@ import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.assessment.study_statistics import classified, clustered, selected, share_grid
 from fdcal.commands import plan_commands
+from fdcal.graphics import study_report
 from fdcal.graphics.study_report import write_page, write_report
 from fdcal.model.room import Room
 from fdcal.model.validation import InputError, StorageError
@@ -332,6 +334,24 @@ run.PACE = replace(run.PACE, write_seconds=0.0)
 main(sys.argv[1:])
 """
 
+# One that does no more after its first row, so that it never ends before it is killed.
+HALTED = """
+import time
+from fdcal.session.study.run import Results
+append = Results.append
+Results.append = lambda results, rows: (append(results, rows), time.sleep(600))
+"""
+
+
+def await_a_row(process, folder):
+    """Wait for the first row of a study, or for the end of its process."""
+    waited, end = threading.Event(), time.monotonic() + 120
+    while process.poll() is None and not list(folder.glob(PARTS)):
+        if time.monotonic() > end:
+            os.killpg(process.pid, signal.SIGKILL)
+            pytest.fail("the study has written no row in 120 s")
+        waited.wait(0.05)
+
 
 def test_an_interrupted_study_says_in_one_line_what_is_kept_and_how_it_goes_on(tmp_path):
     path, folder = tmp_path / "study.toml", tmp_path / "out"
@@ -340,9 +360,7 @@ def test_an_interrupted_study_says_in_one_line_what_is_kept_and_how_it_goes_on(t
         [sys.executable, "-c", EAGER, "study", str(path), "-o", str(folder), "--workers", "1"],
         start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    waited = threading.Event()
-    while process.poll() is None and not list(folder.glob(PARTS)):
-        waited.wait(0.05)
+    await_a_row(process, folder)
     os.killpg(process.pid, signal.SIGINT)  # a terminal interrupts the workers, too
     _, errors = process.communicate(timeout=60)
     kept = len(Results(folder, load_study(path), True).done())
@@ -356,13 +374,11 @@ def test_a_killed_study_goes_on_a_killed_worker_costs_no_row_and_its_report_is_d
     path, folder = tmp_path / "study.toml", tmp_path / "out"
     path.write_text(TEXT.format(draws=3))
     command = ["study", str(path), "-o", str(folder), "--workers"]
-    process = subprocess.Popen(  # with one worker it lasts long enough
-        [sys.executable, "-c", EAGER, *command, "1"],
+    process = subprocess.Popen(
+        [sys.executable, "-c", HALTED + EAGER, *command, "1"],
         start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
-    waited = threading.Event()
-    while process.poll() is None and not list(folder.glob(PARTS)):
-        waited.wait(0.05)
+    await_a_row(process, folder)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     study = load_study(path)
@@ -594,19 +610,25 @@ def test_a_value_that_an_axis_has_twice_is_named(file):
     assert caught.value.key == "axes.snr_db" and caught.value.value == 20
 
 
-@pytest.mark.parametrize("shared", [False, True])
-def test_the_figure_of_a_page_is_where_the_page_looks_for_it(settings, tmp_path, shared):
+@pytest.mark.parametrize("documented", [False, True])
+def test_the_figure_of_a_page_is_where_the_page_looks_for_it(settings, tmp_path, monkeypatch, documented):
     results = Results(tmp_path / "out", settings, False)
     results.append([row_of(settings, number) for number in range(2)])
     (tmp_path / "docs").mkdir()
-    if shared:
-        (tmp_path / "pictures").mkdir()
-    page = tmp_path / "docs" / "page.md"
-    for _ in range(2):
-        write_page(page, *read_results(tmp_path / "out"), "settings.toml", "fdcal study settings.toml")
-        (picture,) = re.findall(r"\{image\} (\S+)", page.read_text())
-        assert (page.parent / picture).stat().st_size > 5000
-    assert (tmp_path / "pictures").exists() == shared
+    if documented:
+        monkeypatch.setattr(study_report, "DOCUMENTED", tmp_path / "docs")
+    page = tmp_path / "docs" / "study-page.md"
+    for _ in range(2 - documented):  # the second time over the first
+        write_page(page, *read_results(tmp_path / "out"), "found")
+    text = page.read_text()
+    (picture,) = re.findall(r"\{image\} (\S+)", text)
+    assert (page.parent / picture).stat().st_size > 5000
+    assert (tmp_path / "pictures").exists() == documented == ("uncertainty.md" in text)
+    commands = f"fdcal study STUDY.toml -o found\nfdcal study --report found --page {page}\n"
+    if documented:
+        commands = "fdcal study studies/page.toml -o page\n"
+        commands += "fdcal study --report page --page docs/explanation/study-page.md\n"
+    assert commands in text and ("`studies/page.toml`" if documented else "`settings`") in text
 
 
 def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
@@ -615,12 +637,10 @@ def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
     good = rows[0] | {"verdict": "good", "worst_sigmas": 7.0, "task": 2, "draw": 1, "seed": 6}
     few = {key: rows[0][key] for key in ("setting", "seed", "source", "version", "commit")}
     results.append([*rows, good, few | {"task": 3, "draw": 1, "verdict": "refused", "reason": "no room for a source"}])
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "pictures").mkdir()
-    page = tmp_path / "docs" / "study-settings.md"
+    page = tmp_path / "study-settings.md"
     case = 'text = "All others are right."\n[[cases]]\nsetting = "flat"\nseed = 6\nwhy = "another basin"\n'
     page.with_suffix(".cases.toml").write_text(case)
-    write_page(page, *read_results(tmp_path / "out"), "settings.toml", "fdcal study settings.toml")
+    write_page(page, *read_results(tmp_path / "out"), "out")
     text = page.read_text()
     assert "4 draws, 1 to 3 of each setting, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
     assert "Good and wrong: 1 of 4 draws" in text and "| flat | 6 |" in text
