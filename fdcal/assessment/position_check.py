@@ -308,7 +308,7 @@ def compare_positions(found, given, known=()) -> PositionCheck:
 MAX_SCALE = 1.1
 
 
-def _size_ratio(found: np.ndarray, given: np.ndarray) -> float:
+def size_ratio(found: np.ndarray, given: np.ndarray) -> float:
     """Return the size of `given` over that of `found`: no exchange changes the median distance between microphones."""
     apart = [distances(p, p)[np.triu_indices(len(p), 1)] for p in (found, given)]
     own, listed = map(float, np.median(apart, axis=1))
@@ -319,12 +319,12 @@ def in_size_of(found, given) -> np.ndarray:
     """Return positions `found` (N, D), metres, about their centre in the size of those `given`."""
     x = np.asarray(found, float)
     centre = x.mean(axis=0)
-    return centre + _size_ratio(x, np.asarray(given, float)) * (x - centre)
+    return centre + size_ratio(x, np.asarray(given, float)) * (x - centre)
 
 
 def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     """Return the comparison after the best motion as a whole, and in the size of the array found if that fits."""
-    scale = _size_ratio(found, given)
+    scale = size_ratio(found, given)
     check = _best(found, given)
     if check.fits and 1 / MAX_SCALE < scale < MAX_SCALE:
         return check

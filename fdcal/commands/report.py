@@ -162,9 +162,23 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     measurement = inputs.measurement
     require_positions(measurement)
     positions = result.positions if result.room is None else result.positions_for(measurement)
-    if result.verdict == "scale_undetermined":  # the size is no finding
+    if _size_is_open(inputs, result):
         positions = in_size_of(positions, measurement.positions)
     return compare_positions(positions, measurement.positions, _frame(inputs))
+
+
+UNITS_APART = 2.0  # factor of size from which a list is in another unit, whatever the array found is worth
+
+
+def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
+    """Whether the size of the array found is no finding, so that it is compared in that of the list."""
+    from ..assessment.position_check import MAX_SCALE, size_ratio
+
+    listed = inputs.measurement.positions
+    assert listed is not None  # `require_positions`
+    ratio = size_ratio(result.positions, listed)
+    wrong = result.verdict != "good" and MAX_SCALE < max(ratio, 1 / ratio) < UNITS_APART
+    return result.verdict == "scale_undetermined" or wrong
 
 
 def comparison_text(inputs: CalibrationInput, result: Calibration, check: PositionCheck, fit: ListFit | None) -> str:
@@ -172,7 +186,12 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
     from ..assessment.position_check import describe
 
     names = inputs.labels or inputs.measurement.names
-    return describe(check, names, result.verdict, len(_frame(inputs)) > 0, OPTIONS, fit)
+    text = describe(check, names, result.verdict, len(_frame(inputs)) > 0, OPTIONS, fit)
+    if _size_is_open(inputs, result):
+        text += (
+            f"\nthe size of the array found is not to be trusted ({result.verdict}): it is compared in that of the list"
+        )
+    return text
 
 
 def fit_of_rows(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> ListFit | None:

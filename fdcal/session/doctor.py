@@ -413,9 +413,12 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
     moved = np.flatnonzero(check.order != np.arange(len(own)))
     kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
     kinds += ([("off", "")] if fit.poor and sure else []) + ([("size", "")] if fit.sized else [])
-    rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if fit.poor else "fine"
+    unknown = fit.poor or (
+        check.scale != 1 and not sure
+    )  # a size that is far off, of an array that is not to be trusted
+    rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if unknown else "fine"
     text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
-    text += "" if faults or not fit.poor else f"; {result.verdict_text}"
+    text += "" if faults or not unknown else f"; {result.verdict_text}"
     there = align(own, listed[check.order], fit.kept)
     points = tuple(Curve(what, x[:, 0], x[:, 1], True) for what, x in (("list", listed), ("found", there)))
     number = np.arange(len(own), dtype=float)

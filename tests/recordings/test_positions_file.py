@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,10 @@ from recorded import write_places
 from running import exit_code
 
 import fdcal
+from fdcal.commands import report
 from fdcal.recordings.formats.positions import read_positions, read_xml
+from fdcal.session.calibration_run import solve
+from fdcal.session.sources import load_input
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
@@ -127,6 +131,18 @@ def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its
     lines = capsys.readouterr().out.splitlines()
     assert any(re.fullmatch(said, line) for line in lines)
     assert sum(word in line for line in lines for word in ("too large", "its place")) <= 1
+
+
+def test_the_size_of_an_array_that_is_not_to_be_trusted_accuses_no_list():
+    """One of 16 microphones in a living room was found 29 % too large."""
+    inputs = load_input("tiny")
+    inputs = replace(inputs, settings=replace(inputs.settings, known="none"))
+    found = solve(inputs)
+    for verdict, scale, said in (("good", 1 / 1.29, "times as large"), ("model_mismatch", 1.0, "that of the list")):
+        larger = replace(found, positions=1.29 * found.positions, verdict=verdict)
+        check = report.comparison(inputs, larger)
+        assert check.scale == pytest.approx(scale, rel=0.02)
+        assert said in report.comparison_text(inputs, larger, check, None)
 
 
 def test_exchanged_channels_are_found_in_python_and_the_positions_of_a_file_are_never_given_to_the_solver(exchanged):
