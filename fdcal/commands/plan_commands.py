@@ -231,9 +231,13 @@ def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:
 def _page(folder: str, page: str) -> int:
     _require(page.endswith(".md"), "page", f"{page} is no page", "give FILE.md")
     from ..graphics.study_report import write_page
+    from ..session.study import SETTING
     from ..session.study.run import read_results
 
-    write_page(Path(page), *read_results(Path(folder)), folder)
+    head, rows = read_results(Path(folder))
+    settings = list(head["axes"]) == [SETTING]
+    _require(settings, "page", "a page is of a study of settings", "use --report without --page")
+    write_page(Path(page), head, rows, folder)
     print(page)
     return 0
 

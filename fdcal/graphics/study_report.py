@@ -519,8 +519,6 @@ def write_page(page: Path, head: dict, rows: Any, folder: str) -> None:
     `folder` has the results. Why a draw is good and wrong nobody can compute: the page takes it from a file beside it
     that ends in .cases.toml.
     """
-    if list(head["axes"]) != [SETTING]:
-        raise InputError("a page is of a study of settings", "use --report without --page", key="page")
     name, study, target, pictures = str(head["title"]), "STUDY.toml", str(page), "pictures"
     if page.resolve().parent == DOCUMENTED:
         folder = page.stem.removeprefix("study-")

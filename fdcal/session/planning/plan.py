@@ -205,7 +205,7 @@ def _blind_lines(request: PlanRequest) -> list[str]:
     return [
         "so few microphones, from one place of the source and without given positions, are often not found: of 24"
         " simulated recordings of 16 microphones 10 had the verdict good and 5 did not converge; the error of all 24"
-        " was 1.4 times the expected one; use more places of the source, or try some trials (--trials 20)"
+        " was 1.4 times the expected one; use more places of the source, or try some trials"
     ]
 
 
