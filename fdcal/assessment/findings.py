@@ -344,8 +344,8 @@ def _uncertain_given(seen: Judged, limit: float) -> bool:
 def _other_minimum(seen: Judged, limit: float) -> bool:
     """Whether a microphone leaves more than its share of a noise that hides what rooms leave: it may stand elsewhere.
 
-    In living rooms and halls such a microphone is usually right: in 15 of 15 draws it was within 1.9 sigma. Of M
-    frequencies the noise of a channel is known to about one over the root of M.
+    In living rooms and halls such a microphone is usually right. Of M frequencies the noise of a channel is known to
+    about one over the root of M.
     """
     if seen.noisiest is None:
         return False

@@ -228,6 +228,9 @@ def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:
     return 0
 
 
+PAGE_COMMANDS = "fdcal study {study} -o {folder}\nfdcal study --report {folder} --page {page}"
+
+
 def _page(folder: str, page: str) -> int:
     _require(page.endswith(".md"), "page", f"{page} is no page", "give FILE.md")
     from ..graphics.study_report import write_page
@@ -237,7 +240,7 @@ def _page(folder: str, page: str) -> int:
     head, rows = read_results(Path(folder))
     settings = list(head["axes"]) == [SETTING]
     _require(settings, "page", "a page is of a study of settings", "use --report without --page")
-    write_page(Path(page), head, rows, folder)
+    write_page(Path(page), head, rows, folder, PAGE_COMMANDS)
     print(page)
     return 0
 

@@ -512,19 +512,19 @@ def _stepped(values: np.ndarray) -> np.ndarray:
     return np.append(values, values[-1])
 
 
-def write_page(page: Path, head: dict, rows: Any, folder: str) -> None:
+def write_page(page: Path, head: dict, rows: Any, folder: str, commands: str) -> None:
     """Write the page of a study of settings, its rows as CSV beside it, and its figure into a folder `pictures`.
 
     That is the one of the documentation for its own pages, whose studies are in `studies`, else one beside the page.
-    `folder` has the results. Why a draw is good and wrong nobody can compute: the page takes it from a file beside it
-    that ends in .cases.toml.
+    `folder` has the results; `commands`: how the page is made, with the names study, folder and page in braces. Nobody
+    can compute why a draw is good and wrong: the page takes it from a file beside it that ends in .cases.toml.
     """
     name, study, target, pictures = str(head["title"]), "STUDY.toml", str(page), "pictures"
     if page.resolve().parent == DOCUMENTED:
         folder = page.stem.removeprefix("study-")
         name = study = f"studies/{folder}.toml"
         target, pictures = f"docs/explanation/{page.name}", SHARED
-    commands = f"fdcal study {study} -o {folder}\nfdcal study --report {folder} --page {target}"
+    commands = commands.format(study=study, folder=folder, page=target)
     written = page.with_suffix(".cases.toml")
     cases = parse_toml(read_bytes(written), written) if written.exists() else None
     text = calibration_page(head, rows, name, page.stem, commands, cases, pictures)

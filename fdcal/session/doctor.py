@@ -413,9 +413,7 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
     moved = np.flatnonzero(check.order != np.arange(len(own)))
     kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
     kinds += ([("off", "")] if fit.poor and sure else []) + ([("size", "")] if fit.sized else [])
-    unknown = fit.poor or (
-        check.scale != 1 and not sure
-    )  # a size that is far off, of an array that is not to be trusted
+    unknown = fit.poor or (check.scale != 1 and not sure)  # the size of an untrusted array says nothing of the list
     rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if unknown else "fine"
     text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
     text += "" if faults or not unknown else f"; {result.verdict_text}"

@@ -224,8 +224,7 @@ PACKAGE = Path(__file__).parents[2] / "fdcal"
 BELOW = [path for path in sorted(PACKAGE.rglob("*.py")) if "commands" not in path.relative_to(PACKAGE).parts]
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
 STYLE = re.compile(r"var\(--[\w-]+|--[\w-]+ *:|<!--\S+")  # variables of a style sheet, and comments of a page
-ALLOWED = {  # the page says how to list the commands, that of a study how it was made; options of git
-    "graphics/study_report.py": {"--report", "--page"},
+ALLOWED = {  # the page says how to list the commands; options of git
     "session/study/__init__.py": {"--format", "--porcelain"},
     "recordings/import_options.py": {"--subset"},  # a help text, declared beside the option
     "viewer/tabs/help.py": {"--help"},

@@ -203,9 +203,8 @@ def _blind_lines(request: PlanRequest) -> list[str]:
     if request.known or request.takes > 1 or request.dimension < 3 or len(request.layout.names) > FEW_BLIND:
         return []
     return [
-        "so few microphones, from one place of the source and without given positions, are often not found: of 24"
-        " simulated recordings of 16 microphones 10 had the verdict good and 5 did not converge; the error of all 24"
-        " was 1.4 times the expected one; use more places of the source, or try some trials"
+        "so few microphones, from one place of the source and without given positions, are often not found, or with a"
+        " larger error than expected; use more places of the source, or try some trials"
     ]
 
 

@@ -135,7 +135,7 @@ class SceneNodes:
         with self._server.atomic():
             for name in sorted(self._handles.keys() - parts.keys(), reverse=True):  # a child before its parent
                 self._handles.pop(name).remove()
-            self._remove_replaced(lambda name, since: name not in parts)  # nothing replaces them any more
+            self._remove_replaced(lambda name, since: name not in parts)  # nothing replaces these
             for name, part in parts.items():
                 old = self._parts.get(name)
                 if old is None or not (old is part or _looks_same(old, part)):

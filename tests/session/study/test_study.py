@@ -619,7 +619,7 @@ def test_the_figure_of_a_page_is_where_the_page_looks_for_it(settings, tmp_path,
         monkeypatch.setattr(study_report, "DOCUMENTED", tmp_path / "docs")
     page = tmp_path / "docs" / "study-page.md"
     for _ in range(2 - documented):  # the second time over the first
-        write_page(page, *read_results(tmp_path / "out"), "found")
+        write_page(page, *read_results(tmp_path / "out"), "found", plan_commands.PAGE_COMMANDS)
     text = page.read_text()
     (picture,) = re.findall(r"\{image\} (\S+)", text)
     assert (page.parent / picture).stat().st_size > 5000
@@ -640,7 +640,7 @@ def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
     page = tmp_path / "study-settings.md"
     case = 'text = "All others are right."\n[[cases]]\nsetting = "flat"\nseed = 6\nwhy = "another basin"\n'
     page.with_suffix(".cases.toml").write_text(case)
-    write_page(page, *read_results(tmp_path / "out"), "out")
+    write_page(page, *read_results(tmp_path / "out"), "out", plan_commands.PAGE_COMMANDS)
     text = page.read_text()
     assert "4 draws, 1 to 3 of each setting, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
     assert "Good and wrong: 1 of 4 draws" in text and "| flat | 6 |" in text
