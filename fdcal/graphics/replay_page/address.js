@@ -10,8 +10,8 @@
 //   map, trails on or off; theme light or dark; opening on: modes are added one after the other, from `modes` down
 let writing = 0, themed = false;
 
-function readAddress() {
-  const asked = new URLSearchParams(location.hash.slice(1) || data.opens_at), refused = [];
+function readAddress(hash) {
+  const asked = new URLSearchParams(hash.slice(1) || data.opens_at), refused = [];
   const read = (key, use) => { if (asked.has(key) && use(asked.get(key)) === false) refused.push(`${key}=${asked.get(key).slice(0, 40)}`); };
   const number = text => /^-?\d+(\.\d+)?$/.test(text) ? Number(text) : NaN, onOff = id => text => {
     if (text != "on" && text != "off") return false;
@@ -88,7 +88,8 @@ function writeAddress() {
     try { history.replaceState(null, "", addressNow()); } catch { location.replace(addressNow()); }
   }, 250);
 }
-window.addEventListener("hashchange", () => { clearTimeout(writing); playing = false; readAddress(); theme(document.documentElement.dataset.theme == "dark"); });
+// `writeAddress` may already have replaced `location.hash` by the previous address.
+window.addEventListener("hashchange", event => { clearTimeout(writing); playing = false; readAddress(new URL(event.newURL).hash); theme(document.documentElement.dataset.theme == "dark"); });
 // A race (fdcal gallery) leads its two replays by the processor time.
 window.addEventListener("message", e => {
   if (e.source != window.parent || !seconds || !Number.isFinite(e.data?.seconds)) return;

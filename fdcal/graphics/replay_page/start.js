@@ -34,7 +34,7 @@ document.addEventListener("keydown", e => {
   if (e.key == " " && (e.target.tagName == "BUTTON" || e.target.type == "checkbox") || ranged && /^(Arrow|Home|End)/.test(e.key) || !keys[e.key]) return;
   e.preventDefault(); if (e.key != " ") playing = false; keys[e.key]();
 });
-readAddress();
+readAddress(location.hash);
 theme(document.documentElement.dataset.theme ? document.documentElement.dataset.theme == "dark" : window.matchMedia("(prefers-color-scheme: dark)").matches);
 new ResizeObserver(show).observe($("scene"));
 if (seconds && window.parent != window) {  // one of the two replays of a race, which has the controls of time
