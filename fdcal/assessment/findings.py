@@ -328,7 +328,7 @@ INACCURATE = 2.0  # sigma of the given positions found over the expected one
 def precision(sigma: np.ndarray, residual: float | None) -> str:
     """Return one sigma (N,), metres, in words, and the residual over the given noise (reduced chi-square) if any."""
     text = f"one sigma {length_text(root_mean_square(sigma), 2)}"
-    return text if residual is None else f"{text}, residual {residual:.2g} times the noise given"
+    return text if residual is None else f"{text}, residual {residual:.2g} times the noise of the measurement"
 
 
 def enumerated(names: Sequence[str]) -> str:

@@ -329,7 +329,8 @@ def calibrate(
     if positions is not None and compared is None:
         print("list    add --check to see which channels are swapped, and how far each microphone is from its place")
     if compared is not None:
-        fit = report.fit_of_rows(inputs, result, compared)
+        with opt.progress_bar("comparing") as progress:
+            fit = report.fit_of_rows(inputs, result, compared, progress)
         print(report.comparison_text(inputs, result, compared, fit))
         if not compared.agrees or (fit is not None and fit.wrong):
             return 5

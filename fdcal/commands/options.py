@@ -360,6 +360,9 @@ def progress_bar(title: str) -> Iterator[Progress]:
             layout = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfix}"
             bars.append(tqdm(total=1.0, desc=title, bar_format=layout, mininterval=0.2, file=sys.stderr))
         bars[0].set_postfix_str(note, refresh=False)
+        if done < bars[0].n:  # another run, or a restart; `update` would show nothing for a long time
+            bars[0].n = bars[0].last_print_n = done
+            bars[0].refresh()
         bars[0].update(done - bars[0].n)
 
     try:

@@ -185,7 +185,7 @@ def study(file, output, workers, scheduler, resume, dry_run, report, axes, at, p
     if dry_run:
         seconds = expected_seconds(found, workers or 2)
         count = f"{found.count} calibrations at {found.points} points"
-        print(f"{count}, about {_duration(seconds)}, {workers or 2} workers")
+        print(f"{count}, about {_duration(seconds)} once the {workers or 2} workers have started")
         return 0
     _require(output is not None, "output", "no folder is named for the results", "give -o FOLDER")
     return _run(found, output, workers or 2, scheduler, resume)

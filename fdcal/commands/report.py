@@ -15,6 +15,7 @@ from .options import OPTIONS
 
 if TYPE_CHECKING:
     from ..assessment.position_check import ListFit, PositionCheck
+    from ..session.sources import Progress
 
 MIN_MOVE = 1e-3  # metres, of a given position that is mentioned
 MAX_ROWS = 12  # of the table of given positions
@@ -194,11 +195,13 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
     return text
 
 
-def fit_of_rows(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> ListFit | None:
+def fit_of_rows(
+    inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: Progress
+) -> ListFit | None:
     """Return how the rows of a list fit; None where the list as a whole does not, or a room's shape held the array."""
     from ..session.doctor import list_fit
 
-    return list_fit(inputs, result, check) if result.room is None and check.fits else None
+    return list_fit(inputs, result, check, progress) if result.room is None and check.fits else None
 
 
 def _frame(inputs: CalibrationInput) -> Sequence[int]:

@@ -147,7 +147,8 @@ def require_usable_channels(recording: Recording, health: ChannelHealth) -> None
             listed += f" (the first is the same as channel {recording.names[health.copy_of[n]]})"
         who, verb = ("channel", "is") if len(names) == 1 else ("channels", "are")
         problem = f"{recording.path}: {who} {listed} {verb} {words}"
-        raise InputError(problem, "record again, or leave out the faulty channels: <leave_out> bad", key="leave_out")
+        others = ", or leave out the faulty channels: <leave_out> bad" if len(health.bad) < recording.count else ""
+        raise InputError(problem, f"record again{others}", key="leave_out")
 
 
 PLANE_TOLERANCE = 1e-3  # m: microphones this close to a plane lie in it

@@ -452,7 +452,7 @@ def test_the_true_positions_are_good_whoever_found_them(known, snr_db):
     measurement = room(known, snr_db, seed, source=(5.6 - 0.01 * seed, 4.53))
     found = assess(at(measurement))
     assert found.verdict == "good", found.message
-    assert ("times the noise given" in found.message) == np.isfinite(snr_db)
+    assert ("times the noise of the measurement" in found.message) == np.isfinite(snr_db)
     assert np.all(found.uncertainty[known] == 0) and np.all(np.delete(found.uncertainty, known) > 0)
 
 

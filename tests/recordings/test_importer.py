@@ -418,6 +418,9 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
     assert report.left_out == {"3": "silent", "8": "a copy of 2"}
     assert measurement.names == tuple(str(n) for n in range(24) if n not in (3, 8))
     assert "left out     3 (silent), 8 (a copy of 2); none of the others" in import_summary(measurement, report)
+    np.savez(tmp_path / "all.npz", recordings=0 * samples, sample_rate=FS, kind="response")
+    with pytest.raises(InputError, match=r"are silent; record again$"):
+        import_recording(tmp_path / "all.npz")
 
 
 def test_a_plane_of_microphones_in_space(tmp_path):
@@ -535,9 +538,12 @@ def test_a_sound_speed_of_no_medium_is_refused(folder):
 def test_a_table_of_a_spreadsheet_with_commas_as_decimal_signs(folder, tmp_path):
     (tmp_path / "english.csv").write_text("name,x,y,z\n1,0.25,0.5,1\n2,0.75,0.5,-1.5\n")
     (tmp_path / "german.csv").write_text("name;x;y;z\n1;0,25;0,5;1\n2;0,75;0,5;-1,5\n")
-    (names, places), (same, also) = (read_table(tmp_path / f"{n}.csv") for n in ("english", "german"))
-    assert names == same
-    assert np.array_equal(places, also)
+    (tmp_path / "copied.csv").write_text("name\tx\ty\tz\n1\t0,25\t0.5\t1\n2\t0.75\t0,5\t-1,5\n")
+    names, places = read_table(tmp_path / "english.csv")
+    for other in ("german", "copied"):
+        same, also = read_table(tmp_path / f"{other}.csv")
+        assert names == same
+        assert np.array_equal(places, also)
 
 
 @pytest.mark.parametrize(("count", "warned"), [(3, True), (5, False)])

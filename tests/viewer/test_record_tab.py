@@ -30,6 +30,7 @@ def tab(server, tmp_path, monkeypatch):
     rows = [f"{n},{','.join(f'{x:.4f}' for x in place)}" for n, place in enumerate(places(COUNT))]
     (tmp_path / "list.csv").write_text("\n".join(["name,x,y,z", *rows]))
     (tmp_path / "notes.txt").write_text("<b>mine</b>")
+    np.savez(tmp_path / "a_measurement.npz", pressures=np.zeros(COUNT))
 
     def no_card(*_):
         raise InputError("there is no sound card with inputs", "connect it, or replay a recording: <replay>")

@@ -56,8 +56,9 @@ def read_table(path: str | Path) -> tuple[list[str], np.ndarray]:
     """Return names and positions (A, 2 or 3), metres, of a table with the columns name,x,y and optionally z."""
     try:
         text = read_bytes(path, MAX_BYTES).decode("utf-8-sig")
-        european = ";" in text.partition("\n")[0]  # as a spreadsheet writes CSV where a comma is the decimal sign
-        reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if european else ",")
+        # a spreadsheet writes semicolons where a comma is the decimal sign, and copies tabs
+        delimiter = next((one for one in ";\t" if one in text.partition("\n")[0]), ",")
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
         rows = [row for row in reader if any(cell.strip() for cell in row)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} is not a table in text form: {error}") from error
@@ -69,7 +70,9 @@ def read_table(path: str | Path) -> tuple[list[str], np.ndarray]:
     axes = 3 if head[3:4] == ["z"] else 2
     names, places = [], []
     for number, row in enumerate(rows[1:], 2):
-        cells = [cell.strip().replace(",", ".") if european else cell.strip() for cell in row[1 : 1 + axes]]
+        cells = [cell.strip() for cell in row[1 : 1 + axes]]
+        if delimiter != ",":
+            cells = [cell.replace(",", ".") for cell in cells]
         if len(cells) != axes or not all(map(NUMBER.fullmatch, cells)):
             line = shown(",".join(row))
             raise InputError(f"{path}, line {number}: {line!r} must be a name and {axes} numbers, metres")

@@ -164,6 +164,7 @@ class Recorder:
 
     def _list(self, _turn: int) -> Folder:
         from ...recordings import formats
+        from ...session.sources import is_recording
 
         modified, before = self._folder.stat().st_mtime_ns, self._modified
         self._modified = modified, *before[:1]
@@ -173,7 +174,9 @@ class Recorder:
         for name in sorted(os.listdir(self._folder)):
             for kind, names in zip(kinds, found, strict=True):
                 if name.lower().endswith(kind) and len(names) < MAX_FILES and self._is_offered(name):
-                    names.append(name)
+                    # a .npz may also be a measurement, which cannot be replayed
+                    if kind is LISTS or is_recording(str(self._folder / name)):
+                        names.append(name)
         self._listed = Folder(*map(tuple, found))
         return self._listed
 
