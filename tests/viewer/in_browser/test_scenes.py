@@ -63,6 +63,7 @@ def test_a_scene_is_chosen_in_explore(lshape):
 
 
 def test_something_that_says_it_works_is_seen_before_a_scene_and_before_its_map(lshape):
+    lshape.locator("[data-region=legend] p").get_by_text("Where the map").wait_for()  # its own map, not said any more
     lshape.evaluate(SAID)
     chosen(lshape, "frl_array", "Measured")
     lshape.wait_for_function("said.join().includes('Paused') && said.join().includes('Where the map')")
