@@ -7,6 +7,7 @@ import os
 import pickle
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -24,6 +25,9 @@ from xdist.scheduler import LoadFileScheduling
 from fdcal.model.scene_file import scene_folder
 from fdcal.session import calibration_run
 from fdcal.solvers import warmup_calls
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; all processes inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).parent.parent
 BROWSER = re.compile(r"def \w+\([^)]*\bbrowser\b")  # a test or a fixture that takes the browser
