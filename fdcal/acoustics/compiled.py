@@ -45,11 +45,6 @@ def compiled(function: Callable[P, Found], **options: Any) -> Callable[P, Found]
         return _compiler()(function, **options)
 
 
-def compiled_parallel(function: Callable[P, Found]) -> Callable[P, Found]:
-    """Decorate as `compiled` does, with the iterations of `numba.prange` distributed over threads."""
-    return compiled(function, parallel=True)
-
-
 MAX_THREADS = 4
 
 

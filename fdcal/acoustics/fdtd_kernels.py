@@ -13,20 +13,15 @@ rows are visited as a wave front of DEPTH steps. Both orders compute the same nu
 import os
 from typing import NamedTuple
 
-# Threads that wait for each other spin for some 50 us and then sleep. GNU OpenMP, which reads this when it is loaded,
-# would spin for milliseconds: on a busy machine that takes time from the thread that is waited for.
-os.environ.setdefault("GOMP_SPINCOUNT", "1000")
-
-import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils, config
+from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .compiled import compiled, compiled_parallel
+from .compiled import MAX_THREADS, compiled, parallel_map
 
-BLOCK = 24  # steps between two synchronisations of the threads
+BLOCK = 32  # steps between two synchronisations of the threads
 DEPTH = 3  # steps of a wave front: 5 rows of 2 arrays fit in the first-level cache
 LANES = 8  # cells of one vector
 WORD = 8  # bytes of a float64
@@ -125,26 +120,6 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
                         recordings[end_number[i], time + 1] = state[old + end_cell[i]]
 
 
-@compiled_parallel
-def march_together(state, step, stop, strips, width, lam2, spans, span_start, span_count, walls, wall_cell, wall_centre,
-           wall_before, wall_around, source, pulse, ends, end_cell, end_number, recordings):  # fmt: skip
-    """Advance the whole grid from `step` to `stop` in `strips` strips of rows; arguments as of `sweep`."""
-    height = state.size // 2 // width - 2
-    while step < stop:
-        n = min(BLOCK, stop - step)
-        for strip in numba.prange(strips):
-            sweep(state, step, n, 1 + height * strip // strips, 1 + height * (strip + 1) // strips, min(1, strip),
-                  -min(1, strips - 1 - strip), width, lam2, spans, span_start, span_count, walls, wall_cell,
-                  wall_centre, wall_before, wall_around, source, pulse, ends, end_cell, end_number,
-                  recordings)  # fmt: skip
-        for strip in numba.prange(1, strips):
-            border = 1 + height * strip // strips
-            sweep(state, step, n, border, border, -1, 1, width, lam2, spans, span_start, span_count, walls,
-                  wall_cell, wall_centre, wall_before, wall_around, source, pulse, ends, end_cell, end_number,
-                  recordings)  # fmt: skip
-        step += n
-
-
 class StencilTables(NamedTuple):
     """The grid as the compiled loops use it. Cells are numbered along the rows of one padded field."""
 
@@ -171,28 +146,23 @@ class StencilTables(NamedTuple):
 
 
 def march(state: np.ndarray, step: int, stop: int, tables: StencilTables) -> None:
-    """Advance the grid from `step` to `stop`, with all threads if it is large enough and that is safe.
+    """Advance the grid from `step` to `stop`, with several threads if it is large enough.
 
     `state` (2, rows, width), the fields at even and at odd steps in a border of zeros, is changed in place.
     """
     rows, flat = state.shape[1] - 2, state.reshape(-1)
-    strips = min(numba.get_num_threads(), rows // (2 * BLOCK))
-    if strips > 1 and _threads_are_safe():
-        march_together(flat, step, stop, strips, *tables)
-    else:
+    strips = min(MAX_THREADS, os.cpu_count() or 1, rows // (2 * BLOCK))
+    if strips <= 1:
         sweep(flat, step, stop - step, 1, rows + 1, 0, 0, *tables)
-
-
-def _threads_are_safe() -> bool:
-    """Return whether numba has a threading layer that allows concurrent callers; workqueue ends the process."""
-    try:
-        return numba.threading_layer() != "workqueue"  # pyright: ignore[reportPrivateImportUsage]
-    except ValueError:  # no layer is loaded yet: the one configured here will be
-        config.THREADING_LAYER = "threadsafe"  # pyright: ignore[reportAttributeAccessIssue]
-    for layer in ("tbbpool", "omppool"):
-        try:
-            __import__(f"numba.np.ufunc.{layer}")
-            return True
-        except ImportError:
-            continue
-    return False
+        return
+    borders = [1 + rows * strip // strips for strip in range(strips + 1)]
+    # first and last row, and by how many rows a step these move: of each strip, and of the triangle at each border
+    narrowing = [(borders[i], borders[i + 1], min(1, i), -min(1, strips - 1 - i)) for i in range(strips)]
+    widening = [(border, border, -1, 1) for border in borders[1:-1]]
+    for start in range(step, stop, BLOCK):
+        n = min(BLOCK, stop - start)
+        for parts in (narrowing, widening):
+            for _ in parallel_map(
+                lambda part, start=start, n=n: sweep(flat, start, n, *part, *tables), parts, worth=len(parts) > 1
+            ):
+                pass  # each is waited for

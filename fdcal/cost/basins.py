@@ -120,8 +120,8 @@ def _passes(cost: Reals, basins: Integers):
                             if count and found[count - 1, 0] == here and found[count - 1, 1] == basins[there]:
                                 continue
                             if count == len(found):
-                                found = np.concatenate((found, np.empty_like(found)))
-                            found[count] = here, basins[there]
+                                found = np.append(found, found, axis=0)
+                            found[count, 0], found[count, 1] = here, basins[there]
                             count += 1
     return found[:count]
 
@@ -204,14 +204,15 @@ def _trace(slopes: Reals, ends: Integers, here: int):
     """Where descent from a point ends: followed until the places around it agree; -1 where they never do."""
     shape = slopes.shape[1:]
     place, slope = np.zeros(3), np.zeros(3)
-    place[:] = here // (shape[1] * shape[2]), here // shape[2] % shape[1], here % shape[2]
+    place[0], place[1], place[2] = here // (shape[1] * shape[2]), here // shape[2] % shape[1], here % shape[2]
     for _ in range(2 * (shape[0] + shape[1] + shape[2])):
         slope[:] = 0.0
         low, share = _cell(place, shape)
         for corner in range(8):
             weight, h, j, i = _corner(low, share, corner)
             if weight > 0:
-                slope += weight * slopes[:, h, j, i]
+                for axis in range(3):
+                    slope[axis] += weight * slopes[axis, h, j, i]
         for axis in range(3):
             outwards = place[axis] <= 0 < slope[axis] or (place[axis] >= shape[axis] - 1 and slope[axis] < 0)
             slope[axis] = 0.0 if outwards else slope[axis]

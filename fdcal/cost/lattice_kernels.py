@@ -1,7 +1,8 @@
 """The compiled loops of Eq. 7 over a search lattice; `fdcal.cost.lattice` calls them.
 
 Rows of W are computed for many points at once, real and imaginary parts apart and the points along the last axis, so
-that the compiler can use vector instructions. The symbols are those of `fdcal.cost.eq7`.
+that the compiler can use vector instructions. The symbols are those of `fdcal.cost.eq7`. Loops copy arrays, because of
+`a[i:] = b[i:]` numba also compiles the text of an error, which takes longer than all else here.
 """
 
 from collections.abc import Callable
@@ -144,14 +145,17 @@ def fits(
     columns = np.zeros((len(orders), width + 1, width), np.complex128)
     r0, whole = np.empty(len(orders)), np.empty(len(orders), np.bool_)
     re, im = np.zeros((width + 1, padded)), np.zeros((width + 1, padded))
-    everyone, on = np.arange(len(row)), np.maximum(row, 0)
+    everyone, on = np.arange(len(row)), row.copy()
+    for i in range(len(row)):
+        on[i] = max(row[i], 0)
     for m in range(len(orders)):
         L, K = orders[m], 2 * orders[m] + 1
         _rows(radial[m], unit, on, everyone, L, re, im)
         off = 0
         for i in range(len(row)):
             if row[i] < 0:
-                re[:K, i], im[:K, i] = others[m, off, :K].real, others[m, off, :K].imag
+                for j in range(K):
+                    re[j, i], im[j, i] = others[m, off, j].real, others[m, off, j].imag
                 off += 1
             re[K, i], im[K, i] = pressures[m, i].real, pressures[m, i].imag
         for j in range(K + 1):
@@ -159,9 +163,13 @@ def fits(
                 re[j, i], im[j, i] = roots[i] * re[j, i], roots[i] * im[j, i]
         S = np.zeros((K, K + 1), np.complex128)
         _triangularise(re, im, K, S)
-        r0[m] = np.sum(re[K, K:] ** 2 + im[K, K:] ** 2)
-        diagonal = np.abs(np.diag(S))
-        whole[m] = diagonal.min() > RANK_TOLERANCE * diagonal.max()
+        r0[m] = 0.0
+        for i in range(K, padded):
+            r0[m] += re[K, i] ** 2 + im[K, i] ** 2
+        low, high = abs(S[0, 0]), abs(S[0, 0])
+        for i in range(1, K):
+            low, high = min(low, abs(S[i, i])), max(high, abs(S[i, i]))
+        whole[m] = low > RANK_TOLERANCE * high
         if whole[m]:
             _invert(S, columns[m])
     return columns, r0, whole
@@ -173,7 +181,8 @@ def _triangularise(re: Reals, im: Reals, K: int, S: Complexes):
     x, y = np.empty(re.shape[1]), np.empty(re.shape[1])
     for j in range(K):
         x[:j], y[:j] = 0.0, 0.0
-        x[j:], y[j:] = re[j, j:], im[j, j:]
+        for i in range(j, len(x)):
+            x[i], y[i] = re[j, i], im[j, i]
         square = 0.0
         for i in range(len(x)):
             square += x[i] * x[i] + y[i] * y[i]
@@ -206,11 +215,11 @@ def _reflect(x: Reals, y: Reals, scale: float, re: Reals, im: Reals):
 @compiled
 def _invert(S: Complexes, columns: Complexes):
     """Columns of S^-1 and, behind them, S^-1 times the last column of S."""
-    K, inverse = len(S), 1 / np.diag(S)
+    K = len(S)
     for j in range(K + 1):
         z = columns[j]
         for i in range(min(j, K - 1), -1, -1):
             rest = S[i, j] if j == K else complex(1.0 if i == j else 0.0, 0.0)
             for l in range(i + 1, min(j + 1, K)):  # noqa: E741
                 rest -= S[i, l] * z[l]
-            z[i] = rest * inverse[i]
+            z[i] = rest * (1 / S[i, i])

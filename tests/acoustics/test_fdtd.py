@@ -103,9 +103,10 @@ def test_one_thread_or_several_give_the_same(monkeypatch):
     room = Room(size=(1.0, 8.0), cell=H, walls="absorbing", admittance=0.1)
     ears = [(0.5, y) for y in (0.2, 3.9, 4.1, 7.7)]
     together = simulate(room, SOURCE, ears)
-    monkeypatch.setattr(fdtd_kernels.numba, "threading_layer", lambda: "workqueue")
-    monkeypatch.setattr(fdtd_kernels, "march_together", None)  # numba's workqueue layer must not run concurrently
-    np.testing.assert_allclose(simulate(room, SOURCE, ears), together, rtol=0, atol=1e-15)
+    for threads in (1, 3):
+        monkeypatch.setattr(fdtd_kernels, "MAX_THREADS", threads)
+        monkeypatch.setattr(fdtd_kernels.os, "cpu_count", lambda: 4)
+        np.testing.assert_allclose(simulate(room, SOURCE, ears), together, rtol=0, atol=1e-15)
 
 
 def test_recordings_are_those_of_the_scheme_step_by_step():
