@@ -146,12 +146,11 @@ class SessionPicture:
         picture = with_floor(drawn, floor)
         picture = overlays.with_volume(picture, volume)
         if dropped is not None and dropped.microphone == microphone:
-            picture, self.ball = (
-                overlays.with_ball(picture, dropped.place, floor, dropped.path, dropped.text),
-                microphone,
-            )
+            self.ball = microphone
+            picture = overlays.with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
         elif (floor or volume) and (choices.release or microphone not in self._run.problem.known):
-            picture, self.ball = overlays.with_ball(picture, positions[microphone], floor), microphone
+            self.ball = microphone
+            picture = overlays.with_ball(picture, positions[microphone], floor)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
             picture = overlays.with_trails(

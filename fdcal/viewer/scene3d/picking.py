@@ -1,8 +1,8 @@
 """Microphones selected and dragged in the scene, and the two ends of the line of a cut.
 
 An invisible solid, a handle, stands at every estimated position and every end, as wide from each side. viser reports
-which one the pointer took and where the pointer is, on a plane that faces the camera; here that becomes a position at the
-height of what is dragged.
+which one the pointer took and where the pointer is, on a plane that faces the camera; here that becomes a position at
+the height of what is dragged.
 """
 
 from __future__ import annotations
@@ -155,9 +155,9 @@ def add_handles(server: viser.ViserServer, name: str, places: np.ndarray, radius
     `name`: of the node, a new one each time; `radius`: metres; `corners` (C, 3) float64, metres.
     """
     count, specks = len(places), len(corners)
-    solid = trimesh.creation.icosphere(subdivisions=1, radius=radius)
+    solid, upright = trimesh.creation.icosphere(subdivisions=1, radius=radius), [1.0, 0.0, 0.0, 0.0]
     return server.scene.add_batched_meshes_simple(
-        name, solid.vertices, solid.faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), np.concatenate([places, corners]),
+        name, solid.vertices, solid.faces, np.tile(upright, (count + specks, 1)), np.concatenate([places, corners]),
         batched_scales=np.repeat([1.0, SPECK], [count, specks]),
         opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
     )  # fmt: skip
