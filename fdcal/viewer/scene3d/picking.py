@@ -22,6 +22,7 @@ from ..gui.binding import Binding, Line
 
 HANDLE_RADIUS = 1.9  # in radii of a marker: a ball of 1.7 lies inside of it
 FIXED = 0.9  # size of the handles of microphones that cannot be dragged, of the others: a finger rather takes those
+BALL = 1.6  # size of the handle of the ball, likewise: it is what a pointer looks for
 SPECK = 1e-3  # size of what stands in the corners of the search domain, likewise
 HANDLE_HEIGHT = 14 / 24  # of its middle over the floor, in radii of a marker
 
@@ -133,9 +134,9 @@ class MicrophonePicker:
         points = drape(positions, floor, self._marker)
         heights = points[:, 2] if points.shape[1] == 3 else np.full(len(points), self._base)
         handles = np.column_stack([points[:, :2], heights + HANDLE_HEIGHT * self._marker])
-        if ball is not None:
-            handles[ball] = ball_centre(self._picture, positions[ball], floor)
         sizes = np.array([1.0 if self._movable(n) else FIXED for n in range(len(handles))])
+        if ball is not None:
+            handles[ball], sizes[ball] = ball_centre(self._picture, positions[ball], floor), BALL
         if self._sized is None or not np.array_equal(self._sized, sizes):
             self._sized = sizes
             self._handles.batched_scales = np.concatenate([sizes, np.full(len(self._corners), SPECK)]).astype(
