@@ -11,16 +11,16 @@ import itertools
 from collections.abc import Callable
 
 import numpy as np
-import trimesh
 import viser
 
 from ...graphics.glyphs import lift
 from ...graphics.markers import drape
-from ...graphics.overlays import CUT_RADIUS, ball_centre
+from ...graphics.overlays import CUT_RADIUS, ball_centre, sphere
 from ...graphics.primitives import Floor, Picture
 from ..gui.binding import Binding, Line
 
 HANDLE_RADIUS = 1.9  # in radii of a marker: a ball of 1.7 lies inside of it
+HANDLE_SIDES = 8
 FIXED = 0.9  # size of the handles of microphones that cannot be dragged, of the others: a finger rather takes those
 BALL = 1.6  # size of the handle of the ball, likewise: it is what a pointer looks for
 SPECK = 1e-3  # size of what stands in the corners of the search domain, likewise
@@ -156,9 +156,9 @@ def add_handles(server: viser.ViserServer, name: str, places: np.ndarray, radius
     `name`: of the node, a new one each time; `radius`: metres; `corners` (C, 3) float64, metres.
     """
     count, specks = len(places), len(corners)
-    solid, upright = trimesh.creation.icosphere(subdivisions=1, radius=radius), [1.0, 0.0, 0.0, 0.0]
+    vertices, faces = sphere(np.zeros(3), radius, HANDLE_SIDES)
     return server.scene.add_batched_meshes_simple(
-        name, solid.vertices, solid.faces, np.tile(upright, (count + specks, 1)), np.concatenate([places, corners]),
+        name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), np.concatenate([places, corners]),
         batched_scales=np.repeat([1.0, SPECK], [count, specks]),
         opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
     )  # fmt: skip
