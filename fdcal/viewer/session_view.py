@@ -288,6 +288,11 @@ class Viewer:
         """The picture on the screen."""
         return self.snapshot.picture
 
+    @property
+    def found(self) -> Assessment | None:
+        """The assessment of the state that is shown, once the solver has finished and it has been made."""
+        return self._assessed[0]
+
     def redraw(self) -> None:
         """Draw everything again with the next tick."""
         self._key = ()
