@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import matplotlib
 import numpy as np
 
-from ..cost.scale import DECADES, Minima
+from ..cost.scale import DECADES, LEAST_RANGE, Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor, Mesh, Plate, Theme, mixed
@@ -87,6 +87,7 @@ def cost_floor(
     relief_height: float = RELIEF_HEIGHT,
     height: float = 0.0,
     decibels: bool = False,
+    least: float = LEAST_RANGE,
 ) -> Floor:
     """Return a map of costs over the search lattice, or over one layer of it; a pixel is one lattice cell.
 
@@ -94,13 +95,13 @@ def cost_floor(
     linear if no cost is positive; `label`: name and unit of the cost; `minima`: to be marked, only the lowest cost
     unless given; `relief`: whether the map has heights, which rise with its colours, and is shaded; `relief_height`: of
     the highest cost, of the longer side of the search domain; `height`: of the map, metres; `decibels`: whether the
-    numbers of a logarithmic scale are decibels re 1.
+    numbers of a logarithmic scale are decibels re 1; `least`: of `colour_limits`.
     """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
     minimum = (float(search.origin[0] + ix * search.step), float(search.origin[1] + iy * search.step))
     lowest, others = ((minimum,), ()) if minima is None else marks_of(minima)
-    low, high, clipped = colour_limits(cost, log)
+    low, high, clipped = colour_limits(cost, log, least)
     log = log and low > 0
     fractions = normalise(cost, low, high, log)
     bar = ColourBar(low, high, log, label, clipped)
@@ -128,12 +129,16 @@ def marks_of(minima: Minima) -> tuple[tuple[tuple[float, float], ...], tuple[tup
     return lowest, others
 
 
-def colour_limits(cost: np.ndarray, log: bool) -> tuple[float, float, bool]:
-    """Return the lowest and the highest value of a scale of costs, and whether lower costs share its first colour."""
+def colour_limits(cost: np.ndarray, log: bool, least: float = LEAST_RANGE) -> tuple[float, float, bool]:
+    """Return the lowest and the highest value of a scale of costs, and whether lower costs share its first colour.
+
+    `least`: range of the scale at least, dB; 0 for a log-likelihood, of which a difference counts and no ratio.
+    """
     low, high, clipped = float(cost.min()), float(cost.max()), False
     if log and high > 0 <= low:
         threshold = high * 10.0**-DECADES
         low, clipped = max(low, threshold), low < threshold
+    high = max(high, low * 10.0 ** (least / 10))
     if high <= low:
         high = low + 1e-6 * abs(low) + 1e-12  # a constant map needs a scale, too
     return low, high, clipped

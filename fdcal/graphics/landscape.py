@@ -13,7 +13,7 @@ from ..assessment.calibration import Calibration
 from ..cost.basins import OUTSIDE, basins_of
 from ..cost.expansion import require_modes, require_plane_field, search_domain
 from ..cost.maps import descent_maps, map_positions, minima_of, refined
-from ..cost.scale import DECADES, Minima
+from ..cost.scale import LEAST_RANGE, Minima
 from ..model.measurement import Measurement
 from ..model.measurement_checks import microphone_index
 from ..model.problem import Problem
@@ -22,6 +22,7 @@ from ..model.validation import InputError, frozen_array, shown_literal
 from ..session.api import mode_numbers, require_measurement, require_settings
 from ..session.process import one_blas_thread
 from .basin_map import TABLE, basin_image
+from .heatmap import colour_limits
 from .markers import ESTIMATE, LOWEST
 from .primitives import COLOUR_MAP, fractions
 
@@ -29,13 +30,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw_map(panel: Any, cost: np.ndarray, search: Search, decibels: bool) -> Any:
+def draw_map(panel: Any, cost: np.ndarray, search: Search, decibels: bool, least: float = LEAST_RANGE) -> Any:
     """Draw one map in decades of cost, as on the page; a pixel is one cell of the lattice."""
     from matplotlib.colors import LogNorm, Normalize
 
-    high = max(float(cost.max()), float(np.finfo(float).tiny))
-    low = max(float(cost.min()), high * 10.0**-DECADES)
-    high = high if high > low else 2 * low
+    low, high, _ = colour_limits(np.maximum(cost, np.finfo(float).tiny), True, least)
     norm: Normalize = LogNorm(low, high, clip=True)
     if decibels:
         cost, norm = 10 * np.log10(np.maximum(cost, low)), Normalize(10 * np.log10(low), 10 * np.log10(high), clip=True)
@@ -195,11 +194,13 @@ def draw_landscape(
     estimate=None,
     decibels: bool = False,
     basins: bool = False,
+    least: float = LEAST_RANGE,
 ) -> Figure:
     """Return a figure of the panels with the marks of the page: diamonds at the minima, the lowest large.
 
     `truth` (2,), metres, is drawn as a circle, `estimate` (2,) as a cross; `decibels`: whether the scales have decibels
-    re 1, as on the page; `basins`: whether the maps show basins of attraction, that of the truth or the estimate first.
+    re 1, as on the page; `basins`: whether the maps show basins of attraction, that of the truth or the estimate first;
+    `least`: of `heatmap.colour_limits`.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
@@ -218,7 +219,7 @@ def draw_landscape(
             draw_basins(panel, cost, panels.search, *place)
         else:
             ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10]) if decibels else None
-            figure.colorbar(draw_map(panel, cost, panels.search, decibels), ax=panel, label=label, ticks=ticks)
+            figure.colorbar(draw_map(panel, cost, panels.search, decibels, least), ax=panel, label=label, ticks=ticks)
         draw_marks(panel, minima, truth, estimate)
         panel.set_title(title)
     label_axes(axes, count, columns)

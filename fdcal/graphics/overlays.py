@@ -224,28 +224,35 @@ def along(points: Reals, fraction: float) -> Reals:
     return np.array([np.interp(at, lengths, column) for column in points.T])
 
 
+def ball_centre(picture: Picture, place, floor: Floor | None) -> np.ndarray:
+    """Return the middle (3,), metres, of a ball at `place` (D,), on the edges of a hole that is too narrow for it."""
+    ball = BALL_RADIUS * picture.marker_radius
+    ground = _on(np.asarray(place, float)[None], floor, picture.z_range[0], ball)[0]
+    return ground if len(place) == 3 else ground + [0.0, 0.0, _above(picture) + 0.75 * ball]
+
+
+def _above(picture: Picture) -> float:
+    """Height over a map of what stands on it, metres."""
+    return layer_height(Layer.MINIMUM, picture.marker_radius)
+
+
 def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str = "") -> Picture:
     """Return the picture with a ball in place of the cross of the selected microphone.
 
     `place` (D,) float64, metres; `floor`: a map in relief, on which the ball lies, or None; `path` (P, D) float64,
     metres, downhill, or None; `text`: beside the ball, in place of the name of the microphone; the name for "".
     """
-    radius, base = picture.marker_radius, picture.z_range[0]
-    ball = BALL_RADIUS * radius
-    # on the edges of a hole that is too narrow for it
-    ground = _on(np.asarray(place, float)[None], floor, base, ball)[0]
-    in_space = len(place) == 3
-    above = np.array([0.0, 0.0, 0.0 if in_space else layer_height(Layer.MINIMUM, radius)])
-    centre = ground + above + [0.0, 0.0, 0.0 if in_space else 0.75 * ball]
+    ball, base = BALL_RADIUS * picture.marker_radius, picture.z_range[0]
+    in_space, centre = len(place) == 3, ball_centre(picture, place, floor)
     drawn: list[Mesh | Lines] = [
         mesh(name, sphere(centre + distance * ball * BALL_LIGHT, size * ball), colour)
         for name, colour, size, distance in BALL_PARTS
     ]
     if not in_space:
-        shadow = ground + above - 0.5 * ball * np.append(BALL_LIGHT[:2], 0.0)
+        shadow = centre - [*(0.5 * ball * BALL_LIGHT[:2]), 0.75 * ball]
         drawn.append(mesh("ball/shadow", glyphs.annuli(shadow[None], 0.55 * ball, 1.1 * ball), (0, 0, 0), 0.3))
     if path is not None and len(path) > 1:
-        way = _on(np.asarray(path, float), floor, base) + above
+        way = _on(np.asarray(path, float), floor, base) + [0.0, 0.0, 0.0 if in_space else _above(picture)]
         colour = picture.theme.foreground if in_space else WHITE  # seen beside what is below it
         drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), colour, PATH_WIDTH))
     raised = in_space or (floor is not None and floor.heights is not None)
@@ -266,13 +273,11 @@ def _on(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.
     return draped if draped.shape[1] == 3 else glyphs.lift(draped, base)
 
 
-def sphere(centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (V, 3), metres, and faces (F, 3) of a ball."""
-    rows = BALL_SIDES // 2
-    polar, around = np.meshgrid(
-        np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, BALL_SIDES + 1), indexing="ij"
-    )
+def sphere(centre: np.ndarray, radius: float, sides: int = BALL_SIDES) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices (V, 3), metres, and faces (F, 3) of a ball; `sides`: around it."""
+    rows = sides // 2
+    polar, around = np.meshgrid(np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, sides + 1), indexing="ij")
     unit = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
-    corner = (np.arange(rows)[:, None] * (BALL_SIDES + 1) + np.arange(BALL_SIDES)).ravel()[:, None]
-    faces = np.concatenate([corner + [0, BALL_SIDES + 1, BALL_SIDES + 2], corner + [0, BALL_SIDES + 2, 1]])
+    corner = (np.arange(rows)[:, None] * (sides + 1) + np.arange(sides)).ravel()[:, None]
+    faces = np.concatenate([corner + [0, sides + 1, sides + 2], corner + [0, sides + 2, 1]])
     return centre + radius * unit.reshape(-1, 3), frozen_array(faces, np.int32)

@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from ..cost.maps import minima_of
-from ..cost.scale import Minima
+from ..cost.scale import LEAST_RANGE, Minima
 from ..model.settings import Search
 from .annotations import font
 from .heatmap import colour_limits, normalise, to_rgb
@@ -42,12 +42,13 @@ def mosaic(
     log: bool = True,
     shared: bool = False,
     columns: int = 2,
+    least: float = LEAST_RANGE,
 ) -> np.ndarray:
     """Return the maps side by side, each with its caption, diamonds at its lowest costs and its minima, and the marks.
 
     `maps`: each (ny, nx) float64, row 0 at low y; `captions`: one for each map; `search`: the lattice of the maps;
     `log`: whether the scales are logarithmic; `shared`: one scale for all maps instead of one for each; `columns`: of
-    maps. Returns (H, W, 3) uint8.
+    maps; `least`: of `heatmap.colour_limits`. Returns (H, W, 3) uint8.
     """
     count, largest = len(maps), max(maps[0].shape)
     height, width = (round(CELL * n / largest) for n in maps[0].shape)
@@ -55,11 +56,11 @@ def mosaic(
     size = columns * (width + GAP) - GAP, rows * (height + CAPTION + GAP) - GAP
     image = Image.new("RGB", size, DARK_PANEL if theme is DARK else theme.background)
     draw, letters = ImageDraw.Draw(image), font(FONT_SIZE * columns / 2)  # the panel shrinks all columns to its width
-    limits = colour_limits(np.stack(maps), log) if shared else None
+    limits = colour_limits(np.stack(maps), log, least) if shared else None
     for i, (cost, caption) in enumerate(zip(maps, captions, strict=True)):
         left, top = (i % columns) * (width + GAP), (i // columns) * (height + CAPTION + GAP)
         draw.text((left, top), caption, fill=theme.foreground, font=letters)
-        low, high, _ = limits or colour_limits(cost, log)
+        low, high, _ = limits or colour_limits(cost, log, least)
         rgb = to_rgb(normalise(cost, low, high, log))[::-1]  # an image's first row is its highest
         tile = Image.fromarray(rgb).resize((width, height), Image.Resampling.NEAREST)
         image.paste(tile, (left, top + CAPTION))

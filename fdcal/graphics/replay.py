@@ -29,7 +29,7 @@ from PIL import Image
 
 from ..cost.expansion import CarriedModes, ReferenceCost, carried_modes, expansion_of, reference_cost_of
 from ..cost.maps import eq7_maps, refined
-from ..cost.scale import DECADES, DEPTH, FEW_MODES
+from ..cost.scale import DECADES, DEPTH, FEW_MODES, LEAST_RANGE
 from ..model.gauge import align, fixes_gauge
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -89,6 +89,7 @@ def map_data(problem: Problem) -> tuple[dict, dict[str, np.ndarray]] | None:
         "left_out": len(carried.modes) - len(modes),
         "dimension": problem.dimension,
         "decades": DECADES,
+        "least": LEAST_RANGE,
         "depth": DEPTH,
         "few": FEW_MODES,
         "colours": to_rgb(np.arange(256) / 255).ravel().tolist(),

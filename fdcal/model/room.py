@@ -277,7 +277,7 @@ class Source:
         """Band and sampling rate of the simulated pulse; InputError with three coordinates, where there is none."""
         if self.low is None or self.high is None or self.sample_rate is None:
             why = "has three coordinates, so that no pulse is simulated"
-            remedy = "give two coordinates, in a room of two dimensions"
+            remedy = "give two coordinates, in a room without height"
             raise refusal("source.position", list(self.places[0]), why, remedy)
         return Band(self.low, self.high, self.sample_rate)
 

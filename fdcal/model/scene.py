@@ -105,7 +105,7 @@ class Scene:
             self._check_band()
         elif self.array.number > LIMITS.microphones_3d:
             problem = f"array has {self.array.number} microphones"
-            remedy = f"use at most {LIMITS.microphones_3d} in a room of three dimensions"
+            remedy = f"use at most {LIMITS.microphones_3d} in a room with height"
             raise InputError(problem, remedy, key="array.count", value=self.array.number)
         if self.solver.name in KNOWN_ROOM_SOLVERS:
             require_rectangle(self)

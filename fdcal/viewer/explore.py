@@ -216,7 +216,7 @@ class Explore:
         word += "" if errors is None or one else " on average"
         faulty = len(viewer.run.sought) - len(sought)
         word += f" without {faulty} faulty channel{'' if faulty == 1 else 's'}" if errors is not None and faulty else ""
-        return escape(f"{state_word(view)}{word}")
+        return escape(f"{state_word(view, viewer.found)}{word}")
 
     def _sheet(self, viewer: Viewer) -> str:
         shown = viewer.run.scene.name

@@ -235,10 +235,11 @@ class RunBar:
 
     def show_status(self, tick: Tick) -> None:
         """Bring the status lines up to date."""
-        run, good = self._binding.run, tick.found is not None and tick.found.verdict == "good"
+        run = self._binding.run
         sought = run.sought if tick.sought is None else tick.sought
         left_out = [run.measurement.names[n] for n in np.setdiff1d(run.sought, sought)]
-        self.status.content = html.status(tick.view, run.measurement, tick.fault, tick.note, sought, good, left_out)
+        how = tick.fault, tick.note, sought, tick.found, left_out
+        self.status.content = html.status(tick.view, run.measurement, *how)
 
 
 class Tabs:

@@ -114,7 +114,7 @@ class SessionPicture:
         self._run, self._frame = run, frame
         start = frame.positions(run.session.view.history[0].positions)
         self._measurement = with_display_domain(run.measurement, start)
-        self.places = start
+        self.places, self.ball = start, None  # and the microphone that is drawn as a ball, if one is
         self._static: dict[tuple, Picture] = {}  # by whether the page is dark, and for a projector, and by the take
         self._floor, self._volume = Last(), Last()  # with the opacity that was chosen
 
@@ -137,6 +137,7 @@ class SessionPicture:
         None; `planned`: drawn in place of the estimates where the user plans, or None; `dropped`: a microphone that is
         dragged or rolls, or None.
         """
+        self.ball = None
         if choices.plan.shown:
             return self._drawn_plan(choices, planned)
         self.places = positions = view.state.positions if dropped is None else dropped.among(view.state.positions)
@@ -145,8 +146,10 @@ class SessionPicture:
         picture = with_floor(drawn, floor)
         picture = overlays.with_volume(picture, volume)
         if dropped is not None and dropped.microphone == microphone:
+            self.ball = microphone
             picture = overlays.with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
         elif (floor or volume) and (choices.release or microphone not in self._run.problem.known):
+            self.ball = microphone
             picture = overlays.with_ball(picture, positions[microphone], floor)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
@@ -285,6 +288,11 @@ class Viewer:
         """The picture on the screen."""
         return self.snapshot.picture
 
+    @property
+    def found(self) -> Assessment | None:
+        """The assessment of the state that is shown, once the solver has finished and it has been made."""
+        return self._assessed[0]
+
     def redraw(self) -> None:
         """Draw everything again with the next tick."""
         self._key = ()
@@ -373,7 +381,7 @@ class Viewer:
             "legend", canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
         )
         across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
-        self._picker.show(self._picture.places, picture.floor, across if across >= 0 else 2)
+        self._picker.show(self._picture.places, picture.floor, across if across >= 0 else 2, self._picture.ball)
         self._line_handles.show(choices.cut, floor)
         self._key = key
 

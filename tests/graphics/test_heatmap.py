@@ -10,6 +10,7 @@ import matplotlib
 import numpy as np
 import pytest
 
+from fdcal.cost.scale import LEAST_RANGE
 from fdcal.graphics import annotations, basin_map, markers
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.picture import with_floor
@@ -66,6 +67,24 @@ def test_a_logarithmic_map_keeps_its_order_and_reports_clipping():
     assert len(shares) >= 3 and min(shares) < 0.35 and max(shares) > 0.6
     unclipped = cost_floor(cost + 1.0, search, log=True).bar
     assert not unclipped.clipped and unclipped.low == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_a_map_that_is_all_but_level_looks_level_and_another_one_fills_its_scale(log):
+    """0.1 dB take the tenth of a decibel's colours and heights: no hole is seen where all places fit alike."""
+    search = Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1)
+
+    def drawn(decibels, least=LEAST_RANGE):
+        cost = 10 ** (np.linspace(-14.0 - decibels, -14.0, 8).reshape(2, 4) / 10)
+        return cost_floor(cost, search, log, relief=True, relief_height=0.5, decibels=True, least=least)
+
+    weak, strong, likelihood = drawn(0.1), drawn(1.1), drawn(0.1, least=0.0)
+    for floor in (strong, likelihood):
+        assert np.ptp(floor.heights) == pytest.approx(0.5 * 0.4, rel=1e-5), "unchanged"
+    assert np.ptp(weak.heights) == pytest.approx(0.1 * 0.5 * 0.4, rel=0.15) and weak.heights.min() == 0
+    ends = np.array([weak.bar.low, weak.bar.high])
+    np.testing.assert_allclose(ends if log else 10 * np.log10(ends), [-14.1, -13.1], atol=1e-9)
+    assert not weak.bar.clipped
 
 
 @pytest.mark.parametrize("log", [False, True])

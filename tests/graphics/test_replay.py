@@ -15,6 +15,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.expansion import ReferenceCost, reference_cost_of
 from fdcal.cost.maps import eq7_maps, minima_of, refined
+from fdcal.graphics.heatmap import colour_limits, normalise, to_rgb
 from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement, save_measurement
@@ -299,6 +300,22 @@ def test_the_map_shown_is_the_sum_of_the_modes_chosen_and_its_minima_are_marked(
         assert marked["count"] == there.count and len(marked["lowest"]) == len(there.lowest)
         for name, places in (("lowest", there.lowest), ("others", there.others)):
             np.testing.assert_allclose(np.reshape(marked[name], (-1, 2)), places, atol=1.01 * lattice.step)
+        weak, strong = (10 ** (np.linspace(-14 - range_db, -14, total.size) / 10) for range_db in (0.1, 1.1))
+        for cost in (weak, strong, total.ravel()):  # one rule for the scale, as all pictures have it
+            low, high, _ = colour_limits(cost, True)
+            ends, first, last = page.evaluate(SCALE_OF, cost.tolist())
+            np.testing.assert_allclose(ends, 10 * np.log10([low, high]), atol=1e-9)
+            wanted = to_rgb(normalise(np.array([cost[0], cost[-1]]), low, high, True))
+            np.testing.assert_allclose([first, last], wanted, atol=4)  # a rounding may take the next colour
+
+
+SCALE_OF = """cost => {
+    const lattice = replay.fineLandscapes, found = new Map([[0, {power: 1, cost}]]);
+    const map = replay.finished({indices: [0]}, found, lattice);
+    const [nx, ny] = lattice.shape, {data} = map.image.getContext("2d").getImageData(0, 0, nx, ny);
+    const colour = pixel => [...data.slice(4 * pixel, 4 * pixel + 3)];
+    return [[map.low, map.high], colour(nx * (ny - 1)), colour(nx - 1)];  // row 0 of an image is at high y
+}"""
 
 
 def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):

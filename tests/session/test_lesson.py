@@ -50,6 +50,13 @@ def test_every_built_in_lesson_can_be_loaded(name):
     assert any(step.question for step in lesson.steps), "a lesson asks something"
 
 
+@pytest.mark.parametrize("name", lesson_names())
+def test_a_lesson_is_plain_text_that_says_nothing_twice(name):
+    for step in load_lesson(name).steps:
+        assert "`" not in step.text + step.question + step.reveal + "".join(step.choices)
+        assert not any(" ".join(step.reveal.split()).startswith(f"{choice}. ") for choice in step.choices)
+
+
 def test_a_lesson_is_read_as_written(written):
     lesson = load_lesson(written())
     first, second = lesson.steps

@@ -12,11 +12,13 @@ from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
 from fdcal.model.gauge import position_errors
 from fdcal.model.scene_file import load_scene
-from fdcal.session.calibration_run import assess_state
+from fdcal.model.validation import length_text
+from fdcal.session.calibration_run import assess_state, healthy_microphones
 from fdcal.session.lesson import load_lesson, states_of_lesson
 from fdcal.session.process import one_blas_thread
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import CalibrationInput
+from fdcal.viewer import opening
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +44,23 @@ def square():
     shown = cost_maps(problem, descent, state, n, (1, 37, 38, 39, 40), step.order_offset, fine)
     maps = dict(zip((1, 37, 38, 39, 40), shown, strict=True))
     return problem, descent, state, maps, fine, truth, measurement
+
+
+def require_in_words(measurement, scene, state, text, numbers):
+    """Require that the text names the microphones, of `numbers`, that the page marks as faulty, and the mean it shows.
+
+    Once there is a verdict the page averages the errors of the others.
+    """
+    inputs = CalibrationInput(scene.name, scene, measurement, state.settings, state.seed)
+    problem = measurement.problem(scene.solver.weights)
+    with one_blas_thread():
+        found = assess_state(inputs, problem, state)
+    assert [fault.name for fault in found.channels.faults] == [str(n) for n in numbers]
+    names = " and ".join(str(n) for n in numbers)
+    assert "faulty channel" in text and f"icrophone{'s' * (len(numbers) > 1)} {names}" in text
+    counted = healthy_microphones(problem.free, measurement.names, found)
+    shown = length_text(float(measurement.errors(state.positions, counted)[counted].mean()))
+    assert f"The status gives the mean of the others, {shown}" in text
 
 
 def distances(places, truth):
@@ -83,9 +102,12 @@ def test_modes_together_share_one_minimum(square, lesson_text):
     assert two.count == 4 and "four minima are left" in text
     np.testing.assert_allclose(distances(two.lowest, truth), [0.0, 0.24], atol=0.005)
     assert three.count == 1 and distances(three.lowest, truth) < 0.002 and "One, at the true position" in text
-    whole = cost_maps(problem, descent, state, 16, tuple(range(1, 58)), 2, fine).sum(axis=0)
-    found = minima_of(whole, fine)
-    assert found.count == 1 and distances(found.lowest, truth) < 0.002
+    each = cost_maps(problem, descent, state, 16, tuple(range(1, 100)), 2, fine)
+    for count in (57, 92, 99):  # of the lesson, of the film in the opening, and all
+        found = minima_of(each[:count].sum(axis=0), fine)
+        assert found.count == 1 and distances(found.lowest, truth) < 0.002
+    assert "The 57 lowest of the 99 modes" in text and "the 92 of the film in the opening" in text
+    assert len(problem.frequencies) == 99 and opening.MODE == 92
     np.testing.assert_allclose(descent.step(problem, state).positions[16], truth, atol=1e-12)
 
 
@@ -119,8 +141,11 @@ def cost(measurement, positions) -> float:
 
 
 def test_too_many_modes_too_soon_trap_the_descent(box, lesson_text):
-    _, measurement, problem, _, begun, at_once, states = box
+    scene, measurement, problem, _, begun, at_once, states = box
     staged = states[-1]
+    first, _, last = (" ".join(step.reveal.split()) for step in load_lesson("3_too_many_too_soon").steps)
+    for end, words in ((at_once, first), (staged, last)):
+        require_in_words(measurement, scene, end, words, (6,))
     text, f = lesson_text("3_too_many_too_soon"), measurement.frequencies
     assert begun.first == 1 and begun.last == 3 and len(problem.free) == 13
     assert f"{f[0]:.0f} to {f[19]:.0f} Hz" in text
@@ -130,6 +155,9 @@ def test_too_many_modes_too_soon_trap_the_descent(box, lesson_text):
     above = cost(measurement, at_once.positions) - cost(measurement, measurement.positions)
     assert above == pytest.approx(38, abs=0.5) and "The cost is 38 dB above that of the true positions" in text
     low = next(state for state in states[::-1] if state.last == 3)
+    assert mean_error(measurement, staged) > 2 * mean_error(measurement, low)
+    assert cost(measurement, staged.positions) > cost(measurement, low.positions) + 1
+    assert "Later error and cost rise again" in text
     assert (
         low.sweep == 4 and round(mean_error(measurement, low)) == 3 and "after 4 sweeps the mean error is 3 mm" in text
     )
@@ -168,6 +196,7 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, lesson_text):
 def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, lesson_text):
     scene, measurement, problem, descent, *_, (*_, staged) = box
     text, truth, fine = lesson_text("4_frozen_grid"), measurement.positions, refined(scene.search, 121)
+    require_in_words(measurement, scene, staged, " ".join(load_lesson("4_frozen_grid").steps[0].reveal.split()), (6,))
     errors = 1e3 * position_errors(staged.positions, truth)
     assert errors.argmax() == 6 and errors.max() == pytest.approx(45, abs=1) and "4.5 cm for the worst" in text
     assert mean_error(measurement, staged) == pytest.approx(17, abs=0.5) and "1.7 cm on average" in text
@@ -220,6 +249,8 @@ def test_the_error_grows_with_distance_from_a_corner_and_not_from_the_centre(les
         distance = np.hypot(*(truth[free] - truth[measurement.known[0]]).T)
         near = distance <= np.median(distance)
         last = 1e3 * position_errors(states[-1].positions, truth)
+        if number == 0:
+            require_in_words(measurement, scene, states[-1], " ".join(lesson.steps[0].reveal.split()), (2, 11))
         runs.append(
             (error[near].mean(), error[~near].mean(), states[-1].sweep, last, np.corrcoef(distance, error)[0, 1])
         )
@@ -229,6 +260,7 @@ def test_the_error_grows_with_distance_from_a_corner_and_not_from_the_centre(les
     assert "mean error of the nearer half is 8 mm, of the farther half 21 mm" in text
     assert inner == pytest.approx(9, abs=0.6) and outer == pytest.approx(9, abs=0.6) and abs(flat) < 0.3
     assert (sooner, sweeps) == (30, 40) and "30 sweeps instead of 40" in text
+    assert "microphones 2 and 11 are still 2 cm off" in text and np.flatnonzero(last > 1).tolist() == [2, 11]
     assert ends.max() < 1e-6 and np.count_nonzero(last > 1) == 2 and last.max() == pytest.approx(20, abs=1)
 
 
@@ -286,7 +318,7 @@ def swapped():
     return End(*lesson.start(0)), End(*lesson.start(2))
 
 
-def test_a_wrong_sign_carries_its_microphone_away_and_spoils_the_others(swapped):
+def test_a_wrong_sign_carries_its_microphone_away_and_spoils_the_others(swapped, lesson_text):
     spoilt = swapped[0]
     scene, seed = load_lesson(CHANNEL).start(0)
     assert scene.faults.inverted == (11,) and scene.solver.name == "descent"
@@ -301,6 +333,9 @@ def test_a_wrong_sign_carries_its_microphone_away_and_spoils_the_others(swapped)
     residuals = np.array(spoilt.found.evidence.microphones_db)
     assert residuals.argmax() == 11 and np.sum(np.delete(residuals, 11) > residuals[11] - 12) >= 3
     assert spoilt.found.verdict != "good"
+    assert [fault.name for fault in spoilt.found.channels.faults] == ["7", "11"]
+    assert "microphones 7 and 11 are both marked as faulty channels, and 7 is healthy" in lesson_text(CHANNEL)
+    assert round(spoilt.errors[healthy].mean()) == 48 and "48 mm off on average" in lesson_text(CHANNEL)
 
 
 def test_the_fault_is_named_and_the_position_found(swapped):

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from browsing import WAIT
 from doubles import Recorder, State, finish, view_of
+from fields import measured
 
 from fdcal.cost.basins import OUTSIDE, basins_of, local_minima
 from fdcal.cost.maps import cost_maps, map_positions, refined
+from fdcal.graphics.overlays import with_ball
 from fdcal.graphics.picture import static_picture
+from fdcal.graphics.primitives import Floor
 from fdcal.model.gauge import position_errors
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Search
@@ -42,7 +45,12 @@ def picker():
         on_click=lambda call: callbacks.update(click=call),
         on_drag=lambda _, modifier="drag": lambda call: callbacks.update({modifier: call}),
     )
-    server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=lambda *_, **__: disc))
+    shape = {}
+    server = SimpleNamespace(
+        scene=SimpleNamespace(
+            add_batched_meshes_simple=lambda name, vertices, *_, **__: shape.update(vertices=vertices) or disc
+        )
+    )
     picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
     made = MicrophonePicker(
         server,
@@ -53,7 +61,7 @@ def picker():
         lambda *moved: direct.append(moved),
     )
     return SimpleNamespace(
-        made=made, binding=binding, placed=placed, selected=selected, direct=direct, **{
+        made=made, binding=binding, handles=disc, shape=shape, placed=placed, selected=selected, direct=direct, **{
             name: lambda event, call=call: finish(call(event)) for name, call in callbacks.items()
         }
     )  # fmt: skip
@@ -79,6 +87,24 @@ def test_with_shift_the_microphone_goes_where_the_pointer_is(picker):
     assert len(picker.direct) == 2 and not picker.placed
     for index, place, *_ in picker.direct:
         assert index == 2 and place == pytest.approx([1.3, 2.2])
+
+
+def test_a_ball_in_a_valley_is_taken_where_it_is_drawn_from_each_side(picker):
+    x = np.linspace(-1.0, 1.0, 41)
+    valley = np.tile(-0.02 * (1 - x**2), (41, 1)).astype(np.float32)
+    floor = Floor(np.zeros((41, 41, 3), np.uint8), (1.0, 2.0), (0.4, 0.4), None, (), heights=valley)
+    places = np.array([[1.05, 2.1], [1.2, 2.2], [1.3, 2.1], [1.1, 2.3], [1.0, 2.0]])
+    picture = replace(static_picture(None, measured(places, [4])), marker_radius=0.01, z_range=(0.0, 0.0))
+    ball = next(
+        part for part in with_ball(picture, places[1], floor).meshes if part.name == "microphones/ball"
+    ).vertices
+    picker.made.show(places, floor, ball=1)
+    middle = (ball.min(axis=0) + ball.max(axis=0)) / 2
+    np.testing.assert_allclose(picker.handles.batched_positions[1], middle, atol=1e-6)
+    rng = np.random.default_rng(0)
+    for direction in rng.normal(size=(50, 3)):  # the handle covers the ball, seen along any line
+        drawn, taken = (np.abs(points @ direction).max() for points in (ball - middle, picker.shape["vertices"]))
+        assert 0.99 * drawn <= taken <= 1.2 * drawn
 
 
 def test_a_drag_is_one_gesture_and_the_next_is_another(picker):

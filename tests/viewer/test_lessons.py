@@ -141,11 +141,16 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     assert "being prepared" not in text_of(lessons)
     page.calls.clear()
     lessons.answer(0)
-    answer = "The answer is: Trapped far from the true positions."
-    assert answer in text_of(lessons) and "After 7 sweeps" in text_of(lessons) and not answers_of(lessons)
+    answer, wrong = "&#10003; <b>Trapped far from the true positions</b>", "Not quite."
+    assert (
+        answer in text_of(lessons)
+        and wrong in text_of(lessons)
+        and text_of(lessons).count(lesson.steps[0].choices[1]) == 1
+    )
+    assert "After 7 sweeps" in text_of(lessons) and not answers_of(lessons)
     assert ("play",) in page.calls and len(page.opened) == 1, "the scene is there"
     lessons.answer(1)
-    assert answer in text_of(lessons), "the first answer counts"
+    assert answer in text_of(lessons) and wrong in text_of(lessons), "the first answer counts"
     page.calls.clear()
     lessons.go(NEXT)
     assert page.calls[0] == ("reset", 0) and page.calls[1] == ("use_modes", 1, 20, False)

@@ -22,7 +22,8 @@ from fdcal.session.process import one_blas_thread
 from fdcal.session.session import History
 from fdcal.session.sources import CalibrationInput, OpenRequest, scene_input
 from fdcal.viewer.background import prepare
-from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, verdict_html
+from fdcal.viewer.explore import Explore
+from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, status, verdict_html
 from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, uncertainty_of
 from fdcal.viewer.tabs.microphones import channel_table, given_table
 
@@ -83,6 +84,18 @@ def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_aga
     assert worker.sought(view, None).tolist() == [3, 4, 6, 7, 8, 9], "another state of the same run"
     again = dataclasses.replace(view, history=History(states, 1, object()))
     assert worker.sought(again, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
+
+
+@pytest.mark.parametrize("verdict", [None, "good", "model_mismatch"])
+def test_no_face_says_of_a_run_what_the_verdict_on_it_contradicts(verdict, work):
+    measurement, sought = work.measurement, work.sought
+    view = view_of([State(measurement.positions, finished=True, converged=False)])
+    found = None if verdict is None else assessment(verdict, "")
+    viewer = SimpleNamespace(view=view, found=found, run=work, snapshot=SimpleNamespace(counted=sought))
+    word = "Stopped before it converged" if verdict == "model_mismatch" else "Ended"
+    assert Explore._status(viewer) == f"{word}, 0 mm off on average"
+    expert = status(view, measurement, found=found)
+    assert f">{word}</div>" in expert and ("The step left is small" in expert) == (verdict == "good")
 
 
 INVERTED = 9

@@ -61,6 +61,7 @@ function finished(job, found, lattice) {
   let low = Infinity, high = 0;
   for (let i = 0; i < cost.length; i++) { cost[i] /= power; low = Math.min(low, cost[i]); high = Math.max(high, cost[i]); }
   const clipped = low < high * 10 ** -maps.decades, floor = Math.max(low, high * 10 ** -maps.decades);
+  high = Math.max(high, floor * 10 ** (maps.least / 10));
   const image = document.createElement("canvas"), range = Math.log10(high / floor) || 1;
   image.width = nx; image.height = ny;
   const pen = image.getContext("2d"), pixels = pen.createImageData(nx, ny);
@@ -183,4 +184,4 @@ function mapControls() {
   $("map").onchange = show;
 }
 // For tests, and for curious people with the console open.
-window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, placeOf, hidden, data, arrays, descentStep, jointStep, downhill, level, get own() { return own; }, drawn: n => drawnAt[n]};
+window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, finished, placeOf, hidden, data, arrays, descentStep, jointStep, downhill, level, get own() { return own; }, drawn: n => drawnAt[n]};

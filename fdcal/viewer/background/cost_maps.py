@@ -18,7 +18,7 @@ import numpy as np
 from ...cost import maps
 from ...cost.basins import basins_of
 from ...cost.expansion import ORDER_OFFSET, expansion_of
-from ...cost.scale import Minima
+from ...cost.scale import LEAST_RANGE, Minima
 from ...graphics.basin_map import basin_floor, basin_slice, descent_text
 from ...graphics.heatmap import cost_floor, cost_label, field_floor
 from ...graphics.picture import row_word, z_range_of
@@ -120,6 +120,11 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     if run.solver.TRAITS.uses_likelihood:
         return "negative log-likelihood of the solver"
     return cost_label(run.scene.solver.weights).replace("cost", "cost of the solver")
+
+
+def least_range(run: PreparedRun, request: CostMapRequest) -> float:
+    """Return the least range of the colours of a map, dB; 0 for a log-likelihood."""
+    return 0.0 if request.order_offset is None and run.solver.TRAITS.uses_likelihood else LEAST_RANGE
 
 
 def row_label(measurement: Measurement, mode: int) -> str:
@@ -252,7 +257,7 @@ def cost_map(
     floor = cost_floor(
         total, search, style.log, label, minima=minima,
         relief=style.relief, relief_height=style.relief_height, height=height,
-        decibels=request.order_offset is not None,
+        decibels=request.order_offset is not None, least=least_range(run, request),
     )  # fmt: skip
     return CostMap(request, replace(floor, show_minima=style.minima), panels, *figures)
 

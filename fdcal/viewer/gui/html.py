@@ -70,14 +70,18 @@ def waiting(title: str, text: str) -> str:
     return f"<div style='{CARD}'><b>{escape(title)}</b><br>{escape(text)}</div>"
 
 
-def state_word(view: SessionView, trusted: bool = False) -> str:
-    """Return what the solver is doing, or how it ended: of a `trusted` result, in the sense of the verdict."""
+def state_word(view: SessionView, found: Assessment | None) -> str:
+    """Return what the solver is doing, or how it ended, as both faces have it, in the sense of the verdict on it.
+
+    `found`: the assessment of the state, or None: until there is one, nothing is said against the end of a run.
+    """
     if view.error:
         return "Stopped by an error"
     if view.running:
         return "Running"
     if view.state.finished:
-        return "Converged" if view.state.converged else "Ended" if trusted else "Stopped before it converged"
+        doubted = found is not None and found.verdict != "good"
+        return "Converged" if view.state.converged else "Stopped before it converged" if doubted else "Ended"
     return "Paused"
 
 
@@ -130,14 +134,14 @@ def status(
     fault: str = "",
     note: str = "",
     sought: np.ndarray | slice = slice(None),
-    trusted: bool = False,
+    found: Assessment | None = None,
     left_out: Sequence[str] = (),
 ) -> str:
     """Return the lines at the top of the main panel.
 
     `measurement`: with the true positions where they are known; `fault`: an exception of the page itself, as text;
     `note`: on work in the background; `sought`: numbers of the microphones whose errors count, all unless given;
-    `trusted`: whether the verdict on the state is good; `left_out`: names of microphones with faulty channels, which
+    `found`: the assessment of the state, or None; `left_out`: names of microphones with faulty channels, which
     are not among them. Returns HTML.
     """
     state, error = view.state, "Deviation" if measurement.nominal else "Error"
@@ -160,8 +164,8 @@ def status(
         f"<div style='color: {RED}; overflow-wrap: anywhere'>{escape(f'{text}; details in {log_location()}')}</div>"
         for text in errors
     )
-    word = state_word(view, trusted)
-    note = note or ("The step left is small beside one sigma." if word == "Ended" else "")
+    word = state_word(view, found)
+    note = note or ("The step left is small beside one sigma." if word == "Ended" and found is not None else "")
     lines += f"<div style='opacity: 0.65'>{escape(note)}</div>" if note else ""
     head = f"<div style='font-size: var(--head); font-weight: 600'>{word}</div>"
     return (

@@ -1,7 +1,8 @@
 """Microphones selected and dragged in the scene, and the two ends of the line of a cut.
 
-An invisible disc lies over every estimated position and every end. viser reports which disc the pointer took and where
-the pointer is, on a plane that faces the camera; here that becomes a position at the height of what is dragged.
+An invisible solid, a handle, stands at every estimated position and every end, as wide from each side. viser reports
+which one the pointer took and where the pointer is, on a plane that faces the camera; here that becomes a position at
+the height of what is dragged.
 """
 
 from __future__ import annotations
@@ -12,28 +13,30 @@ from collections.abc import Callable
 import numpy as np
 import viser
 
-from ...graphics.glyphs import annuli, lift
+from ...graphics.glyphs import lift
 from ...graphics.markers import drape
-from ...graphics.overlays import CUT_RADIUS
+from ...graphics.overlays import CUT_RADIUS, ball_centre, sphere
 from ...graphics.primitives import Floor, Picture
 from ..gui.binding import Binding, Line
 
-DISC_RADIUS = 1.7  # in radii of a marker
-FIXED = 0.9  # size of the discs of microphones that cannot be dragged, of the others: a finger rather takes those
+HANDLE_RADIUS = 1.9  # in radii of a marker: a ball of 1.7 lies inside of it
+HANDLE_SIDES = 8
+FIXED = 0.9  # size of the handles of microphones that cannot be dragged, of the others: a finger rather takes those
+BALL = 1.6  # size of the handle of the ball, likewise: it is what a pointer looks for
 SPECK = 1e-3  # size of what stands in the corners of the search domain, likewise
-DISC_HEIGHT = 14 / 24  # over the floor, in radii of a marker: above everything that is drawn
+HANDLE_HEIGHT = 14 / 24  # of its middle over the floor, in radii of a marker
 
 
 Move = Callable[[int, np.ndarray, int, bool], None]  # microphone, place, number of the gesture, whether it was let go
 
 
 class MicrophonePicker:
-    """Owns the discs. With Shift a microphone stays where it is let go.
+    """Owns the handles. With Shift a microphone stays where it is let go.
 
     `binding`: of the session; `picture`: as drawn, for the extent of the search domain and the size of the markers;
     `select`: called with the number of the microphone that was clicked; `move`: called with the number of one that is
     dragged, its place, metres, the number of the gesture, and whether it was let go; `place`: likewise, with Shift;
-    `name`: of the discs' node, a new one for each instance.
+    `name`: of the handles' node, a new one for each instance.
     """
 
     def __init__(
@@ -46,7 +49,8 @@ class MicrophonePicker:
         place: Move,
         name: str = "/picking",
     ):
-        self._binding, self._select, self._move, self._place = binding, select, move, place
+        self._binding, self._picture = binding, picture
+        self._select, self._move, self._place = select, move, place
         self._marker, self._base, self._across = picture.marker_radius, picture.z_range[0], 2
         self._shown: np.ndarray | None = None
         self._gestures = itertools.count()
@@ -57,28 +61,28 @@ class MicrophonePicker:
         z0, z1 = picture.z_range
         self._low, self._high = np.array([x0 + edge, y0 + edge, z0]), np.array([x1 - edge, y1 - edge, z1])
         self._corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
-        self._discs = self._add_discs(server, name)
+        self._handles = self._add_handles(server, name)
 
-    def _add_discs(self, server: viser.ViserServer, name: str):
-        """Add one disc for each microphone."""
+    def _add_handles(self, server: viser.ViserServer, name: str):
+        """Add one handle for each microphone."""
         start = np.tile(self._corners[0], (self._binding.measurement.count, 1))
-        discs = add_discs(server, name, start, DISC_RADIUS * self._marker, self._corners)
+        handles = add_handles(server, name, start, HANDLE_RADIUS * self._marker, self._corners)
         self._sized: np.ndarray | None = None  # the sizes that were sent last
 
-        @discs.on_click
+        @handles.on_click
         async def _(event) -> None:
             if self._exists(event.instance_index):
                 self._select(event.instance_index)
 
-        @discs.on_drag("left")
+        @handles.on_drag("left")
         async def _(event) -> None:
             self._drag(event, self._move)
 
-        @discs.on_drag("left", modifier="shift")
+        @handles.on_drag("left", modifier="shift")
         async def _(event) -> None:
             self._drag(event, self._place)
 
-        return discs
+        return handles
 
     def _exists(self, index) -> bool:
         return isinstance(index, int) and 0 <= index < self._binding.measurement.count
@@ -117,38 +121,42 @@ class MicrophonePicker:
             move(index, place, gesture, True)
 
     def remove(self) -> None:
-        """Remove the discs from the scene."""
-        self._discs.remove()
+        """Remove the handles from the scene."""
+        self._handles.remove()
 
-    def show(self, positions, floor: Floor | None, across: int = 2) -> None:
-        """Move the discs to the estimated positions; called by the main loop.
+    def show(self, positions, floor: Floor | None, across: int = 2, ball: int | None = None) -> None:
+        """Move the handles to the estimated positions; called by the main loop.
 
         `positions` (N, D) float64, metres; `floor`: the map, on the relief of which they stand, or None; `across`: axis
-        across the plane in which microphones are dragged.
+        across the plane in which microphones are dragged; `ball`: the one that is drawn as a ball, or None.
         """
         self._across = across
         points = drape(positions, floor, self._marker)
         heights = points[:, 2] if points.shape[1] == 3 else np.full(len(points), self._base)
-        discs = np.column_stack([points[:, :2], heights + DISC_HEIGHT * self._marker])
-        sizes = np.array([1.0 if self._movable(n) else FIXED for n in range(len(discs))])
+        handles = np.column_stack([points[:, :2], heights + HANDLE_HEIGHT * self._marker])
+        sizes = np.array([1.0 if self._movable(n) else FIXED for n in range(len(handles))])
+        if ball is not None:
+            handles[ball], sizes[ball] = ball_centre(self._picture, positions[ball], floor), BALL
         if self._sized is None or not np.array_equal(self._sized, sizes):
             self._sized = sizes
-            self._discs.batched_scales = np.concatenate([sizes, np.full(len(self._corners), SPECK)]).astype(np.float32)
-        if self._shown is None or not np.array_equal(self._shown, discs):
-            self._shown = discs
-            self._discs.batched_positions = np.concatenate([discs, self._corners]).astype(np.float32)
+            self._handles.batched_scales = np.concatenate([sizes, np.full(len(self._corners), SPECK)]).astype(
+                np.float32
+            )
+        if self._shown is None or not np.array_equal(self._shown, handles):
+            self._shown = handles
+            self._handles.batched_positions = np.concatenate([handles, self._corners]).astype(np.float32)
 
 
-def add_discs(server: viser.ViserServer, name: str, places: np.ndarray, radius: float, corners: np.ndarray):
-    """Add an invisible disc at each of `places` (P, 3), metres, and specks in the corners of the search domain.
+def add_handles(server: viser.ViserServer, name: str, places: np.ndarray, radius: float, corners: np.ndarray):
+    """Add an invisible handle at each of `places` (P, 3), metres, and specks in the corners of the search domain.
 
-    The browser looks for discs only inside the box that they all spanned at first, so they span the whole search
+    The browser looks for handles only inside the box that they all spanned at first, so they span the whole search
     domain from the start, under a new name each time.
 
     `name`: of the node, a new one each time; `radius`: metres; `corners` (C, 3) float64, metres.
     """
     count, specks = len(places), len(corners)
-    vertices, faces = annuli(np.zeros((1, 3)), radius / 2, radius, corners=12)
+    vertices, faces = sphere(np.zeros(3), radius, HANDLE_SIDES)
     return server.scene.add_batched_meshes_simple(
         name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), np.concatenate([places, corners]),
         batched_scales=np.repeat([1.0, SPECK], [count, specks]),
@@ -184,10 +192,10 @@ END_RADIUS = 1.8 * CUT_RADIUS  # in radii of a marker
 
 
 class LineHandles:
-    """Owns the discs at the ends of the line, as long as there is one.
+    """Owns the handles at the ends of the line, as long as there is one.
 
     `binding`: whose `choices.cut` is the line; `picture`: as drawn, for the extent of the search domain and the size of
-    the markers; `name`: begins the names of the discs' nodes, a new one for each instance.
+    the markers; `name`: begins the names of the handles' nodes, a new one for each instance.
     """
 
     def __init__(self, server: viser.ViserServer, binding: Binding, picture: Picture, name: str = "/cut_ends"):
@@ -196,10 +204,10 @@ class LineHandles:
         x0, y0, x1, y1 = picture.focus
         self._low, self._high = np.array([x0, y0]), np.array([x1, y1])
         self._corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
-        self._numbers, self._discs, self._shown = itertools.count(), None, np.zeros((0, 3))
+        self._numbers, self._handles, self._shown = itertools.count(), None, np.zeros((0, 3))
 
     def show(self, line: Line | None, floor: Floor | None) -> None:
-        """Put the discs at the ends of a line, or remove them; called by the main loop.
+        """Put the handles at the ends of a line, or remove them; called by the main loop.
 
         `line`: its ends, metres, or None; `floor`: the map, on the relief of which they lie, or None.
         """
@@ -208,18 +216,18 @@ class LineHandles:
             return
         ends = drape(np.array(line), floor)
         ends = ends if ends.shape[1] == 3 else lift(ends, self._base)
-        ends = ends + [0.0, 0.0, 2 * DISC_HEIGHT * self._marker]  # over the discs of the microphones
-        if self._discs is None:
+        ends = ends + [0.0, 0.0, 2 * HANDLE_HEIGHT * self._marker]  # over the handles of the microphones
+        if self._handles is None:
             self._add(ends)
         elif not np.array_equal(ends, self._shown):
-            self._discs.batched_positions = np.concatenate([ends, self._corners]).astype(np.float32)
+            self._handles.batched_positions = np.concatenate([ends, self._corners]).astype(np.float32)
         self._shown = ends
 
     def _add(self, ends: np.ndarray) -> None:
         name = f"{self._name}/{next(self._numbers)}"
-        self._discs = add_discs(self._server, name, ends, END_RADIUS * self._marker, self._corners)
+        self._handles = add_handles(self._server, name, ends, END_RADIUS * self._marker, self._corners)
 
-        @self._discs.on_drag("left")
+        @self._handles.on_drag("left")
         async def _(event) -> None:
             self._drag(event)
 
@@ -235,7 +243,7 @@ class LineHandles:
             self._binding.choose(cut=((x, y), line[1]) if end == 0 else (line[0], (x, y)))
 
     def remove(self) -> None:
-        """Remove the discs from the scene."""
-        if self._discs is not None:
-            self._discs.remove()
-            self._discs = None
+        """Remove the handles from the scene."""
+        if self._handles is not None:
+            self._handles.remove()
+            self._handles = None

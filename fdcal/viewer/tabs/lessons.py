@@ -88,7 +88,7 @@ def _answered(step: Step, choice: int) -> list[str]:
         f"<div>{'&#10003;' if i == right else '&#10007;'} <b>{escape(step.choices[i])}</b></div>"
         for i in sorted({choice, right})
     ]
-    verdict = "Right." if choice == right else f"The answer is: {escape(step.choices[right])}."
+    verdict = "Right." if choice == right else "Not quite."
     return [*parts, f"<b>{verdict}</b>", f"<div class='text'>{_paragraphs(step.reveal)}</div>"]
 
 

@@ -13,7 +13,7 @@ from ...graphics.primitives import DARK, LIGHT, format_number
 from ...graphics.volume import AXES
 from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
-from ..background.cost_maps import CostMap, count_label, modes_label, of_take
+from ..background.cost_maps import CostMap, count_label, least_range, modes_label, of_take
 from ..background.prepare import PreparedRun, Same
 from ..display_frame import drawn_truth
 from ..gui import html
@@ -354,6 +354,7 @@ def panel_image(run: PreparedRun, drawn: CostMap) -> np.ndarray | None:
         [*panels.maps, panels.total], captions, panels.search, marks,
         DARK if request.style.dark else LIGHT,
         log=request.style.log, shared=request.style.shared, columns=2 if several or len(panels.modes) < 6 else 3,
+        least=least_range(run, request),
     )  # fmt: skip
 
 

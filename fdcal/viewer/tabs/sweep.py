@@ -30,6 +30,7 @@ from ..background.cost_maps import (
     carried_modes,
     cost_map,
     count_label,
+    least_range,
     map_modes,
     modes_label,
     of_take,
@@ -163,7 +164,7 @@ class SweepWorker:
         if request.basins:
             numbers = table_numbers(drawn.floor.rgb)
         else:
-            low, high, _ = colour_limits(cost, request.log)
+            low, high, _ = colour_limits(cost, request.log, least_range(self._run, of))
             numbers = colour_numbers(normalise(cost, low, high, request.log))
         floor = replace(drawn.floor, rgb=NO_IMAGE)
         return SweepFrame(replace(drawn, floor=None), minima.count, floor, numbers)

@@ -25,7 +25,16 @@ from ...model.validation import InputError
 from ...session import session_file
 from ...session.session import SessionView
 from ...session.sources import OpenRequest
-from ..background.cost_maps import CostMap, CostMapRequest, ModePanels, fine_panels, map_label, shown_modes, terms_of
+from ..background.cost_maps import (
+    CostMap,
+    CostMapRequest,
+    ModePanels,
+    fine_panels,
+    least_range,
+    map_label,
+    shown_modes,
+    terms_of,
+)
 from ..background.prepare import PreparedRun, Threads
 from ..display_frame import drawn_truth
 from ..gui import html
@@ -197,9 +206,9 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
         heading = f"{what} of moving microphone {measurement.names[n]}\n{snapshot.caption}"
         decibels = request.order_offset is not None  # of Eq. 7, as on the page
         label = map_label(snapshot.run, replace(request, style=replace(request.style, log=True)))
-        panels = _panels(snapshot, MAX_PANELS)
+        panels, least = _panels(snapshot, MAX_PANELS), least_range(snapshot.run, request)
         # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
-        drawn = (panels, truth, label, heading, positions[n][:2], decibels, request.style.basins)
+        drawn = (panels, truth, label, heading, positions[n][:2], decibels, request.style.basins, least)
         return call(landscape_bytes, file_format, *drawn)
 
     return make
