@@ -31,7 +31,7 @@ FEW_TIME, ONE_TIME = 10.0, 2.0  # s that all maps with several minima are shown,
 CHANGE_TIME, ROLL_TIME = 1.2, 1.4  # s that one map takes to become the next, at most, and that the microphone rolls
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
 ABOUT = "The red microphone's place is unknown: its recording fits where the map is low and dark. Blue ones are known."
-FOUND, INVITATION = "The microphone is found", "Drag it away, and let it go."
+FOUND = "The microphone is found"
 PURPOSE = "fdcal finds where microphones are, from the resonances of a room."
 MARGINS = (24, 24, 24, 128)  # pixels left, bottom, right and top of the map, for the words above it
 NEAR = 1e-6  # metres
@@ -55,7 +55,7 @@ def main() -> None:
         "scale": [heatmap.colour_limits(one.cost, True)[:2] for one in sums],
         "summed": SUMMED, "starts": times(counts), "change": CHANGE_TIME, "roll": ROLL_TIME,
         "words": [words(*both) for both in zip(SUMMED, counts, strict=True)],
-        "found": FOUND, "about": ABOUT, "invitation": INVITATION,
+        "found": FOUND, "about": ABOUT,
         "minima": [{"lowest": listed(one.lowest, 3), "others": listed(one.others, 3)} for one in minima],
         "path": listed(path, 3),
         **look(measurement, heatmap.cost_floor(last, search, True, relief=True, relief_height=opening.RELIEF_HEIGHT)),

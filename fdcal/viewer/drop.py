@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cost.basins import Basins, DescentPath, basins_of, descent_path
+from ..cost.basins import OUTSIDE, Basins, DescentPath, basins_of, descent_path
 from ..cost.maps import cost_maps, lattice_of
 from ..graphics.overlays import along
 from ..model.settings import Search
@@ -54,10 +54,11 @@ class Fall:
     @property
     def text(self) -> str:
         """Where it has come to rest, in words."""
+        edge = "at the edge of the map" if self.path.basin == OUTSIDE else ""
         if self.home is None:
-            return f"rest, cost {self.cost_text(-1)}"
+            return f"{edge or 'rest'}, cost {self.cost_text(-1)}"
         off = f"{1e3 * self.distance:.0f} mm" if self.distance < 0.0995 else f"{1e2 * self.distance:.0f} cm"
-        return f"{'home' if self.home else 'trapped'}, {off} off"
+        return f"{edge or ('home' if self.home else 'trapped')}, {off} off"
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +117,13 @@ class Drop:
         """Move a microphone in the session at once; what was dragged or rolls stays where the session has it."""
         self._drag = None
         self._binding.place(microphone, place, gesture)
+
+    @property
+    def inviting(self) -> bool:
+        """Whether the microphone of the map can be dragged, and nothing has moved in the session."""
+        binding, view = self._binding, self._binding.session.view
+        free = binding.choices.release or binding.choices.microphone not in binding.measurement.known
+        return free and self._droppable and self._drag is None and view.count == 1 and not view.running
 
     # Below: the main loop.
 

@@ -25,7 +25,10 @@ THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
 DOT = 8.5  # pixels, radius of a single microphone; of several it falls with the square root of their number
 CURVE_POINTS, CURVE_HEIGHT = 120, 20  # at most, of the curve along a run, and in its own units
+INVITATION = "Drag the red ball away, and let it go."
 ONE_LINE = 40  # characters of a status that leave room for the whole title of the scene
+# The drawing of a recording of one's own: a plus.
+OWN = f"<svg viewBox='0 0 {THUMB} {THUMB}' aria-hidden='true'><path d='M20 10h4v10h10v4H24v10h-4V24H10v-4h10z'/></svg>"
 PLAY, PAUSE = "&#9654;", "&#10074;&#10074;"
 
 
@@ -52,9 +55,9 @@ def run_curve(view: SessionView) -> str:
 
 
 def summed_text(modes: tuple[int, ...]) -> str:
-    """Return the modes of a map: "1 to 92", or "92 alone"."""
+    """Return the modes of a map: "1 to 92", or "92" where a button beside it says "alone"."""
     if len(modes) == 1:
-        return f"{modes[0]} alone"
+        return str(modes[0])
     return f"{modes[0]} to {modes[-1]}" if len(modes) == modes[-1] - modes[0] + 1 else modes_text(modes)
 
 
@@ -73,6 +76,12 @@ def thumbnail(name: str) -> tuple[str, str]:
     return scene.title, drawing(points if isinstance(scene, MeasuredScene) else positions_of(scene)[:, :2])
 
 
+def shown_modes(viewer: Viewer) -> tuple[int, ...]:
+    """Return the modes of the map, counted from 1; a map may not have all of those that the solver uses."""
+    choices, wanted, state = viewer.binding.choices, viewer.wanted, viewer.view.state
+    return choices.modes or (wanted and wanted.modes) or tuple(range(state.first, state.last + 1))
+
+
 def _first_bar(title: str, waiting: str) -> str:
     """Return the bar before there is a session: what is prepared, and how far it is."""
     return f"<span class='scene'><span><b>{escape(title)}</b><small>{escape(waiting)}</small></span></span>"
@@ -81,16 +90,17 @@ def _first_bar(title: str, waiting: str) -> str:
 class Explore:
     """Fills the regions `bar` and `sheet`, and carries out what is pressed there.
 
-    `page`: whose session is shown; `lessons`: that the sheet offers.
+    `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: whether the tab Record opens files.
     """
 
-    def __init__(self, page: LessonPage, lessons: LessonsTab):
-        self._page, self._lessons, overlay = page, lessons, page.panels.overlay
+    def __init__(self, page: LessonPage, lessons: LessonsTab, own_files: bool):
+        self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
         self._names = scene_names()  # the bar is written with every turn of the main loop
         overlay.on("scene", self._open)
         overlay.on("look", self._look)
         commands = {
             "play": lambda viewer, _: self._play(viewer),
+            "restart": lambda viewer, _: viewer.tabs.run_bar.press("Reset"),
             "onestep": lambda viewer, _: viewer.tabs.run_bar.press("Step"),
             "state": lambda viewer, value: viewer.binding.session.seek(whole(value, 0, viewer.view.count - 1)),
             "sweep": lambda viewer, _: viewer.tabs.sweep.toggle(),
@@ -98,7 +108,12 @@ class Explore:
             "microphone": lambda viewer, value: viewer.tabs.map.pick(
                 whole(value, 0, viewer.binding.measurement.count - 1)
             ),
-            "modes": lambda viewer, value: viewer.tabs.sweep.sum_lowest(whole(value, 1, viewer.binding.modes)),
+            "modes": lambda viewer, value: viewer.tabs.sweep.sum_up_to(
+                whole(value, 1, viewer.binding.modes), viewer.tabs.sweep.alone
+            ),
+            "alone": lambda viewer, _: viewer.tabs.sweep.sum_up_to(
+                shown_modes(viewer)[-1], not viewer.tabs.sweep.alone
+            ),
         }
         for name, act in commands.items():
             overlay.on(name, self._of_session(act))
@@ -146,21 +161,22 @@ class Explore:
             return
         overlay.show("bar", self._bar(viewer, self._page.switcher.title if waiting else "", waiting))
         overlay.show("sheet", self._sheet(viewer))
+        overlay.show("invitation", INVITATION if viewer.drop.inviting and not self._lessons.active else "")
         overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")
 
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
         binding, state = viewer.binding, viewer.view.state
         running = viewer.view.running
-        wanted = viewer.wanted  # of the modes that the solver uses a map may be able to show some alone
-        modes = binding.choices.modes or (wanted and wanted.modes) or tuple(range(state.first, state.last + 1))
+        modes = shown_modes(viewer)
         label = f"{PAUSE} Pause" if running else f"{PLAY} Play again" if state.finished else f"{PLAY} Play"
-        sweeps = viewer.tabs.sweep.playing
+        sweeps, alone = viewer.tabs.sweep.playing, str(viewer.tabs.sweep.alone).lower()
         row = binding.row.capitalize()
         shown = title or viewer.run.scene.title
         head, colon, rest = shown.partition(":")
         end = "<button data-do='lecture'>End lecture mode</button>" if binding.choices.lecture else ""
         status = escape(waiting) or self._status(viewer)
         count, done = viewer.view.count, state.finished and not running
+        again = "<button data-do='restart'>Start again</button>" if count > 1 else ""
         return (
             f"<div class='run'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none' aria-hidden='true'>"
             f"<path d='{run_curve(viewer.view)}'/></svg>{'<small>cost along the run</small>' if count > 1 else ''}"
@@ -171,9 +187,10 @@ class Explore:
             f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(head)}<i>{escape(colon + rest)}</i></b>"
             f"<small class='{'long' if len(status) > ONE_LINE else ''}'>{status}</small></span></button>"
             f"<button class='first' data-do='play'>{label}</button>"
-            f"<button data-do='onestep'{' disabled' if done else ''}>Step</button>"
+            f"<button data-do='onestep'{' disabled' if done else ''}>Step</button>{again}"
             f"<label>{row}s <input type='range' data-do='modes' min='1' max='{binding.modes}' value='{modes[-1]}'>"
-            f"<output>{escape(summed_text(modes))}</output></label>"
+            f"<output>{escape(summed_text(modes))}</output><button data-do='alone' aria-pressed='{alone}'"
+            f" title='This {binding.row} alone, or the sum from {binding.row} 1 to it'>alone</button></label>"
             f"<button data-do='sweep' title='Add {binding.row}s one by one'>{'Stop' if sweeps else 'Add up'}</button>"
             f"<label>Microphone <input type='range' data-do='microphone' min='0' max='{binding.measurement.count - 1}'"
             f" value='{viewer.snapshot.microphone}'><output>{viewer.snapshot.microphone}</output></label>"
@@ -208,4 +225,6 @@ class Explore:
             f"{thumbnail(name)[1]}<span>{escape(thumbnail(name)[0])}</span></button>"
             for name in self._names
         )
+        if self._own_files:
+            scenes += f"<button data-local='tab:Record'>{OWN}<span>Your own recording ...</span></button>"
         return f"<div class='scenes'>{scenes}</div><div class='lessons'>{self._lessons.list_html()}</div>"

@@ -251,7 +251,8 @@ function draw(time) {
   const key = [now.index, now.share, now.rolled, wide, tall, dark.matches, over].join();
   if (!over) {
     words.textContent = now.words;
-    detail.textContent = now.over ? data.invitation : data.about;
+    detail.textContent = data.about;
+    detail.style.visibility = now.over ? "hidden" : "";  // its room stays, and the button where it is
     button.textContent = now.over ? "Now you" : "Skip";
     button.className = now.over ? "first" : "";
   }
@@ -292,6 +293,7 @@ function end() {
     if (document.documentElement.hasAttribute("data-shown")) since ||= performance.now();
     if (!drawn() && !(since && performance.now() - since > LONGEST_WAIT)) { setTimeout(look, 50); return; }
     root.classList.add("gone");
+    document.documentElement.setAttribute("data-invited", "");  // to drag: the scene stands there now (page.js)
     setTimeout(() => { gl.getExtension("WEBGL_lose_context")?.loseContext(); root.remove(); }, 500);
   };
   setTimeout(look, 1e3 * AFTER);

@@ -72,7 +72,7 @@ class Page:
             recorder = None if folder is None else Recorder(self._threads, folder, self.open)
             self.record = RecordTab(server.gui, recorder, str(folder))
         add_keys(server.gui, self)
-        self.explore = Explore(self, self.lessons)
+        self.explore = Explore(self, self.lessons, self.record.usable)
         self.address, self._dark = AddressBar(self, self.lessons), False
         self._first: viser.ClientHandle | None = None  # the browser whose preference the page follows
         self.panels.overlay.on("dark", lambda client, value: self._prefer(client, value == "on"))

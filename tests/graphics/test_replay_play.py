@@ -98,6 +98,34 @@ def test_a_microphone_that_is_let_go_rolls_downhill_into_a_hole_that_is_named(pa
     assert words == f"{'home' if home else 'trapped'}, {off} off" and tries == f"{int(home)} of 1 home"
 
 
+# A place of the map from which the way downhill ends at its edge.
+TO_THE_EDGE = """() => {
+    const {lattice, minima} = replay.map, marked = [...minima.lowest, ...minima.others];
+    const apart = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
+    for (const x of lattice.places[0]) for (const y of lattice.places[1]) {
+        const end = replay.downhill(replay.map, [x, y]).at(-1);
+        if (!marked.some(place => apart(place, end) < 2.5 * lattice.step)) return [x, y];
+    }
+}"""
+
+
+def test_one_that_stops_at_the_edge_of_the_map_is_in_no_hole(page, run):
+    truth = run[1].positions[MICROPHONE]
+    box, place = page.locator("#view").bounding_box(), page.evaluate("n => replay.drawn(n)", MICROPHONE)
+    page.mouse.move(box["x"] + place[0], box["y"] + place[1])
+    page.mouse.down()
+    page.mouse.move(box["x"] + place[0] + 10, box["y"] + place[1], steps=2)
+    start = page.evaluate(TO_THE_EDGE)
+    page.evaluate(f"([x, y]) => replay.own.places[{MICROPHONE}].splice(0, 2, x, y)", start)
+    homes = page.evaluate("replay.own.homes")
+    page.mouse.up()
+    wait_for(page, "replay.own.words.endsWith('off')")
+    away = np.linalg.norm(np.array(page.evaluate(f"replay.own.places[{MICROPHONE}]"))[:2] - truth)
+    off = f"{1e3 * away:.0f} mm" if away < 0.0995 else f"{100 * away:.0f} cm"
+    assert page.evaluate("replay.own.words") == f"at the edge of the map, {off} off"
+    assert page.evaluate("replay.own.homes") == homes
+
+
 JOINTLY = """count => {
     let places = replay.own.places;
     for (let i = 0; i < count; i++) places = replay.jointStep(places, 1, 20).places;

@@ -17,6 +17,7 @@ from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import parameters_of
 from fdcal.session.session import StateCosts
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background.cost_maps import CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, Explore, run_curve
 from fdcal.viewer.gui.binding import FLOOR, MAP_KINDS, NOTHING, RELIEF, Binding, Tick, kind_of
@@ -435,12 +436,20 @@ def test_the_curve_falls_with_the_cost_and_has_few_points(count):
     assert (np.diff(y) >= 0).all() and 0 < y[0] < y[-1] < CURVE_HEIGHT, "downwards on a screen"
 
 
+def test_a_page_that_others_can_reach_offers_no_recording_of_ones_own(page_of, scene):
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    sheet = page.panels.overlay._regions["sheet"]
+    turn_until(lambda: "scene=tiny" in sheet.content)
+    assert "recording" not in sheet.content and not page.record.usable
+
+
 def test_before_the_first_session_the_bar_says_what_is_prepared_and_how_far_it_is():
     shown = {}
     overlay = SimpleNamespace(on=lambda *_: None, show=lambda region, html: shown.update({region: html}))
     switcher = SimpleNamespace(progress=SimpleNamespace(text="Simulating 3 %"), error=None, title="A < B")
     page = SimpleNamespace(viewer=None, panels=SimpleNamespace(overlay=overlay), switcher=switcher)
-    explore = Explore(page, SimpleNamespace(page=page))
+    explore = Explore(page, SimpleNamespace(page=page), False)
     explore.show()
     assert "A &lt; B" in shown["bar"] and "Simulating 3 %" in shown["bar"] and "button" not in shown["bar"]
     switcher.progress = None

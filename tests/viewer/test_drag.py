@@ -9,7 +9,7 @@ from browsing import WAIT
 from doubles import Recorder, State, finish, view_of
 from fields import measured
 
-from fdcal.cost.basins import basins_of, local_minima
+from fdcal.cost.basins import OUTSIDE, basins_of, local_minima
 from fdcal.cost.maps import cost_maps, map_positions, refined
 from fdcal.graphics.overlays import with_ball
 from fdcal.graphics.picture import static_picture
@@ -22,6 +22,7 @@ from fdcal.session.sources import OpenRequest
 from fdcal.viewer import drop as drop_module
 from fdcal.viewer.background.cost_maps import MapStyle, place_of_basin
 from fdcal.viewer.display_frame import DisplayFrame
+from fdcal.viewer.explore import INVITATION
 from fdcal.viewer.gui.binding import Binding, Choices, PlanChoices
 from fdcal.viewer.scene3d.picking import MicrophonePicker
 from fdcal.viewer.session_view import SessionPicture
@@ -256,6 +257,39 @@ def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_name
     session.pause()
     session.reset()
     turn_until(lambda: session.view.count == 1 and "home" not in said(page))
+
+
+def test_at_the_edge_of_the_map_there_is_no_minimum_to_be_trapped_in(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+    _, basins, search = minima_of(viewer)
+    index = np.argwhere(basins.labels == OUTSIDE)[0][::-1]
+    viewer.drop.move(9, search.origin + search.step * index, 1, True)
+    turn_until(lambda: viewer.drop.tries == 1)
+    off = 1e2 * np.linalg.norm(viewer.drop.worker.latest.result.path.points[-1] - viewer.run.measurement.positions[9])
+    assert f"at the edge of the map, {off:.0f} cm off" in said(page) and viewer.drop.home == 0
+    assert off > 10 and session.view.count <= 2
+
+
+def test_the_page_invites_to_drag_until_something_has_moved(opened):
+    page, turn_until = opened
+    viewer, session = page.viewer, page.viewer.run.session
+
+    def invites():
+        return INVITATION in page.panels.overlay._regions["invitation"].content
+
+    turn_until(invites)
+    viewer.tabs.map.pick(viewer.run.problem.known[0])
+    turn_until(lambda: not invites())  # a known microphone stays where it is
+    viewer.tabs.map.pick(9)
+    turn_until(invites)
+    viewer.drop.move(9, (0.6, 0.5), 1, False)
+    turn_until(lambda: not invites())
+    viewer.drop.move(9, (0.6, 0.5), 1, True)
+    turn_until(lambda: session.view.count == 2 and viewer.drop._drag is None)
+    assert not invites()
+    viewer.tabs.run_bar.press("Reset")
+    turn_until(invites)
 
 
 def test_every_flick_counts_even_between_two_ticks_and_each_gives_one_state(opened):

@@ -57,8 +57,9 @@ def tab(server, tmp_path, monkeypatch):
 def test_it_offers_the_files_of_its_folder_alone_and_says_why_there_is_no_card(tab):
     made = tab.tab
     assert made.source.options == ("one.wav",) and made.positions.options == (NONE, "list.csv")
-    assert "Nothing to record with: there is no sound card" in made.card.content
-    assert f"Recordings in {tab.folder} can be replayed" in made.card.content
+    choose, reason = made.card.content.split("</div>")[:2]
+    assert f"Choose a file of the folder {tab.folder} in the list" in choose
+    assert ">There is no sound card with inputs; connect it, then press" in reason
     for other in ("/etc/passwd", "../one.wav", "notes.txt", CARD):
         set_by_client(made.source, other)
         assert made.source.value == "one.wav"
@@ -121,7 +122,7 @@ def test_only_the_result_of_what_is_chosen_now_is_shown_and_opened(tab, monkeypa
 
 def test_a_card_that_is_connected_later_is_offered_after_another_look(tab, monkeypatch):
     made = tab.tab
-    assert "connect it, or replay a recording: choose its file" in made.card.content, "what to do"
+    assert "no sound card with inputs; connect it, then press" in made.card.content, "what to do"
     assert "press &quot;Look for a sound card&quot;" in made.card.content
     stream = SimpleNamespace(name="Octa", names=tuple("01234567"), sample_rate=48e3)
     monkeypatch.setattr(take, "sound_card", lambda *_: stream)

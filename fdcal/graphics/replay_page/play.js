@@ -53,12 +53,13 @@ function roll(time) {
 // Names the hole of a map in which microphone n has come to rest: it is at home in the one in which the true position lies.
 function landed(n, over) {
   const [x, y] = own.places[n], sure = truth && data.reference == "true", apart = p => Math.hypot(p[0] - x, p[1] - y);
-  const home = sure && apart(downhill(over, truthOf(n)).at(-1)) < 2 * over.lattice.step;
+  const hole = [...over.minima.lowest, ...over.minima.others].some(p => apart(p) < 2 * over.lattice.step);
+  const home = sure && hole && apart(downhill(over, truthOf(n)).at(-1)) < 2 * over.lattice.step;
   const away = sure ? Math.hypot(...own.places[n].map((v, axis) => v - truthOf(n)[axis])) : NaN;
   if (sure) { own.tries++; own.homes += home; }
-  const hole = [...over.minima.lowest, ...over.minima.others].some(p => apart(p) < 2 * over.lattice.step);
   const off = away < 0.0995 ? `${(1e3 * away).toFixed(0)} mm` : `${(100 * away).toFixed(0)} cm`;
-  own.words = !hole ? "at the edge of the map" : !sure ? `at rest, ${level(over, [x, y]).toFixed(1)} dB` : `${home ? "home" : "trapped"}, ${off} off`;
+  const where = !hole ? "at the edge of the map" : !sure ? "at rest" : home ? "home" : "trapped";
+  own.words = `${where}, ${sure ? `${off} off` : `${level(over, [x, y]).toFixed(1)} dB`}`;
   show();
 }
 

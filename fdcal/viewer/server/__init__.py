@@ -8,9 +8,10 @@ process        the error log, and the memory of the process
 """
 
 # The regions over the canvas that `page.js` fills with the HTML of hidden controls.
-# words: large, in the middle; caption: of a lesson; legend: scale and marks; bar: of the face Explore; sheet: above it,
-# on demand; address: what is shared of the page's address; lecture: "on" in lecture mode.
-REGIONS = ("words", "caption", "legend", "bar", "sheet", "address", "lecture")
+# words: large, in the middle; invitation: in their place, after the film; caption: of a lesson; legend: scale and
+# marks; bar: of the face Explore; sheet: above it, on demand; address: what is shared of the page's address; lecture:
+# "on" in lecture mode.
+REGIONS = ("words", "invitation", "caption", "legend", "bar", "sheet", "address", "lecture")
 
 
 def content(region: str, html: str = "") -> str:

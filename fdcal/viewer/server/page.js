@@ -15,7 +15,7 @@
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
 const MAX_COMMAND = 190;  // characters
-const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000;  // ms
+const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000, UNFOLDED = 600;  // ms
 const LEVEL = 1.54;  // rad from the zenith, just above the floor
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
 let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
@@ -114,7 +114,7 @@ const overlay = document.createElement("div"), line = document.createElement("di
 overlay.id = "fdcal";
 line.id = "fdcal-note";
 line.setAttribute("role", "status");
-for (const name of ["words", "caption", "legend", "sheet", "bar"]) {
+for (const name of ["words", "invitation", "caption", "legend", "sheet", "bar"]) {
   const region = overlay.appendChild(document.createElement("div"));
   region.dataset.region = name;
   if (name == "bar") region.innerHTML = "<span class='scene'><span><b>fdcal</b><small>Starting ...</small></span></span>";
@@ -134,6 +134,7 @@ function show(uuid, content) {
     return;
   }
   const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
+  if (name == "invitation" && !html) root.removeAttribute("data-invited");  // who has begun needs none again
   if (!region || name == "bar" && !html) return;  // a server that has only just begun to load
   made.innerHTML = html;
   const text = () => region.querySelector(".text")?.textContent, before = text();
@@ -247,7 +248,25 @@ function face(name) {
   root.dataset.face = name == "expert" ? "expert" : "explore";
   if (introduced) send(`face=${root.dataset.face}`);
   delete root.dataset.sheet;
+  setTimeout(unfold, 50);
   write();
+}
+
+// A section of a phone that viser has unfolded while the panels were hidden waits for ever for the end of its transition.
+function unfold() {
+  for (const section of document.querySelectorAll("#root [style*='will-change: height']"))
+    section.dispatchEvent(new TransitionEvent("transitionend", {propertyName: "height", bubbles: true}));
+}
+
+// viser has no message for this. A panel takes a key, because a click begins with a drag; a section of a phone takes a
+// click, may be folded, and would be folded by the key.
+function openTab(name) {
+  face("expert");
+  const tab = [...document.querySelectorAll("[role=tab]")].find(one => one.textContent.trim() == name);
+  if (!tab?.matches("button")) { tab?.dispatchEvent(new KeyboardEvent("keydown", {key: "Enter", bubbles: true})); return; }
+  tab.click();
+  tab.closest("[role=tablist]")?.parentElement.querySelector("[aria-label^='Expand panel']")?.click();
+  setTimeout(() => tab.scrollIntoView({block: "start"}), UNFOLDED);
 }
 
 overlay.insertAdjacentHTML("beforeend", '<div id="fdcal-back"><button data-local="sheet:lessons">Lessons</button> '
@@ -258,6 +277,7 @@ overlay.addEventListener("click", event => {
   if (act && !input) send(act);
   const [what, value] = (local ?? "").split(":");
   if (what == "face") face(value);
+  if (what == "tab") openTab(value);
   if (what == "sheet" && root.dataset.sheet != value) root.dataset.sheet = value;
   else if (event.target.closest("button")) delete root.dataset.sheet;
 });

@@ -185,12 +185,13 @@ class Recorder:
         return plain and (self._folder / name).is_file()
 
     def _find_card(self, _look: int) -> Card:
-        from ...recordings.take import sound_card
+        from ...recordings.take import REPLAY, sound_card
 
         try:
             stream = sound_card()
         except InputError as error:
-            return Card(missing=error.worded(html.CONTROLS))
+            remedy = error.remedy.removesuffix(REPLAY).rstrip(",; ")  # the tab has said that before
+            return Card(missing=InputError(error.problem, remedy).worded(html.CONTROLS))
         return Card(f"{stream.name}, {len(stream.names)} inputs, {stream.sample_rate:g} Hz")
 
     def _day(self, given: Given) -> "Day":
@@ -251,8 +252,11 @@ REMOTE = (
     "This page can be reached from other machines, so that it neither records here nor opens files. Start fdcal view"
     " for this machine alone, or use fdcal record."
 )
-REPLAY = "Recordings in {folder} can be replayed or opened: choose one below. Nothing leaves this machine."
-MISSING = 'Nothing to record with: {reason}. When a sound card is there, press "Look for a sound card".'
+OPEN = (
+    'Choose a file of the folder {folder} in the list "Sound from": "Open file" shows it as a session, "Record" replays'
+    " it. Nothing leaves this machine."
+)
+EMPTY = 'The folder {folder} has no recordings. Put one there: the list "Sound from" then offers it.'
 LOWEST_DB = -60.0  # level at which a bar begins
 
 
@@ -296,6 +300,11 @@ class RecordTab:
             lambda _: recorder.opening.newest(self._job()),
         )
         self.report = gui.add_html("")
+
+    @property
+    def usable(self) -> bool:
+        """Whether the page may record, and open files."""
+        return self._recorder is not None
 
     def _job(self) -> Job:
         """Return what the controls ask for."""
@@ -355,10 +364,10 @@ class RecordTab:
             chosen = control.value
             control.options = options
             control.value = chosen if chosen in options else options[0]
-        replay = REPLAY.format(folder=self._folder)
-        self.card.content = html.remark(
-            f"{card.name}. {replay}" if card.name else f"{MISSING.format(reason=card.missing)} {replay}"
-        )
+        said = (OPEN if files.recordings else EMPTY).format(folder=self._folder)
+        missing = f'{card.missing[:1].upper()}{card.missing[1:]}, then press "Look for a sound card".'
+        about = f"Sound card: {card.name}." if card.name else missing
+        self.card.content = html.remark(said) + html.remark(about)
 
 
 def _progress_html(progress: Progress, running: bool, failed: Exception | None) -> str:

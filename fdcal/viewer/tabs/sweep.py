@@ -263,6 +263,7 @@ class SweepTab(Tab):
         self._due = Due()  # the curve
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
         self._last: CostMap | None = None  # the map that was shown last
+        self._alone = False
         with binding.gui.add_folder(f"Add {binding.row}s"):
             self._add_controls(binding, binding.modes, binding.row)
             self._plot = Plot(
@@ -314,13 +315,23 @@ class SweepTab(Tab):
         sequence = self._sequence()
         self._map.choose_modes(sorted(sequence[: min(count, len(sequence))]))
 
-    def sum_lowest(self, count: int) -> None:
-        """Pause, and show the sum of the lowest `count` modes that a map can sum."""
+    @property
+    def alone(self) -> bool:
+        """Whether the map shows one mode alone; of the lowest one, which is also a sum, whether the last one was."""
+        modes = self._binding.choices.modes
+        if modes != self._usable()[:1]:
+            self._alone = modes is not None and len(modes) == 1
+        return self._alone
+
+    def sum_up_to(self, highest: int, alone: bool) -> None:
+        """Pause, and show the sum of the modes up to `highest` that a map can sum, or the last of them alone."""
         self.pause()
         if not self._binding.choices.shown:
             self._map.show_as(FLOOR)
         usable = self._usable()
-        self._map.choose_modes(usable[: max(sum(mode <= count for mode in usable), 1)])
+        summed = usable[: max(sum(mode <= highest for mode in usable), 1)]
+        self._alone = alone
+        self._map.choose_modes(summed[-1:] if alone else summed)
 
     def _restart(self) -> None:
         """Show as many modes as before, in another order; whatever plays begins again."""

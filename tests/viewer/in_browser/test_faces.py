@@ -83,12 +83,27 @@ def uncut(page):
         page.wait_for_function(f"innerWidth == {size[0]} && !{CUT}")
 
 
+def answers_in_sight(page, step):
+    top, bottom, *answers = page.evaluate(ANSWERS)
+    assert len(answers) == len(step.choices) and all(top < a < b <= bottom for a, b in answers), "all are in sight"
+
+
 def test_everything_in_explore_works(page):
     assert not page.get_by_role("tab", name="Map").is_visible()
     assert len(set(widths(page))) == 1, "the canvas fills the window"
     readable(page)
     page.locator("[data-do=modes]").press("Home")
     page.wait_for_function("location.hash.includes('modes=1&')")
+    alone = page.locator("[data-do=alone]")
+    assert alone.get_attribute("aria-pressed") == "false"
+    alone.click()
+    page.locator("[data-do=alone][aria-pressed=true]").wait_for()
+    page.locator("[data-do=modes]").press("PageUp")
+    page.wait_for_function("/modes=([2-9]|\\d\\d)&/.test(location.hash)")  # another one alone
+    mode = page.locator("[data-do=modes] + output").inner_text()
+    alone.click()
+    page.locator("[data-do=modes] + output", has_text=f"1 to {mode}").wait_for()
+    page.wait_for_function(f"location.hash.includes('modes=1-{mode}&')")
     page.locator("[data-do=microphone]").press("End")
     page.wait_for_function("location.hash.includes('microphone=15&')")
     press(page, "3-D")
@@ -105,6 +120,9 @@ def test_everything_in_explore_works(page):
     page.get_by_text(re.compile("Paused, .* off on average")).wait_for()
     page.locator("[data-do=onestep]").click()
     page.locator("[data-do=state][max='1']").wait_for()
+    press(page, "Start again")
+    page.locator("[data-do=restart]").wait_for(state="detached")
+    assert page.locator("[data-do=state]").is_disabled()
 
 
 def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page):
@@ -117,14 +135,19 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
     page.keyboard.press("h")
     page.get_by_role("button", name="End lecture mode").wait_for()
     assert question.is_visible() and len(set(widths(page))) == 1
+    for size in ((1280, 720), (1280, 600)):
+        page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+        page.wait_for_function(f"innerHeight == {size[1]}")
+        answers_in_sight(page, step)
+    page.locator("[data-do=alone][aria-pressed=true]").click()
+    page.locator("[data-do=alone][aria-pressed=false]").wait_for()
     uncut(page)
     press(page, "End lecture mode")
     page.set_viewport_size(dict(zip(("width", "height"), PHONE, strict=True)))
     page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth == 390")
     tops = [page.locator(f"[data-region={name}]").bounding_box() for name in ("caption", "bar")]
     assert min(box["y"] for box in tops) >= PHONE[1] / 2, "the map has half of the screen"
-    top, bottom, *answers = page.evaluate(ANSWERS)
-    assert len(answers) == len(step.choices) and all(top < a < b <= bottom for a, b in answers), "all are in sight"
+    answers_in_sight(page, step)
     page.evaluate("document.querySelector('[data-region=caption] .text').scrollTop = 999")
     page.get_by_role("button", name=step.choices[1], exact=True).click()
     page.locator("[data-region=caption]").get_by_text("Right.").wait_for()
@@ -138,12 +161,30 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
     page.set_viewport_size({"width": 1280, "height": 720})
 
 
+# Whether a button of a panel lies within the window, and nothing covers it.
+BUTTON_SEEN = """name => {
+    const button = [...document.querySelectorAll("#root button")].find(one => one.innerText.trim() == name);
+    const {left, top, width, height} = button?.getBoundingClientRect() ?? {};
+    return button?.contains(document.elementFromPoint(left + width / 2, top + height / 2));
+}"""
 # Names of controls, in which a word is wider than its room.
 CUT_NAMES = """() => [...document.querySelectorAll("#root label")].filter(label => label.offsetWidth).filter(label => {
     const pen = document.createElement("canvas").getContext("2d"), room = label.parentElement.clientWidth;
     pen.font = getComputedStyle(label).font;
     return label.innerText.split(/\\s/).some(word => pen.measureText(word).width > room);
 }).map(label => label.innerText)"""
+
+
+def test_ones_own_recording_is_the_last_of_the_scenes_on_a_phone_too(page):
+    for size in ((1280, 720), PHONE):
+        page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+        page.get_by_role("button", name="Choose a scene").click()
+        page.locator(".scenes button").last.get_by_text("Your own recording").click()
+        page.get_by_role("tab", name="Record", selected=True).wait_for()
+        page.wait_for_function(BUTTON_SEEN, arg="Look for a sound card")
+        press(page, "Explore")
+    page.set_viewport_size({"width": 1280, "height": 720})
+    page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth == innerWidth")
 
 
 def test_expert_has_the_panels_and_can_be_left(page):

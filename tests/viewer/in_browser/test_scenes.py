@@ -158,6 +158,12 @@ def test_isosurfaces_and_a_slice_stand_in_the_scene_and_follow_the_controls(ball
     ball.wait_for_function(f"{ticks} === true")
     ball.get_by_role("button", name="Top", exact=True).locator("visible=true").click()
     ball.wait_for_function(f"{ticks} === false")
+    press(ball, "Explore")
+    for pressed in ("true", "false"):  # one mode alone, and the sum up to it
+        ball.locator("[data-do=alone]").click()
+        ball.locator(f"[data-do=alone][aria-pressed={pressed}]").wait_for()
+        ball.wait_for_function(f"name => ({SHOWN})(name) == 1", arg="/isosurfaces")
+    press(ball, "Expert")
     choose(ball, "Show", "Flat map")
     ball.wait_for_function(DRAWN, arg="/floor")
     ball.wait_for_function(f"name => ({SHOWN})(name) == 0", arg="/isosurfaces")
