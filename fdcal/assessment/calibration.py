@@ -123,14 +123,16 @@ class ChannelFault:
         'microphone 17: inverted'
         >>> ChannelFault("4", "delayed", 3e-4, "s").text
         'microphone 4: delayed by 0.3 ms'
+        >>> ChannelFault("6", "high_pass", -30.7, "Hz").text
+        'microphone 6: more bass than the others: below about 31 Hz they lose level and it does not'
         """
         value = self.value or 0.0
         words = {
             "noisy": f"noise {value:.0f} dB over the others'",
             "delayed": f"delayed by {1e3 * value:.2g} ms",
-            "high_pass": f"high-pass at {value:.3g} Hz"
+            "high_pass": f"less bass than the others: below about {value:.0f} Hz it loses level"
             if value > 0
-            else f"more bass than the others, as if theirs were a high-pass at {-value:.3g} Hz",
+            else f"more bass than the others: below about {-value:.0f} Hz they lose level and it does not",
             "gain": f"phase {value:.0f} degrees" if self.unit == "degrees" else f"gain {value:+.1f} dB",
             "misplaced": f"{length_text(value)} from the position given",
             "exchanged": f"exchanged with microphone {self.partner}",

@@ -248,7 +248,7 @@ class Viewer:
         wake: Callable[[], None] = lambda: None,
         words: CanvasWords | None = None,
     ):
-        self.run, self.nodes, self._folders = run, nodes, folders
+        self.run, self.nodes, self._folders, self._server = run, nodes, folders, server
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
         call = server.get_event_loop().call_soon_threadsafe
         self.binding = Binding(folders.gui, run, modes, open_other, before, wake, call)
@@ -277,7 +277,7 @@ class Viewer:
         self.tabs.run_bar.apply_rate()
         nodes.show(picture)
         name = f"/picking/{folders.number}"
-        self.drop = Drop(binding, self.tabs.map.pick, words)
+        self.drop = Drop(binding, self.tabs.map.pick, self.tabs.follow_solver, words)
         moves = self.tabs.map.pick, self.drop.move, self.drop.place
         self._picker = MicrophonePicker(server, binding, picture, *moves, name)
         self._line_handles = LineHandles(server, binding, picture, f"/cut_handles/{folders.number}")
@@ -350,7 +350,8 @@ class Viewer:
             note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._assessed[1],
             assessing=self._verdict.pending(newest), runs=tabs.comparison.worker.update(now), sought=sought,
         )  # fmt: skip
-        self._draw(tick, choices, self.drop.tick(newest, drawn, now))
+        with self._server.atomic():  # the cost in the headline and at the ball, which the picture has, are one number
+            self._draw(tick, choices, self.drop.tick(newest, drawn, now))
         tick = replace(tick, picture=self.picture)
         tabs.show(tick)
 

@@ -1,5 +1,6 @@
 """Microphones that are picked, dragged and let go, and the frame in which the page draws them."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -259,6 +260,35 @@ def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_name
     turn_until(lambda: session.view.count == 1 and "home" not in said(page))
 
 
+def test_headline_and_ball_get_the_cost_in_one_message(opened, monkeypatch):
+    """A slow page shows a message late; what is in it is of one moment."""
+    page, turn_until = opened
+    viewer, groups, sent = page.viewer, [], []
+    server, headline, picture = viewer._server, page.words.show, page.nodes.show
+    atomic = server.atomic
+
+    @contextmanager
+    def group():
+        with atomic():
+            groups.append([])
+            yield
+        done = groups.pop()
+        (groups[-1].extend if groups else sent.append)(done)
+
+    def note(what, act):
+        return lambda *given: (groups[-1].append(what) if groups else sent.append([what]), act(*given))
+
+    monkeypatch.setattr(server, "atomic", group)
+    monkeypatch.setattr(page.words, "show", note("headline", headline))
+    monkeypatch.setattr(page.nodes, "show", note("picture", picture))
+    for x in (0.6, 0.65):
+        viewer.drop.move(9, (x, 0.5), 1, False)
+        turn_until(lambda: any("dB" in text for text in labels(viewer)))
+        assert labels(viewer)[0] in said(page)
+    both = [one for one in sent if "headline" in one]
+    assert both and all("picture" in one for one in both)
+
+
 def test_at_the_edge_of_the_map_there_is_no_minimum_to_be_trapped_in(opened):
     page, turn_until = opened
     viewer, session = page.viewer, page.viewer.run.session
@@ -438,7 +468,8 @@ def test_small_maps_cut_and_basins_have_the_true_position_where_the_main_map_has
     assert np.abs(blind.measurement.aligned_truth(shown.positions)[n] - truth[n]).max() > 0.01
     np.testing.assert_array_equal(frame.truth(shown.positions), truth)
 
-    request = SimpleNamespace(microphone=n, modes=(1,), take=None, state=shown, style=MapStyle())
+    asked = {"modes": (1,), "take": None, "order_offset": 0, "style": MapStyle()}
+    request = SimpleNamespace(microphone=n, state=shown, **asked)
     np.testing.assert_array_equal(place_of_basin(blind, request)[0], truth[n])
 
     marks = []
