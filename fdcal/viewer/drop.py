@@ -80,11 +80,18 @@ class Dropped:
 class Drop:
     """Owns the drag, the thread of the paths, and the counts of tries and of those that ended at home.
 
-    `select`: shows the map of a microphone; `words`: on the canvas, or None.
+    `select`: shows the map of a microphone; `follow`: that of the modes that the solver uses; `words`: on the canvas,
+    or None.
     """
 
-    def __init__(self, binding: Binding, select: Callable[[int], None], words: CanvasWords | None = None):
-        self._binding, self._select, self._words = binding, select, words
+    def __init__(
+        self,
+        binding: Binding,
+        select: Callable[[int], None],
+        follow: Callable[[], None],
+        words: CanvasWords | None = None,
+    ):
+        self._binding, self._select, self._follow, self._words = binding, select, follow, words
         self._drag: Drag | None = None
         self._droppable = False  # whether the map shows a cost
         self._asked: tuple[Drag, CostMap] | None = None
@@ -195,8 +202,9 @@ class Drop:
         return False
 
     def _continue(self) -> None:
-        """Run the solver from the present state."""
+        """Run the solver from the present state; the map is that of the modes it uses."""
         self._say("")
+        self._follow()
         self._binding.session.play()
 
     def _say(self, words: str, buttons=NO_BUTTONS) -> None:

@@ -143,8 +143,10 @@ class Explore:
 
     @staticmethod
     def _play(viewer: Viewer) -> None:
-        """Run the solver or pause it; from its start where it has finished."""
+        """Run the solver or pause it; from its start where it has finished. The map is that of the modes it uses."""
         session = viewer.binding.session
+        if not session.view.running:
+            viewer.tabs.follow_solver()
         if session.view.state.finished and not session.view.running:
             session.reset(viewer.binding.choices.seed)
             session.play()

@@ -289,6 +289,12 @@ class Tabs:
             (self.map.rise if view == "close" else self.map.lie)()
         self._place(client, view)
 
+    def follow_solver(self) -> None:
+        """Show the map of the modes that the solver uses: a run on the map of others would seem to use those."""
+        self.sweep.pause()
+        if self.binding.choices.modes is not None:
+            self.map.choose_modes(None)
+
     def refresh(self) -> None:
         """Let everything follow the values of the controls, after a program has set them."""
         for tab in self:

@@ -277,7 +277,7 @@ class Viewer:
         self.tabs.run_bar.apply_rate()
         nodes.show(picture)
         name = f"/picking/{folders.number}"
-        self.drop = Drop(binding, self.tabs.map.pick, words)
+        self.drop = Drop(binding, self.tabs.map.pick, self.tabs.follow_solver, words)
         moves = self.tabs.map.pick, self.drop.move, self.drop.place
         self._picker = MicrophonePicker(server, binding, picture, *moves, name)
         self._line_handles = LineHandles(server, binding, picture, f"/cut_handles/{folders.number}")

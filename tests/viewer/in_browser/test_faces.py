@@ -111,6 +111,7 @@ def test_everything_in_explore_works(page):
     press(page, "Top")
     page.wait_for_function("!/relief|view=/.test(location.hash)")
     page.locator("[data-do=play]").click()
+    page.wait_for_function("!/modes=[\\d]/.test(location.hash)")  # the map is that of the modes in use
     page.locator("[data-do=play]", has_text="Play again").wait_for()
     page.get_by_text(re.compile("Converged, .* off on average")).wait_for()
     uncut(page)
