@@ -4,6 +4,8 @@ The legend has exactly the marks that are drawn, in one order, for every rendere
 both read the same entries. A symbol is drawn in a square from -1 to 1, y upwards.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,6 +41,7 @@ class Entry:
     filled: bool = False  # whether the first path is filled
     halo: bool = True  # whether it has a halo, as in the scene
     halo_colour: Colour = (255, 255, 255)
+    below: Entry | None = None  # another mark that it stands on
 
 
 def _path(points: np.ndarray) -> Curve:
@@ -71,8 +74,8 @@ MARKS = {
         Entry("microphones/estimate", "estimate", _star(0.75), ESTIMATE, 0.28),
         Entry("microphones/known", "known", (_square(0.5),), KNOWN, 0.1, filled=True),
         Entry("microphones/error", "error", (LEVEL,), TRUE, 0.14),
-        Entry("lowest", "lowest cost", (_diamond(0.56),), LOWEST),
-        Entry("minima", "other minimum", (_diamond(0.38),), LOWEST, 0.2),
+        Entry("lowest", "lowest cost", (_diamond(0.7),), LOWEST, 0.16),
+        Entry("minima", "other minimum", (_diamond(0.55),), LOWEST, 0.16),
         # their halo shows on a dark page
         Entry("isosurfaces", "isosurface", (_ring(0.66), _ring(0.28)), LOW_COST, 0.2),
         Entry("slice", "slice", (_square(0.6),), LOW_COST, 0.1, filled=True),
@@ -96,6 +99,11 @@ def legend_of(picture: Picture) -> tuple[Entry, ...]:
     entries += [compared_entry(name, captions.get(name, name.removeprefix(COMPARED))) for name in names]
     if picture.areas:  # the slice has the colours of the areas
         entries = [replace(entry, filled=False) if entry.name == "slice" else entry for entry in entries]
+    if "microphones/true" in seen:  # a known microphone has its square in the circle
+        known, circle = "microphones/known", MARKS["microphones/true"]
+        entries = [
+            replace(entry, paths=(_square(0.29),), below=circle) if entry.name == known else entry for entry in entries
+        ]
     named = tuple(replace(entry, text=captions.get(entry.name, entry.text)) for entry in entries)
     square = (_square(0.75),)  # an area has a colour and no mark
     areas = (Entry(a.name, a.text, square, a.colour, 0.1, True, halo_colour=OUTLINE) for a in picture.areas)
@@ -169,9 +177,11 @@ def symbol(entry: Entry, edge: int) -> Image.Image:
     size = FINER * edge
     image = Image.new("RGBA", (size, size))
     draw = ImageDraw.Draw(image)
-    if entry.halo:
-        _draw_paths(draw, entry, entry.halo_colour, entry.width + HALO_WIDTH, size)
-    _draw_paths(draw, entry, entry.colour, entry.width, size)
+    for one in (entry.below, entry):
+        if one is not None and one.halo:
+            _draw_paths(draw, one, one.halo_colour, one.width + HALO_WIDTH, size)
+        if one is not None:
+            _draw_paths(draw, one, one.colour, one.width, size)
     return image.resize((edge, edge), Image.Resampling.LANCZOS)
 
 

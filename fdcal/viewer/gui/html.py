@@ -231,6 +231,11 @@ def legend(entries: Iterable[Entry]) -> str:
 
 def symbol(entry: Entry) -> str:
     """Return the symbol of an entry as SVG."""
+    return _svg(("" if entry.below is None else _drawn(entry.below)) + _drawn(entry))
+
+
+def _drawn(entry: Entry) -> str:
+    """Return the lines of a symbol, and their halo below them."""
     half, corners = EDGE / 2, [(np.array(path) * [1.0, -1.0] + 1) * EDGE / 2 for path in entry.paths]
     paths = ["M" + "L".join(f"{x:.3g} {y:.3g}" for x, y in path) for path in corners]
     layers = [(_css(entry.halo_colour), entry.width + HALO_WIDTH)] if entry.halo else []
@@ -240,7 +245,7 @@ def symbol(entry: Entry) -> str:
             fill = colour if entry.filled and i == 0 else "none"
             style = f"fill='{fill}' stroke='{colour}' stroke-width='{width * half:.3g}' stroke-linejoin='round'"
             drawn += f"<path d='{path}' {style}/>"
-    return _svg(drawn)
+    return drawn
 
 
 def _svg(mark: str) -> str:
