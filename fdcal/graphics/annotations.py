@@ -26,6 +26,7 @@ LOW_COST: Colour = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
 COMPARED = "comparison/"  # begins the names of the parts of compared solvers
 HALO_SUFFIX = "_halo"  # ends the names of the parts below a mark
 
+HALO_WIDTH = 0.3  # by how much a halo is wider than its line, in halves of a symbol's edge
 Curve = tuple[tuple[float, float], ...]
 
 
@@ -41,6 +42,7 @@ class Entry:
     filled: bool = False  # whether the first path is filled
     halo: bool = True  # whether it has a halo, as in the scene
     halo_colour: Colour = (255, 255, 255)
+    halo_width: float = HALO_WIDTH
     below: Entry | None = None  # another mark that it stands on
 
 
@@ -74,8 +76,8 @@ MARKS = {
         Entry("microphones/estimate", "estimate", _star(0.75), ESTIMATE, 0.28),
         Entry("microphones/known", "known", (_square(0.5),), KNOWN, 0.1, filled=True),
         Entry("microphones/error", "error", (LEVEL,), TRUE, 0.14),
-        Entry("lowest", "lowest cost", (_diamond(0.7),), LOWEST, 0.16),
-        Entry("minima", "other minimum", (_diamond(0.55),), LOWEST, 0.16),
+        Entry("lowest", "lowest cost", (_diamond(0.7),), LOWEST, 0.16, halo_width=0.16),
+        Entry("minima", "other minimum", (_diamond(0.55),), LOWEST, 0.16, halo_width=0.16),
         # their halo shows on a dark page
         Entry("isosurfaces", "isosurface", (_ring(0.66), _ring(0.28)), LOW_COST, 0.2),
         Entry("slice", "slice", (_square(0.6),), LOW_COST, 0.1, filled=True),
@@ -128,7 +130,6 @@ def _is_visible(part: Mesh | Lines) -> bool:
 
 SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
 FINER = 4  # times finer than the image, for smooth edges
-HALO_WIDTH = 0.3  # by how much a halo is wider than its line, in halves of a symbol's edge
 
 
 def legend_rows(
@@ -179,7 +180,7 @@ def symbol(entry: Entry, edge: int) -> Image.Image:
     draw = ImageDraw.Draw(image)
     for one in (entry.below, entry):
         if one is not None and one.halo:
-            _draw_paths(draw, one, one.halo_colour, one.width + HALO_WIDTH, size)
+            _draw_paths(draw, one, one.halo_colour, one.width + one.halo_width, size)
         if one is not None:
             _draw_paths(draw, one, one.colour, one.width, size)
     return image.resize((edge, edge), Image.Resampling.LANCZOS)

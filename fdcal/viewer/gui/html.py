@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from ...graphics.annotations import HALO_WIDTH, Entry
+from ...graphics.annotations import Entry
 from ...graphics.heatmap import to_rgb
 from ...graphics.picture import row_word
 from ...graphics.primitives import ColourBar, format_number
@@ -238,7 +238,7 @@ def _drawn(entry: Entry) -> str:
     """Return the lines of a symbol, and their halo below them."""
     half, corners = EDGE / 2, [(np.array(path) * [1.0, -1.0] + 1) * EDGE / 2 for path in entry.paths]
     paths = ["M" + "L".join(f"{x:.3g} {y:.3g}" for x, y in path) for path in corners]
-    layers = [(_css(entry.halo_colour), entry.width + HALO_WIDTH)] if entry.halo else []
+    layers = [(_css(entry.halo_colour), entry.width + entry.halo_width)] if entry.halo else []
     drawn = ""
     for colour, width in (*layers, (_css(entry.colour), entry.width)):
         for i, path in enumerate(paths):
