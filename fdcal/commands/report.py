@@ -121,7 +121,7 @@ def _given_lines(given: Sequence[GivenPosition], trusted: bool) -> list[str]:
         return []
     text = [["microphone", "given (m)", "found (m)", "difference", "one sigma", ""]]
     for one in rows[:MAX_ROWS]:
-        places = (", ".join(f"{x:.4f}" for x in place) for place in (one.given, one.found))
+        places = (", ".join(f"{x:z.4f}" for x in place) for place in (one.given, one.found))
         lengths = (length_text(x, 2) for x in (one.difference, one.sigma))
         text.append([one.name, *places, *lengths, "wrong" if one.wrong else ""])
     widths = [max(map(len, column)) for column in zip(*text, strict=True)]
@@ -137,7 +137,7 @@ def _room_lines(result: Calibration) -> list[str]:
     room = result.room
     if room is None:
         return []
-    size, source = " x ".join(f"{x:.4g}" for x in room.size), ", ".join(f"{x:.2f}" for x in room.source)
+    size, source = " x ".join(f"{x:.4g}" for x in room.size), ", ".join(f"{x:z.2f}" for x in room.source)
     others = ", ".join(name for name, _ in room.symmetries[1:])
     return [
         f"room    {size} m; source at ({source}) m, walls of admittance {room.admittance.real:.2g}",

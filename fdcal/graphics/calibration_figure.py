@@ -128,7 +128,7 @@ def position_table(
     """Return a table of positions (N, D), metres, and more columns, of N texts each; of at most so many microphones."""
     heads = ["microphone", *(f"{axis} (m)" for axis in "xyz"[: positions.shape[1]]), *columns]
     cells = zip(names, positions, zip(*columns.values(), strict=True), strict=True)
-    rows = [[name, *(f"{value:.4f}" for value in place), *more] for name, place, more in cells][:most]
+    rows = [[name, *(f"{value:z.4f}" for value in place), *more] for name, place, more in cells][:most]
     return html_table(heads, rows, len(names) - len(rows))
 
 

@@ -158,4 +158,4 @@ def upright_ruler(corner, low: float, high: float, length: float) -> tuple[np.nd
 def tick_texts(values: np.ndarray) -> tuple[str, ...]:
     """Return evenly spaced numbers with as many decimals as tell them apart, as "1.2"."""
     decimals = max(0, -int(np.floor(np.log10(values[1] - values[0])))) if len(values) > 1 else 2
-    return tuple(f"{value:.{decimals}f}" for value in values)
+    return tuple(f"{value:z.{decimals}f}" for value in values)

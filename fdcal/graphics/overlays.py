@@ -156,7 +156,7 @@ def with_volume(picture: Picture, volume: Volume | None) -> Picture:
             picture = picture.plus(*strokes(name, segments, radius, LOWEST, width, halo=0.25))
     plates = () if volume.plate is None else (volume.plate,)
     surfaces = (volume.surface,) if len(volume.surface.faces) else ()
-    places = [("slice", f"slice at {AXES[plate.axis]} = {plate.position:.2f} m") for plate in plates]
+    places = [("slice", f"slice at {AXES[plate.axis]} = {plate.position:z.2f} m") for plate in plates]
     captions = (*picture.captions, ("isosurfaces", volume.text), *places)
     shown = {"surfaces": surfaces, "plates": plates, "space_bar": volume.bar, "space_areas": volume.areas}
     return replace(picture, captions=captions, **shown)

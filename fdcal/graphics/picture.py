@@ -132,7 +132,7 @@ def upper_frame(focus: Box, z_range: tuple[float, float], marker_radius: float, 
     corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
     uprights = glyphs.stems(glyphs.lift(corners, low), high)
     ticks, places, texts = glyphs.upright_ruler((x0, y1), low, high, 1.2 * marker_radius)
-    text = f"z {low:.2f} to {high:.2f} m"
+    text = f"z {low:z.2f} to {high:z.2f} m"
     return (
         lines("frame_uprights", uprights, theme.grid, 1.5),
         lines("frame_top", glyphs.loop(corners, high), theme.foreground, 1.0),

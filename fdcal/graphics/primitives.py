@@ -126,7 +126,7 @@ def format_number(value: float, digits: int) -> str:
     """Return a number with so many significant digits, whole ones up to a million in full, others as "2·10⁷"."""
     if 10.0**digits <= abs(value) < 1e6:
         return f"{value:.0f}"
-    mantissa, _, power = f"{value:.{digits}g}".partition("e")
+    mantissa, _, power = f"{value:z.{digits}g}".partition("e")
     if not power:
         return mantissa
     return ("" if mantissa == "1" else f"{mantissa}·") + f"10{str(int(power)).translate(SUPERSCRIPTS)}"

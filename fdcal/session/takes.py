@@ -118,7 +118,7 @@ class TakesResult:
         head = "".join(f"{axis + ' (m)':>10}" for axis in "xyz"[: places.shape[1]])
         rows = zip(result.names, places, sigma, strict=True)
         lines = [
-            f"{name:>10}{''.join(f'{x:10.4f}' for x in place)}{length_text(one, 2):>12}  {faults.get(name, '')}"
+            f"{name:>10}{''.join(f'{x:z10.4f}' for x in place)}{length_text(one, 2):>12}  {faults.get(name, '')}"
             for name, place, one in rows
         ]
         return [f"microphone{head}   one sigma", *(line.rstrip() for line in lines)]

@@ -8,7 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 from doubles import State, view_of
 
+from fdcal.assessment.calibration import GivenPosition
 from fdcal.assessment.uncertainty import confidence_factor
+from fdcal.graphics.picture import static_picture, upper_frame
+from fdcal.graphics.primitives import format_number
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.gui.binding import Tick
 from fdcal.viewer.server import process
@@ -36,6 +39,24 @@ def test_microphones_are_listed_by_descending_error(measurement):
         and html.count("known") == 3
         and "700" in html.split("<td>6</td>")[0].rpartition("<tr")[2]
     )
+
+
+def test_no_minus_stands_before_a_zero_and_no_digit_that_means_nothing_beside_an_error_of_zero(measurement):
+    places = np.array(measurement.positions)
+    places[:, 1] = -1e-5
+    exact = dataclasses.replace(measurement, positions=places)
+    sigma = np.full(len(places), 4.11e-6)
+    html = microphones.table(exact, places, sigma, 6)
+    row = html.split("<td>6</td>")[1].partition("</tr>")[0]
+    assert "-0.000" not in html and ", 0.000</td>" in row
+    assert row.endswith("<td>0</td><td>&lt; 0.01</td>")
+    assert "<td>0.0411</td>" in microphones.table(exact, places, 10 * sigma, 6)
+    theme, name = static_picture(None, exact).theme, "frame/range"
+    (height,) = [part.text for part in upper_frame((0, 0, 1, 1), (-1e-5, 0.5), 0.01, theme) if part.name == name]
+    assert height == "z 0.00 to 0.50 m" and format_number(-0.0, 3) == "0"
+    given = GivenPosition("7", (-1e-6, 0.2), (0.1, -1e-6), 0.001, False)
+    found = SimpleNamespace(channels=SimpleNamespace(given=(given,)))
+    assert "-0.0000" not in microphones.given_table(found)
 
 
 def test_modes_beyond_f_max_give_a_warning(measurement):

@@ -141,7 +141,7 @@ const rangeText = indices => indices.length > 1 ? `${data.row}s ${maps.modes[ind
 // Caption and colour bar, in decibels relative to the power of the pressures of these modes.
 function colourBar(pen, w) {
   const left = 14 + captionWidth(), top = 26, wide = Math.min(300, w - left - 120), ink = css("--ink"), [low, high] = [map.low, map.high];
-  const minima = !marked ? "" : [", lowest at the edge", ", 1 minimum"][map.minima.count] ?? `, ${map.minima.count} minima`, layer = D == 3 ? ` at z = ${placeOf(map.t, map.n)[2].toFixed(2)} m` : "";
+  const minima = !marked ? "" : [", lowest at the edge", ", 1 minimum"][map.minima.count] ?? `, ${map.minima.count} minima`, layer = D == 3 ? ` at z = ${fixed(placeOf(map.t, map.n)[2], 2)} m` : "";
   pen.fillStyle = css("--back"); pen.fillRect(0, 0, w, STRIP - 4);
   pen.fillStyle = ink; pen.font = "600 13px system-ui, sans-serif"; pen.textAlign = "left";
   pen.fillText(`Cost of microphone ${data.names[map.n]}${layer}: ${rangeText(map.indices)}${minima}`, left, 16, w - 20);

@@ -130,7 +130,7 @@ function room(pen, project) {
   for (const [low, high, at, left] of [[x0, x1, v => [v, y0, z0], 0], [y0, y1, v => [x0, v, z0], 1]]) {
     const [values, digits] = ticks(low, high, 5);
     values.forEach((v, i) => {
-      const p = project(at(v)), text = v.toFixed(digits);
+      const p = project(at(v)), text = fixed(v, digits);
       stroke(pen, left ? [p, [p[0] - 5, p[1]]] : [p, [p[0], p[1] + 5]], ink, 1.2);
       pen.textAlign = left ? "right" : "center";
       pen.fillText(text, p[0] - (left ? 8 : 0), p[1] + (left ? 4 : 18));
@@ -223,10 +223,11 @@ function curve(id, series, log) {
   return [left, w - right];
 }
 
+const fixed = (v, digits) => (Number(v.toFixed(digits)) + 0).toFixed(digits);  // no minus before a zero
 const mm = v => v < 1e-6 ? "0 mm" : v < 0.1 ? Number((1e3 * v).toPrecision(3)) + " mm" : (1e3 * v).toFixed(0) + " mm";
 const frequency = mode => data.frequencies[mode - 1].toFixed(1);
 const distance = (t, n) => Math.hypot(...placeOf(t, n).map((v, i) => v - truthOf(n)[i]));
-const coordinates = n => placeOf(at, n).slice(0, D).map(v => v.toFixed(3)).join(", ") + " m";
+const coordinates = n => placeOf(at, n).slice(0, D).map(v => fixed(v, 3)).join(", ") + " m";
 
 const off = data.reference == "true" ? "error" : "deviation from nominal";
 

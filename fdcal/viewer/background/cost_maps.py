@@ -253,7 +253,7 @@ def cost_map(
         return CostMap(request, floor, panels, *figures, note=descent_text(basins, search, place, name))
     label = f"{map_label(run, request)}, {modes_label(run.measurement, request.modes)}"
     if run.measurement.array_dimension == 3:
-        label += f" at z = {request.state.positions[n, 2]:.2f} m"
+        label += f" at z = {request.state.positions[n, 2]:z.2f} m"
     floor = cost_floor(
         total, search, style.log, label, minima=minima,
         relief=style.relief, relief_height=style.relief_height, height=height,

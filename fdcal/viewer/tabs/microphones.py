@@ -76,7 +76,7 @@ def given_table(found: PositionUncertainty | None) -> str:
         return ""
     rows = []
     for one in sorted(found.channels.given, key=lambda one: -one.difference)[:MAX_ROWS]:
-        places = (",<br>".join(f"{x:.4f}" for x in place) for place in (one.given, one.found))
+        places = (",<br>".join(f"{x:z.4f}" for x in place) for place in (one.given, one.found))
         cells = _named(one.name, one.wrong), mm_text(one.difference), f"&plusmn; {mm_text(one.sigma)}", *places
         rows.append(_row(cells, FAULTY if one.wrong else ""))
     return _card("<b>Given positions</b>", GIVEN_HEAD, rows)
@@ -101,15 +101,24 @@ def table(
     for n in sorted(range(len(positions)), key=lambda n: (n in known, -float(order[n]), n))[:MAX_ROWS]:
         cells = [
             escape(str(measurement.names[n])) + (" known" if n in known else ""),
-            ", ".join(f"{x:.3f}" for x in positions[n]),
-            *([] if errors is None else [mm_text(errors[n])]),
-            "" if sigma is None or n in known else mm_text(float(sigma[n])),
+            ", ".join(f"{x:z.3f}" for x in positions[n]),
+            *([] if errors is None else [_millimetres(errors[n])]),
+            "" if sigma is None or n in known else _millimetres(float(sigma[n])),
         ]
         rows.append(_row(cells, SELECTED if n == selected else ""))
     error = [] if errors is None else [f"{'off nominal' if measurement.nominal else 'error'}<br>(mm)"]
     more = len(positions) - MAX_ROWS
     below = f"<div style='opacity: 0.65'>and {more} more with smaller errors</div>" if more > 0 else ""
     return STYLE + _card("", ("mic<br>", "position<br>(m)", *error, "&plusmn; &sigma;<br>(mm)"), rows, below)
+
+
+FINEST = 1e-5  # metres, in the table: finer digits mean nothing, as a sigma of 0.00411 mm beside an error of 0
+
+
+def _millimetres(length: float) -> str:
+    """An error or a sigma, metres, as millimetres."""
+    text = mm_text(length)
+    return text if length >= FINEST or text == "0" else f"&lt; {mm_text(FINEST)}"
 
 
 class MicrophonesTab(Tab):
