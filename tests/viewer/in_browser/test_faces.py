@@ -142,6 +142,10 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
         answers_in_sight(page, step)
     page.locator("[data-do=alone][aria-pressed=true]").click()
     page.locator("[data-do=alone][aria-pressed=false]").wait_for()
+    page.get_by_role("button", name="Choose a scene").click()
+    page.locator(".scenes button").first.wait_for()
+    assert not page.locator("[data-local='tab:Record']").is_visible(), "there are no panels that it could lead to"
+    page.keyboard.press("Escape")
     uncut(page)
     press(page, "End lecture mode")
     page.set_viewport_size(dict(zip(("width", "height"), PHONE, strict=True)))
