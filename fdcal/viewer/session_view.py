@@ -14,6 +14,7 @@ import viser
 
 from ..assessment.findings import root_mean_square
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
+from ..cost.scale import LEAST_RANGE
 from ..graphics import overlays
 from ..graphics.annotations import legend_of
 from ..graphics.picture import static_picture, with_display_domain, with_estimate, with_floor
@@ -399,6 +400,8 @@ class Viewer:
             return "No map: the file of this measurement has no search domain."
         if picture.bar is None or not picture.bar.label.startswith("cost"):
             return ""
+        if "(dB)" in picture.bar.label and picture.bar.high - picture.bar.low < LEAST_RANGE + 1e-9:
+            return "The map is all but level: all places fit this microphone's recording about as well."
         low = "low and dark" if picture.floor is not None and picture.floor.heights is not None else "dark"
         return f"Where the map is {low}, the recording of this microphone fits."
 

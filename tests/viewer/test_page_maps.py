@@ -1,6 +1,7 @@
 """The map on the floor belongs to what is looked at, and basins of attraction have areas in place of a scale."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +13,14 @@ from fdcal.cost.maps import cost_maps, eq7_maps, minima_of, power_shares, refine
 from fdcal.cost.scale import Minima
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, descent_text, table_numbers
-from fdcal.graphics.heatmap import marks_of
+from fdcal.graphics.heatmap import cost_floor, marks_of
 from fdcal.graphics.landscape import draw_landscape
+from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.model.settings import Search
 from fdcal.session.session import History
 from fdcal.viewer.background.cost_maps import map_modes
 from fdcal.viewer.gui.binding import BASINS, FLOOR, Binding
+from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import EQ7
@@ -34,6 +37,15 @@ def mapped(viewer):
 def shown(viewer):
     floor, search = viewer.snapshot.picture.floor, viewer.run.measurement.search
     return None if floor is None else round((floor.lowest[0][0] - search.origin[0]) / search.step)
+
+
+@pytest.mark.parametrize(("range_db", "words"), [(0.1, "all but level"), (3.0, "Where the map is dark")])
+def test_the_hint_says_that_a_map_that_is_all_but_level_decides_nothing(range_db, words, work):
+    search = work.problem.search
+    cost = 10 ** (np.linspace(-14 - range_db, -14, np.prod(search.shape)).reshape(search.shape[::-1]) / 10)
+    floor = cost_floor(cost, search, True, "cost, Eq. 7 (dB), mode 1", decibels=True)
+    picture = with_floor(static_picture(work.known_scene, work.measurement), floor)
+    assert words in Viewer._hint(SimpleNamespace(run=work), picture)
 
 
 def test_a_map_stands_under_its_own_microphone_only(viewer):
