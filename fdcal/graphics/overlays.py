@@ -273,11 +273,13 @@ def _on(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.
     return draped if draped.shape[1] == 3 else glyphs.lift(draped, base)
 
 
-def sphere(centre: np.ndarray, radius: float, sides: int = BALL_SIDES) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (V, 3), metres, and faces (F, 3) of a ball; `sides`: around it."""
-    rows = sides // 2
-    polar, around = np.meshgrid(np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, sides + 1), indexing="ij")
+def sphere(centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices (V, 3), metres, and faces (F, 3) of a ball."""
+    rows = BALL_SIDES // 2
+    polar, around = np.meshgrid(
+        np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, BALL_SIDES + 1), indexing="ij"
+    )
     unit = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
-    corner = (np.arange(rows)[:, None] * (sides + 1) + np.arange(sides)).ravel()[:, None]
-    faces = np.concatenate([corner + [0, sides + 1, sides + 2], corner + [0, sides + 2, 1]])
+    corner = (np.arange(rows)[:, None] * (BALL_SIDES + 1) + np.arange(BALL_SIDES)).ravel()[:, None]
+    faces = np.concatenate([corner + [0, BALL_SIDES + 1, BALL_SIDES + 2], corner + [0, BALL_SIDES + 2, 1]])
     return centre + radius * unit.reshape(-1, 3), frozen_array(faces, np.int32)

@@ -1,8 +1,9 @@
 """Microphones selected and dragged in the scene, and the two ends of the line of a cut.
 
-An invisible solid, a handle, stands at every estimated position and every end, as wide from each side. viser reports
-which one the pointer took and where the pointer is, on a plane that faces the camera; here that becomes a position at
-the height of what is dragged.
+An invisible disc, a handle, lies over every estimated position and every end, that of the ball across its middle. viser
+reports which one the pointer took and where the pointer is, on a plane that faces the camera; here that becomes a
+position at the height of what is dragged. Solids in place of discs do not do: from these a busy page reports at times
+that the pointer is nowhere (NaN).
 """
 
 from __future__ import annotations
@@ -13,14 +14,13 @@ from collections.abc import Callable
 import numpy as np
 import viser
 
-from ...graphics.glyphs import lift
+from ...graphics.glyphs import annuli, lift
 from ...graphics.markers import drape
-from ...graphics.overlays import CUT_RADIUS, ball_centre, sphere
+from ...graphics.overlays import CUT_RADIUS, ball_centre
 from ...graphics.primitives import Floor, Picture
 from ..gui.binding import Binding, Line
 
-HANDLE_RADIUS = 1.9  # in radii of a marker: a ball of 1.7 lies inside of it
-HANDLE_SIDES = 8
+HANDLE_RADIUS = 1.7  # in radii of a marker
 FIXED = 0.9  # size of the handles of microphones that cannot be dragged, of the others: a finger rather takes those
 BALL = 1.6  # size of the handle of the ball, likewise: it is what a pointer looks for
 SPECK = 1e-3  # size of what stands in the corners of the search domain, likewise
@@ -156,7 +156,7 @@ def add_handles(server: viser.ViserServer, name: str, places: np.ndarray, radius
     `name`: of the node, a new one each time; `radius`: metres; `corners` (C, 3) float64, metres.
     """
     count, specks = len(places), len(corners)
-    vertices, faces = sphere(np.zeros(3), radius, HANDLE_SIDES)
+    vertices, faces = annuli(np.zeros((1, 3)), radius / 2, radius, corners=12)
     return server.scene.add_batched_meshes_simple(
         name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), np.concatenate([places, corners]),
         batched_scales=np.repeat([1.0, SPECK], [count, specks]),
