@@ -61,6 +61,19 @@ def opened_page(browser, address, query=COARSE, width=1280, height=720):
     return page
 
 
+def until(page, holds):
+    """Wait until a function of the tests that looks at the page no longer fails; in the end, fail as it does.
+
+    What follows from a press (the server's answer, the layout, a size that the page's script measures) comes later.
+    """
+    for _ in range(int(WAIT / 0.1)):
+        try:
+            return holds()
+        except AssertionError:
+            page.wait_for_timeout(100)
+    return holds()
+
+
 def run_to_the_end(page):
     """Run the solver as fast as the machine can, until it has converged."""
     slider(page, "Steps per second").press("End")

@@ -109,7 +109,7 @@ def test_every_page_opens_from_the_disk(site, browser):
             page.wait_for_url(f"**/{link}")
             if not link.startswith("race"):
                 wait_for(page, "Boolean(window.replay?.map)")
-                assert page.locator("#note").inner_text() == ""
+                wait_for(page, "document.getElementById('note').innerText == ''")
             page.go_back()
 
 
@@ -119,12 +119,12 @@ def test_a_lesson_asks_shows_its_runs_and_is_resumed(site, browser):
     with offline_page(browser, site / "fig1.html", ready=one_mode) as page:  # as the index shows it, without an address
         page.goto((site / "lesson-1.html").as_uri())
         page.get_by_text(lesson.steps[0].question).wait_for()
-        assert "mean 224 mm" in page.locator("#errors").inner_text()
+        page.locator("#errors").get_by_text("mean 224 mm").wait_for()
         page.get_by_role("button", name=lesson.steps[0].choices[0]).click()
         page.get_by_text("Not quite.").wait_for()
         page.keyboard.press("End")
         page.get_by_text("step 91, sweep 7; modes 1 to 20").wait_for()
-        assert "mean 190 mm" in page.locator("#errors").inner_text()
+        page.locator("#errors").get_by_text("mean 190 mm").wait_for()
         page.get_by_role("button", name="Next step").click()
         page.get_by_text("step 0, sweep 0; modes 1 to 20").wait_for()
         wait_for(page, "replay.map?.minima.count > 1")

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from browsing import until
 from replays import Reader, contents, offline_page, wait_for
 from running import exit_code
 
@@ -111,7 +112,7 @@ def test_it_plays_in_a_browser_without_a_network(run, browser, tmp_path):
         last = states[-1]
         page.get_by_text(f"step {last.step}, sweep {last.sweep}; ").wait_for()
         mean = 1e3 * position_errors(last.positions, measurement.positions)[measurement.problem().free].mean()
-        assert f"mean {mean:.3g} mm" in page.locator("#errors").inner_text()
+        page.locator("#errors").get_by_text(f"mean {mean:.3g} mm").wait_for()
         drawn = [page.locator("#view").screenshot() for _ in range(2)]
         page.get_by_role("button", name="3-D").click()
         drawn.append(page.locator("#view").screenshot())
@@ -327,8 +328,9 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
     address = "#step=20&microphone=A%20%26%20B&modes=2-5&view=3d"
     with opened(browser, tmp_path / "moment.html", text, address) as page:
         page.get_by_text("step 20, sweep 0").wait_for()
-        assert page.get_by_role("button", name="3-D").get_attribute("aria-pressed") == "true"
-        assert page.locator("#microphone").input_value() == "0" and page.get_by_text("modes 2 to 5").is_visible()
+        page.get_by_role("button", name="3-D", pressed=True).wait_for()
+        page.get_by_text("modes 2 to 5").wait_for()
+        assert page.locator("#microphone").input_value() == "0"
         page.get_by_label("State", exact=True).focus()
         page.keyboard.press("ArrowRight")
         page.locator("#microphone").select_option("m7")
@@ -343,18 +345,22 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
         page.evaluate(f"location.hash = '{address}'")
         page.get_by_text("step 10, sweep 0").wait_for()
         wait_for(page, "replay.map?.n == 4 && replay.map.indices.length == 1")  # the one that the step moved
-        assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+        wait_for(page, "document.documentElement.dataset.theme == 'dark'")
         page.keyboard.press("ArrowRight")
         page.keyboard.press("ArrowLeft")
-        assert page.get_by_role("button", name="Reset view").is_visible()
+        page.get_by_role("button", name="Reset view").wait_for()
         after = "#step=10&modes=3&view=40,25&zoom=2,0.1,-0.05&trails=on&theme=dark"
         wait_for(page, f"location.hash == '{after}'")
         with opened(browser, tmp_path / "moment.html", text, after) as again:
-            wait_for(page, "replay.map")
-            assert page.locator("#view").screenshot() == again.locator("#view").screenshot()
+            wait_for(again, "replay.map?.n == 4 && replay.map.indices.length == 1")
+
+            def of_the_same_moment():
+                assert page.locator("#view").screenshot() == again.locator("#view").screenshot()
+
+            until(again, of_the_same_moment)
             again.get_by_role("button", name="Reset view").click()
             wait_for(again, "location.hash == '#step=10&modes=3&view=3d&trails=on&theme=dark'")
-            assert not again.get_by_role("button", name="Reset view").is_visible()
+            again.get_by_role("button", name="Reset view").wait_for(state="hidden")
 
 
 def test_what_an_address_asks_for_in_vain_is_said(browser, tmp_path):
@@ -368,7 +374,7 @@ def test_what_an_address_asks_for_in_vain_is_said(browser, tmp_path):
         page.get_by_text("step 0, sweep 0").wait_for()
         page.evaluate("location.hash = 'step=999999&modes=1-3'")  # the last step is the nearest one
         page.get_by_text("step 30, sweep 0").wait_for()
-        assert page.locator("#note").inner_text() == ""
+        wait_for(page, "document.getElementById('note').innerText == ''")
 
 
 def test_a_large_measurement_keeps_the_lowest_modes_within_the_bound():

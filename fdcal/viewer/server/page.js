@@ -144,7 +144,7 @@ function show(uuid, content) {
 
 // Change only what differs: a slider that is dragged and a button that is pressed stay what they are. Elements with an
 // id or a command keep it, also where something appears or goes before them.
-const keyOf = node => node.id || node.dataset?.do || "";
+const keyOf = node => node.id || node.dataset?.do || node.dataset?.local || "";
 function morph(old, wanted) {
   const rest = [...old.childNodes];
   for (const node of [...wanted.childNodes]) {
@@ -245,9 +245,10 @@ function placeLabels(camera) {
 }
 
 function face(name) {
-  root.dataset.face = name == "expert" ? "expert" : "explore";
-  if (introduced) send(`face=${root.dataset.face}`);
-  delete root.dataset.sheet;
+  const wanted = name == "expert" ? "expert" : "explore";
+  if (root.dataset.face != wanted) delete root.dataset.sheet;  // an address that names the face that is shown closes nothing
+  root.dataset.face = wanted;
+  if (introduced) send(`face=${wanted}`);
   setTimeout(unfold, 50);
   write();
 }

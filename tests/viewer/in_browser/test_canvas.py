@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import WAIT, begin_anew, on_screen, press, tab
+from browsing import begin_anew, on_screen, press, tab, until
 from doubles import assessment
 
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
@@ -58,32 +58,39 @@ def test_the_legend_stands_on_the_canvas_below_the_map(page, size):
     scene = load_scene("tiny")
     resized(page, size)
     page.locator("canvas").first.wait_for()
-    canvas = page.locator("canvas").first.bounding_box()
-    x, y = scene.search.origin[:2]
-    (left, bottom), (right, _) = on_screen(page, scene, [(x, y, 0.0), (x + 0.1, y, 0.0)])
-    box = legend_of(page).bounding_box()
-    assert canvas["x"] <= box["x"] and box["x"] + box["width"] <= canvas["x"] + canvas["width"]
-    assert bottom + 30 < box["y"] and box["y"] + box["height"] <= size[1], "below the numbers of the ruler"
-    numbers = page.locator("#fdcal-labels .number:visible", has_text=re.compile(r"^[\d.]+$")).filter(visible=True)
-    assert numbers.count() >= 6
-    for number in numbers.all()[:3]:
-        at = number.bounding_box()
-        value = x + (at["x"] + at["width"] / 2 - left) / (right - left) * 0.1
-        assert value == pytest.approx(float(number.inner_text()), abs=0.004), "each number is where its place is"
-    assert "px" in numbers.first.evaluate("element => getComputedStyle(element).textShadow"), "outlined"
+
+    def it_stands_there():
+        canvas = page.locator("canvas").first.bounding_box()
+        x, y = scene.search.origin[:2]
+        (left, bottom), (right, _) = on_screen(page, scene, [(x, y, 0.0), (x + 0.1, y, 0.0)])
+        box = legend_of(page).bounding_box()
+        assert canvas["x"] <= box["x"] and box["x"] + box["width"] <= canvas["x"] + canvas["width"]
+        assert bottom + 30 < box["y"] and box["y"] + box["height"] <= size[1], "below the numbers of the ruler"
+        numbers = page.locator("#fdcal-labels .number:visible", has_text=re.compile(r"^[\d.]+$")).filter(visible=True)
+        assert numbers.count() >= 6
+        for number in numbers.all()[:3]:
+            at = number.bounding_box()
+            value = x + (at["x"] + at["width"] / 2 - left) / (right - left) * 0.1
+            assert value == pytest.approx(float(number.inner_text()), abs=0.004), "each number is where its place is"
+        assert "px" in numbers.first.evaluate("element => getComputedStyle(element).textShadow"), "outlined"
+
+    until(page, it_stands_there)
 
 
 def test_the_map_fits_beside_the_legend_whatever_pixels_the_screen_has(page):
     """viser reports the pixels of the screen, of which a page has a quarter here and twice as many on a telephone."""
     scene = load_scene("tiny")
-    assert canvas_width(page) > 2 * page.evaluate("document.querySelector('canvas').width")
+    page.wait_for_function("(canvas => canvas.clientWidth > 2 * canvas.width)(document.querySelector('canvas'))")
     assert np.isfinite(on_screen(page, scene, [(*scene.search.origin[:2], 0.0)])).all(), (
         "the camera stands where it fits"
     )
 
 
 def test_the_legend_follows_what_is_drawn(page):
-    assert {"true", "estimate", "known"} < set(entries(page)) and "trail" not in entries(page)
+    def of_what_is_drawn():
+        assert {"true", "estimate", "known"} < set(entries(page)) and "trail" not in entries(page)
+
+    until(page, of_what_is_drawn)
     press(page, "Step")
     page.get_by_text("step 1, sweep").wait_for()
     tab(page, "View")
@@ -102,12 +109,16 @@ def test_the_legend_follows_what_is_drawn(page):
 @pytest.mark.parametrize("size", [LARGE, DESKTOP])
 def test_the_tabs_of_a_panel_stand_in_one_row(page, size):
     resized(page, size)
-    for names in (RIGHT, LEFT):
-        boxes = [page.get_by_role("tab", name=name, exact=True).bounding_box() for name in names]
-        assert len({box["y"] for box in boxes}) == 1
-        ends = [box["x"] + box["width"] for box in boxes]
-        assert all(end <= box["x"] + 0.5 for end, box in zip(ends, boxes[1:], strict=False))
-        assert ends[-1] <= size[0] if names is RIGHT else ends[-1] <= LEFT_WIDTH
+
+    def in_one_row():
+        for names in (RIGHT, LEFT):
+            boxes = [page.get_by_role("tab", name=name, exact=True).bounding_box() for name in names]
+            assert len({box["y"] for box in boxes}) == 1
+            ends = [box["x"] + box["width"] for box in boxes]
+            assert all(end <= box["x"] + 0.5 for end, box in zip(ends, boxes[1:], strict=False))
+            assert ends[-1] <= size[0] if names is RIGHT else ends[-1] <= LEFT_WIDTH
+
+    until(page, in_one_row)
 
 
 def canvas_width(page):
@@ -115,11 +126,10 @@ def canvas_width(page):
 
 
 def wait_for_width(page, wanted):
-    for _ in range(int(WAIT / 0.2)):
-        if wanted(canvas_width(page)):
-            return
-        page.wait_for_timeout(200)
-    pytest.fail(f"the canvas is {canvas_width(page)} pixels wide")
+    def wide():
+        assert wanted(width := canvas_width(page)), width
+
+    until(page, wide)
 
 
 def letters(page):
@@ -134,15 +144,23 @@ def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(page):
     wait_for_width(page, lambda now: now == DESKTOP[0])
     end = page.get_by_role("button", name="End lecture mode")
     end.wait_for()
-    assert letters(page) > 1.25 * small
-    for part in (legend_of(page), end):
-        box = part.bounding_box()
-        assert box["x"] >= 0 and box["x"] + box["width"] <= DESKTOP[0] and box["y"] + box["height"] <= DESKTOP[1]
+
+    def larger_and_in_the_window():
+        assert letters(page) > 1.25 * small
+        for part in (legend_of(page), end):
+            box = part.bounding_box()
+            assert box["x"] >= 0 and box["x"] + box["width"] <= DESKTOP[0] and box["y"] + box["height"] <= DESKTOP[1]
+
+    until(page, larger_and_in_the_window)
     end.click()
     wait_for_width(page, lambda now: abs(now - width) < 2)
     end.wait_for(state="hidden")
-    assert letters(page) == pytest.approx(small, abs=0.5)
-    assert not page.get_by_role("checkbox", name="Lecture mode").is_checked()
+
+    def as_before():
+        assert letters(page) == pytest.approx(small, abs=0.5)
+        assert not page.get_by_role("checkbox", name="Lecture mode").is_checked()
+
+    until(page, as_before)
 
 
 def test_a_key_begins_and_ends_lecture_mode(page):
@@ -160,9 +178,13 @@ def test_the_race_is_visible_whole(page):
     page.get_by_text(re.compile("converged")).nth(3).wait_for()  # all four solvers
     last = page.locator(".uplot:visible").last
     last.scroll_into_view_if_needed()  # does nothing where it is in view
-    for part in (last, page.get_by_role("button", name="Clear", exact=True)):
-        box = part.bounding_box()
-        assert box["y"] >= 0 and box["y"] + box["height"] <= DESKTOP[1]
+
+    def whole():
+        for part in (last, page.get_by_role("button", name="Clear", exact=True)):
+            box = part.bounding_box()
+            assert box["y"] >= 0 and box["y"] + box["height"] <= DESKTOP[1]
+
+    until(page, whole)
     legend_of(page).get_by_text("robust").wait_for()
     press(page, "Clear")
     page.get_by_role("button", name="Clear", exact=True).wait_for(state="hidden")
@@ -175,8 +197,12 @@ def test_on_a_phone_the_legend_stands_above_the_scene(phone, folded):
         bar.click()
         run.wait_for(state="hidden")
     legend_of(phone).get_by_text("estimate").wait_for()
-    box = legend_of(phone).bounding_box()
-    assert box["x"] >= 0 and box["y"] >= 0 and box["width"] <= PHONE[0] and box["height"] < 0.2 * PHONE[1]
+
+    def above_the_scene():
+        box = legend_of(phone).bounding_box()
+        assert box["x"] >= 0 and box["y"] >= 0 and box["width"] <= PHONE[0] and box["height"] < 0.2 * PHONE[1]
+
+    until(phone, above_the_scene)
     if folded:
         bar.click()
         run.wait_for()
@@ -194,9 +220,8 @@ def test_on_a_phone_the_sheet_stays_as_wide_as_the_screen(phone):
 
 def test_on_a_phone_every_tab_can_be_opened(phone):
     for name in (*RIGHT, *LEFT):
-        there = phone.get_by_role("tab", name=name, exact=True)
-        there.click()
-        assert there.get_attribute("aria-selected") == "true"
+        phone.get_by_role("tab", name=name, exact=True).click()
+        phone.get_by_role("tab", name=name, exact=True, selected=True).wait_for()
     sheet = phone.get_by_role("tab", name="Scene", exact=True).locator("xpath=ancestor::*[@role='tablist']")
     box = sheet.bounding_box()
     assert box["width"] > 0.9 * PHONE[0], "the sheet uses the whole width"

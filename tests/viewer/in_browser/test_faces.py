@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from browsing import press
+from browsing import press, until
 
 from fdcal.session.lesson import load_lesson
 
@@ -59,17 +59,19 @@ CUT = """[...document.querySelectorAll("[data-region=bar] :is(b, small, button, 
 def page(opened):
     press(opened, "Explore")
     opened.locator("[data-region=bar] .first").wait_for()
-    opened.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth == innerWidth")
+    fills_the_window(opened)
     return opened
 
 
-def widths(page):
-    """Width of the canvas and of the window."""
-    return page.locator("canvas[data-engine]").bounding_box()["width"], page.viewport_size["width"]
+def fills_the_window(page):
+    page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth == innerWidth")
 
 
 def readable(page):
-    assert set(page.evaluate(SIZES)) <= {"12px", "14px", "18px"}, "and the words on the canvas: four in all"
+    def four_sizes():
+        assert set(page.evaluate(SIZES)) <= {"12px", "14px", "18px"}, "and the words on the canvas: four in all"
+
+    until(page, four_sizes)
     for scheme in ("dark", "light"):
         page.emulate_media(color_scheme=scheme)
         page.locator(f"html[data-mantine-color-scheme={scheme}]").wait_for()
@@ -84,18 +86,21 @@ def uncut(page):
 
 
 def answers_in_sight(page, step):
-    top, bottom, *answers = page.evaluate(ANSWERS)
-    assert len(answers) == len(step.choices) and all(top < a < b <= bottom for a, b in answers), "all are in sight"
+    def all_of_them():
+        top, bottom, *answers = page.evaluate(ANSWERS)
+        assert len(answers) == len(step.choices) and all(top < a < b <= bottom for a, b in answers)
+
+    until(page, all_of_them)
 
 
 def test_everything_in_explore_works(page):
-    assert not page.get_by_role("tab", name="Map").is_visible()
-    assert len(set(widths(page))) == 1, "the canvas fills the window"
+    page.get_by_role("tab", name="Map").wait_for(state="hidden")
+    fills_the_window(page)
     readable(page)
     page.locator("[data-do=modes]").press("Home")
     page.wait_for_function("location.hash.includes('modes=1&')")
     alone = page.locator("[data-do=alone]")
-    assert alone.get_attribute("aria-pressed") == "false"
+    page.locator("[data-do=alone][aria-pressed=false]").wait_for()
     alone.click()
     page.locator("[data-do=alone][aria-pressed=true]").wait_for()
     page.locator("[data-do=modes]").press("PageUp")
@@ -115,15 +120,15 @@ def test_everything_in_explore_works(page):
     page.locator("[data-do=play]", has_text="Play again").wait_for()
     page.get_by_text(re.compile("Converged, .* off on average")).wait_for()
     uncut(page)
-    assert len(page.locator(".run path").get_attribute("d")) > 20, "the cost along the run"
-    assert page.locator("[data-do=onestep]").is_disabled()
+    page.wait_for_function("document.querySelector('.run path').getAttribute('d').length > 20")  # cost along the run
+    page.locator("[data-do=onestep]:disabled").wait_for()
     page.locator("[data-do=state]").press("Home")
     page.get_by_text(re.compile("Paused, .* off on average")).wait_for()
     page.locator("[data-do=onestep]").click()
     page.locator("[data-do=state][max='1']").wait_for()
     press(page, "Start again")
     page.locator("[data-do=restart]").wait_for(state="detached")
-    assert page.locator("[data-do=state]").is_disabled()
+    page.locator("[data-do=state]:disabled").wait_for()
 
 
 def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page):
@@ -135,7 +140,8 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
     readable(page)
     page.keyboard.press("h")
     page.get_by_role("button", name="End lecture mode").wait_for()
-    assert question.is_visible() and len(set(widths(page))) == 1
+    question.wait_for()
+    fills_the_window(page)
     for size in ((1280, 720), (1280, 600)):
         page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
         page.wait_for_function(f"innerHeight == {size[1]}")
@@ -144,19 +150,23 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
     page.locator("[data-do=alone][aria-pressed=false]").wait_for()
     page.get_by_role("button", name="Choose a scene").click()
     page.locator(".scenes button").first.wait_for()
-    assert not page.locator("[data-local='tab:Record']").is_visible(), "there are no panels that it could lead to"
+    page.locator("[data-local='tab:Record']").wait_for(state="hidden")  # there are no panels that it could lead to
     page.keyboard.press("Escape")
     uncut(page)
     press(page, "End lecture mode")
     page.set_viewport_size(dict(zip(("width", "height"), PHONE, strict=True)))
-    page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth == 390")
-    tops = [page.locator(f"[data-region={name}]").bounding_box() for name in ("caption", "bar")]
-    assert min(box["y"] for box in tops) >= PHONE[1] / 2, "the map has half of the screen"
+    fills_the_window(page)
+
+    def the_map_has_half_of_the_screen():
+        boxes = [page.locator(f"[data-region={name}]").bounding_box() for name in ("caption", "bar")]
+        assert min(box["y"] for box in boxes) >= PHONE[1] / 2
+
+    until(page, the_map_has_half_of_the_screen)
     answers_in_sight(page, step)
     page.evaluate("document.querySelector('[data-region=caption] .text').scrollTop = 999")
     page.get_by_role("button", name=step.choices[1], exact=True).click()
     page.locator("[data-region=caption]").get_by_text("Right.").wait_for()
-    assert page.evaluate("[...document.querySelectorAll('[data-region=caption], .text')].every(e => !e.scrollTop)")
+    page.wait_for_function("[...document.querySelectorAll('[data-region=caption], .text')].every(e => !e.scrollTop)")
     press(page, "Next step")
     press(page, "End lesson")
     question.wait_for(state="detached")
@@ -189,7 +199,7 @@ def test_ones_own_recording_is_the_last_of_the_scenes_on_a_phone_too(page):
         page.wait_for_function(BUTTON_SEEN, arg="Look for a sound card")
         press(page, "Explore")
     page.set_viewport_size({"width": 1280, "height": 720})
-    page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth == innerWidth")
+    fills_the_window(page)
 
 
 def test_expert_has_the_panels_and_can_be_left(page):
@@ -197,9 +207,9 @@ def test_expert_has_the_panels_and_can_be_left(page):
     press(page, "Expert")
     page.get_by_role("tab", name="Map").wait_for()
     page.wait_for_function("location.hash.includes('face=expert')")
-    assert widths(page)[0] < widths(page)[1] - 600
+    page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth < innerWidth - 600")
     readable(page)
     page.get_by_role("tab", name="Scene", exact=True).click()
-    assert page.evaluate(CUT_NAMES) == []
+    page.wait_for_function(f"({CUT_NAMES})().length == 0")
     press(page, "Explore")
     page.get_by_role("tab", name="Map").wait_for(state="hidden")

@@ -9,7 +9,7 @@ import threading
 import msgspec
 import pytest
 import viser
-from browsing import COARSE, begin_anew, choose, opened_page, press, slider, tab, unfold
+from browsing import COARSE, begin_anew, choose, opened_page, press, slider, tab, unfold, until
 from websockets.exceptions import ConnectionClosed
 
 from benchmarks.protocol import CAMERA, connect, send
@@ -159,8 +159,12 @@ def test_a_lesson_is_taken_with_clicks_and_keys_and_what_was_before_comes_back(p
     page.get_by_text(re.compile("^step 1, ")).wait_for()
     tab(page, "Map")
     page.get_by_text("microphone 0, ").first.wait_for()
-    number = page.get_by_text("Scale", exact=True).get_attribute("for")
-    assert page.locator(f"[id='{number}']").input_value() == "Linear"
+
+    def linear_again():
+        number = page.get_by_text("Scale", exact=True).get_attribute("for")
+        assert page.locator(f"[id='{number}']").input_value() == "Linear"
+
+    until(page, linear_again)
 
 
 # -- hostile and malformed clients -----------------------------------------------------------------------------------
@@ -251,5 +255,9 @@ def test_the_page_comes_back_with_the_server_as_it_was(served, page):
     page.get_by_text("The connection was lost and is back").wait_for()
     page.wait_for_function("location.hash.includes('microphone=8')")
     tab(page, "Map")
-    assert slider(page, "Microphone").get_attribute("aria-valuenow") == "8"
+
+    def of_microphone_8():
+        assert slider(page, "Microphone").get_attribute("aria-valuenow") == "8"
+
+    until(page, of_microphone_8)
     alive(page)
