@@ -53,13 +53,8 @@ def lshape(opened):
 
 def chosen(page, name, title):
     """Choose a scene in Explore, and wait until it is shown."""
-    there = page.locator(f"[data-do='scene={name}']")
-    for _ in range(10):  # a page that has just changed its face may close the sheet again
-        page.get_by_role("button", name="Choose a scene").click()
-        page.wait_for_timeout(300)
-        if there.is_visible():
-            break
-    there.click()
+    page.get_by_role("button", name="Choose a scene").click()
+    page.locator(f"[data-do='scene={name}']").click()
     page.get_by_role("button", name="Choose a scene").get_by_text(title).wait_for()
 
 
