@@ -125,7 +125,7 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     assert page.evaluate(f"!{FILM}"), "a link leads to what it names"
     legend = page.locator("#fdcal [data-region=legend]")
     legend.get_by_text("low and dark").wait_for()
-    legend.get_by_text("this microphone").wait_for()
+    legend.get_by_text("this microphone").first.wait_for()
     alone, summed = page.locator("[data-do=alone]"), page.locator("[data-do=modes] + output")
     summed.get_by_text(re.compile("^92$")).wait_for()
     page.locator("[data-do=alone][aria-pressed=true]").wait_for()
