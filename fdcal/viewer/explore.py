@@ -25,6 +25,7 @@ THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
 DOT = 8.5  # pixels, radius of a single microphone; of several it falls with the square root of their number
 CURVE_POINTS, CURVE_HEIGHT = 120, 20  # at most, of the curve along a run, and in its own units
+LECTURE = "Lecture mode: larger type and no panels, for a projector (key H)"
 INVITATION = "Drag the red ball away, and let it go."
 ONE_LINE = 40  # characters of a status that leave room for the whole title of the scene
 # The drawing of a recording of one's own: a plus.
@@ -42,16 +43,20 @@ def drawing(points: np.ndarray) -> str:
     return f"<svg viewBox='0 0 {THUMB} {THUMB}' aria-hidden='true'>{dots}</svg>"
 
 
-def run_curve(view: SessionView) -> str:
-    """Return the path of the cost along the states of a run as SVG, from 0 to 100; "" before there are two costs."""
+def run_curve(view: SessionView) -> tuple[str, str]:
+    """Return the path of the cost along the states of a run as SVG, from 0 to 100, and words that say where it lies.
+
+    Both are "" before there are two costs.
+    """
     at = np.unique(np.linspace(0, view.count - 1, min(view.count, CURVE_POINTS)).round().astype(int))
     cost = np.array([view.costs.of(view.history[i]) for i in at.tolist()])
     known = np.isfinite(cost)
     if known.sum() < 2:
-        return ""
+        return "", ""
     x, cost = 100 * at[known] / (view.count - 1), cost[known]
     y = 1 + (CURVE_HEIGHT - 2) * (cost.max() - cost) / max(float(np.ptp(cost)), 1e-9)
-    return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
+    path = "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
+    return path, f"cost along the run, {cost.max().round(1) + 0.0:.1f} to {cost.min().round(1) + 0.0:.1f} dB"
 
 
 def summed_text(modes: tuple[int, ...]) -> str:
@@ -104,7 +109,7 @@ class Explore:
             "onestep": lambda viewer, _: viewer.tabs.run_bar.press("Step"),
             "state": lambda viewer, value: viewer.binding.session.seek(whole(value, 0, viewer.view.count - 1)),
             "sweep": lambda viewer, _: viewer.tabs.sweep.toggle(),
-            "lecture": lambda viewer, _: viewer.tabs.view.lecture_mode(False),
+            "lecture": lambda viewer, _: viewer.tabs.view.lecture_mode(not viewer.binding.choices.lecture),
             "microphone": lambda viewer, value: viewer.tabs.map.pick(
                 whole(value, 0, viewer.binding.measurement.count - 1)
             ),
@@ -178,10 +183,11 @@ class Explore:
         end = "<button data-do='lecture'>End lecture mode</button>" if binding.choices.lecture else ""
         status = escape(waiting) or self._status(viewer)
         count, done = viewer.view.count, state.finished and not running
+        curve, costs = run_curve(viewer.view)
         again = "<button data-do='restart'>Start again</button>" if count > 1 else ""
         return (
             f"<div class='run'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none' aria-hidden='true'>"
-            f"<path d='{run_curve(viewer.view)}'/></svg>{'<small>cost along the run</small>' if count > 1 else ''}"
+            f"<path d='{curve}'/></svg>{costs and f'<small>{costs}</small>'}"
             f"<input type='range' data-do='state' aria-label='State of the run' min='0' max='{max(count - 1, 1)}'"
             f" value='{viewer.view.index}'{'' if count > 1 else ' disabled'}></div>"
             "<button class='view' data-do='look=top'>Top</button><button class='view' data-do='look=close'>3-D</button>"
@@ -229,4 +235,7 @@ class Explore:
         )
         if self._own_files:
             scenes += f"<button data-local='tab:Record'>{OWN}<span>Your own recording ...</span></button>"
-        return f"<div class='scenes'>{scenes}</div><div class='lessons'>{self._lessons.list_html()}</div>"
+        lessons = self._lessons.list_html()
+        if not viewer.binding.choices.lecture:
+            lessons += f"<button data-do='lecture'>{LECTURE}</button>"
+        return f"<div class='scenes'>{scenes}</div><div class='lessons'>{lessons}</div>"

@@ -428,10 +428,12 @@ def test_a_measured_room_has_no_walls_to_set_and_says_what_is_modelled(controls)
 def test_the_curve_falls_with_the_cost_and_has_few_points(count):
     states = [State(np.zeros((1, 2)), step=i, cost=-float(i)) for i in range(count)]
     view = dataclasses.replace(view_of(states), costs=StateCosts(lambda state: state.cost))
-    assert run_curve(view) == "", "no cost is computed here"
+    assert run_curve(view) == ("", ""), "no cost is computed here"
     for state in states:
         view.costs.compute(state)
-    x, y = np.array([pair.split() for pair in re.split("[ML]", run_curve(view))[1:]], float).T
+    path, words = run_curve(view)
+    assert words.endswith(f", 0.0 to {1 - count}.0 dB")
+    x, y = np.array([pair.split() for pair in re.split("[ML]", path)[1:]], float).T
     assert 2 <= len(x) <= CURVE_POINTS and (x[0], x[-1]) == (0, 100) and (np.diff(x) > 0).all()
     assert (np.diff(y) >= 0).all() and 0 < y[0] < y[-1] < CURVE_HEIGHT, "downwards on a screen"
 

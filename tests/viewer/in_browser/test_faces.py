@@ -6,6 +6,7 @@ import pytest
 from browsing import press, until
 
 from fdcal.session.lesson import load_lesson
+from fdcal.viewer.explore import LECTURE
 
 PHONE = (390, 844)
 # Where a caption begins and where its buttons do, and from where to where each answer reaches, pixels.
@@ -138,7 +139,8 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
     question = page.locator("[data-region=caption]").get_by_text(step.question)
     question.wait_for()
     readable(page)
-    page.keyboard.press("h")
+    press(page, "Lessons")
+    press(page, LECTURE)
     page.get_by_role("button", name="End lecture mode").wait_for()
     question.wait_for()
     fills_the_window(page)
