@@ -101,6 +101,8 @@ class Explore:
     def __init__(self, page: LessonPage, lessons: LessonsTab, own_files: bool):
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
         self._names = scene_names()  # the bar is written with every turn of the main loop
+        # what was shown last of what does not come with fdcal, and its drawing
+        self._own: tuple[OpenRequest, str] | None = None
         overlay.on("scene", self._open)
         overlay.on("look", self._look)
         commands = {
@@ -109,6 +111,7 @@ class Explore:
             "onestep": lambda viewer, _: viewer.tabs.run_bar.press("Step"),
             "state": lambda viewer, value: viewer.binding.session.seek(whole(value, 0, viewer.view.count - 1)),
             "sweep": lambda viewer, _: viewer.tabs.sweep.toggle(),
+            "opened": lambda viewer, _: self._open_again(),
             "lecture": lambda viewer, _: viewer.tabs.view.lecture_mode(not viewer.binding.choices.lecture),
             "microphone": lambda viewer, value: viewer.tabs.map.pick(
                 whole(value, 0, viewer.binding.measurement.count - 1)
@@ -140,6 +143,12 @@ class Explore:
         self._lessons.leave()
         self._page.open(OpenRequest(load_scene(name), fewer_modes=True))
 
+    def _open_again(self) -> None:
+        """Open what was opened last and does not come with fdcal; a lesson ends."""
+        if self._own is not None:
+            self._lessons.leave()
+            self._page.open(self._own[0])
+
     def _look(self, client: viser.ClientHandle, view: str) -> None:
         """Place the camera of the browser that asks."""
         require_choice("view", view, VIEWS)
@@ -166,7 +175,11 @@ class Explore:
         if viewer is None:
             overlay.show("bar", _first_bar(self._page.switcher.title, waiting) if waiting else "")
             return
-        overlay.show("bar", self._bar(viewer, self._page.switcher.title if waiting else "", waiting))
+        if viewer.run.scene.name not in self._names and not self._lessons.active:
+            if self._own is None or self._own[0] is not viewer.run.opening:
+                self._own = viewer.run.opening, self._drawn(viewer)
+        bar = self._bar(viewer, self._page.switcher.title if waiting else "", waiting)
+        overlay.show("bar", bar if progress is None else f"{bar}<span class='other'></span>")
         overlay.show("sheet", self._sheet(viewer))
         overlay.show("invitation", INVITATION if viewer.drop.inviting and not self._lessons.active else "")
         overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")
@@ -233,6 +246,10 @@ class Explore:
             f"{thumbnail(name)[1]}<span>{escape(thumbnail(name)[0])}</span></button>"
             for name in self._names
         )
+        if self._own is not None:
+            (request, dots), pressed = self._own, str(self._own[0].scene.name == shown).lower()
+            title = escape(request.scene.title)
+            scenes += f"<button data-do='opened' aria-pressed='{pressed}'>{dots}<span>{title}</span></button>"
         if self._own_files:
             scenes += f"<button data-local='tab:Record'>{OWN}<span>Your own recording ...</span></button>"
         lessons = self._lessons.list_html()

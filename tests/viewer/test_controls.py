@@ -438,6 +438,32 @@ def test_the_curve_falls_with_the_cost_and_has_few_points(count):
     assert (np.diff(y) >= 0).all() and 0 < y[0] < y[-1] < CURVE_HEIGHT, "downwards on a screen"
 
 
+def test_what_was_opened_from_a_file_stays_among_the_scenes(page_of, scene, measurement):
+    page, turn_until = page_of
+    overlay, own = page.panels.overlay, placeholder_scene(measurement, "mine", scene.solver, 0)
+    for request in (OpenRequest(own, measurement=measurement, fewer_modes=True), OpenRequest(scene)):
+        page.open(request)
+        turn_until(lambda request=request: page.viewer and page.viewer.run.scene.name == request.scene.name)
+    turn_until(lambda: "data-do='opened' aria-pressed='false'" in overlay._regions["sheet"].content)
+    assert overlay._regions["sheet"].content.count("data-do='opened'") == 1
+    overlay.receive(None, "stamp opened")
+    turn_until(lambda: page.viewer.run.measurement is measurement)
+    turn_until(lambda: "data-do='opened' aria-pressed='true'" in overlay._regions["sheet"].content)
+
+
+def test_what_is_shown_is_pale_while_something_else_is_prepared(page_of, scene, monkeypatch):
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None and page.switcher.progress is None)
+    shown = []
+    monkeypatch.setattr(page.panels.overlay, "show", lambda region, html: shown.append("class='other'" in html))
+    for progress in (None, SimpleNamespace(text="Reading")):
+        monkeypatch.setattr(type(page.switcher), "progress", progress)
+        shown.clear()
+        page.explore.show()
+        assert any(shown) == (progress is not None)
+
+
 def test_a_page_that_others_can_reach_offers_no_recording_of_ones_own(page_of, scene):
     page, turn_until = page_of
     page.open(OpenRequest(scene))
