@@ -435,6 +435,7 @@ class ListRules:
 
 
 LIST_RULES = ListRules()
+SAME_PLACE = 1e-6  # metres, between two positions of a list that are one: no two microphones are so close
 
 
 @dataclass(frozen=True, eq=False)
@@ -457,6 +458,8 @@ class ListFit:
         Whether the rows that are kept are wrong by more than list and array may be.
     trusted : bool
         Whether the array found is to be trusted; if not, it may be the cause where the fit is `poor`.
+    repeated : tuple of int
+        Microphones whose place in the list another one has, too.
     """
 
     errors: np.ndarray
@@ -466,6 +469,7 @@ class ListFit:
     sized: bool = False
     poor: bool = False
     trusted: bool = True
+    repeated: tuple[int, ...] = ()
 
     @property
     def rms(self) -> float:
@@ -475,7 +479,7 @@ class ListFit:
     @property
     def wrong(self) -> bool:
         """Whether anything but the order is wrong."""
-        return bool(self.misplaced) or self.sized or (self.poor and self.trusted)
+        return bool(self.misplaced or self.repeated) or self.sized or (self.poor and self.trusted)
 
     def faults(self, names: Sequence[object]) -> list[str]:
         """Return what is wrong with the list, its order apart, in words."""
@@ -484,6 +488,8 @@ class ListFit:
             found.append(f"its positions are {1e3 * self.rms:.0f} mm off on average")
         if self.sized:
             found.append(_of_size(self.scale))
+        if self.repeated:
+            found.append(f"the list has one position for several of {', '.join(str(names[n]) for n in self.repeated)}")
         return found
 
 
@@ -535,7 +541,8 @@ def fit_list(
     sized = abs(fit.scale - 1) > max(rules.scale, rules.scale_sigmas * unsure)
     poor, trusted = fit.rms > max(rules.rms, rules.rms_sigmas * own_sigma), verdict == TRUSTED
     misplaced = fit.misplaced if trusted or not poor else ()
-    return replace(fit, misplaced=misplaced, sized=bool(sized) and trusted, poor=poor, trusted=trusted)
+    twice = tuple(np.flatnonzero(nearest_neighbours(np.asarray(given, float)) < SAME_PLACE).tolist())
+    return replace(fit, misplaced=misplaced, sized=bool(sized) and trusted, poor=poor, trusted=trusted, repeated=twice)
 
 
 def describe(

@@ -73,8 +73,8 @@ class Finding:
     unit: str = ""
     charts: tuple[Chart, ...] = ()
     # what differs or is at fault: kind, and microphone, "" where it is none of one. Kinds are those of `ChannelHealth`,
-    # `ClockFault` and `ChannelFault`; "wrapped", "field", "rays"; of a list "exchanged", "misplaced", "off", "size",
-    # "other"
+    # `ClockFault` and `ChannelFault`; "wrapped", "field", "rays"; of a list "exchanged", "misplaced", "repeated",
+    # "off", "size", "other"
     found: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -412,6 +412,7 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
     faults = [*check.exchanges(names), *fit.faults(names)]
     moved = np.flatnonzero(check.order != np.arange(len(own)))
     kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
+    kinds += [("repeated", names[n]) for n in fit.repeated]
     kinds += ([("off", "")] if fit.poor and sure else []) + ([("size", "")] if fit.sized else [])
     unknown = fit.poor or (check.scale != 1 and not sure)  # the size of an untrusted array says nothing of the list
     rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if unknown else "fine"

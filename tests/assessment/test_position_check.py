@@ -205,6 +205,17 @@ def test_a_row_that_is_wrong_is_named_whatever_the_verdict_if_the_other_rows_con
     assert "5 is " in text and "mm off on average" not in text
 
 
+def test_a_position_that_the_list_has_twice_is_named_though_both_microphones_stand_near_it():
+    places = ball(3, 16, 3)
+    listed, found = places.copy(), moved(places, 3)
+    found[9] = found[4] + [0.004, 0.0, 0.0]
+    listed[9] = listed[4]
+    check = compare_positions(found, listed)
+    fit = fit_list(check, found, listed, np.full(16, 0.005))
+    assert fit.repeated == (4, 9) and fit.wrong and not fit.misplaced
+    assert fit.faults(range(16)) == ["the list has one position for several of 4, 9"]
+
+
 @pytest.mark.parametrize("away", [0.03, 0.5])
 def test_a_dead_channel_counts_nowhere_in_the_fit_of_a_list(away):
     places = ball(4, 8, 3)
