@@ -1,12 +1,15 @@
 """The server: who may connect, what it answers, which values it accepts, and how images are sent."""
 
+import asyncio
 import contextlib
 import gzip
 import inspect
 import io
 import re
 import socket
+import sys
 import threading
+import time
 import urllib.request
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,35 +28,68 @@ from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import parameters_of
 from fdcal.viewer import app
 from fdcal.viewer.server import client_values, hardening
-from fdcal.viewer.server.hardening import encoded, titled
-
-MAIN = threading.main_thread()
+from fdcal.viewer.server.hardening import SafeMessageBuffer, encoded, titled
 
 
-class RaisingEvent:
-    """An event that raises when the main thread sets it."""
+def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it():
+    """asyncio.Event loses one that another thread sets while `wait` has looked at it and does not yet wait."""
 
-    def __init__(self, event):
-        self._event, self.woken = event, threading.Event()
+    async def first_window():
+        loop = asyncio.get_running_loop()
+        buffer = SafeMessageBuffer(loop, persistent_messages=True)
+        event = buffer.message_event
+        waits = event._get_loop
 
-    def set(self):
-        if threading.current_thread() is MAIN:
-            raise RuntimeError("deque mutated during iteration")
-        self._event.set()
-        self.woken.set()
+        def pushed_in_between():
+            del event._get_loop
+            other = threading.Thread(target=buffer.push, args=(_messages.RunJavascriptMessage("1"),))
+            other.start()
+            other.join()
+            return waits()
 
-    def __getattr__(self, name):
-        return getattr(self._event, name)
+        event._get_loop = pushed_in_between
+        windows = buffer.window_generator(0)
+        async with asyncio.timeout(5):
+            return await anext(windows)
+
+    assert len(asyncio.run(first_window())) == 1
 
 
-def test_the_event_loop_is_woken_though_push_raises(server):
-    buffer = server._websock_server._broadcast_buffer
-    buffer.message_event = startled = RaisingEvent(buffer.message_event)
-    text = server.gui.add_html("one")
-    text.content = "two"
-    assert startled.woken.wait(WAIT) and text.content == "two"
-    server.gui.reset()
-    buffer.message_event = startled._event
+def test_messages_of_several_threads_all_arrive_whatever_they_interrupt():
+    """Also those in atomic blocks; with threads that take turns as often as Python can."""
+    threads, each = 3, 200
+
+    async def received():
+        buffer = SafeMessageBuffer(asyncio.get_running_loop(), persistent_messages=False)
+
+        def push():
+            for n in range(each):
+                with buffered(buffer) if n % 2 else contextlib.nullcontext():
+                    buffer.push(_messages.RunJavascriptMessage(str(n)))
+                time.sleep(1e-4)
+
+        pushing = [threading.Thread(target=push) for _ in range(threads)]
+        for one in pushing:
+            one.start()
+        count = 0
+        async with asyncio.timeout(WAIT):
+            async for window in buffer.window_generator(0):
+                if (count := count + len(window)) == threads * each:
+                    return count
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        assert asyncio.run(received()) == threads * each
+    finally:
+        sys.setswitchinterval(interval)
+
+
+@contextlib.contextmanager
+def buffered(buffer):
+    buffer.atomic_start()
+    yield
+    buffer.atomic_end()
 
 
 @pytest.mark.parametrize("port", [-1, 65536, 80000])

@@ -282,16 +282,29 @@ def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
     return gzip.compress(renamed, 1) if zipped else renamed
 
 
-class SafeMessageBuffer(AsyncMessageBuffer):
-    """A buffer that always wakes the event loop."""
+class LoopEvent(asyncio.Event):
+    """An event that its own event loop alone sets.
 
-    def push(self, message) -> None:
-        """Queue a message; any thread."""
-        try:
-            super().push(message)
-        except RuntimeError:  # "deque mutated during iteration"
-            with contextlib.suppress(RuntimeError):  # the loop is closed
-                self.event_loop.call_soon_threadsafe(self.message_event.set)
+    One that another thread sets just before `wait` queues its future never ends that waiting, since later calls of
+    `set` find it set: a browser would be sent nothing more. viser sets it on the loop in any case.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop):
+        super().__init__()
+        self._own = loop
+
+    def set(self) -> None:
+        """Set the event where the caller runs on its event loop, else do nothing."""
+        if asyncio._get_running_loop() is self._own:
+            super().set()
+
+
+class SafeMessageBuffer(AsyncMessageBuffer):
+    """A buffer whose messages all reach the browsers, whichever thread pushes them."""
+
+    def __init__(self, *arguments, **options):
+        super().__init__(*arguments, **options)
+        self.message_event = LoopEvent(self.event_loop)
 
 
 LEVEL = 1  # of compression, 0 to 9
