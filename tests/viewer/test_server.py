@@ -7,9 +7,7 @@ import inspect
 import io
 import re
 import socket
-import sys
 import threading
-import time
 import urllib.request
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,7 +29,8 @@ from fdcal.viewer.server import client_values, hardening
 from fdcal.viewer.server.hardening import SafeMessageBuffer, encoded, titled
 
 
-def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it():
+@pytest.mark.parametrize("atomic", [False, True])
+def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it(atomic):
     """asyncio.Event loses one that another thread sets while `wait` has looked at it and does not yet wait."""
 
     async def first_window():
@@ -40,9 +39,16 @@ def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it
         event = buffer.message_event
         waits = event._get_loop
 
+        def push():
+            if atomic:
+                buffer.atomic_start()
+            buffer.push(_messages.RunJavascriptMessage("1"))
+            if atomic:
+                buffer.atomic_end()
+
         def pushed_in_between():
             del event._get_loop
-            other = threading.Thread(target=buffer.push, args=(_messages.RunJavascriptMessage("1"),))
+            other = threading.Thread(target=push)
             other.start()
             other.join()
             return waits()
@@ -53,43 +59,6 @@ def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it
             return await anext(windows)
 
     assert len(asyncio.run(first_window())) == 1
-
-
-def test_messages_of_several_threads_all_arrive_whatever_they_interrupt():
-    """Also those in atomic blocks; with threads that take turns as often as Python can."""
-    threads, each = 3, 200
-
-    async def received():
-        buffer = SafeMessageBuffer(asyncio.get_running_loop(), persistent_messages=False)
-
-        def push():
-            for n in range(each):
-                with buffered(buffer) if n % 2 else contextlib.nullcontext():
-                    buffer.push(_messages.RunJavascriptMessage(str(n)))
-                time.sleep(1e-4)
-
-        pushing = [threading.Thread(target=push) for _ in range(threads)]
-        for one in pushing:
-            one.start()
-        count = 0
-        async with asyncio.timeout(WAIT):
-            async for window in buffer.window_generator(0):
-                if (count := count + len(window)) == threads * each:
-                    return count
-
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    try:
-        assert asyncio.run(received()) == threads * each
-    finally:
-        sys.setswitchinterval(interval)
-
-
-@contextlib.contextmanager
-def buffered(buffer):
-    buffer.atomic_start()
-    yield
-    buffer.atomic_end()
 
 
 @pytest.mark.parametrize("port", [-1, 65536, 80000])
