@@ -295,8 +295,9 @@ class LoopEvent(asyncio.Event):
 
     def set(self) -> None:
         """Set the event where the caller runs on its event loop, else do nothing."""
-        if asyncio._get_running_loop() is self._own:
-            super().set()
+        with contextlib.suppress(RuntimeError):  # no event loop runs on this thread
+            if asyncio.get_running_loop() is self._own:
+                super().set()
 
 
 class SafeMessageBuffer(AsyncMessageBuffer):
