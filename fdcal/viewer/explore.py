@@ -25,7 +25,7 @@ THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
 DOT = 8.5  # pixels, radius of a single microphone; of several it falls with the square root of their number
 CURVE_POINTS, CURVE_HEIGHT = 120, 20  # at most, of the curve along a run, and in its own units
-LECTURE = "Lecture mode: larger type and no panels, for a projector (key H)"
+LECTURE = "Lecture mode: larger type, no panels (key H)"
 INVITATION = "Drag the red ball away, and let it go."
 ONE_LINE = 40  # characters of a status that leave room for the whole title of the scene
 # The drawing of a recording of one's own: a plus.
