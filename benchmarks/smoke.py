@@ -33,6 +33,8 @@ def check_page() -> None:
     from .protocol import ProtocolPage  # here, because it needs the extra "page"
 
     command = [sys.executable, "-m", "fdcal", "view", SCENE, "--port", "0", "--no-browser"]
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; the server would inherit it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         address = server.stdout.readline().strip()
