@@ -432,10 +432,10 @@ class ListRules:
     # mm, and 1.8 sigmas where it is above 5 mm; a tape that errs by 5 mm in each coordinate brings 8.7 mm
     rms: float = 0.015
     rms_sigmas: float = 2.5
+    repeated: float = 1e-6  # metres: two positions of a list that are closer are the same, and one of them is wrong
 
 
 LIST_RULES = ListRules()
-SAME_PLACE = 1e-6  # metres, between two positions of a list that are one: no two microphones are so close
 
 
 @dataclass(frozen=True, eq=False)
@@ -459,7 +459,7 @@ class ListFit:
     trusted : bool
         Whether the array found is to be trusted; if not, it may be the cause where the fit is `poor`.
     repeated : tuple of int
-        Microphones whose place in the list another one has, too.
+        Microphones that share their position in the list with another one.
     """
 
     errors: np.ndarray
@@ -489,7 +489,8 @@ class ListFit:
         if self.sized:
             found.append(_of_size(self.scale))
         if self.repeated:
-            found.append(f"the list has one position for several of {', '.join(str(names[n]) for n in self.repeated)}")
+            sharing = ", ".join(str(names[n]) for n in self.repeated)
+            found.append(f"the list gives the same position to more than one microphone: {sharing}")
         return found
 
 
@@ -541,8 +542,8 @@ def fit_list(
     sized = abs(fit.scale - 1) > max(rules.scale, rules.scale_sigmas * unsure)
     poor, trusted = fit.rms > max(rules.rms, rules.rms_sigmas * own_sigma), verdict == TRUSTED
     misplaced = fit.misplaced if trusted or not poor else ()
-    twice = tuple(np.flatnonzero(nearest_neighbours(np.asarray(given, float)) < SAME_PLACE).tolist())
-    return replace(fit, misplaced=misplaced, sized=bool(sized) and trusted, poor=poor, trusted=trusted, repeated=twice)
+    same = tuple(np.flatnonzero(nearest_neighbours(np.asarray(given, float)) < rules.repeated).tolist())
+    return replace(fit, misplaced=misplaced, sized=bool(sized) and trusted, poor=poor, trusted=trusted, repeated=same)
 
 
 def describe(

@@ -56,7 +56,7 @@ def run_curve(view: SessionView) -> tuple[str, str]:
     x, cost = 100 * at[known] / (view.count - 1), cost[known]
     y = 1 + (CURVE_HEIGHT - 2) * (cost.max() - cost) / max(float(np.ptp(cost)), 1e-9)
     path = "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
-    return path, f"cost along the run, {cost.max().round(1) + 0.0:.1f} to {cost.min().round(1) + 0.0:.1f} dB"
+    return path, f"cost along the run, {cost.max():z.1f} to {cost.min():z.1f} dB"
 
 
 def summed_text(modes: tuple[int, ...]) -> str:
@@ -101,8 +101,7 @@ class Explore:
     def __init__(self, page: LessonPage, lessons: LessonsTab, own_files: bool):
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
         self._names = scene_names()  # the bar is written with every turn of the main loop
-        # what was shown last of what does not come with fdcal, and its drawing
-        self._own: tuple[OpenRequest, str] | None = None
+        self._own: tuple[OpenRequest, str] | None = None  # the file that was shown last, and the drawing of its array
         overlay.on("scene", self._open)
         overlay.on("look", self._look)
         commands = {
@@ -144,7 +143,7 @@ class Explore:
         self._page.open(OpenRequest(load_scene(name), fewer_modes=True))
 
     def _open_again(self) -> None:
-        """Open what was opened last and does not come with fdcal; a lesson ends."""
+        """Open the file again that was shown last; a lesson ends."""
         if self._own is not None:
             self._lessons.leave()
             self._page.open(self._own[0])
@@ -175,14 +174,19 @@ class Explore:
         if viewer is None:
             overlay.show("bar", _first_bar(self._page.switcher.title, waiting) if waiting else "")
             return
-        if viewer.run.scene.name not in self._names and not self._lessons.active:
-            if self._own is None or self._own[0] is not viewer.run.opening:
-                self._own = viewer.run.opening, self._drawn(viewer)
+        self._remember(viewer)
         bar = self._bar(viewer, self._page.switcher.title if waiting else "", waiting)
-        overlay.show("bar", bar if progress is None else f"{bar}<span class='other'></span>")
+        overlay.show("bar", bar if progress is None else f"{bar}<span class='preparing'></span>")
         overlay.show("sheet", self._sheet(viewer))
         overlay.show("invitation", INVITATION if viewer.drop.inviting and not self._lessons.active else "")
         overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")
+
+    def _remember(self, viewer: Viewer) -> None:
+        """Keep the request of what is shown where it does not come with fdcal, so that it can be opened again."""
+        request = viewer.run.opening
+        comes_with_fdcal = request.scene.name in self._names or self._lessons.active
+        if not comes_with_fdcal and (self._own is None or self._own[0] is not request):
+            self._own = request, self._drawn(viewer)
 
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
         binding, state = viewer.binding, viewer.view.state

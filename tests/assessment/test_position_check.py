@@ -213,7 +213,7 @@ def test_a_position_that_the_list_has_twice_is_named_though_both_microphones_sta
     check = compare_positions(found, listed)
     fit = fit_list(check, found, listed, np.full(16, 0.005))
     assert fit.repeated == (4, 9) and fit.wrong and not fit.misplaced
-    assert fit.faults(range(16)) == ["the list has one position for several of 4, 9"]
+    assert fit.faults(range(16)) == ["the list gives the same position to more than one microphone: 4, 9"]
 
 
 @pytest.mark.parametrize("away", [0.03, 0.5])

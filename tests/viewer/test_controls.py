@@ -456,7 +456,7 @@ def test_what_is_shown_is_pale_while_something_else_is_prepared(page_of, scene, 
     page.open(OpenRequest(scene))
     turn_until(lambda: page.viewer is not None and page.switcher.progress is None)
     shown = []
-    monkeypatch.setattr(page.panels.overlay, "show", lambda region, html: shown.append("class='other'" in html))
+    monkeypatch.setattr(page.panels.overlay, "show", lambda region, html: shown.append("class='preparing'" in html))
     for progress in (None, SimpleNamespace(text="Reading")):
         monkeypatch.setattr(type(page.switcher), "progress", progress)
         shown.clear()

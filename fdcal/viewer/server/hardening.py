@@ -283,10 +283,10 @@ def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
 
 
 class LoopEvent(asyncio.Event):
-    """An event that its own event loop alone sets.
+    """An event that is set on its own event loop alone; viser sets it there, too, after every message.
 
-    One that another thread sets just before `wait` queues its future never ends that waiting, since later calls of
-    `set` find it set: a browser would be sent nothing more. viser sets it on the loop in any case.
+    `wait` finds an event unset, and then queues its future. If another thread sets the event between the two, `wait`
+    never returns, because later calls of `set` find the event set and do nothing. The browser gets no more messages.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop):
