@@ -1,5 +1,7 @@
 """Commands that draw: `landscape`, `field`, `snapshot`, `replay` and `gallery`."""
 
+from dataclasses import replace
+
 import click
 
 from ..model.validation import InputError
@@ -34,7 +36,7 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     """
     path = opt.output_path(output, [".png", ".svg", ".vti"], force)
     from ..graphics.landscape import landscape_panels
-    from ..model.given_positions import with_search_domain
+    from ..model.settings import search_around
     from ..model.storage import write_atomically
     from .plotting import shown_positions, write_volume
 
@@ -46,7 +48,8 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
         write_volume(path, inputs, positions, n, force, basins)
         return
-    problem = with_search_domain(measurement, positions).problem(inputs.settings.weights)
+    searched = replace(measurement, search=search_around(positions, measurement.search))
+    problem = searched.problem(inputs.settings.weights)
     panels = landscape_panels(problem, positions, n, modes, inputs.settings.order_offset)
     content = _landscape_bytes(path.suffix.lower(), panels, measurement, basins)
     write_atomically(path, lambda file: file.write_bytes(content), force)
@@ -174,7 +177,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     path = opt.output_path(output, ".html", force)
     from ..cost.expansion import reference_cost_of
     from ..graphics.replay import replay_html
-    from ..model.given_positions import with_search_domain
+    from ..model.settings import search_around
     from ..model.storage import write_atomically
     from ..session.calibration_run import states_of
     from ..session.session import recorded
@@ -187,7 +190,8 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     with opt.progress_bar("calibrating") as progress:
         states = recorded(states_of(inputs, progress))
     title = inputs.title or inputs.name if inputs.scene is None else inputs.scene.title
-    source = with_search_domain(inputs.measurement, states[-1].positions)
+    domain = search_around(states[-1].positions, inputs.measurement.search)
+    source = replace(inputs.measurement, search=domain)
     measurement = source if inputs.scene is None else as_given(inputs.scene, source)
     problem = source.problem(inputs.settings.weights, inputs.settings.known)
     sought = counted_microphones(inputs, states[-1])

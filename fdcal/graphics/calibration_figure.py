@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from ..assessment.calibration import Calibration
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..cost.expansion import reference_cost_of
-from ..model.given_positions import with_search_domain
+from ..model.settings import search_around
 from ..model.validation import InputError, length_text
 from .landscape import figure_bytes
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
@@ -198,7 +198,8 @@ def show_calibration(self: Calibration) -> Replay:
     run = self.run
     steps = solvers.run(run.problem, run.settings, run.seed)
     states = list(takewhile(lambda state: state.step <= run.step, steps))  # a run that was stopped had no more
-    measurement = with_search_domain(run.measurement, states[-1].positions)
+    search = search_around(states[-1].positions, run.measurement.search)
+    measurement = replace(run.measurement, search=search)
     sought = self.counted([n for n, name in enumerate(self.names) if name in (self.known or ())])
     problem = replace(run.problem, search=measurement.search)
     if not len(problem.known):

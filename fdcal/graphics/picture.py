@@ -11,7 +11,6 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.scene import Scene
-from ..model.settings import Search
 from ..model.validation import Reals, format_mm
 from . import glyphs
 from .heatmap import relief_shadow, relief_sides
@@ -31,33 +30,6 @@ from .markers import (
     true_microphones,
 )
 from .primitives import Anchor, Floor, Label, Lines, Mesh, Picture, Theme, theme_of
-
-DOMAIN_MARGIN = 0.25  # on all sides of the box, of its longest edge
-DOMAIN_STEPS = 40  # along its longest edge
-MIN_DOMAIN = 0.4  # m, of its longest edge
-
-
-def with_display_domain(measurement: Measurement, positions) -> Measurement:
-    """Return the measurement as it is to be drawn: with a search domain around the positions (N, D) if it has none.
-
-    For pictures alone: a solver must not take this domain for something known.
-    """
-    if measurement.search is not None:
-        return measurement
-    positions = np.asarray(positions, float)
-    known = np.asarray(measurement.known_positions, float).reshape(-1, positions.shape[1])
-    points = [positions, known]
-    if measurement.positions is not None and not measurement.blind:
-        points.append(measurement.positions)
-    points = np.concatenate(points)
-    low, high = points.min(axis=0), points.max(axis=0)
-    edge = max(float((high - low).max()), MIN_DOMAIN)
-    step = edge / DOMAIN_STEPS
-    counts = np.ceil((high - low + 2 * DOMAIN_MARGIN * edge) / step)
-    origin = (low + high - counts * step) / 2
-    search = Search(tuple(map(float, origin)), tuple(map(float, counts * step)), step, radius=edge)
-    return replace(measurement, search=search)
-
 
 Box = tuple[float, float, float, float]
 Part = Lines | Mesh | Label

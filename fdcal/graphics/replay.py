@@ -34,7 +34,7 @@ from ..model.gauge import align, fixes_gauge
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
-from ..model.settings import SolverSettings, search_round
+from ..model.settings import SolverSettings, search_around
 from .heatmap import colour_limits, normalise, to_rgb
 from .picture import focus_of, wall_height, z_range_of
 
@@ -168,7 +168,11 @@ def replay_html(
     steps, each with parts that show a range of the states (`fdcal.commands.gallery_pages`); `opens_at`: what it shows
     where nothing stands after # in its address, as it would stand there.
     """
-    measurement, problem = _with_domain(measurement, problem, states[-1].positions)
+    search, truth = measurement.search, measurement.positions
+    if search is not None and truth is not None and measurement.blind:  # which is drawn at its true positions
+        search = search_around(states[-1].positions, search, truth)
+        measurement = replace(measurement, search=search)
+        problem = None if problem is None else replace(problem, search=search)
     maps = None if problem is None else map_data(problem)
     data, arrays = _static_data(scene, measurement), {}
     if maps is not None:
@@ -230,24 +234,6 @@ def _descent(problem: Problem | None, state, order_offset: int) -> dict | None:
     if not fixes_gauge(problem.known_positions) or settings.order_offset > order_offset:
         return None
     return {name: getattr(settings, name) for name in ("order_offset", "ample_modes", "known_weight")}
-
-
-def _with_domain(
-    measurement: Measurement, problem: Problem | None, estimate: np.ndarray
-) -> tuple[Measurement, Problem | None]:
-    """Return both with a search domain round the estimate of a blind array, whose own is elsewhere.
-
-    The positions of a blind array are moved as a whole onto the true ones; a domain may be in the axes of the solver.
-    """
-    search, truth = measurement.search, measurement.positions
-    if search is None or not measurement.blind or truth is None:
-        return measurement, problem
-    places = align(estimate, truth).mean(axis=0)
-    low = np.array(search.origin)
-    if ((low <= places) & (places <= low + search.size)).all():
-        return measurement, problem
-    search = replace(search_round(align(estimate, truth)), radius=search.radius)
-    return replace(measurement, search=search), None if problem is None else replace(problem, search=search)
 
 
 def _page(title: str, data: str) -> str:

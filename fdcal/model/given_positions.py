@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from .gauge import align
 from .measurement import Measurement
 from .measurement_checks import microphone_index
-from .settings import search_round
 from .validation import InputError, frozen_array, require_array, shown_literal
 
 
@@ -130,15 +128,3 @@ def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int
     problem = f"{len(given)} positions are given for {len(names)} microphones, and their names differ"
     remedy = "give <positions> of all microphones, in the order of the channels or with their names"
     raise InputError(problem, remedy, key="positions")
-
-
-def with_search_domain(measurement: Measurement, positions: Any, blind: bool = False) -> Measurement:
-    """Return a measurement with a search domain: its own, or one round `positions` (N, D), metres.
-
-    `blind`: whether the positions are first moved as a whole onto the true ones, if these are there.
-    """
-    if measurement.search is not None:
-        return measurement
-    if blind and measurement.positions is not None:
-        positions = align(positions, measurement.positions)
-    return replace(measurement, search=search_round(positions))

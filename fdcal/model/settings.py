@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from .declared import Count, Hertz, Metres, Positive, check, positive, within
+from .gauge import align
 from .validation import LIMITS, InputError, Point, refusal, require_finite
 
 
@@ -312,7 +313,7 @@ class SolverSettings:
         return value
 
 
-# A search domain round an estimate, for a measurement that comes without one. Solvers but `descent` and a random start
+# A search domain around an estimate, for a measurement that comes without one. Solvers but `descent` and a random start
 # need none; maps, the cost and the order rule do.
 MARGIN = 0.25  # beyond the outermost estimates, of the longest side of the array
 MIN_MARGIN = 0.05  # m
@@ -320,13 +321,20 @@ CELLS = {2: 120, 3: 60}  # steps along the longest side, at most, by the number 
 STEPS = (1.0, 2.0, 5.0)  # digits of a step, m
 
 
-def search_round(positions: Any) -> Search:
-    """Return a search domain round positions (N, D), metres, whose step is 1, 2 or 5 times a power of ten.
+def search_around(positions: Any, own: Search | None = None, truth: Any = None) -> Search:
+    """Return the search domain `own`, or one around positions (N, D), metres, if there is none.
 
-    R is the distance from its centre to its corner; in space, where the corners hold nothing, that to the outermost
-    position, and the margin.
+    Positions of a blind array are moved as a whole onto `truth` (N, D) first, where that is known. Its own domain may
+    be in the axes of the solver that estimated it; it counts only if it holds the middle of the moved positions.
+
+    The step is 1, 2 or 5 times a power of ten. R is the distance from the centre to a corner; in space, where the
+    corners hold nothing, that to the outermost position, and the margin; with a domain of its own it keeps that R.
     """
-    positions = np.asarray(positions, float)
+    positions = np.asarray(positions, float) if truth is None else align(positions, truth)
+    if own is not None:
+        offset = positions.mean(axis=0) - own.origin
+        if truth is None or ((offset >= 0) & (offset <= own.size)).all():
+            return own
     low, high = positions.min(axis=0), positions.max(axis=0)
     margin = max(MARGIN * float((high - low).max()), MIN_MARGIN)
     sides = high - low + 2 * margin
@@ -337,4 +345,5 @@ def search_round(positions: Any) -> Search:
     centre, size = (low + high) / 2, cells * step
     outermost = float(np.linalg.norm(positions - centre, axis=1).max()) + margin
     radius = float(np.linalg.norm(size)) / 2 if len(size) == 2 else outermost
+    radius = radius if own is None else own.radius
     return Search(tuple((centre - size / 2).tolist()), tuple(size.tolist()), step, radius)

@@ -16,11 +16,10 @@ from ..assessment.findings import modes_below_limit
 from ..cost.expansion import reference_cost_of
 from ..model.declared import require_positive
 from ..model.gauge import move_to_frame, turn_to_frame
-from ..model.given_positions import with_search_domain
 from ..model.measurement import Measurement
 from ..model.measurement_checks import check_channels, microphone_index
 from ..model.problem import Problem
-from ..model.settings import SolverSettings, search_round
+from ..model.settings import SolverSettings, search_around
 from ..model.validation import InputError, frozen_array
 from ..solvers import load, run
 from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
@@ -253,8 +252,7 @@ def cost_in_decibels(found: Assessment) -> float | None:
     problem = found.problem
     if not np.isfinite(found.positions).all():
         return None
-    if problem.search is None:
-        problem = replace(problem, search=search_round(found.positions))
+    problem = replace(problem, search=search_around(found.positions, problem.search))
     reference_cost = reference_cost_of(problem)
     if reference_cost is None:
         return None
@@ -278,7 +276,7 @@ def with_estimated_domain(
         return measurement
     if settings.room is not None and len(settings.room) == measurement.array_dimension:
         corners = [(0.0,) * len(settings.room), settings.room]
-        return replace(measurement, search=search_round(corners))
+        return replace(measurement, search=search_around(corners))
     needs_search = solvers.load(settings.name).TRAITS.needs_search
     chosen = replace(settings, name=DOMAIN_SOLVER if needs_search else settings.name, start=None)
     inputs = CalibrationInput(measurement=measurement, name="", scene=None, settings=chosen, seed=seed)
@@ -290,4 +288,5 @@ def with_estimated_domain(
     except InputError:
         return measurement
     blind = measurement.blind or settings.known == "none"
-    return with_search_domain(measurement, state.best_positions, blind)
+    truth = measurement.positions if blind else None
+    return replace(measurement, search=search_around(state.best_positions, truth=truth))

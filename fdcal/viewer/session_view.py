@@ -17,9 +17,10 @@ from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..cost.scale import LEAST_RANGE
 from ..graphics import overlays
 from ..graphics.annotations import legend_of
-from ..graphics.picture import static_picture, with_display_domain, with_estimate, with_floor
+from ..graphics.picture import static_picture, with_estimate, with_floor
 from ..graphics.primitives import Floor, Picture
 from ..graphics.volume import Volume, faded
+from ..model.settings import search_around
 from ..model.validation import length_text
 from ..session.calibration_run import Assessment, assess_state, healthy_microphones
 from ..session.process import one_blas_thread
@@ -114,7 +115,12 @@ class SessionPicture:
     def __init__(self, run: PreparedRun, frame: DisplayFrame):
         self._run, self._frame = run, frame
         start = frame.positions(run.session.view.history[0].positions)
-        self._measurement = with_display_domain(run.measurement, start)
+        measured = run.measurement
+        shown = [start, np.reshape(measured.known_positions, (-1, start.shape[1]))]
+        if measured.positions is not None and not measured.blind:
+            shown.append(measured.positions)
+        # for pictures alone where it has none: a solver must not take this domain for something known
+        self._measurement = replace(measured, search=search_around(np.concatenate(shown), measured.search))
         self.places, self.ball = start, None  # and the microphone that is drawn as a ball, if one is
         self._static: dict[tuple, Picture] = {}  # by whether the page is dark, and for a projector, and by the take
         self._floor, self._volume = Last(), Last()  # with the opacity that was chosen

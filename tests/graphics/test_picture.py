@@ -27,7 +27,6 @@ from fdcal.graphics.picture import (
     error_summary,
     name_place,
     static_picture,
-    with_display_domain,
     with_estimate,
     z_range_of,
 )
@@ -35,6 +34,7 @@ from fdcal.graphics.primitives import Mesh
 from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import search_around
 
 
 @pytest.fixture(scope="module")
@@ -342,17 +342,18 @@ def test_the_frame_holds_every_microphone_and_the_known_ones(dimension, known):
         dimension=dimension,
         array_dimension=dimension,
     )
-    drawn = with_display_domain(measured, places + 0.2)
+    search = search_around(np.concatenate([places + 0.2, places[:known]]))
+    drawn = dataclasses.replace(measured, search=search)
     x0, y0, x1, y1 = compose(None, drawn, places + 0.2).focus
     for points in (places + 0.2, places[:known]):
         assert ((points[:, :2] > [x0, y0]) & (points[:, :2] < [x1, y1])).all()
-    assert measured.search is None and with_display_domain(drawn, places) is drawn
-    assert dataclasses.replace(drawn, search=None).count == measured.count
+    assert search_around(places, search) is search
 
 
 def test_microphones_with_equal_estimates_have_a_frame_too():
     measured = Measurement(frequencies=np.array([100.0]), pressures=np.ones((1, 5), complex), sound_speed=343.0)
-    x0, y0, x1, y1 = compose(None, with_display_domain(measured, np.zeros((5, 2)))).focus
+    drawn = dataclasses.replace(measured, search=search_around(np.zeros((5, 2))))
+    x0, y0, x1, y1 = compose(None, drawn).focus
     assert x1 - x0 > 0.1 and y1 - y0 > 0.1
 
 

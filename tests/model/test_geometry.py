@@ -33,7 +33,7 @@ from fdcal.model.gauge import align, fixes_gauge, position_errors
 from fdcal.model.room import Room
 from fdcal.model.scene import Array, Gauge
 from fdcal.model.scene_file import load_scene
-from fdcal.model.settings import CELLS, Search, Sensing, search_round
+from fdcal.model.settings import CELLS, Search, Sensing, search_around
 from fdcal.model.validation import InputError, length_text
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
@@ -374,7 +374,7 @@ def test_one_seed_is_one_place_and_a_full_room_has_none():
 def test_it_holds_the_array_and_a_margin(dimension, size):
     rng = np.random.default_rng(0)
     positions = 3 + size * rng.uniform(size=(30, dimension))
-    search = search_round(positions)
+    search = search_around(positions)
     low, high = np.array(search.origin), np.add(search.origin, search.size)
     extent = float(np.ptp(positions, axis=0).max())
     assert (positions.min(axis=0) - low > 0.2 * extent).all() and (high - positions.max(axis=0) > 0.2 * extent).all()
@@ -386,14 +386,27 @@ def test_it_holds_the_array_and_a_margin(dimension, size):
 def test_it_moves_and_grows_with_the_array():
     rng = np.random.default_rng(1)
     positions = rng.uniform(size=(20, 2))
-    one, moved, larger = search_round(positions), search_round(positions + 7.0), search_round(10 * positions)
+    one, moved, larger = search_around(positions), search_around(positions + 7.0), search_around(10 * positions)
     np.testing.assert_allclose(np.subtract(moved.origin, one.origin), 7.0)
     assert moved.size == pytest.approx(one.size) and moved.radius == pytest.approx(one.radius)
     assert larger.step == pytest.approx(10 * one.step) and larger.radius == pytest.approx(10 * one.radius)
 
 
+def test_a_blind_array_keeps_its_domain_only_where_its_true_positions_are():
+    rng = np.random.default_rng(2)
+    truth = rng.uniform(size=(20, 2))
+    estimate = truth @ [[0.0, -1.0], [1.0, 0.0]] + 9.0
+    around = search_around(truth)
+    assert search_around(estimate, around, truth) is around
+    elsewhere = dataclasses.replace(around, origin=(8.0, 8.0), radius=3.0)
+    assert search_around(estimate, elsewhere) is elsewhere
+    moved = search_around(estimate, elsewhere, truth)
+    np.testing.assert_allclose(moved.origin, around.origin, atol=1e-9)
+    assert moved.radius == 3.0
+
+
 def test_one_place_has_a_domain_too():
-    search = search_round([[1.0, 2.0]])
+    search = search_around([[1.0, 2.0]])
     assert min(search.size) >= 0.1 and search.radius > 0
 
 

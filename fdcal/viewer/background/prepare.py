@@ -18,13 +18,11 @@ import numpy as np
 from ... import solvers
 from ...acoustics.measure import cached_measurement
 from ...cost.expansion import ReferenceCost, reference_cost_of
-from ...model.gauge import align
-from ...model.given_positions import with_search_domain
 from ...model.measurement import Measurement
 from ...model.problem import Problem
 from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene
-from ...model.settings import ALL_MODES, search_round
+from ...model.settings import ALL_MODES, search_around
 from ...model.validation import InputError, StorageError
 from ...session.calibration_run import with_estimated_domain
 from ...session.session import Session
@@ -310,37 +308,23 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
         raise
     if opening.play:
         session.play()
-    drawn = _round_drawn_array(measurement, solver, session.view.history[0])
-    if drawn is not measurement:  # for the maps alone: no blind array needs a domain to be solved
-        problem = replace(problem, search=drawn.search)
-    return PreparedRun(scene, drawn, problem, solver, session, opening, reference_cost, warmup)
+    search, truth = measurement.search, measurement.positions
+    if search is not None and truth is not None and measurement.blind and not solver.TRAITS.needs_room:
+        search = search_around(session.view.history[0].positions, search, truth)
+    if search is not measurement.search:  # for the maps alone: no blind array needs a domain to be solved
+        measurement, problem = replace(measurement, search=search), replace(problem, search=search)
+    return PreparedRun(scene, measurement, problem, solver, session, opening, reference_cost, warmup)
 
 
 def _with_domain(opening: OpenRequest, source: Measurement, progress: PreparationProgress) -> Measurement:
-    """Return the measurement with a search domain round the last state, or round an estimate made for it."""
+    """Return the measurement with a search domain around the last state, or around an estimate made for it."""
     if opening.states:
-        blind = as_given(opening.scene, source).blind
-        return with_search_domain(source, opening.states[-1].positions, blind)
+        truth = source.positions if as_given(opening.scene, source).blind else None
+        return replace(source, search=search_around(opening.states[-1].positions, truth=truth))
     progress.task = "Estimating the positions, for a search domain"
     found = with_estimated_domain(source, opening.scene.solver, opening.seed, progress)
     progress(1.0)
     return found
-
-
-def _round_drawn_array(measurement: Measurement, solver: Solver, start: RunState) -> Measurement:
-    """Return the measurement with a search domain round the array as the page draws it.
-
-    A blind array is drawn at its true or nominal positions (`DisplayFrame`); the domain of its file may be in the axes
-    of the solver that estimated it.
-    """
-    search, truth = measurement.search, measurement.positions
-    if search is None or truth is None or not measurement.blind or solver.TRAITS.needs_room:
-        return measurement
-    drawn = align(start.positions, truth)
-    offset = drawn.mean(axis=0) - search.origin
-    if ((offset >= 0) & (offset <= search.size)).all():
-        return measurement
-    return replace(measurement, search=search_round(drawn))
 
 
 def _with_available_modes(scene: Scene, problem: Problem) -> Scene:
