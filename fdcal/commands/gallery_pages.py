@@ -1,4 +1,4 @@
-"""What a gallery shows: runs of scenes that come with fdcal, the race of two solvers, and lessons, as pages of files.
+"""What a gallery shows: runs of scenes that come with fdcal, and lessons, as pages of files.
 
 Of a lesson the page has text, question and reveal beside the run that each step shows. The runs of all steps are states
 of one replay, one after the other; each part of a step, before and after its answer, shows some of them
@@ -8,18 +8,15 @@ of one replay, one after the other; each part of a step, before and after its an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from ..acoustics.measure import cached_measurement
 from ..cost.expansion import reference_cost_of
-from ..graphics.replay import GalleryEntry, index_html, picture_of, race_html, replay_html
+from ..graphics.replay import GalleryEntry, index_html, picture_of, replay_html
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.validation import InputError, parse_modes
 from ..session.calibration_run import problem_of, states_of
-from ..session.comparison import timed_states
 from ..session.lesson import IN_USE, Lesson, Setting, Step, load_lesson, states_of_lesson
 from ..session.session import recorded
 from ..session.sources import CalibrationInput, with_settings
@@ -79,19 +76,12 @@ LESSONS = {
     "2_joint_minimum": "Add frequencies one after the other, and one minimum is left.",
     "3_too_many_too_soon": "Sixteen microphones from a random start: take steps of descent, and joint steps, yourself.",
 }
-RACE, RACERS = "tiny", ("descent", "joint")
-RACE_TITLE = "A race: descent beside joint"
-RACE_TEXT = (
-    "The same start for both, on one clock of processor time. Descent moves one microphone at a time over a grid;"
-    " joint moves all of them at once."
-)
-
 Progress = Callable[..., None]
 
 
 def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
     """Yield name and text of each file, the index last; `progress` gets the fraction done and a note."""
-    entries, count = [], len(LESSONS) + len(SHOWS) + 1
+    entries, count = [], len(LESSONS) + len(SHOWS)
     files = [f"lesson-{number}.html" for number, _ in enumerate(LESSONS, 1)]
     for i, (name, text) in enumerate(LESSONS.items()):
         progress(i / count, name)
@@ -105,9 +95,6 @@ def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
         text, entry = _run(show)
         entries.append(entry)
         yield f"{show.name}.html", text
-    progress(1 - 1 / count, "race")
-    for name, text in _race(entries):
-        yield name, text
     yield (
         "index.html",
         index_html(TITLE, INTRODUCTION, entries, f"{OPENING.name}.html#{OPENING.address}&opening=on&embed=on"),
@@ -119,40 +106,15 @@ def _run(show: Show) -> tuple[str, GalleryEntry]:
     inputs = with_settings(scene_of(show.scene), show.solver, None, None)
     states, problem = recorded(states_of(inputs)), problem_of(inputs)
     sought = counted_microphones(inputs, states[-1])
-    text = replay_of(inputs, states, show.title, show.microphone, sought, opens_at=show.address)
+    text = replay_html(
+        inputs.scene, inputs.measurement, states, show.title, reference_cost_of(problem), sought, problem=problem,
+        microphone=show.microphone, max_bytes=MAX_BYTES, opens_at=show.address,
+    )  # fmt: skip
     chosen = dict(part.split("=") for part in show.address.split("&")).get("modes")
     modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
     picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes, sought)
     figures = f"{show.solver}, {_errors(inputs, states[-1], sought)}, {len(text) / 1e6:.2f} MB"
     return text, GalleryEntry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)
-
-
-def replay_of(
-    inputs: CalibrationInput, states: Sequence, title: str, microphone: int, sought, seconds=None, opens_at: str = ""
-) -> str:
-    """Return the page of a run."""
-    problem = problem_of(inputs)
-    return replay_html(
-        inputs.scene, inputs.measurement, states, title, reference_cost_of(problem), sought, problem=problem,
-        microphone=microphone, seconds=seconds, max_bytes=MAX_BYTES, opens_at=opens_at,
-    )  # fmt: skip
-
-
-def _race(entries: list[GalleryEntry]) -> Iterator[tuple[str, str]]:
-    """Yield two replays and the page that shows them side by side, and append the entry of the index."""
-    inputs = scene_of(RACE)
-    problem = problem_of(inputs)
-    runs = timed_states(problem, replace(inputs.settings, start="random"), RACERS, inputs.seed)
-    files, pictures, figures = [], [], []
-    microphone = int(problem.free[0])
-    for name, (states, seconds) in runs.items():
-        files.append(f"race-{name}.html")
-        yield files[-1], replay_of(inputs, states, name, microphone, problem.free, seconds)
-        pictures.append(picture_of(inputs.measurement, problem, states[-1], microphone, None))
-        figures.append(f"{name}: {_errors(inputs, states[-1], problem.free)}, {seconds[-1]:.2g} s")
-    yield "race.html", race_html(RACE_TITLE, files, tuple(runs), [np.asarray(seconds) for _, seconds in runs.values()])
-    picture = f'<div class="pair">{"".join(pictures)}</div>'
-    entries.append(GalleryEntry("race.html", RACE_TITLE, RACE_TEXT, "; ".join(figures), picture))
 
 
 def _errors(inputs: CalibrationInput, state, sought) -> str:

@@ -15,16 +15,14 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, lifted, project
-from .glyphs import polygons, stars
-from .markers import CUT, ELLIPSE, ESTIMATE, FAULTY, KNOWN, LOWEST, TRAIL, TRUE, solver_mark
+from .glyphs import stars
+from .markers import CUT, ELLIPSE, ESTIMATE, FAULTY, KNOWN, LOWEST, TRAIL, TRUE
 from .overlays import ELLIPSE_TEXT
 from .primitives import Colour, ColourBar, Label, Lines, Mesh, Picture, Theme, by_rank, halo_of
 
 CIRCLE_SIDES = 24
 OUTLINE: Colour = (128, 128, 128)  # of an area, which may be as light as the page
 LOW_COST: Colour = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
-COMPARED = "comparison/"  # begins the names of the parts of compared solvers
-HALO_SUFFIX = "_halo"  # ends the names of the parts below a mark
 
 HALO_WIDTH = 0.3  # by how much a halo is wider than its line, in halves of a symbol's edge
 Curve = tuple[tuple[float, float], ...]
@@ -55,8 +53,8 @@ def _ring(radius: float, squeezed: float = 1.0) -> Curve:
     return _path(radius * np.column_stack([np.cos(angles), squeezed * np.sin(angles)]))
 
 
-def _star(radius: float, turn: float = np.pi / 4) -> tuple[Curve, ...]:
-    return tuple(_path(pair) for pair in stars(np.zeros((1, 3)), radius, turn=turn))
+def _star(radius: float) -> tuple[Curve, ...]:
+    return tuple(_path(pair) for pair in stars(np.zeros((1, 3)), radius))
 
 
 def _diamond(radius: float) -> Curve:
@@ -90,15 +88,12 @@ MARKS = {
 
 
 def legend_of(picture: Picture) -> tuple[Entry, ...]:
-    """Return the entries of a picture: areas of its map, the marks that can be seen in the order of MARKS, solvers."""
+    """Return the entries of a picture: areas of its map, the marks that can be seen in the order of MARKS."""
     seen = {part.name for part in (*picture.meshes, *picture.lines) if _is_visible(part)}
     seen |= {"isosurfaces"} if picture.surfaces else set()
     seen |= {plate.name for plate in picture.plates}
     captions = dict(picture.captions)
     entries = [entry for name, entry in MARKS.items() if name in seen]
-    names = [name for part in picture.meshes if (name := part.name).startswith(COMPARED)]
-    names = [name for name in names if not name.endswith(HALO_SUFFIX)]
-    entries += [compared_entry(name, captions.get(name, name.removeprefix(COMPARED))) for name in names]
     if picture.areas:  # the slice has the colours of the areas
         entries = [replace(entry, filled=False) if entry.name == "slice" else entry for entry in entries]
     if "microphones/true" in seen:  # a known microphone has its square in the circle
@@ -110,17 +105,6 @@ def legend_of(picture: Picture) -> tuple[Entry, ...]:
     square = (_square(0.75),)  # an area has a colour and no mark
     areas = (Entry(a.name, a.text, square, a.colour, 0.1, True, halo_colour=OUTLINE) for a in picture.areas)
     return (*areas, *named)
-
-
-def compared_entry(name: str, solver: str) -> Entry:
-    """Return the entry of a compared solver, whose marks are the part `name`."""
-    mark = solver_mark(solver)
-    if mark.corners:
-        sides = polygons(np.zeros((1, 3)), 0.7, mark.corners)
-        paths: tuple[Curve, ...] = (_path(np.concatenate([sides[:, 0], sides[:1, 0]])),)
-    else:
-        paths = _star(0.8, turn=0.0)
-    return Entry(name, solver, paths, mark.rgb, 0.24)
 
 
 def _is_visible(part: Mesh | Lines) -> bool:

@@ -8,11 +8,9 @@ Marks are flat and have a size in the room, not on the screen: lengths are metre
 """
 
 import enum
-from dataclasses import dataclass
 
 import numpy as np
 
-from .. import solvers
 from ..model.validation import frozen_array
 from . import glyphs
 from .primitives import Colour, Floor, Lines, Mesh, Theme
@@ -42,42 +40,9 @@ class Layer(enum.IntEnum):
     SELECTED_TRUE = 10
     SELECTED = 12
     CUT = 13
-    COMPARISON = 14
 
 
 LAYERS_PER_RADIUS = 24  # layers in the height of one radius of a marker
-
-
-@dataclass(frozen=True)
-class SolverMark:
-    """How the positions of one solver of a comparison are marked; marks at one position do not hide each other."""
-
-    colour: str  # as in CSS, of the palette of Okabe and Ito, which colour-blind readers can distinguish
-    shape: str  # in words
-    corners: int  # of the polygon; 0 for a plus
-    radius: float  # in radii of a marker
-    dash: tuple[int, ...]  # pixels drawn and left out of a curve, () for a solid line
-
-    @property
-    def rgb(self) -> Colour:
-        """The colour, RGB from 0 to 255."""
-        red, green, blue = bytes.fromhex(self.colour[1:])
-        return red, green, blue
-
-
-SOLVER_MARKS = (
-    SolverMark("#d55e00", "triangle", 3, 1.3, (8, 5)),
-    SolverMark("#cc79a7", "square", 4, 1.9, (2, 4)),
-    SolverMark("#009e73", "plus", 0, 0.8, ()),
-    SolverMark("#e69f00", "pentagon", 5, 2.5, (12, 3)),
-    SolverMark("#56b4e9", "hexagon", 6, 3.1, (5, 3)),
-)
-
-
-def solver_mark(name: str) -> SolverMark:
-    """Return the mark of a solver: the solvers take the marks in alphabetical order, any other name the last one."""
-    names = solvers.names()
-    return SOLVER_MARKS[names.index(name) % len(SOLVER_MARKS) if name in names else -1]
 
 
 def layer_height(layer: int, marker_radius: float) -> float:

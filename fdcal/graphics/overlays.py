@@ -3,7 +3,6 @@
 Each function takes a picture of `fdcal.graphics.picture` and returns it with more in it.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +22,6 @@ from .markers import (
     lines,
     mesh,
     on_layer,
-    solver_mark,
     strokes,
 )
 from .primitives import Colour, Floor, Label, Lines, Mesh, Picture
@@ -119,24 +117,6 @@ def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | Non
     bars = np.stack([centres - reach, centres + reach], axis=1)
     segments = np.concatenate([glyphs.polygons(centres, FAULTY_RADIUS * radius, FAULTY_SIDES), bars])
     return picture.plus(*strokes("microphones/faulty", segments, radius, FAULTY, 0.34))
-
-
-def with_comparison(
-    picture: Picture, positions: Mapping[str, np.ndarray], free: np.ndarray, floor: Floor | None = None
-) -> Picture:
-    """Return the picture with marks of the `free` microphones where the solvers of a comparison have estimated them."""
-    radius, base = picture.marker_radius, picture.z_range[0]
-    for i, (name, estimate) in enumerate(positions.items()):
-        mark = solver_mark(name)
-        centres = on_layer(drape(np.asarray(estimate)[free], floor, radius), base, radius, Layer.COMPARISON + 2 * i)
-        if mark.corners:
-            segments = glyphs.polygons(centres, mark.radius * radius, mark.corners)
-        else:
-            segments = glyphs.stars(centres, mark.radius * radius, turn=0.0)
-        part = f"comparison/{name.replace('+', '_')}"
-        picture = replace(picture, captions=(*picture.captions, (part, name)))
-        picture = picture.plus(*strokes(part, segments, radius, mark.rgb, 0.3, halo=0.14))
-    return picture
 
 
 def with_volume(picture: Picture, volume: Volume | None) -> Picture:

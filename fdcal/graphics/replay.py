@@ -155,7 +155,6 @@ def replay_html(
     *,
     problem: Problem | None = None,
     microphone: int | None = None,
-    seconds=None,
     max_bytes: int = MAX_BYTES,
     lesson: dict | None = None,
     opens_at: str = "",
@@ -164,9 +163,9 @@ def replay_html(
 
     Beyond `max_bytes` fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown, without
     `problem` no map. `sought`: numbers of the microphones whose errors count; `microphone`: whose map is shown first,
-    otherwise the one that the step moved; `seconds` (T,), processor time from the start to each state, s; `lesson`: its
-    steps, each with parts that show a range of the states (`fdcal.commands.gallery_pages`); `opens_at`: what it shows
-    where nothing stands after # in its address, as it would stand there.
+    otherwise the one that the step moved; `lesson`: its steps, each with parts that show a range of the states
+    (`fdcal.commands.gallery_pages`); `opens_at`: what it shows where nothing stands after # in its address, as it would
+    stand there.
     """
     search, truth = measurement.search, measurement.positions
     if search is not None and truth is not None and measurement.blind:  # which is drawn at its true positions
@@ -191,8 +190,6 @@ def replay_html(
     ends = [end for part in parts for end in part["range"]]
     changing, table = _state_data(measurement, shown, reference_cost, sought, ends)
     arrays = arrays | table | {name: values[kept] for name, values in channels.items()}
-    if seconds is not None:
-        arrays["seconds"] = np.asarray(seconds, "<f8")[kept]
     data |= changing | {
         "title": title,
         "taken": len(states),
@@ -341,20 +338,6 @@ def index_html(title: str, introduction: str, entries: Sequence[GalleryEntry], o
     )
     parts = {"TITLE": escape(title), "INTRODUCTION": escape(introduction), "CARDS": cards, "OPENING": escape(opening)}
     return filled((PAGE / "index.html").read_text(encoding="utf-8"), parts)
-
-
-def race_html(title: str, files: Sequence[str], names: Sequence[str], seconds: Sequence[np.ndarray]) -> str:
-    """Return the page of a race of two replays beside the page; `seconds`: for each, times (T,) of its states, s."""
-    ends = [float(times[-1]) for times in seconds]
-    firsts = [float(times[times > 0].min(initial=1.0)) for times in seconds]
-    data = {"files": list(files), "names": list(names), "ends": ends, "first": min(firsts)}
-    frames = "\n".join(
-        f'<iframe src="{escape(file)}" title="{escape(name)}"></iframe>'
-        for file, name in zip(files, names, strict=True)
-    )
-    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
-    parts = {"TITLE": escape(title), "FRAMES": frames, "DATA": text}
-    return filled((PAGE / "race.html").read_text(encoding="utf-8"), parts)
 
 
 def picture_of(

@@ -16,7 +16,6 @@ from .gui.binding import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
 from .panels import Tabs
 from .scene3d.cameras import Cameras, KeptView
 from .server.client_values import fits
-from .tabs.comparison import ComparisonWorker
 from .tabs.map import EQ7, LINEAR, LOG, OBJECTIVE
 
 if TYPE_CHECKING:
@@ -109,19 +108,14 @@ class PageBefore:
     # of the controls of each tab that a user can set, by the name of the tab and of the control
     values: Mapping[str, Mapping[str, Any]]
     cameras: Mapping[int, KeptView]  # KeptView of each browser
-    race: ComparisonWorker  # ComparisonWorker that keeps the race, paused
-    has_race: bool  # whether there was a race
 
     @classmethod
     def of(cls, viewer: Viewer, cameras: Cameras) -> PageBefore:
-        """Return the page as it is, and pause its run and its race."""
+        """Return the page as it is, and pause its run."""
         viewer.run.session.pause()
-        race = viewer.tabs.comparison.worker
-        has_race = race.button_label != "Start"
-        race.release()
         values = {name: control_values(tab) for name, tab in _tabs(viewer).items()}
         view = viewer.run.session.view
-        return cls(viewer.run, view, viewer.binding.choices, values, cameras.kept_views(), race, has_race)
+        return cls(viewer.run, view, viewer.binding.choices, values, cameras.kept_views())
 
     def request(self) -> OpenRequest:
         """Return the request that opens the session again, with all its states."""
@@ -139,13 +133,7 @@ class PageBefore:
                 viewer.tabs.scene.choose(values["name"])
             set_values(tab, values)
         viewer.tabs.refresh()
-        viewer.tabs.comparison.worker.adopt(self.race)
         cameras.request_kept(self.cameras)
-
-    def close(self) -> None:
-        """End the threads of the race, which nothing shows any longer."""
-        if self.race.released is not None:
-            self.race.released.comparison.close(0.0)
 
 
 def _tabs(viewer: Viewer) -> dict[str, Any]:

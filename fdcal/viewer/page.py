@@ -223,7 +223,6 @@ class Page:
         self._report_progress(COMPILING if self.switcher.compiling else "")
         if self.viewer is not None:
             self.viewer.close(CLOSE_TIME)
-        self.lessons.close()
         self._threads.close(CLOSE_TIME)
         self.switcher.close(CLOSE_TIME)
         self._report_progress("")

@@ -16,7 +16,6 @@ from .background.prepare import Same, SessionSwitcher
 from .gui import html
 from .gui.binding import MAX_RATE, Binding, Due, Tab, Tick
 from .gui.overlay import Overlay
-from .tabs.comparison import ComparisonTab
 from .tabs.curves import CurvesTab
 from .tabs.cut import CutPanel
 from .tabs.map import MapsPanel, MapTab
@@ -30,7 +29,7 @@ from .tabs.view import ExportTab, ViewTab
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
 RIGHT = ("Curves", "Scene", "View", "Help")  # without icons, which would take too much room
-LEFT = ("Map", "Mics", "Race", "Plan", "Record")  # those of a session are made by `Tabs`
+LEFT = ("Map", "Mics", "Plan", "Record")  # those of a session are made by `Tabs`
 
 
 class Panels:
@@ -275,8 +274,6 @@ class Tabs:
             self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought)
         with folders.tab("Mics"):
             self.microphones = MicrophonesTab(binding)
-        with folders.tab("Race"):
-            self.comparison = ComparisonTab(binding)
         with folders.tab("Plan"):
             self.plan = PlanTab(binding)
 

@@ -31,7 +31,7 @@ from .background.cost_maps import CostMap, CostMapRequest, CostMapWorker, MapSty
 from .background.prepare import Last, PreparedRun, Same, Threads
 from .display_frame import DisplayFrame
 from .drop import Drop, Dropped
-from .gui.binding import Binding, Choices, PositionUncertainty, RunSummary, Tick
+from .gui.binding import Binding, Choices, PositionUncertainty, Tick
 from .gui.html import CONTROLS, canvas_legend
 from .gui.overlay import CanvasWords
 from .panels import SessionFolders, Tabs
@@ -133,16 +133,14 @@ class SessionPicture:
         floor: Floor | None = None,
         volume: Volume | None = None,
         uncertainty: PositionUncertainty | None = None,
-        runs: tuple[RunSummary, ...] = (),
         planned: PlannedArray | None = None,
         dropped: Dropped | None = None,
     ) -> Picture:
         """Return the picture of a state, as `frame` has moved it.
 
         `microphone`: whose map is shown, counted from 0; `floor`: the map, or None; `uncertainty`: PositionUncertainty
-        of the state, or None; `runs`: of a comparison, whose estimates are marked; `volume`: the cost in space, or
-        None; `planned`: drawn in place of the estimates where the user plans, or None; `dropped`: a microphone that is
-        dragged or rolls, or None.
+        of the state, or None; `volume`: the cost in space, or None; `planned`: drawn in place of the estimates where
+        the user plans, or None; `dropped`: a microphone that is dragged or rolls, or None.
         """
         self.ball = None
         if choices.plan.shown:
@@ -169,8 +167,7 @@ class SessionPicture:
             picture = overlays.with_faulty_channels(picture, positions, self._faulty(uncertainty), floor)
         if choices.cut is not None:
             picture = overlays.with_cut(picture, choices.cut, floor)
-        marks = {run.name: self._frame.positions(run.positions) for run in runs}
-        return overlays.with_comparison(picture, marks, self._run.problem.free, floor)
+        return picture
 
     def _drawn_plan(self, choices: Choices, planned: PlannedArray | None) -> Picture:
         """Return the picture of the planned array; `planned` may be of places a moment ago, or None."""
@@ -355,7 +352,7 @@ class Viewer:
         tick = Tick(
             view, now, self._revision, self._selected, drawn, reason, fault=self.fault,
             note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._assessed[1],
-            assessing=self._verdict.pending(newest), runs=tabs.comparison.worker.update(now), sought=sought,
+            assessing=self._verdict.pending(newest), sought=sought,
         )  # fmt: skip
         with self._server.atomic():  # the cost in the headline and at the ball, which the picture has, are one number
             self._draw(tick, choices, self.drop.tick(newest, drawn, now))
@@ -372,8 +369,7 @@ class Viewer:
     def _draw(self, tick: Tick, choices: Choices, dropped: Dropped | None) -> None:
         """Draw the picture again where anything of it has changed."""
         floor, volume = self._picture.faded_parts(tick.drawn, choices.style)
-        marked, planned = self.tabs.comparison.marked(tick.runs), self.tabs.plan.planned
-        parts = floor, volume, tick.uncertainty, marked, planned
+        parts = floor, volume, tick.uncertainty, self.tabs.plan.planned
         awaited = "" if tick.drawn is not None else tick.reason or self._awaited()
         key = tick.revision, choices, tick.microphone, dropped, awaited, *map(Same, parts)
         if key == self._key:

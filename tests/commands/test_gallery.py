@@ -5,7 +5,6 @@ import os
 import re
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from replays import Reader, contents, offline_page, wait_for
 from running import exit_code
@@ -21,8 +20,7 @@ from fdcal.session.lesson import load_lesson
 from fdcal.viewer import opening
 
 PAGES = {
-    "index.html", "array1.html", "array2.html", "fig1.html", "ball3d.html", "faults.html", "race.html",
-    "race-descent.html", "race-joint.html", "lesson-1.html",
+    "index.html", "array1.html", "array2.html", "fig1.html", "ball3d.html", "faults.html", "lesson-1.html",
 }  # fmt: skip
 
 LESSON = "3_too_many_too_soon"
@@ -86,30 +84,24 @@ def test_the_site_is_complete_small_and_needs_no_network(site):
         assert not re.search(r"https?:|fetch\(|XMLHttpRequest|import\(|url\(", text), path.name
         links = [value for key, value in Reader(text).given if key in ("href", "src") and not value.startswith("data:")]
         assert all(link.partition("#")[0] in PAGES for link in links), path.name
-        assert links or path.name not in ("index.html", "race.html")
+        assert links or path.name != "index.html"
 
 
 def test_its_runs_are_what_it_says(site):
     joint, faults = (contents((site / name).read_text(encoding="utf-8")) for name in ("array1.html", "faults.html"))
     assert joint[1]["mean"][-1] < 1e-3 and joint[0]["names"][9] == "9"
     assert "gains" in faults[1] and faults[0]["maps"], "the solver of the bad channel estimates gains"
-    times = [contents((site / f"race-{name}.html").read_text(encoding="utf-8"))[1] for name in ("descent", "joint")]
-    for arrays in times:
-        assert arrays["seconds"][0] == 0 and (np.diff(arrays["seconds"]) >= 0).all()
-    assert times[0]["mean"][0] == pytest.approx(times[1]["mean"][0]), "the race has one start"
-    assert times[1]["mean"][-1] < times[0]["mean"][-1]
 
 
 def test_every_page_opens_from_the_disk(site, browser):
     with offline_page(browser, site / "index.html", ready="true") as page:
         links = [link.get_attribute("href") for link in page.get_by_role("link").all()]
-        assert len(links) == 7 and links[0] == "lesson-1.html" and page.get_by_role("img").count() == 8
+        assert len(links) == 6 and links[0] == "lesson-1.html" and page.get_by_role("img").count() == 6
         for number, link in enumerate(links):
             page.get_by_role("link").nth(number).click()
             page.wait_for_url(f"**/{link}")
-            if not link.startswith("race"):
-                wait_for(page, "Boolean(window.replay?.map)")
-                wait_for(page, "document.getElementById('note').innerText == ''")
+            wait_for(page, "Boolean(window.replay?.map)")
+            wait_for(page, "document.getElementById('note').innerText == ''")
             page.go_back()
 
 
@@ -146,23 +138,6 @@ def test_the_lessons_of_the_gallery_keep_their_scene():
     for lesson in map(load_lesson, gallery_pages.LESSONS):
         settings = [setting for step in lesson.steps for setting in (step.page, step.then)]
         assert [setting.begins for setting in settings] == [True] + [False] * (len(settings) - 1)
-
-
-def test_the_race_leads_both_replays_by_one_clock(site, browser):
-    with offline_page(browser, site / "race.html", ready="true") as page:
-        slow, quick = (page.frame_locator(f"iframe[title={name}]") for name in ("descent", "joint"))
-        for frame in (slow, quick):
-            frame.get_by_text("step 0, sweep 0").wait_for()
-        page.get_by_label("Processor time").focus()
-        page.keyboard.press("End")
-        page.get_by_text("descent has finished, joint has finished").wait_for()
-        for name, frame in (("descent", slow), ("joint", quick)):
-            last = contents((site / f"race-{name}.html").read_text(encoding="utf-8"))[1]["step"][-1]
-            frame.get_by_text(f"step {last}, ").wait_for()
-        page.get_by_label("Processor time").fill("930")  # of 1000; it plays 1000 in 16 s
-        page.get_by_role("button", name="Play").click()
-        page.get_by_text("descent has finished").wait_for()
-        page.get_by_role("button", name="Play").wait_for()
 
 
 @pytest.fixture

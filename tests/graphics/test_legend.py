@@ -14,7 +14,6 @@ from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.overlays import (
     ellipse_scale,
     with_ball,
-    with_comparison,
     with_cut,
     with_ellipses,
     with_faulty_channels,
@@ -74,8 +73,7 @@ def full(scene, measurement, estimate, floor):
     picture = with_trails(picture, np.stack([estimate, estimate + 0.05]))
     picture = with_ellipses(picture, estimate, np.tile(0.02 * np.eye(2), (8, 1, 1)))
     picture = with_cut(picture, [[0.5, 0.4], [0.9, 0.8]], floor)
-    picture = with_faulty_channels(picture, estimate, [4])
-    return with_comparison(picture, {"joint": estimate}, np.arange(2, 8))
+    return with_faulty_channels(picture, estimate, [4])
 
 
 def names_of(picture):
@@ -83,7 +81,7 @@ def names_of(picture):
 
 
 def test_a_picture_with_every_mark_has_every_entry(full):
-    assert names_of(full) == [*PLANE, "comparison/joint"]
+    assert names_of(full) == PLANE
 
 
 def test_every_part_of_a_picture_is_scenery_or_in_the_legend(full):
@@ -91,7 +89,7 @@ def test_every_part_of_a_picture_is_scenery_or_in_the_legend(full):
     assert {name for name in parts if not name.startswith(SCENERY)} == set(names_of(full))
 
 
-@pytest.mark.parametrize("name", [*PLANE, "comparison/joint"])
+@pytest.mark.parametrize("name", PLANE)
 def test_a_symbol_has_the_shape_of_its_mark_on_the_map(full, scene, measurement, estimate, floor, name):
     """Diamonds are open and as large as each other as there; a known microphone has the circle of its true position."""
     entries = {entry.name: entry for entry in legend_of(full)}
@@ -112,7 +110,7 @@ def test_a_symbol_has_the_shape_of_its_mark_on_the_map(full, scene, measurement,
         assert entries[name].below is None
 
 
-@pytest.mark.parametrize("name", [*PLANE, "comparison/joint"])
+@pytest.mark.parametrize("name", PLANE)
 def test_a_mark_that_is_not_drawn_has_no_entry(full, name):
     without = replace(
         full,

@@ -14,12 +14,11 @@ import pytest
 import trimesh
 from PIL import Image, ImageDraw
 
-from fdcal import solvers
 from fdcal.graphics import annotations, glyphs
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE, drape, solver_mark
-from fdcal.graphics.overlays import with_ball, with_comparison, with_ellipses, with_trails
+from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, TRUE, drape
+from fdcal.graphics.overlays import with_ball, with_ellipses, with_trails
 from fdcal.graphics.picture import (
     HEIGHT,
     LETTER,
@@ -273,22 +272,6 @@ def test_ellipses_have_the_half_axes_given(scene, measurement):
     assert "ellipses" not in names(nothing)
 
 
-def test_compared_solvers_have_marks_of_different_shape_and_colour_at_their_estimates(measurement):
-    picture = static_picture(None, measurement)
-    placed = {name: measurement.positions + 0.01 * i for i, name in enumerate(solvers.names())}
-    drawn = with_comparison(picture, placed, np.array([3, 4]))
-    marks = {
-        solid.name: solid for solid in drawn.meshes if solid.name.startswith("comparison/") and "halo" not in solid.name
-    }
-    count = len(placed)
-    assert len(marks) == count and len({mark.colour for mark in marks.values()}) == count
-    assert len({len(mark.faces) for mark in marks.values()}) == count, "shapes differ, too"
-    for (name, positions), mark in zip(placed.items(), marks.values(), strict=True):
-        middles = np.split(mark.vertices[:, :2], 2)
-        for middle, n in zip(middles, (3, 4), strict=True):
-            np.testing.assert_allclose(middle.mean(axis=0), positions[n], atol=1e-6, err_msg=name)
-
-
 def test_a_measured_room_has_no_walls_and_no_source_in_any_picture():
     scene = load_scene("listening_lab")
     places = positions_of(scene)
@@ -319,13 +302,6 @@ def test_heights_have_a_ruler_where_it_shows_and_no_text_covers_another():
         boxes = np.array([image.textbbox(at, label.text, letters, annotations.anchor(label)) for label, at in texts])
         apart = (boxes[:, None, :2] > boxes[None, :, 2:]).any(axis=2)
         assert (apart | apart.T | np.eye(len(boxes), dtype=bool)).all()
-
-
-def test_a_solver_that_is_added_has_a_mark_of_its_own(monkeypatch):
-    monkeypatch.setattr(solvers, "names", lambda: ["descent", "descent+joint", "joint", "newest"])
-    marks = {solver_mark(name) for name in solvers.names()}
-    assert len({mark.shape for mark in marks}) == len({mark.colour for mark in marks}) == 4
-    assert solver_mark("from another machine") in SOLVER_MARKS
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

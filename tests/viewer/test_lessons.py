@@ -20,7 +20,6 @@ from fdcal.session.sources import OpenRequest
 from fdcal.viewer.gui.binding import MAP_KINDS, Choices
 from fdcal.viewer.lesson_settings import apply_setting, control_values, show_frame
 from fdcal.viewer.panels import Panels, watched_rate
-from fdcal.viewer.tabs.comparison import ComparisonSetup
 from fdcal.viewer.tabs.lessons import NEXT, RESTORE, Caption, LessonsTab
 
 EVIL = "<script>alert(1)</script>"
@@ -365,8 +364,6 @@ def set_oddly(viewer):
     main.scene.noise.value = True
     main.scene.refresh()
     set_by_client(main.maps.shared, True)
-    main.comparison.seed.value = 9
-    main.comparison.marks.value = False
 
 
 @pytest.fixture
@@ -447,27 +444,6 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     page.viewer.tabs.map.mark_minima(False)
     lessons.start("Mine")
     turn_until(lambda: page.viewer.binding.choices.style.minima)
-
-
-def test_a_race_waits_for_the_end_of_a_lesson(opened):
-    page, turn_until = opened
-    lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
-    race = page.viewer.tabs.comparison.worker
-    race.toggle(ComparisonSetup(("descent", "joint"), "random", 0))
-    turn_until(lambda: any(summary.step for summary in race.summaries))
-    lessons.start("Mine")
-    turn_until(lambda: race.released is not None)
-    assert "its race wait" in page.panels.overlay._regions["caption"].content
-    waiting = race.released.comparison
-    turn_until(lambda: page.viewer.tabs.comparison.worker is not race)
-    assert not waiting.running and page.viewer.tabs.comparison.worker.summaries == ()
-    page.tick(0.0)
-    lessons.end()
-    turn_until(lambda: page.viewer.tabs.comparison.worker.summaries)
-    again = page.viewer.tabs.comparison.worker
-    assert [one.name for one in again.summaries] == ["descent", "joint"] and again.button_label == "Resume"
-    again.toggle(ComparisonSetup(("descent", "joint"), "random", 0))
-    turn_until(lambda: waiting.running or waiting.over)
 
 
 def test_what_the_user_opens_during_a_lesson_stays(opened):

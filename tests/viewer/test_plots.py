@@ -20,7 +20,6 @@ from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.plots import Plot
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import spectrum as spectrum_plot
-from fdcal.viewer.tabs.comparison import ComparisonSetup, RunSummary, remark_on_start, status_word, table
 from fdcal.viewer.tabs.curves import NO_RESTART, CurvesTab
 from fdcal.viewer.tabs.microphones import ErrorByDistance
 
@@ -285,25 +284,6 @@ def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurem
     server.gui.reset()
 
 
-def test_a_race_says_what_a_random_start_means_to_solvers_that_find_their_own():
-    remark = remark_on_start(ComparisonSetup(("descent", "joint", "robust"), "random", 0))
-    assert "joint and robust" in remark and "metres off" in remark and "descent" not in remark
-    assert remark_on_start(ComparisonSetup(("descent", "joint"), "affine", 0)) == ""
-    assert remark_on_start(ComparisonSetup(("descent",), "random", 0)) == ""
-
-
-def test_a_race_says_that_it_prepares_and_gives_large_errors_in_metres():
-    state = State(np.zeros((3, 2)))
-    assert status_word(state, running=True) == "preparing the first step"
-    assert status_word(dataclasses.replace(state, step=1), running=True) == "running"
-    none = np.zeros(0)
-    far = RunSummary("joint", state.positions, "running", 3, 0.5, 1160.0, 5980.0, none, none, np.array([-75.5]))
-    html = table((far,))
-    assert "error 1.16 m, largest 5.98 m" in html and "e+" not in html
-    assert "dB" not in html, "the cost of an earlier state is not that of the positions"
-    assert "-80.0 dB" in table((dataclasses.replace(far, cost=-80.0),))
-
-
 def test_no_old_status_stands_beside_the_progress_of_the_next_session(page_of):
     page, turn_until = page_of
     page.open(OpenRequest(load_scene("tiny")))
@@ -320,7 +300,7 @@ def test_no_old_status_stands_beside_the_progress_of_the_next_session(page_of):
 
 
 def test_the_map_stays_when_the_page_gets_dark_however_long_the_next_one_takes(viewer, work):
-    """A race or another program may keep the processor busy."""
+    """Another program may keep the processor busy."""
     work.solver.gate.release()
     for now in range(500):
         viewer.tick(float(now))

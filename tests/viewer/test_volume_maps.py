@@ -23,7 +23,6 @@ from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker, MapStyle
 from fdcal.viewer.gui.binding import VOLUME, Binding, Choices, initial_choices, kind_of
 from fdcal.viewer.scene3d.nodes import SceneNodes
 from fdcal.viewer.tabs import view as exports
-from fdcal.viewer.tabs.comparison import ComparisonTab
 from fdcal.viewer.tabs.map import MapTab, caption
 from fdcal.viewer.tabs.view import ViewSnapshot
 
@@ -228,21 +227,3 @@ def test_surfaces_stay_until_every_page_has_drawn_those_that_replace_them(server
     assert [name[:13] for name in there] == ["/isosurfaces/"]
     nodes.show(picture)
     assert not there
-
-
-def test_solvers_race_in_three_dimensions(server, run):
-    binding = Binding(server.gui, run, 30)
-    tab = ComparisonTab(binding)
-    worker = tab.worker
-    set_by_client(tab.solvers, "descent, joint")
-    set_by_client(tab.start, "affine")
-    set_by_client(tab.run, True)
-    end = time.monotonic() + WAIT
-    while not worker.error and "converged" not in [summary.status for summary in worker.update(time.monotonic())]:
-        assert time.monotonic() < end
-        time.sleep(0.05)
-    found = {summary.name: summary for summary in worker.summaries}
-    assert not worker.error and found["joint"].mean_error < 10 and found["descent"].step > 0
-    assert tab.marked(worker.summaries) == worker.summaries, "their estimates are marked"
-    binding.threads.close(WAIT)
-    server.gui.reset()

@@ -90,9 +90,3 @@ function writeAddress() {
 }
 // `writeAddress` may already have replaced `location.hash` by the previous address.
 window.addEventListener("hashchange", event => { clearTimeout(writing); playing = false; readAddress(new URL(event.newURL).hash); theme(document.documentElement.dataset.theme == "dark"); });
-// A race (fdcal gallery) leads its two replays by the processor time.
-window.addEventListener("message", e => {
-  if (e.source != window.parent || !seconds || !Number.isFinite(e.data?.seconds)) return;
-  playing = false;
-  go(seconds.reduce((best, value, t) => value <= e.data.seconds ? t : best, 0));
-});

@@ -37,8 +37,4 @@ document.addEventListener("keydown", e => {
 readAddress(location.hash);
 theme(document.documentElement.dataset.theme ? document.documentElement.dataset.theme == "dark" : window.matchMedia("(prefers-color-scheme: dark)").matches);
 new ResizeObserver(show).observe($("scene"));
-if (seconds && window.parent != window) {  // one of the two replays of a race, which has the controls of time
-  document.documentElement.classList.add("led");
-  window.parent.postMessage("ready", "*");
-}
 if (maps && new URLSearchParams(location.hash.slice(1)).get("opening") == "on") open();

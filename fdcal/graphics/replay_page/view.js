@@ -2,7 +2,7 @@
 const $ = id => document.getElementById(id);
 const data = JSON.parse($("data").textContent);
 if (typeof DecompressionStream == "undefined") $("note").textContent = "This browser is too old for the replay; use a version of 2023 or later.";
-const arrays = await unpack(data.packed), {step, sweep, stage, restart, moved, first, last, truth, mean, largest, cost, seconds} = arrays;
+const arrays = await unpack(data.packed), {step, sweep, stage, restart, moved, first, last, truth, mean, largest, cost} = arrays;
 const N = data.names.length, D = data.dimension, T = data.count, known = new Set(data.known), maps = data.maps;
 const places = Float64Array.from(arrays.positions, v => v * data.unit);
 const landscapes = maps && new Landscapes(maps, arrays, N, D);
@@ -237,7 +237,7 @@ function showTexts() {
     `${data.row} ${first[at]}, ${frequency(first[at])} Hz` : `${data.row}s ${first[at]} to ${last[at]}, ${frequency(first[at])} to ${frequency(last[at])} Hz`);
   const away = own && truth ? free.map(n => distance(at, n)) : null, average = away ? away.reduce((a, b) => a + b, 0) / away.length : mean?.[at];
   $("errors").textContent = mean ? `${off}: mean ${mm(average)}, largest ${mm(away ? Math.max(...away) : largest[at])}${data.aligned ? ", after alignment" : ""}` : "true positions unknown";
-  $("cost").textContent = own ? "" : [cost && `cost ${cost[at].toFixed(1)} dB`, seconds && `${seconds[at].toPrecision(2)} s of processor time`].filter(Boolean).join(", ");
+  $("cost").textContent = own || !cost ? "" : `cost ${cost[at].toFixed(1)} dB`;
   if (selected >= 0) $("selected").textContent = `microphone ${data.names[selected]}${known.has(selected) ? " (known)" : ""} at ${coordinates(selected)}` +
     (truth ? `, ${off} ${mm(distance(at, selected))}` : "");
   else $("selected").textContent = "Click or tap a microphone to follow it.";

@@ -265,24 +265,6 @@ class PositionUncertainty:
 
 
 @dataclass(frozen=True)
-class RunSummary:
-    """One run of a comparison, as it is shown."""
-
-    name: str  # of the solver
-    positions: np.ndarray  # (N, D) float64, metres
-    status: str  # "running", "converged", ...
-    step: int
-    seconds: float  # processor time since the start, s
-    # mean_error, largest_error: of the positions sought, mm; None where the true positions are unknown
-    mean_error: float | None
-    largest_error: float | None
-    times: np.ndarray  # (P,) float64, s, of the points of the curves
-    mean_errors: np.ndarray | None  # (P,) float64, mm, or None
-    costs: np.ndarray  # (P,) float64, dB, of `fdcal.cost.expansion`
-    cost: float | None = None  # dB, of the positions themselves; None until it is computed
-
-
-@dataclass(frozen=True)
 class Tick:
     """What the main loop shows at one moment."""
 
@@ -298,7 +280,6 @@ class Tick:
     found: Assessment | None = None  # of the state, once the solver has finished
     uncertainty: PositionUncertainty | None = None  # likewise
     assessing: bool = False  # whether there will be one
-    runs: tuple[RunSummary, ...] = ()  # of a race
     sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
 
 

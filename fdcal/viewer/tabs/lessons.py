@@ -32,7 +32,6 @@ INTRODUCTION = (
     " follows the same lesson. What the page shows now comes back when the lesson ends."
 )
 WAITS = 'Your session waits, paused. "End lesson" brings it back, with all controls as they were.'
-RACE_WAITS = 'Your session and its race wait, paused. "End lesson" brings them back, with all controls as they were.'
 
 
 BACK, RESTORE, NEXT = "Back", "Restore settings", "Next"
@@ -121,7 +120,7 @@ class LessonPage(Protocol):
 class LessonsTab:
     """Owns the caption, the settings that wait for a scene, and what the page showed before.
 
-    All methods run on viser's event loop, except `show` and `close`.
+    All methods run on viser's event loop, except `show`.
     """
 
     def __init__(self, page: LessonPage, lessons: Sequence[Lesson]):
@@ -149,7 +148,7 @@ class LessonsTab:
         progress, lesson, step = self.progress, self.progress.lesson, self.progress.step
         if lesson is None or step is None:
             return None
-        waits = "" if self._before is None else RACE_WAITS if self._before.has_race else WAITS
+        waits = "" if self._before is None else WAITS
         following = NEXT_STEP if progress.moved(1) is not None else NEXT_LESSON.format(self._next_lesson)
         following = following if progress.answered and self.ready and following != NEXT_LESSON.format("") else ""
         return Caption(lesson, progress.number, progress.choice, self.ready, waits, self._error, following)
@@ -222,11 +221,10 @@ class LessonsTab:
         self._note_step()
         self.progress, self._before, self._pending, self._error = LessonProgress(), None, None, ""
         if before is not None and viewer is not None:
-            if self._page.switcher.idle and self._left(before, viewer):
-                before.close()
-            elif viewer.binding.run is before.run and self._page.switcher.idle:
+            idle, opening = self._page.switcher.idle, viewer.binding.run.opening
+            if idle and viewer.binding.run is before.run:
                 self._put_back(before, viewer)
-            else:
+            elif not idle or any(opening is request for request in self._requests):
                 request, self._returning = before.request(), before
                 self._page.open(request)
                 self._pending = request, lambda shown: self._put_back(before, shown)
@@ -243,16 +241,9 @@ class LessonsTab:
     def leave(self) -> None:
         """End the lesson, and stay where it is: the user has opened something else."""
         self._note_step()
-        before, self.progress, self._before = self._before, LessonProgress(), None
-        self._pending, self._error, self._requests = None, "", []
-        if before is not None:
-            before.close()
+        self.progress, self._before, self._pending = LessonProgress(), None, None
+        self._error, self._requests = "", []
         self._redraw()
-
-    def _left(self, before: PageBefore, viewer: Viewer) -> bool:
-        """Whether the user has opened something else during the lesson."""
-        opening = viewer.binding.run.opening
-        return viewer.binding.run is not before.run and not any(opening is request for request in self._requests)
 
     def _put_back(self, before: PageBefore, viewer: Viewer) -> None:
         self._returning = None
@@ -355,9 +346,7 @@ class LessonsTab:
 
     def _give_up(self) -> None:
         """Wait no longer: the scene was refused or cancelled, or the user has opened another one."""
-        if self._returning is not None:
-            self._returning.close()
-            self._returning = None
+        self._returning = None
         self._redraw()
 
     def _act(self, act: Callable[[Viewer], None], viewer: Viewer) -> None:
@@ -369,11 +358,6 @@ class LessonsTab:
         viewer.tabs.run_bar.watch()  # a lesson does not depend on the speed chosen before
         for setting in settings:
             self._apply(setting, viewer, restarted=setting is settings[0])
-
-    def close(self) -> None:
-        """End the threads of a race that waits for the end of a lesson."""
-        for before in filter(None, (self._before, self._returning)):
-            before.close()
 
     def _guarded(self, act: Callable[[], None]) -> None:
         """Call `act`; show an exception on the page, and log it unless it is the user's."""

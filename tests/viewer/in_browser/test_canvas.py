@@ -171,25 +171,6 @@ def test_a_key_begins_and_ends_lecture_mode(page):
     wait_for_width(page, lambda now: abs(now - width) < 2)
 
 
-def test_the_race_is_visible_whole(page):
-    tab(page, "Race")
-    press(page, "Start")
-    page.get_by_text("Mean position error (mm)").wait_for()
-    page.get_by_text(re.compile("converged")).nth(3).wait_for()  # all four solvers
-    last = page.locator(".uplot:visible").last
-    last.scroll_into_view_if_needed()  # does nothing where it is in view
-
-    def whole():
-        for part in (last, page.get_by_role("button", name="Clear", exact=True)):
-            box = part.bounding_box()
-            assert box["y"] >= 0 and box["y"] + box["height"] <= DESKTOP[1]
-
-    until(page, whole)
-    legend_of(page).get_by_text("robust").wait_for()
-    press(page, "Clear")
-    page.get_by_role("button", name="Clear", exact=True).wait_for(state="hidden")
-
-
 @pytest.mark.parametrize("folded", [False, True], ids=["open", "folded"])
 def test_on_a_phone_the_legend_stands_above_the_scene(phone, folded):
     bar, run = phone.get_by_text(re.compile("fdcal · tiny")), phone.get_by_role("button", name="Run", exact=True)
