@@ -9,7 +9,7 @@ from benchmarks.report import Figure
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.gauge import position_errors
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 
 SEEDS = 10
 NEAR = 0.05  # metres

@@ -19,7 +19,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from fdcal.model.scene_file import scene_names
+from fdcal.model.scene import scene_names
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
 from fdcal_bench.scores import read_reference, table

@@ -8,7 +8,7 @@ from benchmarks.report import Figure
 from fdcal.acoustics.fdtd import make_grid, padded, padded_width, simulate, stencil_tables
 from fdcal.acoustics.fdtd_kernels import march
 from fdcal.model.arrays import positions_of
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 
 # Of one timed call, some milliseconds each: short enough that the best of many is free of the machine's other work.
 STEPS = 64

@@ -21,7 +21,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import SolverSettings
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput

@@ -13,7 +13,7 @@ from fdcal.cost.lattice import best_candidate, search_lattice
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.maps import descent_maps, likelihood_maps
 from fdcal.model.problem import mode_power
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.solvers import descent as descent
 
 MICROPHONE = 7

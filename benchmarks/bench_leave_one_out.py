@@ -12,7 +12,7 @@ import numpy as np
 from fdcal.acoustics.box_field import point_source_pressures as box_field
 from fdcal.assessment.field import cross_validate, expansions
 from fdcal.model.problem import mode_power
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 
 from .draws import Draw, Outcome, draw, pooled, rigid_field, solve, source_of
 from .report import Figure

@@ -10,7 +10,7 @@ import numpy as np
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.gauge import position_errors
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import Faults
 from fdcal.session.calibration_run import solve as calibrate
 from fdcal.session.sources import CalibrationInput

@@ -7,7 +7,7 @@ import numpy as np
 
 from fdcal.graphics.replay import replay_html
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 
 from .report import Figure, best_time
 

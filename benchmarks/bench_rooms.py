@@ -14,7 +14,7 @@ import numpy as np
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.problem import mode_power
 from fdcal.model.room import Room
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 
 from .draws import Draw, solve, summary
 from .report import Figure

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.measurement import save_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 
 from .report import Figure
 

@@ -19,7 +19,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.viewer.scene3d import cameras
 
 from .empty_page import SLIDER

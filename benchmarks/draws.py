@@ -23,8 +23,7 @@ from fdcal.model.arrays import positions_3d, positions_of
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
-from fdcal.model.scene import Scene
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import Scene, load_scene
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import run

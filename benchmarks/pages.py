@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from fdcal.model.scene_file import scene_folder
+from fdcal.model.scene import scene_folder
 
 WAIT = 180e3  # ms, bound of every wait
 ARGUMENTS = (

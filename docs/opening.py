@@ -20,7 +20,7 @@ from fdcal.graphics import camera, heatmap, markers
 from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import DARK, LIGHT
 from fdcal.model.measurement import save_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.viewer import opening
 from fdcal.viewer.scene3d import cameras
 

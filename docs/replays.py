@@ -10,7 +10,7 @@ from pathlib import Path
 import fdcal
 from fdcal.commands.gallery_pages import OPENING, lesson_html, replay_of
 from fdcal.model.measurement import load_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.session.calibration_run import states_of
 from fdcal.session.lesson import load_lesson
 from fdcal.session.session import recorded

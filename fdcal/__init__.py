@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from .assessment.position_check import compare_positions
     from .graphics.landscape import landscape
     from .model.measurement import Measurement
-    from .model.scene import Scene
-    from .model.scene_file import load_scene
+    from .model.scene import Scene, load_scene
     from .model.validation import InputError, StorageError
     from .session.api import calibrate, load, simulate
 
@@ -37,7 +36,7 @@ PUBLIC = {
     "compare_positions": "assessment.position_check:compare_positions",
     "landscape": "graphics.landscape:landscape",
     "load": "session.api:load",
-    "load_scene": "model.scene_file:load_scene",
+    "load_scene": "model.scene:load_scene",
     "simulate": "session.api:simulate",
 }
 

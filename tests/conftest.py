@@ -22,7 +22,7 @@ from browsing import ARGUMENTS
 from PIL import Image
 from xdist.scheduler import LoadFileScheduling
 
-from fdcal.model.scene_file import scene_folder
+from fdcal.model.scene import scene_folder
 from fdcal.session import calibration_run
 from fdcal.solvers import warmup_calls
 

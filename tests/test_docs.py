@@ -23,7 +23,7 @@ from fdcal.commands.report import summary
 from fdcal.model.arrays import positions_of
 from fdcal.model.gauge import align
 from fdcal.model.measurement import OPTIONAL, REQUIRED, SEARCH, load_measurement
-from fdcal.model.scene_file import load_scene, scene_names
+from fdcal.model.scene import load_scene, scene_names
 from fdcal.recordings import formats
 from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, Setting, Step, load_lesson
 from fdcal.session.sources import load_input

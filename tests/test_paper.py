@@ -10,7 +10,7 @@ import pytest
 from benchmarks import paper
 from benchmarks.paper import drawing, study, table
 from benchmarks.paper.__main__ import main
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import scene_input
 

@@ -12,7 +12,7 @@ import numpy as np
 from fdcal import Calibration
 from fdcal.assessment.result_file import load_result, save_result
 from fdcal.model.measurement import Measurement, load_measurement, save_measurement
-from fdcal.model.scene_file import load_scene, scene_folder
+from fdcal.model.scene import load_scene, scene_folder
 from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
@@ -61,7 +61,7 @@ def measurement(count: int = 8, modes: int = 6) -> Measurement:
 
 def _make_session(path: Path) -> None:
     from fdcal import solvers
-    from fdcal.model.scene_file import placeholder_scene
+    from fdcal.model.scene import placeholder_scene
     from fdcal.session.sources import OpenRequest
 
     settings = SolverSettings(modes=6, name="descent", start="random", first_modes=2)

@@ -13,8 +13,7 @@ from ..model.arrays import positions_3d, positions_of
 from ..model.measurement import Measurement, load_measurement, save_measurement
 from ..model.problem import mode_power
 from ..model.room import response_digest, response_path
-from ..model.scene import Scene
-from ..model.scene_file import MeasuredScene
+from ..model.scene import MeasuredScene, Scene
 from ..model.sdm_response import load_sdm_response
 from ..model.settings import DEAD_FRACTION, Faults
 from ..model.storage import cache_key, load_cached, load_or_make

@@ -24,10 +24,9 @@ from ..cost.batches import applied, blocks, hermitian_inverses
 from ..cost.kernels import EXTRA_ORDERS, series_kernel
 from ..cost.likelihood import FieldModel, isotropic_field
 from ..cost.noise import DIFFUSE_FLOOR, estimate_noise
-from ..model.declared import require_positive
 from ..model.measurement import Measurement
 from ..model.problem import Problem, mode_power
-from ..model.validation import InputError, frozen_array
+from ..model.validation import InputError, frozen_array, require_positive
 
 NOISE_DEFLATION = 3.0  # times less noise is assumed: a room's field is less isotropic than this prior
 TINY = np.finfo(float).tiny

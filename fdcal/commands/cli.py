@@ -340,7 +340,7 @@ def calibrate(
 @commands.command()
 def scenes():
     """List the scenes that come with fdcal."""
-    from ..model.scene_file import load_scene, scene_names
+    from ..model.scene import load_scene, scene_names
 
     for name in scene_names():
         print(f"{name:<16} {load_scene(name).title}")

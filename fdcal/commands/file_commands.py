@@ -31,7 +31,7 @@ def _import_options(command):
         kind = int if int in allowed else opt.Number() if float in allowed else str
         command = click.option(
             f"--{field.name.replace('_', '-')}",
-            type=opt.RecordingKind(choices) if field.name == "kind" else click.Choice(choices) if choices else kind,
+            type=click.Choice(choices) if choices else kind,
             default=str(field.default) if choices and field.default is not None else field.default,
             show_default=field.default is not None,
             metavar=field.metadata["metavar"],
@@ -137,7 +137,7 @@ def correct(recording, result, output, force):
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
 @click.option("--positions", metavar="FILE.xml|csv", help="List to compare with: Acoular's XML, or name,x,y[,z].")
 @opt.files_options
-@click.option("--kind", type=opt.RecordingKind(("auto", "impulse", "stationary")), help="As of `fdcal import`.")
+@click.option("--kind", type=click.Choice(["auto", "impulse", "stationary"]), help="As of `fdcal import`.")
 @click.option("--temperature", type=opt.Number(), metavar="C", help="Of the air, degrees Celsius; of recordings.")
 @click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane; of recordings.")
 @opt.output_option("FILE.html", required=False)

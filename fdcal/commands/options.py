@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import click
 
-from ..model.declared import declaration
 from ..model.settings import KNOWN_ROOM_SOLVERS, Search, SolverSettings
-from ..model.validation import LIMITS, InputError, StorageError
+from ..model.validation import LIMITS, InputError, StorageError, declaration
 from ..solvers import names
 
 if TYPE_CHECKING:
@@ -113,8 +112,7 @@ def slice_plane(value: str) -> tuple[str, float | None]:
 
 @_value(f'is unknown; use "auto", "reported" or a number of decibels from -{LIMITS.decibels:g} to {LIMITS.decibels:g}')
 def noise_level(value: str) -> str:
-    """A signal-to-noise ratio in decibels, "auto" or "reported"; "told" is an old spelling of "reported"."""
-    value = "reported" if value == "told" else value
+    """A signal-to-noise ratio in decibels, "auto" or "reported"."""
     if value not in ("auto", "reported") and not abs(float(value)) <= LIMITS.decibels:
         raise ValueError
     return value
@@ -188,13 +186,6 @@ class NumberInRange(click.FloatRange, Number):
     """A finite number within bounds."""
 
 
-class RecordingKind(click.Choice):
-    """What a recording is; the words of older versions are accepted and not listed."""
-
-    def convert(self, value, param, ctx):
-        return super().convert({"response": "impulse", "work": "stationary"}.get(value, value), param, ctx)
-
-
 class RoomOrScene(click.ParamType):
     """Lengths of a rectangular room, metres, as 7x6x2.7, or a scene whose room is a rectangle.
 
@@ -206,7 +197,7 @@ class RoomOrScene(click.ParamType):
     def convert(self, value, param, ctx) -> tuple[float, ...]:
         if value[:1].isdigit():
             return room_size(value)
-        from ..model.scene_file import MeasuredScene, load_scene
+        from ..model.scene import MeasuredScene, load_scene
 
         scene = load_scene(value)
         size = scene.room.size
@@ -446,7 +437,7 @@ def scene_of(text: str) -> CalibrationInput:
     """Return the simulated measurement of a scene; InputError for a measurement."""
     inputs = None if text.lower().endswith(".npz") else input_of(text)
     if inputs is None or inputs.scene is None:
-        from ..model.scene_file import scene_names
+        from ..model.scene import scene_names
 
         names = ", ".join(name for name in scene_names() if name != text)
         remedy = f"give a scene that is simulated: a .toml file or one of {names}"
@@ -517,7 +508,7 @@ def open_request_of(text: str) -> OpenRequest:
         from ..session.session_file import read
 
         return read(text)
-    from ..model.scene_file import load_scene, scene_names
+    from ..model.scene import load_scene, scene_names
     from ..session.sources import OpenRequest, measurement_request
 
     if text in scene_names():  # every one of these is tested

@@ -14,8 +14,7 @@ from ..cost.basins import OUTSIDE, basins_of
 from ..cost.expansion import require_modes, require_plane_field, search_domain
 from ..cost.maps import descent_maps, map_positions, minima_of, refined
 from ..cost.scale import LEAST_RANGE, Minima
-from ..model.measurement import Measurement
-from ..model.measurement_checks import microphone_index
+from ..model.measurement import Measurement, microphone_index
 from ..model.problem import Problem
 from ..model.settings import Search, SolverSettings
 from ..model.validation import InputError, frozen_array, shown_literal

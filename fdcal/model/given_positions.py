@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .measurement import Measurement
-from .measurement_checks import microphone_index
+from .measurement import Measurement, microphone_index
 from .validation import InputError, frozen_array, require_array, shown_literal
 
 

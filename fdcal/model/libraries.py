@@ -39,25 +39,22 @@ def install_remedy(extra: str) -> str:
     return f"install it: pip install -e '.[{extra}]' in a checkout of fdcal, pip install 'fdcal[{extra}]' elsewhere"
 
 
-def missing_library(error: ImportError, extra: str | None = None) -> InputError | None:
-    """Return what to say of a library that an extra brings and that is not installed; None of another fault.
-
-    `extra`: the one, where an installation of before does not list it.
-    """
+def missing_library(error: ImportError) -> InputError | None:
+    """Return the error for a library of an extra that is not installed; None if something else is wrong."""
     package = (error.name or "").partition(".")[0]
-    extra = extra_of(package) or extra if isinstance(error, ModuleNotFoundError) and package else None
+    extra = extra_of(package) if isinstance(error, ModuleNotFoundError) and package else None
     if extra is None:
         return None
     library = LIBRARY.get(package, package)
     return InputError(f'this needs the library "{library}" of the extra "{extra}"', install_remedy(extra))
 
 
-def needs(name: str, extra: str | None = None) -> ModuleType:
-    """Import a library; raise InputError with the way to install it where it is missing; `extra` as above."""
+def needs(name: str) -> ModuleType:
+    """Import a library; raise InputError with the way to install it where it is missing."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise missing_library(error, extra) or error from error
+        raise missing_library(error) or error from error
 
 
 class ProcessError(OSError):

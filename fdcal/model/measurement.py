@@ -1,7 +1,6 @@
 """What was measured. It may hold the true positions, for scoring alone; the `Problem` that a solver sees cannot.
 
-`fdcal.model.measurement_checks` validates it. Its .npz file is a public format (docs/reference/files.md): the keys are
-the fields of `Measurement` and those of the search domain.
+A measurement is checked once, where it is made. Its .npz file is a public format (docs/reference/files.md).
 """
 
 from __future__ import annotations
@@ -10,17 +9,34 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import IO, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from . import measurement_checks as checks
 from .gauge import align, minimal_frame, position_errors
-from .measurement_checks import exclude_microphones, microphone_index
 from .problem import Problem, mode_power
 from .settings import Search
 from .storage import read_archive, require_regular
-from .validation import LIMITS, InputError, StorageError, frozen_array, require_array, require_choice
+from .validation import (
+    LIMITS,
+    InputError,
+    MetresPerSecond,
+    Seconds,
+    StorageError,
+    convert,
+    frozen_array,
+    refusal,
+    require_array,
+    require_choice,
+    shown,
+)
+
+LATEST_ARRIVAL = 1e4  # seconds
+ARRIVAL_SIGMA = 3e-4  # one sigma of an arrival unless it is given, metres over the sound speed
+ROUNDING = 1e-9  # relative to a wavenumber: an imaginary part this small may have either sign
+CERTAIN = 6.0  # sigmas: chance does not lower the power of noise alone any further
+DUPLICATE = 1e-9  # difference, up to a factor, over the norm of one, of channels that count as one recording
+PARALLEL = 1e-6  # 1 - abs(correlation) of the pairs whose difference is computed
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -67,6 +83,8 @@ class Measurement:
         One sigma of an arrival of each take, seconds, as far as it is known; 0.3 mm over the sound speed unless given.
     nominal : bool, optional
         Whether `positions` are nominal, those of the plan of the array, rather than true.
+    given_wavenumbers : (array, float), optional
+        Wavenumbers that were given, and the sound speed that they belong to, m/s: what `dataclasses.replace` hands on.
 
     Raises
     ------
@@ -86,7 +104,6 @@ class Measurement:
     sound_speed: float
     dimension: int
     array_dimension: int
-    wavenumbers: np.ndarray
     noise_power: np.ndarray | None
     names: tuple[str, ...]
     positions: np.ndarray | None
@@ -98,6 +115,10 @@ class Measurement:
     arrivals: np.ndarray | None
     arrival_sigma: np.ndarray | None
     nominal: bool
+    given_wavenumbers: tuple[np.ndarray, float] | None
+
+    if TYPE_CHECKING:  # no field: it follows from the others
+        wavenumbers: np.ndarray
 
     # Carried out by `fdcal.recordings`; `fdcal.METHODS` binds it.
     from_pyfar: ClassVar[Callable[..., Measurement]]
@@ -121,39 +142,69 @@ class Measurement:
         arrivals: Any = None,
         arrival_sigma: Any = None,
         nominal: Any = False,
+        given_wavenumbers: tuple[np.ndarray, float] | None = None,
     ):
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
-        put("sound_speed", checks.sound_speed(sound_speed))
-        put("dimension", checks.dimension("dimension", dimension, (2, 3)))
-        own = self.dimension if array_dimension is None else array_dimension
-        put("array_dimension", checks.dimension("array_dimension", own, range(2, self.dimension + 1)))
+        speed = require_array("sound_speed", sound_speed, "real", ()).item()
+        put("sound_speed", convert(speed, MetresPerSecond, "sound_speed"))
+        put("dimension", convert(require_array("dimension", dimension, "index", ()).item(), Literal[2, 3], "dimension"))
+        D = self.dimension if array_dimension is None else array_dimension
+        D = int(require_array("array_dimension", D, "index", ()).item())
+        require_choice("array_dimension", D, range(2, self.dimension + 1))
+        put("array_dimension", D)
         put("frequencies", require_array("frequencies", frequencies, "real", (None,), "Hz"))
-        put("pressures", checks.pressures(pressures, len(self.frequencies), names))
-        put("wavenumbers", checks.wavenumbers(wavenumbers, self.frequencies, self.sound_speed))
+        rows = len(self.frequencies)
+        put("pressures", _checked_pressures(pressures, rows, names))
+        if wavenumbers is None and given_wavenumbers is not None:
+            wavenumbers, of_speed = given_wavenumbers
+            if of_speed != self.sound_speed:
+                speeds = f"sound_speed = {self.sound_speed:g} m/s, and the wavenumbers belong to {of_speed:g} m/s"
+                remedy = "give <wavenumbers>, too: those of the new speed, or given_wavenumbers = None for 2 pi f / c"
+                raise InputError(speeds, remedy, key="wavenumbers", value=self.sound_speed)
+        k = 2 * np.pi * self.frequencies / self.sound_speed if wavenumbers is None else wavenumbers
+        put("wavenumbers", require_array("wavenumbers", k, "number", (rows,), "rad/m"))
+        put("given_wavenumbers", None if wavenumbers is None else (self.wavenumbers, self.sound_speed))
         if noise_power is not None:
-            noise_power = require_array("noise_power", noise_power, "real", self.frequencies.shape, "one for each mode")
+            noise_power = require_array("noise_power", noise_power, "real", (rows,), "one for each mode")
         put("noise_power", noise_power)
-        put("takes", checks.takes(takes, len(self.frequencies)))
-        put("names", checks.names(names, self.count))
-        times, sigma = checks.arrivals(arrivals, arrival_sigma, self.takes, self.count, self.sound_speed)
+        one_take = takes is None or (isinstance(takes, np.ndarray) and not np.any(takes))
+        numbers = require_array("takes", np.zeros(rows, np.int64) if one_take else takes, "index", (rows,))
+        if np.any(numbers < 0):
+            raise InputError("takes must be counted from 0", "give one number for each row", key="takes")
+        put("takes", numbers.astype(np.int64))
+        labels = [str(n) for n in range(self.count)] if names is None else names
+        put("names", tuple(require_array("names", labels, "text", (None,)).tolist()))
+        if not len(self.names) == len(set(self.names)) == self.count:
+            raise InputError(f"names must be {self.count} different texts", "give one for each microphone", key="names")
+        times, sigma = _checked_arrivals(arrivals, arrival_sigma, self.takes, self.count, self.sound_speed)
         put("arrivals", times)
         put("arrival_sigma", sigma)
         if positions is not None:
-            positions = require_array("positions", positions, "real", (self.count, self.array_dimension), "m")
+            positions = require_array("positions", positions, "real", (self.count, D), "m")
         put("positions", positions)
-        put("nominal", checks.flag("nominal", nominal))
-        put("spectrum", None if spectrum is None else checks.spectrum(spectrum, self.takes))
-        indices, places = checks.known(known, known_positions, self.positions, self.count, self.array_dimension)
+        if (
+            not isinstance(nominal, (bool, np.bool_, np.ndarray))
+            or np.asarray(nominal).dtype != bool
+            or np.ndim(nominal)
+        ):
+            raise InputError("nominal is neither true nor false", "give True or False", key="nominal")
+        put("nominal", bool(nominal))
+        put("spectrum", None if spectrum is None else _checked_spectrum(spectrum, self.take_count))
+        indices, places = checked_known(known, known_positions, self.positions, self.count, D)
         put("known", indices)
         put("known_positions", places)
         put("search", search)
-        checks.require_search_dimension(search, self.array_dimension)
-        checks.require_order(self.frequencies, repeated=takes is not None)
-        checks.require_usable(
-            self.frequencies, self.pressures, self.wavenumbers, self.noise_power, self.names, self.sound_speed
-        )
+        if search is not None and len(search.size) != D:
+            problem = f"search_size has {len(search.size)} lengths and the positions have {D} coordinates"
+            raise InputError(problem, f"give {D} lengths", key="search_size", value=search.size)
+        steps, repeated = np.diff(self.frequencies), takes is not None
+        if np.any(self.frequencies <= 0) or np.any(steps < 0) or (not repeated and np.any(steps == 0)):
+            problem = "frequencies must be above zero and ascending" + ("" if repeated else ", each once")
+            remedy = "sort them (and the pressures)" + ("" if repeated else "; of several takes give 'takes', too")
+            raise InputError(problem, remedy, key="frequencies")
+        _require_usable(self)
 
     @classmethod
     def from_arrays(
@@ -275,11 +326,24 @@ class Measurement:
             if len(one.known) and not same:
                 problem = f"measurement {number} gives other known positions than another take"
                 raise InputError(problem, "give them once, or alike", key="known")
-        firsts = np.cumsum([0, *(_take_rows(one) for one in each)])
+        numbers = [_take_rows(one) for one in each]
         f = np.concatenate([one.frequencies for one in each])
-        takes = np.concatenate([one.takes + first for one, first in zip(each, firsts, strict=False)])
+        firsts = np.cumsum([0, *numbers[:-1]])
+        takes = np.concatenate([one.takes + first for one, first in zip(each, firsts, strict=True)])
         order = np.lexsort((takes, f))
         noise = [one.noise_power for one in each if one.noise_power is not None]
+        spectra = [s for one in each if (s := one.spectrum) is not None and len(s) == 1 + one.take_count]
+        spectrum = arrivals = sigma = None
+        if len(spectra) == len(each):  # over the frequencies of the finest
+            grid = max((one[0] for one in spectra), key=len)
+            spectrum = np.stack([grid, *(np.interp(grid, one[0], row) for one in spectra for row in one[1:])])
+        if any(one.arrivals is not None for one in each):
+            with_rows = list(zip(each, numbers, strict=True))
+            missing = [np.full((rows, one.count), np.nan) if one.arrivals is None else one.arrivals
+                       for one, rows in with_rows]  # fmt: skip
+            usual = [np.full(rows, ARRIVAL_SIGMA / one.sound_speed) if one.arrival_sigma is None else one.arrival_sigma
+                     for one, rows in with_rows]  # fmt: skip
+            arrivals, sigma = np.concatenate(missing), np.concatenate(usual)
         return cls(
             f[order],
             np.concatenate([one.pressures for one in each])[order],
@@ -294,9 +358,10 @@ class Measurement:
             known=known.known,
             known_positions=known.known_positions,
             search=each[0].search,
-            spectrum=_joined_spectrum(each),
+            spectrum=spectrum,
             takes=takes[order],
-            **_joined_arrivals(each),
+            arrivals=arrivals,
+            arrival_sigma=sigma,
         )
 
     def __repr__(self) -> str:
@@ -420,7 +485,21 @@ class Measurement:
         """
         require_choice("weights", weights, ("unit", "raw"))
         require_choice("known", known, ("all", "minimal", "none"))
-        pressures, noise = self._unit_modes() if weights == "unit" else self._raw_modes()
+        pressures, noise = self.pressures, self.noise_power
+        # The largest real or imaginary part of each mode : (M,) float64; its modulus could overflow.
+        largest = np.maximum(np.abs(np.real(pressures)), np.abs(np.imag(pressures))).max(axis=1)
+        if weights == "unit":  # divided by a power of two first, which rounds nothing and keeps the squares finite
+            _, exponent = np.frexp(largest)
+            scaled = np.empty_like(pressures)
+            scaled.real = np.ldexp(np.real(pressures), -exponent[:, None])
+            scaled.imag = np.ldexp(np.imag(pressures), -exponent[:, None])
+            power = mode_power(scaled)
+            noise = None if noise is None else np.ldexp(noise, -2 * exponent) / power
+            pressures = scaled / np.sqrt(power)[:, None]
+        elif wrong := [x for x in (largest.min(), largest.max()) if not LIMITS.weakest <= x <= LIMITS.strongest]:
+            problem = f'pressures of {wrong[0]:.3g} cannot be squared with solver.weights = "raw"'
+            unit = f"use another unit, between {LIMITS.weakest:g} and {LIMITS.strongest:g}"
+            raise InputError(problem, f'{unit}, or solver.weights = "unit"', key="solver.weights", value="raw")
         everything = known == "all"
         return Problem(
             pressures=frozen_array(pressures, complex),
@@ -439,73 +518,230 @@ class Measurement:
             arrival_sigma=self.arrival_sigma,
         )
 
-    def _unit_modes(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return pressures (M, N) of unit RMS and their noise power (M,), whatever the unit.
-
-        Divided by a power of two first, which rounds nothing and keeps the squares within the range of floats.
-        """
-        _, exponent = np.frexp(_largest(self.pressures))
-        pressures = np.empty_like(self.pressures)
-        pressures.real = np.ldexp(np.real(self.pressures), -exponent[:, None])
-        pressures.imag = np.ldexp(np.imag(self.pressures), -exponent[:, None])
-        power = mode_power(pressures)
-        noise = None if self.noise_power is None else np.ldexp(self.noise_power, -2 * exponent) / power
-        return pressures / np.sqrt(power)[:, None], noise
-
-    def _raw_modes(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return pressures and noise power as measured; InputError where a cost would leave the range of floats."""
-        largest = _largest(self.pressures)
-        for value in (largest.min(), largest.max()):
-            if not LIMITS.weakest <= value <= LIMITS.strongest:
-                problem = f'pressures of {value:.3g} cannot be squared with solver.weights = "raw"'
-                unit = f"use another unit, between {LIMITS.weakest:g} and {LIMITS.strongest:g}"
-                raise InputError(problem, f'{unit}, or solver.weights = "unit"', key="solver.weights", value="raw")
-        return self.pressures, self.noise_power
-
-
-def _joined_spectrum(each: Sequence[Measurement]) -> np.ndarray | None:
-    """Return the spectra of all takes over the frequencies of the finest : (1 + T, F) float64; None if one lacks it."""
-    spectra = [s for one in each if (s := one.spectrum) is not None and len(s) == 1 + one.take_count]
-    if len(spectra) < len(each):
-        return None
-    f = max((spectrum[0] for spectrum in spectra), key=len)
-    return np.stack([f, *(np.interp(f, spectrum[0], power) for spectrum in spectra for power in spectrum[1:])])
-
 
 def _take_rows(measurement: Measurement) -> int:
-    """Number of takes, counted to the last that has a row or arrivals."""
+    """Return the number of takes, counted to the last that has a row or arrivals."""
     own = 0 if measurement.arrivals is None else len(measurement.arrivals)
     return max(int(measurement.takes.max()) + 1, own)
 
 
-def _joined_arrivals(each: Sequence[Measurement]) -> dict[str, np.ndarray]:
-    """Arrivals of all takes, and their sigma, as arguments of a measurement; NaN for those without."""
-    if all(one.arrivals is None for one in each):
-        return {}
-    times: list[np.ndarray] = []
-    sigma: list[np.ndarray] = []
-    for one in each:
-        rows = _take_rows(one)
-        usual = np.full(rows, checks.ARRIVAL_SIGMA / one.sound_speed)
-        times.append(np.full((rows, one.count), np.nan) if one.arrivals is None else one.arrivals)
-        sigma.append(usual if one.arrival_sigma is None else one.arrival_sigma)
-    return {"arrivals": np.concatenate(times), "arrival_sigma": np.concatenate(sigma)}
+def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:
+    """Return the pressures : (M, N) complex128; `labels` are the names of the microphones, if there are any."""
+    array = np.asarray(values)
+    if array.ndim == 2 and array.dtype.kind in "fc":  # the first microphone with NaN is named, unless all have it
+        bad = np.flatnonzero(~np.all(np.isfinite(array), axis=0))
+        named = np.arange(array.shape[1]) if labels is None else np.asarray(labels)
+        if 0 < len(bad) < array.shape[1] and named.shape == array.shape[1:]:
+            name = named[int(bad[0])]
+            problem = f'pressures of microphone "{name}" are not all finite numbers'
+            raise InputError(problem, f"correct them, or leave the microphone out: <exclude> {name}", key="pressures")
+    what = "the transform at each of the frequencies, one column a microphone"
+    return require_array("pressures", values, "complex", (modes, None), what)
 
 
-def _largest(pressures: np.ndarray) -> np.ndarray:
-    """Return the largest real or imaginary part of each mode : (M,) float64; its modulus could overflow."""
-    return np.maximum(np.abs(np.real(pressures)), np.abs(np.imag(pressures))).max(axis=1)
+def _checked_spectrum(values: Any, take_count: int) -> np.ndarray:
+    """Return frequencies and the mean power, of all takes or of each : (2 or 1 + T, F) float64."""
+    rows = (2, 1 + take_count)
+    array = require_array("spectrum", values, "real", (None, None), "Hz and mean power")
+    if len(array) not in rows:
+        problem, remedy = f"spectrum has {len(array)} rows", f"give frequencies and power: {rows[-1]}, or 2 rows"
+        raise InputError(problem, remedy, key="spectrum")
+    if array.shape[1] < 2 or np.any(np.diff(array[0]) <= 0) or np.any(array[1:] < 0):
+        problem = "spectrum must hold ascending frequencies and powers that are not negative"
+        raise InputError(problem, "leave it out", key="spectrum")
+    return array
 
 
+def _checked_arrivals(
+    times: Any, sigma: Any, takes: Any, count: int, speed: float
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return the arrivals (T, N), of `count` microphones, and their sigmas (T,), seconds; None and None without any."""
+    rows = int(takes.max(initial=0)) + 1
+    if times is None:
+        if sigma is not None:
+            raise InputError("arrival_sigma belongs to arrivals, which are missing", "add them", key="arrival_sigma")
+        return None, None
+    try:
+        array = np.asarray(times)
+        missing = np.isnan(array)
+        array = np.where(missing, 0.0, array)
+        rows = max(rows, len(array))  # a take may have arrivals alone
+    except (TypeError, ValueError):  # texts, or rows of different lengths: `require_array` says which
+        array, missing = times, np.zeros((rows, count), bool)
+    array = require_array("arrivals", array, "real", (rows, count), "s, one row for each take")
+    latest = float(np.abs(array).max(initial=0.0))
+    if latest > LATEST_ARRIVAL:
+        problem = f"an arrival of {latest:.3g} s is too late"
+        raise InputError(problem, f"use times within {LATEST_ARRIVAL:g} s of 0", key="arrivals")
+    sigma = ARRIVAL_SIGMA / speed if sigma is None else sigma
+    if np.ndim(sigma) == 0:
+        sigma = np.full(rows, convert(np.asarray(sigma).item(), Seconds, "arrival_sigma"))
+    deviation = require_array("arrival_sigma", sigma, "real", (rows,), "s, one for each take")
+    if np.any(deviation <= 0):
+        raise InputError("arrival_sigma must be above zero", "give one for each take, s", key="arrival_sigma")
+    return frozen_array(np.where(missing, np.nan, array), float), deviation
+
+
+def checked_known(
+    indices: Any, places: Any, truth: np.ndarray | None, count: int, D: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the known microphones (A,), ascending, and their positions (A, D), metres: `places`, else of `truth`."""
+    numbers = require_array("known", indices, "index", (None,), "microphones counted from 0")
+    listed = numbers.tolist()
+    if listed and not (min(listed) >= 0 and max(listed) < count and len(set(listed)) == len(listed)):
+        remedy = f"name each microphone of 0 to {count - 1} at most once"
+        raise InputError(f"known = {listed} names a microphone twice or one that does not exist", remedy, key="known")
+    if len(listed) == count:
+        problem = f"known names all {count} microphones, which leaves no microphone to be found"
+        raise InputError(problem, "leave some out", key="known", value=listed)
+    if places is None:
+        if listed and truth is None:
+            problem = "known names microphones but known_positions is missing"
+            raise InputError(problem, "add it, shape (A, D)", key="known_positions")
+        places = np.zeros((0, D)) if truth is None else truth[numbers]
+    places = require_array("known_positions", places, "real", (len(listed), D), "m, one row for each of known")
+    order = np.argsort(numbers)
+    return frozen_array(numbers[order], np.int64), frozen_array(places[order], float)
+
+
+def _require_usable(measurement: Measurement) -> None:
+    """Raise InputError for too few pressures, a wrong sign, or a microphone or mode without pressure."""
+    values, frequencies, k, speed = (
+        measurement.pressures, measurement.frequencies, measurement.wavenumbers, measurement.sound_speed
+    )  # fmt: skip
+    noise_power = measurement.noise_power
+    modes, count = values.shape
+    if modes == 0 or count < 2:
+        problem = f"pressures of shape {values.shape} are too few"
+        raise InputError(problem, "give at least one frequency and two microphones", key="pressures")
+    # Waves that run backwards, or grow with time.
+    wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
+    if len(wrong):
+        problem = (
+            f"wavenumbers[{wrong[0]}] = {k[wrong[0]]:.6g} rad/m must have a real part above zero and, of a wave that"
+            " decays, an imaginary part below it: the time sign is exp(+j w t)"
+        )
+        remedy = "with the other sign take the conjugate of wavenumbers and pressures"
+        raise InputError(problem, remedy, key="wavenumbers", value=k[wrong[0]])
+    # Wavenumbers that no wave of these frequencies has at about this speed of sound.
+    ratio = np.abs(k) * speed / (2 * np.pi * frequencies)
+    wrong = np.flatnonzero((ratio > LIMITS.dispersion) | (ratio < 1 / LIMITS.dispersion))
+    if len(wrong):
+        m = wrong[0]
+        problem = (
+            f"wavenumbers[{m}] = {k[m]:.6g} rad/m cannot be that of {frequencies[m]:g} Hz with sound_speed ="
+            f" {speed:g} m/s, where 2 pi f / c = {2 * np.pi * frequencies[m] / speed:.6g} rad/m"
+        )
+        raise InputError(problem, "correct them, or leave them out", key="wavenumbers", value=k[m])
+    silent = np.flatnonzero(~np.any(values, axis=0))
+    if len(silent):
+        name = measurement.names[silent[0]]
+        problem = f'microphone "{name}" has zero pressure at every frequency'
+        raise InputError(problem, f"leave it out: <exclude> {name}", key="pressures")
+    silent = np.flatnonzero(~np.any(values, axis=1))
+    if len(silent):
+        problem = f"pressures at {frequencies[silent[0]]:g} Hz are zero at every microphone"
+        raise InputError(problem, "leave that frequency out", key="pressures")
+    if noise_power is not None:
+        if np.any(noise_power < 0):
+            raise refusal("noise_power", float(noise_power.min()), "is negative", "use 0 for no noise")
+        _require_noise_below_signal(values, noise_power, frequencies)
+
+
+def _require_noise_below_signal(values: np.ndarray, noise_power: np.ndarray, frequencies: np.ndarray) -> None:
+    """Raise InputError where the noise is stronger than all that was measured, which includes it.
+
+    The mean power of n values of noise alone is of a gamma distribution of shape n (Wilson-Hilferty approximation).
+    """
+    largest = np.maximum(np.abs(values).max(axis=1), np.finfo(float).tiny)
+    power = np.mean(np.abs(values / largest[:, None]) ** 2, axis=1)
+    noise = np.sqrt(noise_power) / largest  # squared after the division: no unit leaves the range of floats
+    with np.errstate(over="ignore"):
+        ratio = np.minimum(noise**2 / power, 1e30)
+    for m, n in ((int(ratio.argmax()), values.shape[1]), (-1, values.size)):
+        lowest = max(0.0, 1 - 1 / (9 * n) - CERTAIN / np.sqrt(9 * n)) ** 3
+        ratio_of_all = ratio[m] if m >= 0 else 1 / np.mean(1 / np.maximum(ratio, 1e-30))
+        if ratio_of_all * lowest > 1:
+            where = f"at {frequencies[m]:g} Hz" if m >= 0 else "on average"
+            problem = (
+                f"noise_power is {ratio_of_all:.3g} times the power of the pressures {where}, which holds the noise"
+            )
+            remedy = "give it in the unit of abs(pressures)**2, not in decibels, or leave that frequency out"
+            raise InputError(f"{problem} as well", remedy, key="noise_power", value=noise_power[m])
+
+
+def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:
+    """Return a table of keys of a measurement without the microphones `chosen`, names or numbers; a name goes first.
+
+    Keys that are missing or None stay so; the others keep their names, or their old numbers as names.
+    """
+    pressures = np.asarray(table["pressures"])
+    if not chosen or pressures.ndim != 2:
+        return table
+    count = pressures.shape[1]
+    names = table.get("names")
+    names = [str(n) for n in range(count)] if names is None else [str(name) for name in names]
+    left_out = {microphone_index(text, names, "exclude") for text in chosen}
+    kept = np.array([n for n in range(count) if n not in left_out], dtype=np.int64)
+    changed = dict(table, pressures=pressures[:, kept], names=tuple(names[n] for n in kept))
+    if table.get("positions") is not None:
+        changed["positions"] = np.asarray(table["positions"])[kept]
+    arrivals = table.get("arrivals")
+    if arrivals is not None and np.ndim(arrivals) == 2 and np.shape(arrivals)[1] == count:
+        changed["arrivals"] = np.asarray(arrivals)[:, kept]
+    if table.get("known") is not None:
+        known = np.asarray(table["known"])
+        stays = np.isin(known, kept)
+        changed["known"] = np.searchsorted(kept, known[stays])
+        if table.get("known_positions") is not None:
+            changed["known_positions"] = np.asarray(table["known_positions"])[stays]
+    return changed
+
+
+def microphone_index(text: str, names: Sequence[str], key: str) -> int:
+    """Return the number, from 0, of the microphone with a name or number; InputError, of argument `key`, if none."""
+    names = list(names)
+    if text in names:
+        return names.index(text)
+    if text.isascii() and text.isdigit() and len(text) < 10 and int(text) < len(names):
+        return int(text)
+    remedy = f"give <{key}> names, or numbers from 0 to {len(names) - 1}"
+    raise InputError(f'"{text}" names no microphone', remedy, key=key, value=text)
+
+
+def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
+    """Refuse channels of `pressures` (M, N) without signal, or the same as another up to a factor, by name."""
+    if len(pressures) < 2:
+        return
+    for name, column in zip(names, pressures.T, strict=True):
+        if np.all(column == column[0]):
+            problem = f'microphone "{name}" has one and the same pressure at every frequency'
+            raise InputError(problem, f"leave it out: <exclude> {name}", key="pressures")
+    scale = np.abs(pressures).max(axis=0)
+    unit = pressures / scale
+    unit = unit / np.linalg.norm(unit, axis=0)
+    correlation = np.abs(unit.conj().T @ unit)
+    for a, b in np.argwhere(np.triu(correlation > 1 - PARALLEL, 1)):
+        difference = unit[:, b] - unit[:, a] * (unit[:, a].conj() @ unit[:, b])
+        if np.linalg.norm(difference) < DUPLICATE:
+            problem = f'microphones "{names[a]}" and "{names[b]}" recorded the same at every frequency'
+            remedy = f"leave one out: <exclude> {names[b]}"
+            raise InputError(f"{problem}: one recording, or one place", remedy, key="pressures")
+
+
+VERSION = 1  # of the file; one that another program writes need not have it
 REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
 SEARCH = ("search_origin", "search_size", "search_step", "radius")
-OPTIONAL = tuple(field.name for field in fields(Measurement) if field.name not in (*REQUIRED, "search"))
+OPTIONAL = (
+    "wavenumbers",
+    *(f.name for f in fields(Measurement) if f.name not in (*REQUIRED, "search", "given_wavenumbers")),
+)
 
 
 def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, np.ndarray] | None = None) -> None:
     """Write a measurement as .npz, into a path or an open file; `others` have keys that `load_measurement` ignores."""
     table: dict[str, Any] = {key: getattr(measurement, key) for key in REQUIRED + OPTIONAL}
-    table["names"] = np.array(measurement.names)
+    table |= {"names": np.array(measurement.names), "version": VERSION}
     if measurement.take_count == 1 and np.all(np.diff(measurement.frequencies) > 0):
         table["takes"] = None
     table["nominal"] = measurement.nominal or None
@@ -526,8 +762,23 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
     `excluded`: names or numbers of microphones that are left out before anything is checked; `called`: what messages
     call the file; its path unless given.
     """
-    table = _read_arrays(path)
+    try:
+        if isinstance(path, (str, Path)):
+            require_regular(path)
+        # Opened here, since NumPy does not close a file that it finds damaged.
+        with open(path, "rb") if isinstance(path, (str, Path)) else nullcontext(path) as file:
+            table = read_archive(file, lambda key: key in REQUIRED + OPTIONAL + SEARCH or key == "version")
+    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
+        raise StorageError(f"cannot read {path}: {error.strerror}") from error
+    except InputError as error:
+        raise error.within(path) from error
+    except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
+        problem = f"{path} is not an .npz file that can be read ({type(error).__name__})"
+        raise InputError(problem, "write it with numpy.savez") from error
     path = called or path
+    if "version" in table and not np.array_equal(table["version"], VERSION):
+        problem = f"{path} is of version {shown(table['version'].tolist())}, and fdcal reads version {VERSION}"
+        raise InputError(problem, "write it again with this fdcal", key="version")
     for key in REQUIRED:
         if key not in table:
             raise InputError(f'{path} has no "{key}"', f"a measurement needs {', '.join(REQUIRED)}", key=key)
@@ -548,20 +799,3 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
         return Measurement(**table, search=search)
     except InputError as error:
         raise error.within(path) from None
-
-
-def _read_arrays(path: str | Path | IO[bytes]) -> dict[str, np.ndarray]:
-    """Return the arrays of an .npz file whose keys are those of a measurement; no pickled objects are read."""
-    try:
-        if isinstance(path, (str, Path)):
-            require_regular(path)
-        # Opened here, since NumPy does not close a file that it finds damaged.
-        with open(path, "rb") if isinstance(path, (str, Path)) else nullcontext(path) as file:
-            return read_archive(file, lambda key: key in REQUIRED + OPTIONAL + SEARCH)
-    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
-        raise StorageError(f"cannot read {path}: {error.strerror}") from error
-    except InputError as error:
-        raise error.within(path) from error
-    except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
-        problem = f"{path} is not an .npz file that can be read ({type(error).__name__})"
-        raise InputError(problem, "write it with numpy.savez") from error

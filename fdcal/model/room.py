@@ -15,8 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from .declared import Hertz, Metres, MetresPerSecond, Seconds, check
-from .validation import LIMITS, InputError, Point, StorageError, refusal, require_choice, require_point
+from .validation import (
+    LIMITS,
+    Hertz,
+    InputError,
+    Metres,
+    MetresPerSecond,
+    Point,
+    Seconds,
+    StorageError,
+    check,
+    refusal,
+    require_choice,
+    require_point,
+)
 
 SUFFIX = ".mat"
 UNKNOWN_WALLS = "unknown"  # room.walls of a measured room

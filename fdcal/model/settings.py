@@ -10,9 +10,21 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from .declared import Count, Hertz, Metres, Positive, check, positive, within
 from .gauge import align
-from .validation import LIMITS, InputError, Point, refusal, require_finite
+from .validation import (
+    LIMITS,
+    Count,
+    Hertz,
+    InputError,
+    Metres,
+    Point,
+    Positive,
+    check,
+    positive,
+    refusal,
+    require_finite,
+    within,
+)
 
 
 @dataclass(frozen=True)
@@ -209,7 +221,7 @@ class SolverSettings:
         for with "joint".
     noise : str
         "reported": the noise power of the measurement, where it has one; "auto": estimated; or a number of decibels,
-        the signal-to-noise ratio of each mode. "told", of older files, is read as "reported".
+        the signal-to-noise ratio of each mode.
     known : str
         Microphones whose positions are given to the solver: "all" known ones; "minimal", the fewest that fix the gauge;
         or "none".
@@ -290,8 +302,6 @@ class SolverSettings:
     )  # fmt: skip
 
     def __post_init__(self):
-        if self.noise == "told":  # the old spelling
-            object.__setattr__(self, "noise", "reported")
         check(self, "solver.")
         if self.first_modes > self.modes:
             why = f"is above solver.modes = {self.modes}"

@@ -4,9 +4,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from ..model.declared import Seconds, check, positive, within
-from ..model.validation import InputError
-from .recording import KINDS, OLD_KINDS, sound_speed
+from ..model.validation import InputError, Seconds, check, positive, within
+from .recording import KINDS, sound_speed
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,6 @@ class ImportOptions:
     split: Seconds | None = None
 
     def __post_init__(self):
-        object.__setattr__(self, "kind", OLD_KINDS.get(self.kind, self.kind))
         object.__setattr__(self, "known", None if self.known == "none" else self.known)
 
 

@@ -14,11 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..model.declared import require_positive
-from ..model.validation import LIMITS, InputError, frozen_array, require_array
+from ..model.validation import LIMITS, InputError, frozen_array, require_array, require_positive
 
 KINDS = ("impulse", "stationary")
-OLD_KINDS = {"response": "impulse", "work": "stationary"}  # spellings that older files and scripts contain
 ZERO_CELSIUS = 273.15  # K
 GROUP_SAMPLES = 16_000_000  # samples held in memory at a time: 128 MB as float64
 BLOCK_SAMPLES = GROUP_SAMPLES // 4  # of a block of all channels
@@ -53,7 +51,6 @@ class Recording:
     modelled: str = ""  # what is modelled, not measured, as a sentence; "" for a recording that is all measured
 
     def __post_init__(self):
-        object.__setattr__(self, "kind", OLD_KINDS.get(self.kind or "", self.kind))
         low, high = SAMPLE_RATES
         if not low <= self.sample_rate <= high:
             span = f"between {low:g} Hz and {high / 1e6:g} MHz"

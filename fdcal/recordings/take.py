@@ -135,7 +135,7 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
 def _sounddevice() -> ModuleType:
     """Return the library; InputError where it, or the PortAudio that it needs, is missing."""
     try:
-        return needs("sounddevice", "record")
+        return needs("sounddevice")
     except InputError as error:
         raise InputError(error.problem, f"{error.remedy}; {REPLAY}", key="device") from error
     except OSError as error:  # its package for Linux brings no PortAudio

@@ -8,12 +8,11 @@ from dataclasses import fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..model.declared import convert, within
 from ..model.given_positions import MicrophonePositions, with_known, with_positions
 from ..model.measurement import Measurement
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, require_array, shown_literal, unexpected_argument
+from ..model.validation import InputError, convert, require_array, shown_literal, unexpected_argument, within
 from .calibration_run import solve
 from .process import one_blas_thread
 from .sources import Progress, is_recording, load_input, measurement_input, scene_input, with_settings
@@ -133,7 +132,7 @@ def simulate(scene: Scene | str | PathLike[str], *, progress: Progress | None = 
     >>> fdcal.simulate(replace(scene, gauge=replace(scene.gauge, known=(1, 5, 7)))).known.tolist()
     [1, 5, 7]
     """
-    from ..model.scene_file import MeasuredScene, load_scene
+    from ..model.scene import MeasuredScene, load_scene
 
     chosen = scene if isinstance(scene, Scene) else load_scene(str(scene))
     if isinstance(chosen, MeasuredScene):

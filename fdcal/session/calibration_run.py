@@ -14,13 +14,11 @@ from ..assessment.assess import ARGUMENTS, Assessment, assess
 from ..assessment.calibration import Calibration, Run
 from ..assessment.findings import modes_below_limit
 from ..cost.expansion import reference_cost_of
-from ..model.declared import require_positive
 from ..model.gauge import move_to_frame, turn_to_frame
-from ..model.measurement import Measurement
-from ..model.measurement_checks import check_channels, microphone_index
+from ..model.measurement import Measurement, check_channels, microphone_index
 from ..model.problem import Problem
 from ..model.settings import SolverSettings, search_around
-from ..model.validation import InputError, frozen_array
+from ..model.validation import InputError, frozen_array, require_positive
 from ..solvers import load, run
 from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
 from ..solvers.requirements import check_solvable, needed_modes

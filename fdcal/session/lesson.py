@@ -19,13 +19,11 @@ from urllib.parse import parse_qsl
 
 from .. import solvers
 from ..model.arrays import positions_of
-from ..model.declared import Seed, build, within
 from ..model.problem import Problem
-from ..model.scene import Scene
-from ..model.scene_file import load_scene
+from ..model.scene import Scene, load_scene
 from ..model.settings import SolverSettings
 from ..model.storage import parse_toml, read_bytes
-from ..model.validation import InputError, StorageError, parse_modes, shown
+from ..model.validation import InputError, Seed, StorageError, build, parse_modes, shown, within
 from ..solvers.interface import RunState
 from .scene_edits import edited
 

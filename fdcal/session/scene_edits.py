@@ -12,18 +12,16 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..model.arrays import positions_of
-from ..model.declared import Count, Metres, Seed, build, check, within
 from ..model.room import WALLS
-from ..model.scene import Array, Gauge, Scene
-from ..model.scene_file import MeasuredScene
+from ..model.scene import Array, Gauge, MeasuredScene, Scene
 from ..model.settings import ALL_MODES, Search
-from ..model.validation import InputError, require_choice
+from ..model.validation import Count, InputError, Metres, Seed, build, check, require_choice, within
 
 
 def table_of(scene: Scene) -> dict[str, Any]:
     """Return the scene as tomllib reads it, without keys that are None : dict of texts, numbers, lists and dicts.
 
-    `fdcal.model.declared.build(Scene, table)` makes the same scene of it.
+    `fdcal.model.validation.build(Scene, table)` makes the same scene of it.
     """
     table = plain(asdict(scene))
     if scene.solver.modes == ALL_MODES:

@@ -22,14 +22,12 @@ from typing import Any
 import numpy as np
 
 from .. import solvers
-from ..model.declared import build, convert
 from ..model.measurement import load_measurement, save_measurement
 from ..model.problem import Problem
-from ..model.scene import Scene
-from ..model.scene_file import MeasuredScene
+from ..model.scene import MeasuredScene, Scene
 from ..model.settings import SolverSettings
 from ..model.storage import parse_json, read_archive, require_regular
-from ..model.validation import LIMITS, InputError, StorageError, frozen_array, shown, shown_literal
+from ..model.validation import LIMITS, InputError, StorageError, build, convert, frozen_array, shown, shown_literal
 from ..solvers.interface import RunState
 from .scene_edits import plain, table_of
 from .session import MAX_STATES

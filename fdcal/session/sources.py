@@ -11,12 +11,10 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..model.declared import Count, Seed, convert, declaration
-from ..model.measurement import Measurement, load_measurement
-from ..model.measurement_checks import exclude_microphones
-from ..model.scene_file import MeasuredScene, placeholder_scene
+from ..model.measurement import Measurement, exclude_microphones, load_measurement
+from ..model.scene import MeasuredScene, placeholder_scene
 from ..model.settings import ALL_MODES, SolverSettings
-from ..model.validation import InputError, refusal
+from ..model.validation import Count, InputError, Seed, convert, declaration, refusal
 from ..solvers import load, with_mode_count
 
 if TYPE_CHECKING:
@@ -80,7 +78,7 @@ def load_input(
     elif text.lower().endswith(".npz"):
         measurement = load_measurement(text, excluded)
     else:
-        from ..model.scene_file import load_scene  # and all that a simulation is described by
+        from ..model.scene import load_scene  # and all that a simulation is described by
 
         inputs = scene_input(load_scene(text), progress)
         inputs = replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)

@@ -19,7 +19,7 @@ from urllib.parse import parse_qsl, quote
 import viser
 
 from ..graphics.camera import Camera
-from ..model.scene_file import load_scene, scene_names
+from ..model.scene import load_scene, scene_names
 from ..model.validation import InputError, modes_text, parse_modes, shown
 from ..session.lesson import IN_USE, MAPS, Map, Setting
 from ..session.sources import OpenRequest

@@ -12,7 +12,7 @@ import viser
 
 from ..graphics.camera import VIEWS
 from ..model.arrays import positions_of
-from ..model.scene_file import MeasuredScene, load_scene, scene_names
+from ..model.scene import MeasuredScene, load_scene, scene_names
 from ..model.validation import InputError, StorageError, length_text, modes_text, require_choice
 from ..session.session import SessionView
 from ..session.sources import OpenRequest

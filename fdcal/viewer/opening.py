@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..model.measurement import load_measurement
-from ..model.scene_file import load_scene
+from ..model.scene import load_scene
 from ..session.sources import OpenRequest
 
 SCENE, MICROPHONE, MODE = "fig1_square", 16, 92  # the mode has the map of most minima

@@ -6,7 +6,7 @@ This module is imported before the solvers, so that the page has a picture withi
 from ..acoustics.measure import load_cached_measurement
 from ..graphics.picture import static_picture
 from ..model.measurement import Measurement
-from ..model.scene_file import MeasuredScene
+from ..model.scene import MeasuredScene
 from ..session.sources import OpenRequest, as_given
 from .scene3d.nodes import SceneNodes
 

@@ -21,7 +21,7 @@ from fdcal.acoustics.room_modes import (
 )
 from fdcal.acoustics.spectrum import SPECTRUM
 from fdcal.model.room import Room, Source
-from fdcal.model.scene_file import load_scene, scene_folder
+from fdcal.model.scene import load_scene, scene_folder
 from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
 from fdcal.session.sources import check_scene

@@ -20,7 +20,7 @@ from fdcal.acoustics.spectrum import (
     window_rate,
 )
 from fdcal.model.arrays import ball
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import Faults
 from fdcal.model.validation import InputError
 

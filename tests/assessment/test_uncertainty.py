@@ -29,7 +29,7 @@ from fdcal.graphics.calibration_figure import enlarged_ellipses
 from fdcal.model.arrays import positions_of
 from fdcal.model.gauge import align, rigid_motions
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import SolverSettings
 from fdcal.session.planning.bounds import request_information
 from fdcal.solvers import load

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from running import done
 
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 

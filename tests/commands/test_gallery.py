@@ -13,7 +13,7 @@ from fdcal import load, solvers
 from fdcal.commands import gallery_pages
 from fdcal.commands.cli import main
 from fdcal.model.measurement import load_measurement
-from fdcal.model.scene_file import load_scene, scene_folder
+from fdcal.model.scene import load_scene, scene_folder
 from fdcal.model.storage import folder_in_progress
 from fdcal.model.validation import InputError, StorageError, parse_modes
 from fdcal.session.lesson import load_lesson

@@ -11,7 +11,7 @@ import pytest
 from running import FDCAL
 
 from fdcal.commands import cli
-from fdcal.model import scene_file
+from fdcal.model import scene as scenes
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def broken(monkeypatch):
         def fail():
             raise error
 
-        monkeypatch.setattr(scene_file, "scene_names", fail)
+        monkeypatch.setattr(scenes, "scene_names", fail)
 
     return breaks
 

@@ -30,7 +30,7 @@ from fdcal.cost.maps import (
 from fdcal.cost.noise import DIFFUSE_FLOOR
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import ChannelCorrection, Problem
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import joint as joint

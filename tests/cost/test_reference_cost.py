@@ -12,7 +12,7 @@ from fdcal.cost.eq7 import cost
 from fdcal.cost.expansion import ReferenceCost, decibels, reference_cost_of
 from fdcal.cost.maps import eq7_maps, mode_shape, power_shares
 from fdcal.model.problem import ChannelCorrection
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited
 

@@ -16,7 +16,7 @@ from fdcal.graphics.landscape import draw_landscape, figure_bytes, landscape_pan
 from fdcal.graphics.study_report import MAX_PANELS, study_panels
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from fdcal.graphics.landscape import draw_landscape, landscape_panels
 from fdcal.graphics.markers import LOWEST, drape
 from fdcal.graphics.panels import CAPTION, CELL, GAP, Marks, mosaic
 from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT, ColourBar
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError
 

@@ -24,7 +24,7 @@ from fdcal.graphics.picture import compose
 from fdcal.graphics.snapshot import camera_of
 from fdcal.graphics.volume import slice_of, volume_of
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 from fdcal.viewer.gui.html import canvas_legend
 

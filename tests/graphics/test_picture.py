@@ -32,7 +32,7 @@ from fdcal.graphics.picture import (
 from fdcal.graphics.primitives import Mesh
 from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import search_around
 
 

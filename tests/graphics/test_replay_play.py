@@ -11,7 +11,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.expansion import reference_cost_of
 from fdcal.graphics.replay import replay_html
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 
 MICROPHONE = 8
 

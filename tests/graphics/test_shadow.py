@@ -4,7 +4,7 @@ import numpy as np
 
 from fdcal.graphics.heatmap import TOWARDS_LIGHT, cost_floor, relief_shadow, shadow_of
 from fdcal.graphics.picture import compose
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 from fdcal.session.sources import scene_input
 

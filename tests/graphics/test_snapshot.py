@@ -15,7 +15,7 @@ from fdcal.graphics.markers import ESTIMATE, KNOWN, TRUE, Layer, layer_height
 from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import COLOUR_MAP
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError, StorageError
 
 SIZE = (1300, 1030)  # the legend takes the lowest 27 pixels

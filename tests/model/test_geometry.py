@@ -31,8 +31,7 @@ from fdcal.model.arrays import (
 )
 from fdcal.model.gauge import align, fixes_gauge, position_errors
 from fdcal.model.room import Room
-from fdcal.model.scene import Array, Gauge
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import Array, Gauge, load_scene
 from fdcal.model.settings import CELLS, Search, Sensing, search_around
 from fdcal.model.validation import InputError, length_text
 from fdcal.session.calibration_run import solve

@@ -60,7 +60,7 @@ def test_given_wavenumbers_do_not_stay_behind_when_the_sound_speed_changes():
     assert np.array_equal(replace(given, sound_speed=c, wavenumbers=k / 1.01).wavenumbers, k / 1.01)
     assert np.array_equal(replace(given, sound_speed=c, wavenumbers=k.copy()).wavenumbers, k)
     np.testing.assert_allclose(
-        replace(given, sound_speed=c, wavenumbers=None).wavenumbers, 2 * np.pi * given.frequencies / c
+        replace(given, sound_speed=c, given_wavenumbers=None).wavenumbers, 2 * np.pi * given.frequencies / c
     )
     assert np.array_equal(replace(given, known=[0, 1, 2]).wavenumbers, k)
 
@@ -89,6 +89,12 @@ def test_a_measurement_survives_the_round_trip(written):
         assert np.array_equal(getattr(given, name), getattr(back, name))
         assert getattr(given, name).dtype == getattr(back, name).dtype
     assert (given.search, given.names, given.sound_speed) == (back.search, back.names, back.sound_speed)
+
+
+def test_a_file_of_another_version_is_refused(written):
+    load_measurement(written(version=None))
+    with pytest.raises(InputError, match="is of version 2, and fdcal reads version 1; write it again"):
+        load_measurement(written(version=2))
 
 
 def test_a_spectrum_comes_back_and_a_wrong_one_is_refused(written):

@@ -9,8 +9,7 @@ import pytest
 from fdcal.acoustics.measure import cached_measurement, load_cached_measurement, measure
 from fdcal.model.arrays import positions_of
 from fdcal.model.room import response_path
-from fdcal.model.scene import no_rectangle
-from fdcal.model.scene_file import MeasuredScene, load_scene, scene_folder
+from fdcal.model.scene import MeasuredScene, load_scene, no_rectangle, scene_folder
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, StorageError
 
@@ -269,11 +268,6 @@ def test_the_measurements_that_come_with_fdcal_are_small_and_have_a_notice():
     assert files and sum(file.stat().st_size for file in files) < 300_000
     notice = (scene_folder() / "LICENSE.md").read_text()
     assert all(file.name in notice for file in files) and "CC BY 4.0" in notice
-
-
-def test_noise_of_older_scenes_is_still_read(edited):
-    """The value "reported" was called "told"."""
-    assert load_scene(edited({"solver.noise": '"told"'})).solver.noise == "reported"
 
 
 @pytest.mark.parametrize("room", ['room = "listening_lab"', '[room]\nresponse = "listening_lab"'])

@@ -60,7 +60,7 @@ def write_meshrir(path: Path, samples=SAMPLES, places=PLACES, sources: int = 2) 
 
 
 def write_npz(path: Path, samples=SAMPLES) -> Path:
-    np.savez(path, recordings=samples, sample_rate=RATE, positions=PLACES, kind="response")
+    np.savez(path, recordings=samples, sample_rate=RATE, positions=PLACES, kind="impulse")
     return path
 
 

@@ -359,7 +359,7 @@ def test_a_swap_in_the_file_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     said = places().copy()
     said[[7, 12]] = said[[12, 7]]
-    np.savez("a.npz", recordings=noisy(responses(), 40), sample_rate=FS, kind="response", positions=said)
+    np.savez("a.npz", recordings=noisy(responses(), 40), sample_rate=FS, kind="impulse", positions=said)
     run("import", "a.npz", "-o", "m.npz", "--known", "0,1,2,3,4", "--sound-speed", SPEED)
     exit_code("calibrate", "m.npz", "--solver", "joint", "--check")
     assert "channels 7 and 12 are swapped" in capsys.readouterr().out
@@ -380,8 +380,8 @@ def test_a_list_of_another_size_or_with_a_wrong_row_ends_with_5(words, tmp_path,
 
 
 def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve_them(folder, tmp_path):
-    np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="response")
-    np.savez(tmp_path / "placed.npz", recordings=responses(), sample_rate=FS, kind="response", positions=places())
+    np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="impulse")
+    np.savez(tmp_path / "placed.npz", recordings=responses(), sample_rate=FS, kind="impulse", positions=places())
     radius = np.linalg.norm(places() - places().mean(axis=0), axis=1).max()
     limit = f_max(24, radius, SPEED, 3)
     for name, options, words in (
@@ -401,7 +401,7 @@ def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve
 
 def test_the_band_of_a_recording_that_shows_no_radius_ends_at_500_hz(tmp_path):
     independent = np.random.default_rng(0).normal(size=(8, FS)) * np.exp(-12 * np.arange(FS) / FS)
-    np.savez(tmp_path / "noise.npz", recordings=independent, sample_rate=FS, kind="response")
+    np.savez(tmp_path / "noise.npz", recordings=independent, sample_rate=FS, kind="impulse")
     measurement, report = import_recording(tmp_path / "noise.npz", ImportOptions(sound_speed=SPEED))
     assert report.highest_frequency is None and 400 < measurement.frequencies[-1] <= 500
     assert "unknown without the radius of the array; array_radius gives it" in import_summary(measurement, report)
@@ -411,20 +411,20 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
     samples = noisy(responses(), 40)
     samples[3] = 0
     samples[8] = samples[2]
-    np.savez(tmp_path / "a.npz", recordings=samples, sample_rate=FS, kind="response")
+    np.savez(tmp_path / "a.npz", recordings=samples, sample_rate=FS, kind="impulse")
     with pytest.raises(InputError, match=r"channel 3 is silent; .*leave_out bad"):
         import_recording(tmp_path / "a.npz")
     measurement, report = import_recording(tmp_path / "a.npz", ImportOptions(leave_out="bad"))
     assert report.left_out == {"3": "silent", "8": "a copy of 2"}
     assert measurement.names == tuple(str(n) for n in range(24) if n not in (3, 8))
     assert "left out     3 (silent), 8 (a copy of 2); none of the others" in import_summary(measurement, report)
-    np.savez(tmp_path / "all.npz", recordings=0 * samples, sample_rate=FS, kind="response")
+    np.savez(tmp_path / "all.npz", recordings=0 * samples, sample_rate=FS, kind="impulse")
     with pytest.raises(InputError, match=r"are silent; record again$"):
         import_recording(tmp_path / "all.npz")
 
 
 def test_a_plane_of_microphones_in_space(tmp_path):
-    np.savez(tmp_path / "a.npz", recordings=responses()[:18], sample_rate=FS, kind="response", positions=MESH)
+    np.savez(tmp_path / "a.npz", recordings=responses()[:18], sample_rate=FS, kind="impulse", positions=MESH)
     measurement, _ = import_recording(tmp_path / "a.npz", ImportOptions(plane="z=0", known="corners"))
     assert (measurement.dimension, measurement.array_dimension, measurement.count) == (3, 2, 6)
     assert len(measurement.known) == 4
@@ -478,7 +478,7 @@ def test_every_option_of_an_import_is_on_the_command_line_and_documented():
 
 def test_positions_in_degrees_are_refused(folder, tmp_path):
     angles = np.degrees(np.arctan2(places(), np.roll(places(), 1, axis=1)))
-    np.savez(tmp_path / "a.npz", recordings=responses(), sample_rate=FS, kind="response", positions=angles)
+    np.savez(tmp_path / "a.npz", recordings=responses(), sample_rate=FS, kind="impulse", positions=angles)
     known = write_places(tmp_path / "known.csv", angles[:5])
     for path, table in ((tmp_path / "a.npz", None), (folder / "responses.wav", str(known))):
         with pytest.raises(InputError, match=r"the band begins at 20 Hz; give positions in metres, not in centimetres"):
@@ -522,7 +522,7 @@ def test_a_reference_of_another_rate_is_refused(folder, tmp_path):
 
 def test_known_microphones_in_one_corner_do_not_make_the_array_small(tmp_path):
     """Two known microphones close together say nothing of the others; the coherence of the channels does."""
-    np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="response")
+    np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="impulse")
     close = np.argsort(np.linalg.norm(places() - places()[0], axis=1))[:2]
     known = write_places(tmp_path / "known.csv", places()[close], close)
     _, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED, known=str(known)))
@@ -548,7 +548,7 @@ def test_a_table_of_a_spreadsheet_with_commas_as_decimal_signs(folder, tmp_path)
 
 @pytest.mark.parametrize(("count", "warned"), [(3, True), (5, False)])
 def test_too_few_microphones_are_said_at_the_import(tmp_path, count, warned):
-    np.savez(tmp_path / "few.npz", recordings=noisy(responses(), 40)[:count], sample_rate=FS, kind="response")
+    np.savez(tmp_path / "few.npz", recordings=noisy(responses(), 40)[:count], sample_rate=FS, kind="impulse")
     measurement, report = import_recording(tmp_path / "few.npz", ImportOptions(sound_speed=SPEED, array_radius=0.5))
     last = import_summary(measurement, report).splitlines()[-1]
     assert last.startswith(f"warning: {count} microphones are too few") == warned
@@ -558,7 +558,7 @@ def test_too_few_microphones_are_said_at_the_import(tmp_path, count, warned):
 
 
 def test_of_many_frequencies_those_of_the_lowest_snr_are_named(tmp_path):
-    np.savez(tmp_path / "a.npz", recordings=noisy(responses(), 40), sample_rate=FS, kind="response")
+    np.savez(tmp_path / "a.npz", recordings=noisy(responses(), 40), sample_rate=FS, kind="impulse")
     measurement, report = import_recording(tmp_path / "a.npz", ImportOptions(sound_speed=SPEED))
     text = import_summary(measurement, report)
     (line,) = [line for line in text.splitlines() if line.startswith("SNR")]

@@ -13,7 +13,7 @@ from fdcal import solvers
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.measurement import Measurement, load_measurement, save_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
 from fdcal.session.planning.request import read_layout

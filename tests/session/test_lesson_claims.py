@@ -11,7 +11,7 @@ from fdcal.cost.maps import cost_maps, map_minima, map_positions, minima_of, ref
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
 from fdcal.model.gauge import position_errors
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.validation import length_text
 from fdcal.session.calibration_run import assess_state, healthy_microphones
 from fdcal.session.lesson import load_lesson, states_of_lesson

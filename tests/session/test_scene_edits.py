@@ -8,10 +8,9 @@ import pytest
 
 from fdcal.acoustics.measure import cached_recordings, measure
 from fdcal.model.arrays import positions_of
-from fdcal.model.declared import build
 from fdcal.model.gauge import fixes_gauge
-from fdcal.model.scene_file import MeasuredScene, load_scene, scene_names
-from fdcal.model.validation import InputError
+from fdcal.model.scene import MeasuredScene, load_scene, scene_names
+from fdcal.model.validation import InputError, build
 from fdcal.session.scene_edits import edited, parameters_of, spread_out, table_of, with_parameters
 from fdcal.session.sources import OpenRequest
 

@@ -12,7 +12,7 @@ import pytest
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.session import (
     COST_TIME,

@@ -15,7 +15,7 @@ from running import exit_code
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.measurement import load_measurement
-from fdcal.model.scene_file import load_scene, placeholder_scene
+from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import session_file
 from fdcal.session.scene_edits import edited

@@ -10,7 +10,7 @@ from fields import measured
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.gauge import position_errors
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import KNOWN_ROOM_SOLVERS, Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import descent, joint

@@ -12,7 +12,7 @@ from running import exit_code
 from fdcal.acoustics.room_modes import room_symmetries
 from fdcal.cost.maps import cost_maps
 from fdcal.model.measurement import Measurement, save_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.sources import CalibrationInput, with_settings

@@ -8,7 +8,7 @@ import pytest
 import fdcal
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene_file import load_scene, scene_names
+from fdcal.model.scene import load_scene, scene_names
 from fdcal.model.settings import ALL_MODES, Search, SolverSettings
 from fdcal.model.validation import LIMITS
 from fdcal.session.scene_edits import edited, table_of

@@ -14,7 +14,7 @@ from fdcal.acoustics.measure import measure
 from fdcal.commands.report import summary
 from fdcal.model.measurement import Measurement
 from fdcal.model.room import Room
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import solve

@@ -12,7 +12,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.commands import cli
 from fdcal.commands.cli import all_pieces
 from fdcal.model.measurement import save_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.solvers import warmup_calls
 from fdcal.viewer.background import prepare as warmup
 from fdcal.viewer.background.prepare import Warmup
@@ -34,7 +34,7 @@ from numba.core.registry import CPUDispatcher
 from fdcal.acoustics import fdtd_kernels
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import basins, lattice_kernels
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.solvers import load
 from fdcal.commands.cli import all_pieces
 

@@ -8,7 +8,7 @@ from browsing import WAIT
 from doubles import Recorder, Solver, State
 
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import session_view
 from fdcal.viewer.background import cost_maps, prepare

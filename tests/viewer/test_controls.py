@@ -13,7 +13,7 @@ from doubles import INVALID_VALUES, CallRecorder, State, finish, set_by_client, 
 from viser import _messages
 
 from fdcal.graphics.picture import static_picture
-from fdcal.model.scene_file import load_scene, placeholder_scene
+from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import parameters_of
 from fdcal.session.session import StateCosts

@@ -16,7 +16,7 @@ from fdcal.graphics.overlays import with_ball
 from fdcal.graphics.picture import static_picture
 from fdcal.graphics.primitives import Floor
 from fdcal.model.gauge import position_errors
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, modes_text, parse_modes
 from fdcal.session.sources import OpenRequest

@@ -11,7 +11,7 @@ from doubles import CallRecorder, set_by_client
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.validation import parse_modes
 from fdcal.session.lesson import MAPS, Frame, Lesson, Setting, Step, lesson_names, load_lesson
 from fdcal.session.scene_edits import edited

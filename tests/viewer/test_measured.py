@@ -13,7 +13,7 @@ from fdcal.commands.options import open_request_of
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.picture import error_summary, static_picture, with_estimate
 from fdcal.model.measurement import Measurement, save_measurement
-from fdcal.model.scene_file import MeasuredScene, load_scene, placeholder_scene
+from fdcal.model.scene import MeasuredScene, load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import with_estimated_domain

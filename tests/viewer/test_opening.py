@@ -14,7 +14,7 @@ from fdcal.cost.expansion import ORDER_OFFSET
 from fdcal.cost.maps import interpolate, map_minima, partial_sums
 from fdcal.graphics.heatmap import colour_limits, normalise
 from fdcal.model.measurement import load_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.viewer import opening
 from fdcal.viewer.explore import INVITATION, summed_text
 

@@ -12,7 +12,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.overlays import with_bound
 from fdcal.graphics.picture import static_picture
-from fdcal.model.scene_file import load_scene, placeholder_scene
+from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.session.planning.plan import make_plan, plan_dict
 from fdcal.session.planning.request import PlanRequest, read_layout
 from fdcal.viewer.gui.binding import Binding, PlanChoices, Tick

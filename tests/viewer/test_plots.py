@@ -10,7 +10,7 @@ from viser import uplot
 
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import StateCosts
 from fdcal.session.sources import OpenRequest

@@ -326,7 +326,7 @@ def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
 ENDING = """
 import os, signal, sys, threading, time
 from fdcal.session.sources import OpenRequest
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.viewer import serve
 def ready(url):
     def interrupt():

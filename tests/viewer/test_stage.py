@@ -14,7 +14,7 @@ from fdcal.graphics.overlays import with_cut
 from fdcal.graphics.picture import compose, static_picture, with_estimate
 from fdcal.graphics.primitives import DARK, LECTURE_DARK, LECTURE_LIGHT, LIGHT, Label, contrast, halo_of
 from fdcal.model.arrays import positions_of
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.viewer.scene3d import cameras
 from fdcal.viewer.scene3d.labels import labels_html
 from fdcal.viewer.scene3d.nodes import SceneNodes

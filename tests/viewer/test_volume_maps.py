@@ -15,7 +15,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.overlays import with_volume
 from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import Floor
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.background import prepare

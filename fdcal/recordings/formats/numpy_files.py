@@ -15,7 +15,7 @@ import numpy as np
 
 from ...model.storage import read_archive, require_regular
 from ...model.validation import InputError, StorageError, require_array, require_choice
-from ..recording import KINDS, OLD_KINDS, Recording, recording_of
+from ..recording import KINDS, Recording, recording_of
 from . import Format, wanted_source
 
 MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
@@ -65,7 +65,6 @@ def _read_npz(path: Path, source: int | None = None) -> Recording:
     if data.ndim != 2 or data.dtype.kind not in "fiu":
         raise InputError(f"{path}: recordings is {data.dtype} of shape {data.shape}", "give real numbers (N, T)")
     kind = value["kind"].item() if "kind" in value else None
-    kind = OLD_KINDS.get(kind or "", kind)
     if kind is not None:
         require_choice(f"{path}: kind", kind, KINDS)
     return recording_of(

@@ -13,12 +13,10 @@ from ...acoustics.dictionary import array_f_max
 from ...acoustics.measure import cached_measurement
 from ...acoustics.room_modes import independent_frequencies
 from ...assessment.uncertainty import Prior
-from ...model import measurement_checks
 from ...model.arrays import WALL_DISTANCE_M, ball, box, circle, positions_of, rectangle
-from ...model.declared import Metres, MetresPerSecond, Seconds, Seed, check, within
-from ...model.scene import Array, Scene
-from ...model.scene_file import MeasuredScene, load_scene, scene_names
-from ...model.validation import InputError, frozen_array, refusal
+from ...model.measurement import checked_known
+from ...model.scene import Array, MeasuredScene, Scene, load_scene, scene_names
+from ...model.validation import InputError, Metres, MetresPerSecond, Seconds, Seed, check, frozen_array, refusal, within
 from ...recordings.formats.positions import READERS, read_positions
 from ...recordings.frequencies import default_max_rows
 
@@ -220,7 +218,7 @@ class PlanRequest:
         if self.kind == "impulse" and room is None:
             problem = "arrival times of impulses depend on where in the room the source can be"
             raise InputError(problem, "give <room>", key="room")
-        measurement_checks.known(self.known, None, self.layout.positions, N, D)
+        checked_known(self.known, None, self.layout.positions, N, D)
         if self.known_sigma and not self.known:
             why = "is of given positions, and none is given"
             raise refusal("known_sigma", self.known_sigma, why, "give <known>, or leave out <known_sigma>", "m")

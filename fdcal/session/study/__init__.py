@@ -15,12 +15,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from ...acoustics.spectrum import SPECTRUM
-from ...model.declared import Count, Hertz, Metres, Seconds, Seed, build, check, within
 from ...model.room import Room
-from ...model.scene import Scene
-from ...model.scene_file import MeasuredScene, load_scene, scene_table
+from ...model.scene import MeasuredScene, Scene, load_scene, scene_table
 from ...model.storage import parse_toml, read_bytes
-from ...model.validation import InputError, shown
+from ...model.validation import Count, Hertz, InputError, Metres, Seconds, Seed, build, check, shown, within
 from ..scene_edits import SceneParameters, change, parameters_of, with_parameters
 
 

@@ -20,8 +20,7 @@ from ...acoustics.measure import cached_measurement
 from ...cost.expansion import ReferenceCost, reference_cost_of
 from ...model.measurement import Measurement
 from ...model.problem import Problem
-from ...model.scene import Scene
-from ...model.scene_file import MeasuredScene
+from ...model.scene import MeasuredScene, Scene
 from ...model.settings import ALL_MODES, search_around
 from ...model.validation import InputError, StorageError
 from ...session.calibration_run import with_estimated_domain

@@ -3,8 +3,7 @@
 from dataclasses import replace
 
 from ... import solvers
-from ...model.scene import no_rectangle
-from ...model.scene_file import MeasuredScene
+from ...model.scene import MeasuredScene, no_rectangle
 from ...session.sources import OpenRequest
 from ..gui import html
 from ..gui.binding import Binding, Tab, Tick

@@ -120,7 +120,7 @@ def test_a_wrong_study_is_one_line(file, old, new):
 
 def test_an_axis_of_scenes(file, tmp_path):
     """Names of shipped scenes, and paths beside the study's file; two scenes make two points."""
-    from fdcal.model.scene_file import scene_folder
+    from fdcal.model.scene import scene_folder
 
     (tmp_path / "own.toml").write_text(
         (scene_folder() / "tiny.toml").read_text().replace("snr_db = inf", "snr_db = 12.0")

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from browsing import COARSE, begin_anew, opened_page, serving_here
 
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.session.lesson import load_lesson
 from fdcal.session.scene_edits import edited
 

@@ -8,7 +8,7 @@ from browsing import begin_anew, on_screen, press, tab, until
 from doubles import assessment
 
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene import load_scene
 from fdcal.viewer.gui.binding import MAP_KINDS, NOTHING, VOLUME
 from fdcal.viewer.gui.html import verdict_html
 from fdcal.viewer.panels import LEFT, LEFT_WIDTH, RIGHT
