@@ -95,7 +95,7 @@ def _first_bar(title: str, waiting: str) -> str:
 class Explore:
     """Fills the regions `bar` and `sheet`, and carries out what is pressed there.
 
-    `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: whether the tab Record opens files.
+    `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: whether the tab Scene opens files.
     """
 
     def __init__(self, page: LessonPage, lessons: LessonsTab, own_files: bool):
@@ -255,7 +255,7 @@ class Explore:
             title = escape(request.scene.title)
             scenes += f"<button data-do='opened' aria-pressed='{pressed}'>{dots}<span>{title}</span></button>"
         if self._own_files:
-            scenes += f"<button data-local='tab:Record'>{OWN}<span>Your own recording ...</span></button>"
+            scenes += f"<button data-local='tab:Scene'>{OWN}<span>Your own recording ...</span></button>"
         lessons = self._lessons.list_html()
         if not viewer.binding.choices.lecture:
             lessons += f"<button data-do='lecture'>{LECTURE}</button>"

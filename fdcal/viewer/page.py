@@ -31,7 +31,7 @@ from .server.process import release_memory
 from .session_view import Viewer
 from .tabs.help import add_help, add_keys
 from .tabs.lessons import LessonsTab
-from .tabs.record import Recorder, RecordTab
+from .tabs.open_file import OpenFile
 
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
 COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
@@ -47,8 +47,8 @@ class Page:
     """Owns the panels, the scene, and the session that is shown.
 
     `lessons`: offered in this order; `on_progress`: called with the progress of the first session in words, and with ""
-    when it is ready or refused; `folder`: in which it records and whose files it opens; None where other machines can
-    reach the page. `viewer`: Viewer of the session that is shown, or None; `words`: on the canvas.
+    when it is ready or refused; `folder`: whose files it opens; None where other machines can reach the page. `viewer`:
+    Viewer of the session that is shown, or None; `words`: on the canvas.
     """
 
     def __init__(
@@ -68,11 +68,10 @@ class Page:
         with self.panels.tab("Help"):
             add_help(server.gui)
         self._threads = Threads()
-        with self.panels.tab("Record"):
-            recorder = None if folder is None else Recorder(self._threads, folder, self.open)
-            self.record = RecordTab(server.gui, recorder, str(folder))
+        with self.panels.tab("Scene"):
+            self.open_file = None if folder is None else OpenFile(server.gui, self._threads, folder, self.open)
         add_keys(server.gui, self)
-        self.explore = Explore(self, self.lessons, self.record.usable)
+        self.explore = Explore(self, self.lessons, self.open_file is not None)
         self.address, self._dark = AddressBar(self, self.lessons), False
         self._first: viser.ClientHandle | None = None  # the browser whose preference the page follows
         self.panels.overlay.on("dark", lambda client, value: self._prefer(client, value == "on"))
@@ -152,7 +151,8 @@ class Page:
             self.viewer.tabs.run_bar.wait(self.switcher.progress is not None)
             self.nodes.cameras.room = Room(self.viewer.binding.choices.lecture, self.lessons.active)
             self.viewer.guarded_tick(now)
-            self._guarded("tab Record", lambda: self.record.show(now))
+            if (opener := self.open_file) is not None:
+                self._guarded("list of files", lambda: opener.show(now))
         elif self.nodes.is_empty and self.switcher.measured is not None:
             show_room(self.nodes, *self.switcher.measured)
             self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture

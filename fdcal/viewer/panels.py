@@ -29,7 +29,7 @@ from .tabs.view import ExportTab, ViewTab
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
 RIGHT = ("Curves", "Scene", "View", "Help")  # without icons, which would take too much room
-LEFT = ("Map", "Mics", "Plan", "Record")  # those of a session are made by `Tabs`
+LEFT = ("Map", "Mics", "Plan")  # those of a session are made by `Tabs`
 
 
 class Panels:

@@ -469,7 +469,7 @@ def test_a_page_that_others_can_reach_offers_no_recording_of_ones_own(page_of, s
     page.open(OpenRequest(scene))
     sheet = page.panels.overlay._regions["sheet"]
     turn_until(lambda: "scene=tiny" in sheet.content)
-    assert "recording" not in sheet.content and not page.record.usable
+    assert "recording" not in sheet.content and page.open_file is None
 
 
 def test_before_the_first_session_the_bar_says_what_is_prepared_and_how_far_it_is():

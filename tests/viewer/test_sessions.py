@@ -88,12 +88,12 @@ def test_a_part_of_the_page_that_fails_is_logged_once_and_the_page_goes_on(page_
     def failing(*_):
         raise ZeroDivisionError("of this test")
 
-    for part, name in ((page.record, "show"), (page.lessons, "show"), (page.address, "tick"), (page.explore, "show")):
+    for part, name in ((page.lessons, "show"), (page.address, "tick"), (page.explore, "show")):
         monkeypatch.setattr(part, name, failing)
     page.binding.session.step()
     turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
     said = [record.getMessage() for record in caplog.records if "could not be updated" in record.getMessage()]
-    assert said == [f"the {part} could not be updated" for part in ("tab Record", "lessons", "address", "canvas")]
+    assert said == [f"the {part} could not be updated" for part in ("lessons", "address", "canvas")]
 
 
 def test_a_cached_measurement_is_shown_at_once(server, scene):

@@ -28,9 +28,9 @@ NO_DOMAIN = (
 # How the page calls the arguments that an error's remedy mentions (`InputError.worded`).
 CONTROLS = {
     "frequencies": 'the slider "Frequencies" in the tab Plan',
+    "kind": 'the list "Kind" at the end of the tab Scene',
     "known": 'the slider "Known microphones" in the tab Scene',
     "modes": 'the slider "Last mode" in the settings of the solver',
-    "replay": 'choose its file in "Sound from" of the tab Record',
     "radius": "its radius in the file that is shown",
     "search": "a search domain",
     "seed": 'the field "Seed" in the settings of the solver',

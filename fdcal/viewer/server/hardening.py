@@ -1,6 +1,6 @@
 """A viser server that accepts only its own page, and only plain values from it.
 
-viser does not authenticate its clients, and the page records sound and opens files. This module refuses whatever does
+viser does not authenticate its clients, and the page opens files. This module refuses whatever does
 not come from the page itself: other sites, pages that another program serves on this machine, and programs that send no
 Origin header. It disables the public share tunnel and all other messages that the page of fdcal does not use, limits
 the size of messages, and drops updates that are not values of their control. All hooks are private parts of viser,

@@ -4,5 +4,6 @@ May import: the packages below viewer, and gui, scene3d, background and server.
 
 solver, scene, view, curves, help                the main panel on the right; lessons stand on the canvas
 map, sweep, spectrum, cut                        the tab Map of the panel on the left
-microphones, plan, record                        the other tabs there
+microphones, plan                                the other tabs there
+open_file                                        at the end of the tab Scene
 """

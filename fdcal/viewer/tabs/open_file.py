@@ -1,0 +1,121 @@
+"""A file of the folder in which fdcal was started, shown as a session: "Open a file" at the end of the tab Scene.
+
+It belongs to the page, not to a session, and is there only on a page that this machine alone can reach, because it
+reads files here: recordings, measurements (.npz) and sessions (.zip). The page reads no other folder.
+"""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Literal
+
+import viser
+
+from ...recordings.recording import KINDS
+from ...session.sources import OpenRequest, compared_with_file, is_recording, load_input, measurement_request
+from ..background.prepare import Threads
+from ..gui import html
+from ..gui.binding import Due, bind
+
+LISTED = 2.0  # s between two looks at the folder
+SETTLED = 5e9  # ns after a change of the folder for which each look lists it: times of files are coarse
+MAX_FILES, MAX_NAME = 200, 200  # of each list, and characters of a name that is listed
+LISTS = (".csv", ".xml")  # tables of positions
+NONE = "None"
+
+
+@dataclass(frozen=True)
+class FileJob:
+    """A file to open."""
+
+    file: str  # its name
+    positions: str  # name of the list that the result is compared with, or NONE
+    kind: Literal["auto", "impulse", "stationary"]  # of a recording
+    temperature: float  # degrees Celsius, likewise
+
+
+class OpenFile:
+    """Owns the controls and the thread that reads the file.
+
+    `folder`: of the files; `show`: function that shows a session.
+    """
+
+    def __init__(self, gui: viser.GuiApi, threads: Threads, folder: Path, show: Callable[[OpenRequest], None]):
+        self._folder, self._show = folder, show
+        self._list_due, self._report_due, self._modified = Due(LISTED), Due(), 0
+        self.worker = threads.start(self._open, "fdcal-open", awaited=False)
+        with gui.add_folder("Open a file", expand_by_default=False, order=1e9):  # below the controls of any session
+            gui.add_html(html.remark(f"Recordings, measurements and sessions in {folder}"))
+            self.file = gui.add_dropdown("File", [NONE])
+            self.positions = gui.add_dropdown("List", [NONE], hint="Positions to compare the result with")
+            self.kind = gui.add_dropdown(
+                "Kind", ("auto", *KINDS), hint="Of a recording: an impulse response, or a continuous sound"
+            )
+            self.celsius = gui.add_number("Temperature (°C)", 20.0, min=-60.0, max=80.0, step=0.5, hint="Of the air")
+            self.button = bind(gui.add_button("Open file", icon=viser.Icon.FOLDER_OPEN), lambda _: self.press())
+            self.report = gui.add_html("")
+
+    def press(self) -> None:
+        """Open the file that is chosen."""
+        if self.file.value != NONE:
+            job = FileJob(self.file.value, self.positions.value, self.kind.value, float(self.celsius.value))
+            self.worker.request(job)
+
+    def show(self, now: float) -> None:
+        """Bring list and report up to date at the time `now`, s; called by the main loop."""
+        if self._list_due(now, now):
+            self._list_folder()
+        latest, busy = self.worker.latest, self.worker.busy
+        self.button.disabled = busy or self.file.value == NONE
+        if self._report_due(now, busy, latest and latest.ended):
+            if busy:
+                self.report.content = html.remark("Opening ...")
+            elif latest is not None:
+                text = f"<div style='{html.CARD} white-space: pre-wrap'>{escape(latest.result or '')}</div>"
+                self.report.content = html.complaint(latest.cause) if latest.cause else text
+
+    def _list_folder(self) -> None:
+        """Offer the files of the folder where it has changed."""
+        modified = self._folder.stat().st_mtime_ns
+        if modified == self._modified and time.time_ns() - modified > SETTLED:
+            return
+        self._modified, files, lists = modified, [], []
+        for name in sorted(os.listdir(self._folder)):
+            plain = len(name) <= MAX_NAME and name.isprintable() and not name.startswith(".")
+            path = self._folder / name
+            if plain and path.is_file():
+                if name.lower().endswith(LISTS):
+                    lists.append(name)
+                elif name.lower().endswith((".npz", ".zip")) or is_recording(str(path)):
+                    files.append(name)
+        for control, names in ((self.file, files[:MAX_FILES] or [NONE]), (self.positions, [NONE, *lists[:MAX_FILES]])):
+            if list(control.options) != names:
+                chosen = control.value
+                control.options = names
+                control.value = chosen if chosen in names else names[0]
+
+    def _open(self, job: FileJob) -> str:
+        """On the thread: show a file as a session, and return the report of its import."""
+        from ...recordings.import_options import ImportOptions
+        from ...recordings.importer import import_recording, import_summary
+        from ...session import session_file
+        from ...session.sources import measurement_input
+
+        path, report, left_out = self._folder / job.file, "", ()
+        if path.suffix.lower() == ".zip":
+            self._show(session_file.read(str(path)))
+            return report
+        if is_recording(str(path)):
+            options = ImportOptions(leave_out="bad", files="takes", kind=job.kind, temperature=job.temperature)
+            measurement, found = import_recording(path, options)
+            inputs, left_out = measurement_input(measurement, path.stem), tuple(found.left_out)
+            report = import_summary(measurement, found, html.CONTROLS)
+        else:
+            inputs = load_input(str(path))
+        if job.positions != NONE:
+            inputs = compared_with_file(inputs, str(self._folder / job.positions), left_out)
+        self._show(measurement_request(inputs))
+        return report
