@@ -74,7 +74,7 @@ SHOWS = (
 LESSONS = {
     "1_many_minima": "Why one frequency is not enough: a question, an answer, and a microphone to drag.",
     "2_joint_minimum": "Add frequencies one after the other, and one minimum is left.",
-    "3_too_many_too_soon": "Sixteen microphones from a random start: take steps of descent, and joint steps, yourself.",
+    "3_too_many_too_soon": "Sixteen microphones from a random start: take steps of descent yourself.",
 }
 Progress = Callable[..., None]
 

@@ -142,7 +142,7 @@ MAX_COSTS = 400  # states whose cost is computed, evenly spaced
 BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
 POSITION_LEVELS = 2**28  # of a coordinate, of the largest distance from the middle of the array
 PAGE = Path(__file__).with_name("replay_page")
-SCRIPTS = ("unpack.js", "eq7.js", "joint.js", "view.js", "map.js", "play.js", "lesson.js", "address.js", "start.js")
+SCRIPTS = ("unpack.js", "eq7.js", "view.js", "map.js", "play.js", "lesson.js", "address.js", "start.js")
 
 
 def replay_html(
@@ -177,7 +177,6 @@ def replay_html(
     if maps is not None:
         data["maps"], arrays = maps
         data["maps"]["descent"] = _descent(problem, states[-1], data["maps"]["order_offset"])
-        data["maps"]["joint"] = _joint()
     channels = {} if maps is None else channel_arrays(states)
     room = max_bytes - BASE_BYTES - NAME_BYTES * measurement.count - sum(a.nbytes for a in arrays.values()) * 4 / 3
     kept = _kept_states(len(states), room, measurement.positions is not None, states[0].positions.shape, bool(channels))
@@ -199,25 +198,6 @@ def replay_html(
     }
     data["packed"] = packed(arrays)
     return _page(title, json.dumps(data, separators=(",", ":"), allow_nan=False))
-
-
-def _joint() -> dict:
-    """Return what joint steps in the browser need (`replay_page/joint.js`), as the solver joint has it."""
-    from ..cost import noise as estimates  # with the solvers comes what the page loads late
-    from ..solvers import levenberg_marquardt as damped
-    from ..solvers.robust import noise, solver, state
-
-    return {
-        "floor": state.MIN_NOISE_FRACTION["diffuse"],
-        "ceiling": estimates.MAX_NOISE_FRACTION,
-        "noise_modes": noise.NOISE_MODES,
-        "max_step": solver.MAX_STEP,
-        "damping": state.STAGE_DAMPING,
-        "first_damping": damped.FIRST_DAMPING,
-        "max_damping": damped.MAX_DAMPING,
-        "increase": damped.INCREASE,
-        "min_fall": damped.MIN_FALL,
-    }
 
 
 def _descent(problem: Problem | None, state, order_offset: int) -> dict | None:

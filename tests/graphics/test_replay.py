@@ -169,8 +169,8 @@ def test_a_calibration_shows_its_run_inside_a_notebook(run, browser):
         page.set_content(f"<h1>Notebook</h1>{replay._repr_html_()}")
         frame = page.frame_locator("iframe")
         frame.get_by_text("step 0, sweep 0").wait_for()
-        frame.get_by_role("button", name="Joint step").click()
-        frame.get_by_text("One joint step: up to").wait_for()
+        frame.get_by_role("button", name="Descent step").click()
+        frame.get_by_text("your positions").wait_for()
         page.wait_for_timeout(400)  # the time after which a page of its own writes its address
         assert frame.get_by_text("your positions").is_visible() and page.get_by_text("Notebook").is_visible()
     with pytest.raises(fdcal.InputError, match="read from a file"):

@@ -1,11 +1,9 @@
 """What a viewer of a replay does without Python: a dragged microphone rolls into its hole, and solvers take steps."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from browsing import WAIT
-from replays import contents, offline_page, wait_for
+from replays import offline_page, wait_for
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -53,23 +51,6 @@ def test_a_step_in_the_browser_is_a_step_of_descent(page, run, modes):
         )
         np.testing.assert_allclose(found[:2], after.positions[after.moved], atol=1e-6)
         state = after
-
-
-@pytest.mark.parametrize("modes, away", [(8, 0.01), (20, 0.2)])
-def test_a_joint_step_in_the_browser_is_one_of_the_solver(page, run, modes, away):
-    """With the same noise, from the pressures in the file, which have 16 bits; far off a step must be damped."""
-    scene, measurement, problem, _, states = run
-    _, arrays, _ = contents(replay_html(scene, measurement, states, "Play", problem=problem))
-    parts = arrays["pressures"] * arrays["mode_scale"][:, None, None] * arrays["channel_scale"][:, None]
-    problem, joint = replace(problem, pressures=parts[..., 0] + 1j * parts[..., 1]), solvers.load("joint")
-    places = measurement.positions + away * np.random.default_rng(0).normal(size=measurement.positions.shape)
-    places[problem.known] = problem.known_positions
-    state = joint.use_modes(problem, joint.init(problem, scene.solver, 0, places), 1, modes, False)
-    after, start = joint.step(problem, state), np.column_stack([places, np.zeros(measurement.count)]).tolist()
-    call = "([places, high, noise]) => replay.jointStep(places, 1, high, noise)"
-    found = page.evaluate(call, [start, modes, state.model.noise[:modes].tolist()])
-    np.testing.assert_allclose(np.array(found["places"])[:, :2], after.positions, atol=1e-6)
-    assert found["moved"] > 0.01
 
 
 def test_a_microphone_that_is_let_go_rolls_downhill_into_a_hole_that_is_named(page, run):
@@ -126,15 +107,7 @@ def test_one_that_stops_at_the_edge_of_the_map_is_in_no_hole(page, run):
     assert page.evaluate("replay.own.homes") == homes
 
 
-JOINTLY = """count => {
-    let places = replay.own.places;
-    for (let i = 0; i < count; i++) places = replay.jointStep(places, 1, 20).places;
-    return places;
-}"""
-
-
-def test_sweeps_and_joint_steps_move_all_and_the_recording_comes_back(page, run):
-    """Joint steps, with the noise that the browser estimates, go on between the points of the lattice."""
+def test_a_sweep_moves_all_and_the_recording_comes_back(page, run):
     _, measurement, problem, _, states = run
     page.get_by_role("button", name="Sweep").click()
     free = problem.free.tolist()
@@ -142,12 +115,7 @@ def test_sweeps_and_joint_steps_move_all_and_the_recording_comes_back(page, run)
     steps = (places[free] - problem.search.origin) / problem.search.step
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6, err_msg="on the lattice")
     np.testing.assert_allclose(places[problem.known], problem.known_positions, atol=1e-6)
-    ends = np.array(page.evaluate(JOINTLY, 8))[:, :2]
-    swept, jointly = (np.linalg.norm(found - measurement.positions, axis=1).mean() for found in (places, ends))
-    assert jointly < 0.003 < 0.5 * swept
-    page.get_by_role("button", name="Joint step").click()
-    page.get_by_text("One joint step: up to").wait_for()
-    assert not np.allclose(np.array(page.evaluate("replay.own.places"))[free, :2], places[free])
+    assert not np.allclose(places[free], states[0].positions[free])
     page.get_by_role("button", name="Back to the recording").click()
     shown = np.array([page.evaluate("n => replay.placeOf(0, n)", n) for n in range(measurement.count)])[:, :2]
     np.testing.assert_allclose(shown, states[0].positions, atol=1e-6)

@@ -30,7 +30,7 @@ function caption() {
     step.choices.forEach((text, i) => { if (i == answer || i == step.answer) add("div", `${i == step.answer ? "✓" : "✗"} ${text}`); });
     add("b", answer == step.answer ? "Right." : "Not quite.");
     for (const text of step.reveal) add("p", text);
-    add("p", `Try it: drag a microphone and let it go${descentLattice && free.length > 1 ? ", or take steps of descent, of one microphone, and joint steps, of all" : ""}.`, "dim");
+    add("p", `Try it: drag a microphone and let it go${descentLattice && free.length > 1 ? ", or take steps of descent" : ""}.`, "dim");
   }
   const moves = add("div", "", "moves");
   if (stepAt) button(moves, "Back", () => enterStep(stepAt - 1));

@@ -184,4 +184,4 @@ function mapControls() {
   $("map").onchange = show;
 }
 // For tests, and for curious people with the console open.
-window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, finished, placeOf, hidden, data, arrays, descentStep, jointStep, downhill, level, get own() { return own; }, drawn: n => drawnAt[n]};
+window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, finished, placeOf, hidden, data, arrays, descentStep, downhill, level, get own() { return own; }, drawn: n => drawnAt[n]};

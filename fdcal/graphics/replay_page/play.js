@@ -143,28 +143,6 @@ function takeSteps(count) {
   show();
 }
 
-// One step of all free microphones at once with the modes `low` to `high`: places (N, 3) and how far one has moved, metres.
-// noise (M): that of each mode, in parts of its power; the likeliest unless given.
-function jointStep(places, low, high, noise) {
-  const tau = arrays.noise ? arrays.noise.slice(at * N, (at + 1) * N) : new Float64Array(N).fill(1), modes = [];
-  maps.modes.forEach((mode, index) => {
-    if (mode < low || mode > high) return;
-    const {p, scale} = landscapes.pressures(index, at), re = p.filter((_, i) => i % 2 == 0).map((v, n) => v / scale[n]), im = p.filter((_, i) => i % 2).map((v, n) => v / scale[n]);
-    const unit = Math.sqrt(N) / Math.hypot(lengthOf(re), lengthOf(im));
-    modes.push({k: arrays.wavenumbers[2 * index], re: re.map(v => v * unit), im: im.map(v => v * unit)});
-  });
-  const joint = new Joint(modes, tau, free, maps.joint);
-  return joint.step(places, noise ?? joint.noise(places));
-}
-function takeJointStep() {
-  takeOver();
-  rolling = null; own.waiting = -1;
-  const {places, moved} = jointStep(own.places, ...(chosen ?? [first[at], last[at]]));
-  Object.assign(own, {places, path: null, words: ""});
-  show();
-  $("tries").textContent = moved < 1e-5 ? "Converged" : `One joint step: up to ${mm(moved)}`;
-}
-
 // The opening: lower and lower modes are added to the map, until one hole is left, into which the microphone rolls.
 let opening = false;
 async function open() {

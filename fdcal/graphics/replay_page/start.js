@@ -23,7 +23,6 @@ $("reset").onclick = () => look(flat);
 $("trails").onchange = show;
 $("descend").onclick = () => takeSteps(1);
 $("sweepall").onclick = () => takeSteps(free.length);
-$("jointly").onclick = takeJointStep;
 $("back").onclick = () => { giveBack(); show(); };
 if (maps) mapControls(); else $("mapbar").hidden = true;
 $("theme").onclick = () => { themed = true; theme(document.documentElement.dataset.theme != "dark"); };
