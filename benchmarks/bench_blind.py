@@ -14,8 +14,8 @@ import numpy as np
 import soundfile
 
 import fdcal
-from fdcal.session.planning.plan import make_plan
-from fdcal.session.planning.request import Layout, PlanRequest
+from fdcal.session.plan import make_plan
+from fdcal.session.plan_request import Layout, PlanRequest
 from fdcal_bench.cases import LIVING, SNR_DB, STUDIO, Case, Family
 from fdcal_bench.scores import error_mm
 
@@ -44,7 +44,7 @@ def run() -> Iterator[str]:
             verdicts[found.verdict] += 1
             errors.append(error_mm(np.asarray(found.positions), case.truth))
             request = PlanRequest(Layout("drawn", names, case.truth), family.room, family.reverberation, SNR_DB)
-            planned.append(1e3 * make_plan(request, with_advice=False).forecast.rms)
+            planned.append(1e3 * make_plan(request).forecast.rms)
         reached, expected = (float(np.sqrt(np.mean(np.square(values)))) for values in (errors, planned))
         said = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common())
         yield f"{family.name}: {reached:.1f} mm RMS, {expected:.1f} mm expected; {said}"

@@ -18,8 +18,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fdcal.session.planning.plan import make_plan
-from fdcal.session.planning.request import Layout, PlanRequest
+from fdcal.session.plan import make_plan
+from fdcal.session.plan_request import Layout, PlanRequest
 from fdcal_bench.cases import FAMILIES, LIVING, SNR_DB, TAKES, Family
 from fdcal_bench.methods import fdcal
 from fdcal_bench.scores import read_reference, score
@@ -45,7 +45,7 @@ def planned(family: Family, draw: int) -> tuple[float, float, float]:
         takes=TAKES,
         kind="impulse" if family.kind == "impulse" else "stationary",
     )
-    found = make_plan(request, with_advice=False).forecast
+    found = make_plan(request).forecast
     return 1e3 * found.rms, 1e3 * found.low, 1e3 * found.high
 
 

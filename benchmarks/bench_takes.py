@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdcal.session.planning.plan import make_plan
-from fdcal.session.planning.request import Layout, PlanRequest
+from fdcal.session.plan import make_plan
+from fdcal.session.plan_request import Layout, PlanRequest
 from fdcal_bench.cases import HALL, LIVING, SNR_DB, Family
 from fdcal_bench.methods import fdcal
 from fdcal_bench.scores import score
@@ -31,7 +31,7 @@ def table() -> Iterator[str]:
         layout = Layout("drawn", tuple(map(str, range(len(places)))), places)
         for takes in TAKES:
             request = PlanRequest(layout, family.room, family.reverberation, SNR_DB, takes=takes)
-            plan = make_plan(request, with_advice=False)
+            plan = make_plan(request)
             errors = [
                 score(replace(case, recordings=case.recordings[:takes]), fdcal, "fdcal").error_mm for case in cases
             ]

@@ -54,9 +54,7 @@ from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from ..cost.kernels import diffuse_kernel
-from ..cost.likelihood import FieldModel, likelihood_terms
 from ..model.gauge import align, rigid_motions
-from ..model.problem import mode_power
 from ..solvers.estimate import Estimate
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly
@@ -131,29 +129,6 @@ def diffuse_information(positions, wavenumbers, noise_fraction: float, dimension
     return _with_sound_speed(x, np.asarray(total))
 
 
-def field_information(positions, pressures, wavenumbers, noise_fraction: float, dimension: int) -> Information:
-    """Return the information of one sound field, that of a room and a source, from its pressures (M, N) without noise.
-
-    The Gauss-Newton matrix of the likelihood at the true positions (N, D), metres, the phases of the channels
-    eliminated. `wavenumbers` (M,) hold their decay, rad/m; the rest as of `diffuse_information`.
-    """
-    x = np.asarray(positions, float)
-    (N, D), M = x.shape, len(pressures)
-    scaled = np.asarray(pressures) * np.sqrt((1 - noise_fraction) / mode_power(pressures))[:, None]
-    diffuse = FieldModel(
-        np.asarray(wavenumbers, complex),
-        np.full(M, 1 - noise_fraction),
-        np.full(M, noise_fraction),
-        np.ones(N),
-        dimension,
-    )
-    H = likelihood_terms(x, scaled, diffuse, np.zeros((N, 2))).newton()[1].reshape(N * (D + 2), -1)
-    order = np.arange(N * (D + 2)).reshape(N, D + 2)
-    kept, phases = np.append(order[:, :D], order[:, D]), order[:, D + 1]
-    cross = H[np.ix_(kept, phases)]
-    return _with_sound_speed(x, H[np.ix_(kept, kept)] - cross @ np.linalg.pinv(H[np.ix_(phases, phases)]) @ cross.T)
-
-
 def position_bound(information: Information, prior: Prior) -> Bound:
     """Return the Cramer-Rao bound of the positions."""
     x, P = information.positions, _covariance(information, prior)
@@ -174,13 +149,6 @@ def position_bound(information: Information, prior: Prior) -> Bound:
     of_sought = P[np.ix_(sought, sought)]
     freedom = float(np.trace(of_sought) ** 2 / np.sum(of_sought**2))
     return Bound(blocks, free, np.sqrt(np.maximum(values, 0.0)), shapes, float(np.sqrt(size @ P @ size)), freedom)
-
-
-def aligned_rms(information: Information, prior: Prior) -> float:
-    """Return the bound of the shape: of all microphones after the best rigid motion, root mean square, metres."""
-    P, R = _covariance(information, prior), rigid_motions(information.positions)
-    Q = np.eye(len(P)) - R @ np.linalg.pinv(R)
-    return float(np.sqrt(np.trace(Q @ P @ Q) / len(information.positions)))
 
 
 def _of_modes(kappa: np.ndarray, slopes: np.ndarray, noise_fraction: float) -> np.ndarray:

@@ -11,8 +11,7 @@ from . import options as opt
 from .options import force_option, output_option, output_path, progress_bar
 
 SUFFIXES = [".html", ".json", ".png"]
-MAX_TRIALS, MAX_TAKES = 10_000, 100
-MAX_WORKERS = 64
+MAX_TAKES = 100
 
 
 @click.command()
@@ -52,23 +51,12 @@ MAX_WORKERS = 64
     show_default=True,
     help="Noise or music, or impulses and sweeps, whose arrival times count.",
 )
-@click.option("--trials", type=click.IntRange(0, MAX_TRIALS), default=0, metavar="T", help="Simulated calibrations.")
-@click.option(
-    "--solver", type=click.Choice(["robust", "joint"]), default="robust", show_default=True, help="Of the trials."
-)
-@click.option(
-    "--workers",
-    type=click.IntRange(1, MAX_WORKERS),
-    metavar="W",
-    help="Processes of the trials.  [default: one a core]",
-)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Of the trials.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Of places drawn.")
 @output_option("PLAN.html|json|png", required=False)
 @force_option
 def plan(
-    layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, kind, trials, solver,
-    workers, seed, output, force,
-):  # fmt: skip
+    layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, kind, seed, output, force
+):
     """Tell beforehand how exact an array will be calibrated.
 
     LAYOUT is a table name,x,y[,z] (.csv), a geometry of Acoular (.xml), a scene, or a geometry in words: "circle 16
@@ -76,10 +64,8 @@ def plan(
     sets it upright.
     """
     path = output_path(output, SUFFIXES, force, layout) if output else None
-    from ..session.planning.bounds import request_information
-    from ..session.planning.plan import make_plan, plan_lines
-    from ..session.planning.request import PlanRequest, read_layout
-    from ..session.planning.trials import run_trials, workers_for
+    from ..session.plan import make_plan, plan_lines
+    from ..session.plan_request import PlanRequest, read_layout
 
     array = read_layout(layout, seed)
     request = PlanRequest(
@@ -95,14 +81,8 @@ def plan(
         seed=seed,
         takes=takes,
         kind=kind,
-        solver=solver,
     )
-    simulated = None
-    if trials:
-        information, workers = request_information(request), workers or workers_for(trials)
-        with progress_bar("simulating") as progress:
-            simulated = run_trials(request, information, trials, progress, workers)
-    found = make_plan(request, trials=simulated)
+    found = make_plan(request)
     if path is not None:
         _write(path, found, force)
     print("\n".join(plan_lines(found)))
@@ -136,7 +116,7 @@ def _write(path, found, force: bool) -> None:
     from ..graphics.landscape import figure_bytes
     from ..graphics.reports import draw_plan, plan_html
     from ..model.storage import write_atomically
-    from ..session.planning.plan import plan_dict
+    from ..session.plan import plan_dict
 
     suffix = path.suffix.lower()
     if suffix == ".png":

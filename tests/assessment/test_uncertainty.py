@@ -19,7 +19,6 @@ from fdcal.assessment.uncertainty import (
     curvature_of,
     diffuse_information,
     ellipse_axes,
-    field_information,
     one_sigma,
     position_bound,
     scale_sigma_of,
@@ -31,7 +30,7 @@ from fdcal.model.gauge import align, rigid_motions
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import SolverSettings
-from fdcal.session.planning.bounds import request_information
+from fdcal.session.plan import make_plan
 from fdcal.solvers import load
 from fdcal.solvers.estimate import Estimate, TriedOptimum
 from fdcal.solvers.robust.result import estimate_at, sandwich
@@ -362,7 +361,7 @@ def test_the_ellipses_of_a_plan_hold_95_percent(name):
     run = SimpleNamespace(measurement=measurement, scene=scene, known_scene=scene)
     choices = PlanChoices(known=(0, 1, 2, 3), frequencies=12)
     request = plan_request(run, choices)
-    bound = position_bound(request_information(request), request.prior)
+    bound = make_plan(request).bound
     drawn = planned_array(run, choices)
     for n in np.flatnonzero(bound.free)[:3]:
         assert_holds(drawn.axes[n], bound.covariance[n], 0.95)
@@ -420,22 +419,6 @@ def test_rigid_motions_carry_no_information(axes):
     x = array(7, axes)
     F = diffuse_information(x, WAVENUMBERS, SHARE, axes).matrix[: x.size, : x.size]
     assert np.abs(F @ rigid_motions(x)).max() < 1e-9 * np.abs(F).max()
-
-
-def test_the_information_of_a_drawn_field_is_that_of_a_diffuse_one_on_average():
-    """The Gauss-Newton matrix leaves out a part of the Fisher matrix: they agree where there is little noise."""
-    x, k, share = array(12, 2), np.linspace(3, 8, 300), 1e-4
-    rng = np.random.default_rng(1)
-    distance = np.linalg.norm(x[:, None] - x[None], axis=-1)
-    p = []
-    for one in k:
-        values, vectors = np.linalg.eigh(j0(one * distance))
-        z = rng.normal(scale=np.sqrt(0.5), size=(2, len(x)))
-        p.append(vectors @ (np.sqrt(np.maximum(values, 0)) * (z[0] + 1j * z[1])))
-    prior = Prior(np.array([0, 1, 2]))
-    drawn = position_bound(field_information(x, np.array(p), k, share, 2), prior)
-    expected = position_bound(diffuse_information(x, k, share, 2), prior)
-    assert drawn.rms == pytest.approx(expected.rms, rel=0.25)
 
 
 def test_microphones_given_exactly_have_no_uncertainty_and_more_of_them_help():

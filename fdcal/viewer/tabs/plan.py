@@ -9,18 +9,14 @@ from html import escape
 import numpy as np
 import viser
 
-from ...assessment.uncertainty import confidence_factor, ellipse_axes, position_bound
+from ...assessment.uncertainty import confidence_factor, ellipse_axes
 from ...model.scene import Scene
-from ...session.planning.bounds import forecast, request_information, takes_cases
-from ...session.planning.plan import bound_lines, degeneracies, forecast_line, takes_lines
-from ...session.planning.request import Layout, PlanRequest
-from ...session.process import one_blas_thread
+from ...session.plan import Plan, make_plan, plan_sentences, plan_table
+from ...session.plan_request import Layout, PlanRequest
 from ..background.prepare import PreparedRun
 from ..gui import html
 from ..gui.binding import Binding, PlanChoices, Tab, Tick
 from ..gui.html import error_message
-
-DETERMINED = "pressures and given positions determine all directions"
 
 
 @dataclass(frozen=True)
@@ -30,7 +26,7 @@ class PlannedArray:
     choices: PlanChoices  # for which it was computed
     # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last; empty after an error
     axes: np.ndarray
-    lines: tuple[str, ...] = ()  # the summary in words
+    plan: Plan | None = None  # None after an error
     max_frequencies: int = 0  # number of frequencies that the array can use
     error: str = ""  # why there is no bound, "" if there is
 
@@ -69,18 +65,14 @@ def _room(scene: Scene) -> tuple[float, ...] | None:
 def planned_array(run: PreparedRun, choices: PlanChoices) -> PlannedArray:
     """Return the bound of the array, or in one line why there is none."""
     try:
-        request = plan_request(run, choices)
-        with one_blas_thread():
-            information = request_information(request)
-            bound = position_bound(information, request.prior)
-            expected = forecast_line(request, forecast(request, information, bound))
-            takes = takes_lines(takes_cases(request, information, bound), request.takes)
+        plan = make_plan(plan_request(run, choices))
+        every = len(replace(plan.request, modes=None).band_frequencies)
     except ValueError as error:  # an InputError, too
         return PlannedArray(choices, np.zeros((0, 2, 2)), error=error_message(error))
+    bound = plan.bound
     covariance = np.where(bound.free[:, None, None], bound.covariance, 0.0)
     axes = ellipse_axes(covariance, confidence_factor(0.95, covariance.shape[-1]))
-    lines = (*bound_lines(request, bound), expected, *takes, *(degeneracies(request, bound) or (DETERMINED,)))
-    return PlannedArray(choices, axes, lines, request.max_modes)
+    return PlannedArray(choices, axes, plan, every)
 
 
 MEASURED = "This is a measurement; open a scene that is simulated to plan its array."
@@ -192,10 +184,14 @@ def first_known(binding: Binding, count: int) -> tuple[int, ...]:
 
 
 def summary(planned: PlannedArray) -> str:
-    """Return the summary in words as HTML."""
-    if planned.error:
+    """Return the plan in words, or why there is none, as HTML."""
+    if planned.plan is None:
         return html.complaint(planned.error)
-    items = "".join(f"<li>{escape(line)}</li>" for line in planned.lines)
+    lines, (caption, advice) = plan_sentences(planned.plan)
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    cells = ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in plan_table(planned.plan)]
+    table = f"<table style='text-align: right'><tr>{'</tr><tr>'.join(cells)}</tr></table>"
     return (
-        f"<div style='{html.CARD}'><ul style='padding-left: 1.1em; margin: 0'>{items}</ul></div>{html.remark(DRAGGED)}"
+        f"<div style='{html.CARD}'><ul style='padding-left: 1.1em; margin: 0'>{items}</ul><p>{escape(caption)}</p>"
+        f"{table}<p>{escape(advice)}</p></div>{html.remark(DRAGGED)}"
     )

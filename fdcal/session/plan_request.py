@@ -9,16 +9,16 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ...acoustics.dictionary import array_f_max
-from ...acoustics.measure import cached_measurement
-from ...acoustics.room_modes import independent_frequencies
-from ...assessment.uncertainty import Prior
-from ...model.arrays import WALL_DISTANCE_M, ball, box, circle, positions_of, rectangle
-from ...model.measurement import checked_known
-from ...model.scene import Array, MeasuredScene, Scene, load_scene, scene_names
-from ...model.validation import InputError, Metres, MetresPerSecond, Seconds, Seed, check, frozen_array, refusal, within
-from ...recordings.formats.positions import READERS, read_positions
-from ...recordings.frequencies import default_max_rows
+from ..acoustics.dictionary import array_f_max
+from ..acoustics.measure import cached_measurement
+from ..acoustics.room_modes import independent_frequencies
+from ..assessment.uncertainty import Prior
+from ..model.arrays import WALL_DISTANCE_M, ball, box, circle, positions_of, rectangle
+from ..model.measurement import checked_known
+from ..model.scene import Array, MeasuredScene, Scene, load_scene, scene_names
+from ..model.validation import InputError, Metres, MetresPerSecond, Seconds, Seed, check, frozen_array, refusal, within
+from ..recordings.formats.positions import READERS, read_positions
+from ..recordings.frequencies import default_max_rows
 
 FLAT_M = 1e-6  # heights that differ by less are one plane
 FORMS = ("circle", "rectangle", "ball", "box")
@@ -91,43 +91,28 @@ def _of_table(name: str, names: tuple[str, ...], x: np.ndarray) -> Layout:
 
 
 def _of_words(words: list[str], text: str, seed: int) -> np.ndarray:
+    refused = InputError(f'"{text}" is no geometry', f"write it as {EXAMPLES}", key="layout", value=text)
+    if words[0] not in FORMS or len(words) != 3:
+        raise refused
+    try:
+        counts = tuple(map(int, words[1].lower().split("x")))
+        lengths = tuple(map(float, words[2].lower().split("x")))
+    except ValueError:
+        raise refused from None
     kind, rng = words[0], np.random.default_rng(seed)
-    if kind not in FORMS or len(words) != 3:
-        raise InputError(f'"{text}" is no geometry', f"write it as {EXAMPLES}", key="layout", value=text)
-    first, second = _numbers(words[1], int, text), _numbers(words[2], float, text)
     if kind == "rectangle":
-        array = Array(kind, shape=first, size=second)
+        array = Array(kind, shape=counts, size=lengths)
         return rectangle(array.shape or (), array.size or ())
     if kind == "box":
-        array = Array(kind, count=first[0], size=second)
+        array = Array(kind, count=counts[0], size=lengths)
         return box(array.count or 0, array.size, rng)
-    array = Array(kind, count=first[0], radius=second[0])
+    array = Array(kind, count=counts[0], radius=lengths[0])
     if kind == "circle":
         return circle(array.count or 0, array.radius or 0.0)
     return ball(array.count or 0, array.radius or 0.0, rng)
 
 
-def _numbers(word: str, kind: type, text: str) -> tuple:
-    try:
-        return tuple(kind(part) for part in word.lower().split("x"))
-    except ValueError:
-        raise InputError(f'"{text}" is no geometry', f"write it as {EXAMPLES}", key="layout", value=text) from None
-
-
 ONE_PLACE = 1e-6  # of the array's extent: microphones that are closer count as one
-
-
-def require_layout(layout: Layout, most: int) -> None:
-    """Raise InputError for too few or too many microphones, or for two at one place."""
-    x = layout.positions
-    N, least = len(x), x.shape[1] + 3
-    if not least <= N <= most:
-        raise InputError(f"the layout has {N} microphones", f"give {least} to {most}", key="layout", value=N)
-    apart = np.linalg.norm(x[:, None] - x[None], axis=-1)
-    first, second = np.array(np.triu_indices(N, 1))[:, np.argmin(apart[np.triu_indices(N, 1)])]
-    if apart[first, second] <= ONE_PLACE * apart.max():
-        problem = f"microphones {layout.names[first]} and {layout.names[second]} are at one place"
-        raise InputError(problem, "move them apart, or leave one out", key="layout")
 
 
 @dataclass(frozen=True)
@@ -138,10 +123,10 @@ class PlanLimits:
     # highest frequency by default, relative to what the array can interpolate (Eq. 9): there the functions are as many
     # as the microphones, and the pressures predict nothing
     high: float = 0.7
-    max_frequencies: int = 150  # of the bounds; more are accounted for by scaling the information
-    search_frequencies: int = 16  # of the maps and the advice, likewise
+    # frequencies times microphones of which the information is computed; more are accounted for by scaling it
+    work: int = 3000
+    min_frequencies: int = 16  # of them at least
     clearance: float = 0.7  # least distance of a source from the microphones in a room, metres
-    sources: int = 4  # source positions in a room that the bound is averaged over
     # centre of an array in a room where its own coordinates do not lie inside, relative to the room's lengths
     place: tuple[float, float, float] = (0.43, 0.46, 0.45)
     max_microphones: int = 300  # of a plan
@@ -153,25 +138,6 @@ class PlanLimits:
 PLAN_LIMITS = PlanLimits()
 
 
-@dataclass(frozen=True)
-class Assumptions:
-    """Tape measures, channels and accuracies, as assumed unless a request says otherwise."""
-
-    # metres, one sigma of a coordinate that is measured by tape. A tape of class II errs by 0.3 mm and 0.2 mm more for
-    # each metre at most (Directive 2014/32/EU, annex X); finding the middle of a membrane in its housing and holding
-    # the tape level take the rest.
-    tape_sigma_m: float = 0.005
-    # metres, one sigma of an arrival time: 0.1 to 0.8 mm in simulated rooms, 0.9 mm of the measured array
-    arrival_sigma_m: float = 5e-4
-    # dB, spread of the channels' gains: what makers promise for the sensitivity of MEMS and of measurement microphones
-    # without calibration, +-1 dB.
-    gain_sigma_db: float = 1.0
-    # relative one sigma of the size, or of a stretch, from which a plan mentions it: over an array of 1 m it is the
-    # accuracy that is wanted by default, 10 mm.
-    blurred: float = 0.01
-
-
-ASSUMED = Assumptions()
 MIN_FREQUENCIES = 3  # of a calibration
 
 
@@ -194,18 +160,16 @@ class PlanRequest:
     gain_sigma_db: Annotated[float, within(0, 1e12, "dB")] = 0.0
     sound_speed: MetresPerSecond = 343.0
     accuracy: Metres = 0.01  # that is wanted
-    seed: Seed = 0  # of sources, noise and gains
+    seed: Seed = 0  # of the places of the source
     # the lowest so many independent frequencies of the band, evenly over these at most as many as an import takes
     modes: Annotated[int, within(MIN_FREQUENCIES)] | None = None
     # places of the source, each recorded by itself at `snr_db`; every take has all frequencies
     takes: Annotated[int, within(1, PLAN_LIMITS.max_takes)] = 1
     # what the source plays: "impulse" stands for sweeps and claps, too, whose arrival times count
     kind: Literal["stationary", "impulse"] = "stationary"
-    # of the trials; "robust" models all that a plan assumes of gains and given positions
-    solver: Literal["robust", "joint"] = "robust"
 
     def __post_init__(self):
-        require_layout(self.layout, PLAN_LIMITS.max_microphones)
+        self._require_layout()
         check(self, names={"snr_db": "snr", "band": "frequencies"})
         if not 0 < self.snr_db <= PLAN_LIMITS.max_snr_db:
             remedy = f"use more than 0 and at most {PLAN_LIMITS.max_snr_db:g}"
@@ -222,8 +186,13 @@ class PlanRequest:
         if self.known_sigma and not self.known:
             why = "is of given positions, and none is given"
             raise refusal("known_sigma", self.known_sigma, why, "give <known>, or leave out <known_sigma>", "m")
-        if room is not None:
-            self._require_fit(np.ptp(self.stated_places, axis=0), np.array(room))
+        extent = np.ptp(self.stated_places, axis=0)
+        if room is not None and np.any(extent > np.array(room) - 2 * WALL_DISTANCE_M):
+            array, size = (" x ".join(f"{length:.3g}" for length in lengths) for lengths in (extent, room))
+            problem = (
+                f"the array, {array} m, does not fit into the room, {size} m, {WALL_DISTANCE_M:g} m from its walls"
+            )
+            raise InputError(problem, "give a smaller array or a larger <room>, both in metres", key="room", value=room)
         if len(self.frequencies) < MIN_FREQUENCIES:
             low, high = self.limits
             problem = f"{low:.1f} to {high:.1f} Hz with a reverberation time of {self.reverberation_time:g} s hold"
@@ -231,15 +200,18 @@ class PlanRequest:
             remedy = "use a wider band (<frequencies>), or a smaller array, whose band reaches higher" + self._width
             raise InputError(problem, remedy, key="frequencies")
 
-    def _require_fit(self, extent: np.ndarray, size: np.ndarray) -> None:
-        """Raise InputError unless an array of some extent (D,), metres, fits into a room, its walls left free."""
-        if np.any(extent > size - 2 * WALL_DISTANCE_M):
-            array, room = (" x ".join(f"{length:.3g}" for length in lengths) for lengths in (extent, size))
-            problem = (
-                f"the array, {array} m, does not fit into the room, {room} m, {WALL_DISTANCE_M:g} m from its walls"
-            )
-            remedy = "give a smaller array or a larger <room>, both in metres"
-            raise InputError(problem, remedy, key="room", value=self.room)
+    def _require_layout(self) -> None:
+        """Raise InputError for too few or too many microphones, or for two at one place."""
+        x = self.layout.positions
+        N, least, most = len(x), x.shape[1] + 3, PLAN_LIMITS.max_microphones
+        if not least <= N <= most:
+            raise InputError(f"the layout has {N} microphones", f"give {least} to {most}", key="layout", value=N)
+        pairs = np.triu_indices(N, 1)
+        apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=-1)
+        if apart.min() <= ONE_PLACE * apart.max():
+            first, second = (self.layout.names[rows[np.argmin(apart)]] for rows in pairs)
+            problem = f"microphones {first} and {second} are at one place"
+            raise InputError(problem, "move them apart, or leave one out", key="layout")
 
     @property
     def stated_places(self) -> np.ndarray:
@@ -283,35 +255,21 @@ class PlanRequest:
         return wide if width > PLAN_LIMITS.wide else ""
 
     @property
+    def band_frequencies(self) -> np.ndarray:
+        """All independent frequencies of the band, the lowest `modes` of them where that is given : float64, Hz."""
+        return independent_frequencies(*self.limits, self.reverberation_time, self.sound_speed, self.room)[: self.modes]
+
+    @property
     def frequencies(self) -> np.ndarray:
-        """The independent frequencies in use : (M,) float64, Hz, at most as many as an import takes."""
-        return _evenly(self._all_frequencies[: self.modes], default_max_rows(len(self.layout.names), self.takes))
-
-    @property
-    def max_modes(self) -> int:
-        """Number of independent frequencies in the band."""
-        return len(self._all_frequencies)
-
-    @property
-    def _all_frequencies(self) -> np.ndarray:
-        return independent_frequencies(*self.limits, self.reverberation_time, self.sound_speed, self.room)
-
-    @property
-    def noise_fraction(self) -> float:
-        """Power of the noise in that of the pressures."""
-        noise = 10 ** (-self.snr_db / 10)
-        return noise / (1 + noise)
+        """The frequencies of one take : (M,) float64, Hz: of the band evenly at most as many as an import takes."""
+        return evenly(self.band_frequencies, default_max_rows(len(self.layout.names), self.takes))
 
     @property
     def prior(self) -> Prior:
         """What is given beside the pressures."""
         return Prior(np.array(self.known, int), self.known_sigma, self.gain_sigma_db * np.log(10) / 20)
 
-    def spaced(self, most: int) -> np.ndarray:
-        """Return at most so many of the frequencies, evenly taken : float64, Hz."""
-        return _evenly(self.frequencies, most)
 
-
-def _evenly(f: np.ndarray, most: int) -> np.ndarray:
-    """At most so many of some frequencies, evenly taken."""
+def evenly(f: np.ndarray, most: int) -> np.ndarray:
+    """Return at most so many of some frequencies, evenly taken."""
     return f[np.unique(np.linspace(0, len(f) - 1, min(len(f), most)).round().astype(int))]

@@ -1,0 +1,377 @@
+"""Plans: layouts, fields of rooms, bounds, and what they say."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fdcal.graphics.reports import draw_plan, plan_html
+from fdcal.model.validation import InputError, StorageError
+from fdcal.recordings.frequencies import default_max_rows
+from fdcal.session.plan import FORECAST, arrival_matrix, make_plan, places_in_room, plan_dict, plan_lines, plan_table
+from fdcal.session.plan_request import Layout, PlanRequest, read_layout
+from fdcal.solvers.robust.arrivals import Arrivals, Source
+from fdcal_bench.cases import FAMILIES, SNR_DB, TAKES
+from fdcal_bench.scores import read_reference
+
+
+def request_of(text="circle 12 0.3", **others):
+    return PlanRequest(read_layout(text), **others)
+
+
+@pytest.mark.parametrize(
+    ("text", "count", "axes"),
+    [
+        ("circle 12 0.3", 12, 2),
+        ("rectangle 4x3 0.6x0.4", 12, 2),
+        ("ball 9 0.3", 9, 3),
+        ("box 9 1x1x0.5", 9, 3),
+        ("tiny", 16, 2),
+    ],
+)
+def test_layouts_in_words_and_scenes(text, count, axes):
+    assert read_layout(text).positions.shape == (count, axes)
+
+
+def test_layouts_from_files(tmp_path):
+    table, geometry = tmp_path / "a.csv", tmp_path / "a.xml"
+    table.write_text("name,x,y,z\na,0,0,1\nb,1,0,1\nc,0,1,1\n")
+    geometry.write_text('<MicArray><pos Name="p" x="0" y="0" z="0"/><pos Name="q" x="1" y="0" z="0.5"/></MicArray>')
+    assert read_layout(str(table)).names == ("a", "b", "c")
+    assert read_layout(str(table)).positions.shape == (3, 2)  # one height: a plane
+    assert read_layout(str(geometry)).positions.shape == (2, 3)
+
+
+@pytest.mark.parametrize("text", ["nothing", "circle", "circle 12", "circle x 0.3", "circle 12 -0.3", "cone 12 0.3"])
+def test_no_layout_is_one_line(text):
+    with pytest.raises(InputError) as caught:
+        read_layout(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises((StorageError, InputError)):
+        read_layout(str(tmp_path / "none.csv"))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "key"),
+    [
+        ({"snr_db": 0.0}, "snr"),
+        ({"snr_db": np.nan}, "snr"),
+        ({"snr_db": "30"}, "snr"),
+        ({"reverberation_time": -1.0}, "reverberation_time"),
+        ({"reverberation_time": 1e9}, "frequencies"),
+        ({"band": (300.0, 200.0)}, "frequencies"),
+        ({"band": (20.0, 21.0)}, "frequencies"),
+        ({"band": (5000.0, 6000.0)}, "frequencies"),
+        ({"band": (np.nan, 200.0)}, "frequencies"),
+        ({"known": (-1,)}, "known"),
+        ({"known": (0, 0)}, "known"),
+        ({"known": (99,)}, "known"),
+        ({"known": (0.5,)}, "known"),
+        ({"known": tuple(range(12))}, "known"),
+        ({"known": (0, 4, 8), "known_sigma": -1.0}, "known_sigma"),
+        ({"known": (0, 4, 8), "known_sigma": np.nan}, "known_sigma"),
+        ({"known_sigma": 0.005}, "known_sigma"),
+        ({"gain_sigma_db": -3.0}, "gain_sigma_db"),
+        ({"gain_sigma_db": np.inf}, "gain_sigma_db"),
+        ({"modes": -1}, "modes"),
+        ({"modes": 0}, "modes"),
+        ({"modes": 4.5}, "modes"),
+        ({"room": (5.0,)}, "room"),
+        ({"room": (5.0, -4.0)}, "room"),
+        ({"text": "ball 12 0.3", "room": (5.0, 4.0)}, "room"),
+        ({"seed": -1}, "seed"),
+        ({"kind": "speech"}, "kind"),
+        ({"kind": "impulse"}, "room"),
+    ],
+)
+def test_requests_out_of_range(wrong, key):
+    with pytest.raises(InputError) as caught:
+        request_of(**wrong)
+    assert caught.value.key == key and "\n" not in str(caught.value)
+
+
+def test_the_remedy_for_a_ratio_of_nothing_excludes_it():
+    with pytest.raises(InputError, match="more than 0 and at most 120"):
+        request_of(snr_db=0.0)
+
+
+def test_two_microphones_at_one_place_are_named():
+    layout = read_layout("circle 8 0.2")
+    positions = layout.positions.copy()
+    positions[5] = positions[2]
+    with pytest.raises(InputError, match="microphones 2 and 5 are at one place"):
+        PlanRequest(replace(layout, positions=positions))
+
+
+@pytest.mark.parametrize(
+    ("text", "room", "words"),
+    [
+        ("rectangle 4x4 3x3", (2.0, 4.0, 2.5), "the array, 3 x 3 x 0 m, does not fit into the room, 2 x 4 x 2.5 m"),
+        ("ball 16 4", (5.0, 4.0, 2.6), r"does not fit into the room, 5 x 4 x 2\.6 m"),  # nor has it a band
+        ("circle 16 0.3 vertical", (5.0, 4.0, 0.6), r"the array, 0\.6 x 0 x 0\.6 m, does not fit"),
+        ("circle 16 0.3", (5.0, 0.7), r"the array, 0\.6 x 0\.6 m, does not fit into the room, 5 x 0\.7 m"),
+    ],
+)
+def test_an_array_larger_than_the_room(text, room, words):
+    with pytest.raises(InputError, match=words) as refused:
+        request_of(text, room=room)
+    assert refused.value.key == "room" and "smaller array or a larger" in refused.value.remedy
+
+
+def test_a_plan_says_what_is_undetermined():
+    blind = make_plan(request_of())
+    given = make_plan(request_of(known=(0, 4, 8)))
+    assert any("mirror" in line for line in blind.degeneracies)
+    assert not any("mirror" in line for line in given.degeneracies)
+    few = make_plan(request_of("rectangle 4x4 0.4x0.4", band=(20.0, 150.0)))
+    assert any("determined to" in line for line in few.degeneracies)
+
+
+def test_json_figure_and_page_hold_the_plan():
+    request = request_of("rectangle 4x4 0.5x0.5", room=(6.0, 5.0, 2.7), known=(0, 3, 12))
+    plan = make_plan(request)
+    table = json.loads(json.dumps(plan_dict(plan)))
+    assert table["bound_rms_m"] == plan.bound.rms
+    assert table["text"] == plan_lines(plan)
+    assert len(draw_plan(plan).axes) == 1
+    assert table["table"]["expected_rms_m"][0][0] == plan.forecast.rms
+    page = plan_html(plan)
+    assert page.startswith("<!doctype html>")
+    assert "http" not in page.replace("http-equiv", "")
+    assert page.count("<tr>") == 17 + len(plan.takes) + 1
+
+
+def test_an_array_that_does_not_lie_in_the_room_is_said_to_be_moved(tmp_path):
+    places = np.random.default_rng(0).uniform([1.7, 0.5, 0.5], [2.2, 1.0, 1.0], (10, 3))
+    table = tmp_path / "a.csv"
+    table.write_text("\n".join(["name,x,y,z", *(f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(places))]))
+    layout = read_layout(str(table))
+    for size, moved in (((2.0, 2.0, 2.7), True), ((3.0, 2.0, 2.7), False)):
+        request = PlanRequest(layout, room=size)
+        text = "\n".join(plan_lines(make_plan(request)))
+        assert ("the array is moved as a whole" in text) == moved
+        assert np.allclose(places_in_room(request), layout.positions) == (not moved)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.6, np.pi / 2])
+def test_a_plane_array_is_planned_in_its_plane_however_it_is_turned(tmp_path, tilt):
+    level = read_layout("rectangle 4x3 0.6x0.4").positions
+    places = np.column_stack([level[:, 0], np.cos(tilt) * level[:, 1], np.sin(tilt) * level[:, 1]]) + [2.0, 1.5, 1.2]
+    table = tmp_path / "a.csv"
+    table.write_text("\n".join(["name,x,y,z", *(f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(places.tolist()))]))
+    request, other = PlanRequest(read_layout(str(table)), room=(4.0, 3.0, 2.5)), request_of("rectangle 4x3 0.6x0.4")
+    np.testing.assert_allclose(places_in_room(request)[:, :2], places[:, :2], atol=1e-9)
+    assert np.ptp(places_in_room(request)[:, 2]) == pytest.approx(np.ptp(places[:, 2]), abs=1e-9)
+    bounds = [make_plan(one).bound.rms for one in (replace(request, room=None), other)]
+    assert bounds[0] == pytest.approx(bounds[1], rel=1e-6)
+    assert any("not level" in line for line in plan_lines(make_plan(request))) == (tilt > 0)
+
+
+def test_an_upright_array_in_words_stands_along_x_and_z():
+    places = places_in_room(request_of("rectangle 4x3 0.6x0.4 vertical", room=(4.0, 3.0, 2.5)))
+    np.testing.assert_allclose(np.ptp(places, axis=0), [0.6, 0, 0.4], atol=1e-12)
+    with pytest.raises(InputError, match="three lengths"):
+        request_of("circle 12 0.2 vertical", room=(4.0, 3.0))
+    with pytest.raises(InputError, match="no geometry"):
+        request_of("ball 12 0.2 vertical")
+
+
+def test_a_band_that_is_too_narrow_is_named_with_all_its_digits():
+    with pytest.raises(InputError, match=r"^2000\.0 to 2004\.0 Hz with a reverberation time of 0\.5 s hold"):
+        request_of("circle 12 0.02", band=(2000.0, 2004.0))
+
+
+def test_positions_in_centimetres_are_suspected(tmp_path):
+    places = np.random.default_rng(0).uniform(0, 60, (10, 3))
+    table = tmp_path / "cm.csv"
+    table.write_text("\n".join(["name,x,y,z", *(f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(places))]))
+    for band in (None, (50.0, 400.0)):
+        with pytest.raises(InputError, match="in metres, not in centimetres"):
+            PlanRequest(read_layout(str(table)), band=band)
+
+
+def test_several_takes_of_a_large_array_have_the_frequencies_that_an_import_takes():
+    whole, lowest = (request_of("ball 64 0.4", takes=4, reverberation_time=0.4, modes=modes) for modes in (None, 100))
+    count = default_max_rows(64, 4)
+    assert len(whole.frequencies) == len(lowest.frequencies) == count < 100 < len(whole.band_frequencies)
+    band = whole.limits[1] - whole.limits[0]
+    assert np.ptp(whole.frequencies) > 0.95 * band > np.ptp(lowest.frequencies), "the band, the lowest 100"
+    assert whole.frequencies[0] == lowest.frequencies[0]
+    for request, of in ((whole, len(whole.band_frequencies)), (lowest, 100)):
+        line = plan_lines(make_plan(request))[1]
+        assert f"{count} independent ones in each take, as many of {of} as an import" in line
+
+
+@pytest.mark.parametrize(
+    ("text", "others", "said"),
+    [
+        ("ball 16 0.4", {}, True),
+        ("ball 16 0.4", {"room": (5.0, 4.0, 2.6)}, True),
+        ("ball 16 0.4", {"takes": 2}, False),
+        ("ball 16 0.4", {"known": (0, 1, 2, 3)}, False),
+        ("ball 17 0.4", {}, False),
+        ("circle 16 0.4", {"room": (5.0, 4.0)}, False),
+    ],
+)
+def test_few_microphones_from_one_place_with_nothing_given_are_said_to_be_often_not_found(text, others, said):
+    lines = plan_lines(make_plan(request_of(text, **others)))
+    assert any("are often not found" in line for line in lines) == said
+
+
+@pytest.mark.parametrize("takes", [0, -1, 101, 2.5])
+def test_a_number_of_takes_that_is_impossible_is_refused(takes):
+    with pytest.raises(InputError) as refused:
+        request_of(takes=takes)
+    assert refused.value.key == "takes"
+
+
+@pytest.mark.parametrize("number", [0, 1], ids=["noise", "impulses"])
+def test_of_ten_recordings_about_eight_err_as_much_as_is_forecast(number):
+    """Reached are the reference results of today's solver, in a living room with noise and with impulses."""
+    family = [one for one in FAMILIES if one.count == 16][number]
+    reached = {one.draw: one.error_mm for one in read_reference() if (one.case, one.method) == (family.name, "fdcal")}
+    inside, ratios, kind = 0, [], "impulse" if family.kind == "impulse" else "stationary"
+    for draw, error in reached.items():
+        places = family.places(draw)
+        layout = Layout("drawn", tuple(map(str, range(len(places)))), places)
+        request = PlanRequest(layout, family.room, family.reverberation, SNR_DB, takes=TAKES, kind=kind)
+        found = make_plan(request).forecast
+        inside += 1e3 * found.low <= error <= 1e3 * found.high
+        ratios.append(error / (1e3 * found.rms))
+    assert 6 <= inside <= 10 and 1 / 1.5 < np.sqrt(np.mean(np.square(ratios))) < 1.5
+
+
+def test_frequencies_that_are_far_apart_are_independent_and_close_ones_are_not():
+    """A short reverberation time makes neighbours alike over many hertz; the bound takes all for independent."""
+    few, many = (make_plan(request_of("ball 12 0.3", band=(100.0, 300.0), modes=modes)) for modes in (None, 8))
+    assert all(plan.forecast.rms > plan.bound.rms for plan in (few, many))
+    plans = [make_plan(request_of("ball 12 0.3", reverberation_time=time)) for time in (0.2, 0.5, 30.0)]
+    closer = [plan.forecast.rms / plan.bound.rms for plan in plans]
+    assert closer[0] == pytest.approx(closer[1], rel=0.1), "as many independent ones for each hertz of decorrelation"
+    assert closer[2] < 1.2, "an import takes a part of them, which are far apart"
+
+
+def test_a_plan_says_between_which_bounds_the_error_will_be():
+    plan = make_plan(request_of("ball 12 0.3"))
+    low, high, rms = (f"{1e3 * value:.3g} mm" for value in (plan.forecast.low, plan.forecast.high, plan.forecast.rms))
+    assert plan_lines(plan)[2] == f"expected error: {rms} rms, {low} to {high} in 8 of 10 recordings"
+    assert plan_dict(plan)["expected_range_m"] == [plan.forecast.low, plan.forecast.high]
+
+
+def test_what_the_array_cannot_interpolate_is_left_out_of_a_band():
+    """The bound is that of the band up to this frequency, in every line, and the plan says so."""
+    wide, whole = request_of("circle 8 0.2", band=(1.0, 1e5)), request_of("circle 8 0.2")
+    cut = replace(wide, band=(1.0, whole.f_max))
+    assert wide.limits == (1.0, whole.f_max) and np.array_equal(wide.frequencies, cut.frequencies)
+    plans = [make_plan(request) for request in (wide, cut)]
+    assert plans[0].bound.rms == plans[1].bound.rms and np.array_equal(plans[0].expected, plans[1].expected)
+    assert "of 1 to 100000 Hz the higher ones are left out" in plan_lines(plans[0])[1]
+    assert "left out" not in plan_lines(plans[1])[1]
+
+
+LIVING = {"room": (5.0, 4.0, 2.6), "reverberation_time": 0.4}
+CASES = [
+    ("ball 12 0.2", LIVING),
+    ("ball 12 0.3", {}),
+    ("ball 12 0.3", {"known": (0, 1, 2, 3), "known_sigma": 0.005, "gain_sigma_db": 1.0, "takes": 3}),
+    ("ball 16 0.4", LIVING | {"kind": "impulse"}),
+    ("ball 64 0.4", LIVING),
+    ("rectangle 4x4 0.6x0.6", {"room": (7.0, 6.0, 2.7), "reverberation_time": 0.4}),
+    ("circle 16 0.3", {"room": (5.0, 4.0), "kind": "impulse"}),
+]
+
+
+@pytest.mark.parametrize(("text", "others"), CASES)
+def test_more_signal_and_more_takes_never_make_the_forecast_worse(text, others):
+    plans = [make_plan(request_of(text, snr_db=snr_db, **others)) for snr_db in (15.0, 25.0, 30.0, 38.0, 45.0)]
+    for plan in plans:
+        assert np.all(np.diff(plan.expected, axis=1) <= 0), "less noise"
+        assert np.all(np.diff(plan.expected, axis=0) <= 0), "another place of the source"
+        assert plan.expected[plan.takes.index(plan.request.takes), 0] == plan.forecast.rms, "one quantity, one value"
+        assert plan.snr_db[0] == plan.request.snr_db and plan.snr_db[-1] <= max(FORECAST.max_snr_db, plan.snr_db[0])
+    for name in ("rms", "low", "high"):
+        assert np.all(np.diff([getattr(plan.forecast, name) for plan in plans]) <= 0)
+    assert np.all(np.diff([plan.bound.rms for plan in plans]) <= 0)
+
+
+def test_a_cell_of_the_table_is_the_forecast_of_a_plan_with_these_takes_and_this_ratio():
+    plan = make_plan(request_of("ball 16 0.4", kind="impulse", **LIVING))
+    for takes in (2, 8):
+        other = make_plan(replace(plan.request, takes=takes, snr_db=36.0)).forecast.rms
+        assert plan.expected[plan.takes.index(takes), plan.snr_db.index(36.0)] == pytest.approx(other, rel=1e-12)
+
+
+def test_takes_are_independent_so_that_the_bound_falls_with_the_root_of_their_number():
+    one, four = (make_plan(request_of("ball 12 0.3", takes=takes)) for takes in (1, 4))
+    assert four.bound.rms == pytest.approx(one.bound.rms / 2)
+    np.testing.assert_allclose(one.expected[:, 0], one.forecast.rms / np.sqrt(one.takes))
+    np.testing.assert_allclose(four.expected, one.expected)
+    assert make_plan(request_of("ball 12 0.3", takes=3)).takes == (1, 2, 3, 4, 8)
+
+
+def test_places_that_share_the_rows_of_an_import_are_worth_more_since_their_rows_are_farther_apart():
+    plan = make_plan(PlanRequest(read_layout("ball 32 0.4"), (9.0, 7.0, 4.0), 1.0))
+    two, four = (replace(plan.request, takes=takes) for takes in (2, 4))
+    assert len(two.frequencies) > len(four.frequencies), "they share them"
+    cases = plan.expected[:, 0]
+    assert cases[2] < 0.95 * cases[1] < 0.9 * cases[0]
+
+
+def test_arrival_times_lower_the_error_and_the_more_the_more_takes_there_are():
+    """They add little to one take, and never make the error worse."""
+    noise, impulse = (make_plan(request_of("ball 16 0.4", kind=kind, **LIVING)) for kind in ("stationary", "impulse"))
+    ratios = impulse.expected[:, 0] / noise.expected[:, 0]
+    assert 1 >= ratios[0] >= ratios[1] > ratios[2] > ratios[3] and ratios[2] < 0.7
+    for takes, words in ((1, "arrival times add too little"), (4, "arrival times included")):
+        assert words in "\n".join(plan_lines(make_plan(replace(impulse.request, takes=takes))))
+
+
+def test_arrival_times_say_what_the_solver_takes_them_to_say():
+    """With hardly any signal the forecast is that of arrival times alone, by the Gauss-Newton matrix of the solver."""
+    request = request_of("ball 16 0.4", room=(9.0, 8.0, 5.0), kind="impulse", takes=1)
+    places, x = places_in_room(request), request.layout.positions
+    source = np.array([1.0, 1.0, 1.0])
+    away, sigma = source - places.mean(axis=0), np.array([FORECAST.arrival_sigma_m])
+    distance = np.linalg.norm(away)
+    path = np.linalg.norm(places - source, axis=1)
+    start = Source(away[None] / distance, np.array([1 / distance]), np.zeros(1))
+    term = Arrivals((path - np.median(path))[None], np.ones((1, 16), bool), sigma, sigma, 3, start).terms(x)
+    found = arrival_matrix(places, source, 3)
+    np.testing.assert_allclose(found, term.matrix, atol=1e-6 * np.abs(term.matrix).max())
+
+
+@pytest.mark.parametrize(("text", "others"), CASES)
+def test_the_advice_follows_from_the_table(text, others):
+    plan = make_plan(request_of(text, **others))
+    own, values = plan.takes.index(plan.request.takes), np.unique(plan.expected)
+    for accuracy in (*values * 0.999, *values * 1.001):
+        one = replace(plan, request=replace(plan.request, accuracy=float(accuracy)))
+        advice, reached = plan_lines(one)[-1], plan.expected <= accuracy
+        if reached[own, 0]:
+            assert "is expected as planned" in advice
+        elif not reached.any():
+            assert advice.startswith("nothing in this table reaches")
+        else:
+            assert "needs" in advice
+            for words in advice.split(" needs ")[1].split(" or "):
+                takes, ratio = plan.request.takes, plan.request.snr_db
+                for part in words.split(" and "):
+                    number = float(part.split()[0])
+                    takes, ratio = (int(number), ratio) if "places" in part else (takes, number)
+                row, column = plan.takes.index(takes), [f"{x:g}" for x in plan.snr_db].index(f"{ratio:g}")
+                assert reached[row, column], "what is advised is in the table"
+
+
+def test_the_table_in_words_has_the_numbers_of_the_plan():
+    plan = make_plan(request_of("ball 12 0.3", takes=3))
+    lines, head, *rows = plan_lines(plan), *plan_table(plan)
+    assert lines[0].endswith("the source at 3 places, recorded equally long from each")
+    assert head == ["", "30 dB", "33 dB", "36 dB", "40 dB"]
+    assert [row[0] for row in rows] == ["1 place", "2 places", "3 places", "4 places", "8 places"]
+    for row, values in zip(rows, plan.expected, strict=True):
+        assert row[1:] == [f"{1e3 * value:.3g} mm" for value in values]
+        assert any(all(cell in line for cell in row) for line in lines)
