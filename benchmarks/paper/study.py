@@ -72,25 +72,21 @@ class Trail:
         return np.linalg.norm(self.positions - truth, axis=2)
 
 
-def trail(
-    problem: Problem, settings: SolverSettings, seed: int, progress: Callable[[float], None], positions=None
-) -> Trail:
+def trail(problem: Problem, settings: SolverSettings, seed: int, progress: Callable[[float], None]) -> Trail:
     """Return the run of a solver, from the cache if it is there.
 
-    `settings`: of a single solver, no chain; `progress`: called with the fraction done; what it raises ends the run;
-    `positions` (N, D) float64, where to begin, metres. Raises InputError: the solver cannot start.
+    `progress`: called with the fraction done; what it raises ends the run. Raises InputError: the solver cannot start.
     """
-    start = None if positions is None else np.asarray(positions).tolist()
     fields = (problem.pressures, problem.wavenumbers, problem.known, problem.known_positions, problem.noise_power)
     seen = [None if field is None else _digest(np.asarray(field)) for field in fields]
     search = None if problem.search is None else asdict(problem.search)
     relevant = asdict(settings)
     ignores = load(settings.name).TRAITS.ignores
     relevant = {key: value for key, value in relevant.items() if key == "name" or not ignores(key)}
-    parts = [seen, search, relevant, seed, start, code_version().source]
+    parts = [seen, search, relevant, seed, code_version().source]
 
     def make() -> dict[str, np.ndarray]:
-        return asdict(_computed(problem, settings, seed, progress, positions))
+        return asdict(_computed(problem, settings, seed, progress))
 
     name = f"{cache_key('trail', *parts)}.npz"
     return Trail(
@@ -98,10 +94,9 @@ def trail(
     )
 
 
-def _computed(problem: Problem, settings: SolverSettings, seed: int, progress, positions) -> Trail:
+def _computed(problem: Problem, settings: SolverSettings, seed: int, progress) -> Trail:
     solver, begun = load(settings.name), time.process_time()
-    given = {} if positions is None else {"positions": positions}
-    state = solver.init(problem, settings, seed, **given)
+    state = solver.init(problem, settings, seed)
     kept = [(state.positions, state.last, 0.0)]
     while not state.finished:
         before, state = state, solver.step(problem, state)
@@ -134,7 +129,7 @@ Progress = Callable[[float, str], None]
 class Outcome:
     """Results of a solver over all seeds."""
 
-    solver: str  # "descent", "descent+joint" or "joint"
+    solver: str  # "descent" or "joint"
     needed: int | None  # least number of modes with which every seed ends exact
     modes: int  # number of modes of what follows: `needed`, or else all
     highest: float  # highest frequency of these modes, Hz
@@ -197,25 +192,23 @@ def descents(array: Array, count: int, progress: Progress) -> Iterator[Trail]:
         yield _run_with_note(array, "descent", settings, seed, progress)
 
 
-def joints(array: Array, modes: int, descents: list[Trail] | None, progress: Progress) -> Iterator[Trail]:
-    """Yield the runs of solver joint with so many modes, from the ends of `descents` or from its own start.
+def joints(array: Array, modes: int, progress: Progress) -> Iterator[Trail]:
+    """Yield the runs of solver joint with so many modes.
 
     Raises InputError: there are too few modes for solver joint.
     """
     settings = replace(shortened(array.inputs.settings, "joint", modes), start=None)
     for seed in range(array.seeds):
-        before = None if descents is None else descents[seed]
-        start = None if before is None else before.positions[before.end_of(modes)]
-        yield _run_with_note(array, f"joint, {modes} modes", settings, seed, progress, start)
+        yield _run_with_note(array, f"joint, {modes} modes", settings, seed, progress)
 
 
-def _run_with_note(array: Array, words: str, settings, seed: int, progress: Progress, start=None) -> Trail:
+def _run_with_note(array: Array, words: str, settings, seed: int, progress: Progress) -> Trail:
     note = f"{array.name}: {words}, seed {seed}"
-    return trail(array.problem, settings, seed, lambda done: progress(done, note), start)
+    return trail(array.problem, settings, seed, lambda done: progress(done, note))
 
 
 def outcomes(array: Array, progress: Progress) -> tuple[Outcome, ...]:
-    """Return the outcomes of descent, joint after descent, and joint only."""
+    """Return the outcomes of descent and of joint."""
     first = list(descents(array, array.seeds, progress))
     lowest = array.inputs.settings.first_modes
     numbers = range(min(lowest, array.modes), array.modes + 1)
@@ -223,30 +216,16 @@ def outcomes(array: Array, progress: Progress) -> tuple[Outcome, ...]:
     needed = next((M for M in numbers if all(is_exact(array, x) for x in ends[M])), None)
     at = needed or array.modes
     alone = [(ends[at][s], run.end_of(at), run.seconds[run.end_of(at)]) for s, run in enumerate(first)]
-    return (
-        _outcome(array, "descent", needed, at, alone),
-        _least_modes_outcome(array, "descent+joint", numbers, first, progress),
-        _least_modes_outcome(array, "joint", numbers, None, progress),
-    )
+    of_descent = _outcome(array, "descent", needed, at, alone)
+    needed = next((M for M in numbers if _all_exact(array, M, progress)), None)
+    ends = [(run.positions[-1], run.sweeps, run.seconds[-1]) for run in joints(array, needed or array.modes, progress)]
+    return of_descent, _outcome(array, "joint", needed, needed or array.modes, ends)
 
 
-def _least_modes_outcome(
-    array: Array, solver: str, numbers: range, first: list[Trail] | None, progress: Progress
-) -> Outcome:
-    """Return the outcome with the least number of modes with which every seed ends exact, or with all modes."""
-    needed = next((M for M in numbers if _all_exact(array, M, first, progress)), None)
-    ends = []
-    for s, run in enumerate(joints(array, needed or array.modes, first, progress)):
-        sweep = 0 if first is None else first[s].end_of(needed or array.modes)
-        seconds = 0.0 if first is None else first[s].seconds[sweep]
-        ends.append((run.positions[-1], sweep + run.sweeps, seconds + run.seconds[-1]))
-    return _outcome(array, solver, needed, needed or array.modes, ends)
-
-
-def _all_exact(array: Array, modes: int, first: list[Trail] | None, progress: Progress) -> bool:
+def _all_exact(array: Array, modes: int, progress: Progress) -> bool:
     """Return whether every seed ends exact; the first that does not ends the search."""
     try:
-        return all(is_exact(array, run.positions[-1]) for run in joints(array, modes, first, progress))
+        return all(is_exact(array, run.positions[-1]) for run in joints(array, modes, progress))
     except InputError:  # too few modes
         return False
 
@@ -285,7 +264,7 @@ def joint_errors(array: Array, progress: Progress) -> tuple[list[int], list[floa
     once, numbers, errors = replace(array, seeds=1), [], []
     for M in sorted({min(M, array.modes) for M in STEPS}):
         with contextlib.suppress(InputError):
-            (run,) = joints(once, M, None, progress)
+            (run,) = joints(once, M, progress)
             numbers.append(M)
             errors.append(mean_error(array, run.positions[-1]))
     return numbers, errors

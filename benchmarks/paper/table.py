@@ -1,11 +1,10 @@
-"""The table "paper | descent | descent + joint | joint", as Markdown and as CSV."""
+"""The table "paper | descent | joint", as Markdown and as CSV."""
 
 import csv
 import io
 
 from .study import NEAR, PRINTED, Array, Outcome, title_of
 
-SOLVERS = {"descent": "descent", "descent+joint": "descent + joint", "joint": "joint"}
 WHY = """\
 - Exact: every microphone ends on its true cell of the search lattice ({step:g} cm), as in the paper.
   "Modes needed" is the least number with which all seeds end so; if there is none, the rows below are of all modes.
@@ -13,8 +12,7 @@ WHY = """\
 - descent is the paper's method with two changes: a weight on the known microphones, and an order that grows. It ends
   near the true positions but not on them. The remaining error is a smooth deformation of the whole array, which would
   need steps smaller than a cell from each single microphone; more modes do not help, since the lattice is the limit.
-- descent + joint continues where descent has ended with the number of modes in its column; sweeps and time are of
-  both. joint starts from a closed-form solution, not at random: its seeds agree.
+- joint starts from a closed-form solution, not at random: its seeds agree.
 - Error, sweeps and processor time are medians over the seeds.
 """
 
@@ -27,7 +25,7 @@ def markdown(arrays: list[Array], found: list[tuple[Outcome, ...]]) -> str:
 
 def _table(array: Array, outcomes: tuple[Outcome, ...]) -> str:
     seeds = outcomes[0].seeds
-    head = [title_of(array.name), "paper", *(SOLVERS[o.solver] for o in outcomes)]
+    head = [title_of(array.name), "paper", *(o.solver for o in outcomes)]
     rows = [head, ["---"] * len(head)]
     for name, printed, ours in _rows(array, seeds):
         rows.append([name, printed, *(ours(o) for o in outcomes)])

@@ -393,7 +393,7 @@ seed_option = click.option(
 solver_option = click.option(
     "--solver",
     type=click.Choice(names()),
-    help="robust, joint, descent (the paper's), descent+joint or room.  [default: the scene's]",
+    help="robust, joint, descent (the paper's) or room.  [default: the scene's]",
 )
 search_option = click.option(
     "--search",

@@ -202,7 +202,7 @@ class SolverSettings:
     ----------
     name : str
         "robust", which seeks the gains of the channels, too; "joint", the same for matched channels and exact given
-        positions; "descent", the paper's; "descent+joint", one after the other; or "room".
+        positions; "descent", the paper's; or "room".
     modes, first_modes : int
         Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured, up to what
         the array can interpolate and the solver can use (`fdcal.solvers.requirements`).

@@ -168,7 +168,7 @@ def calibrate(
         Microphones whose positions the solver gets: "all" that the measurement knows (as by default), "minimal" or
         "none"; names or numbers, whose positions the measurement has; or a mapping of these to positions (D,), metres.
     solver : str, optional
-        "robust" (as by default), "joint", "descent", "descent+joint" or "room".
+        "robust" (as by default), "joint", "descent" or "room".
     modes : int, optional
         Number of modes in use at the end, the lowest first; all, up to what array and solver can use, unless given.
     noise : str or float, optional

@@ -344,8 +344,7 @@ def read_states(
 ) -> tuple[RunState, ...]:
     """Return the states, `max_count` at most, of a table of `write_states` out of JSON and its arrays.
 
-    InputError for what is not of the type, the shape and the range that a state of `problem` has. Of a chain, states of
-    each of its members are possible.
+    InputError for what is not of the type, the shape and the range that a state of `problem` has.
     """
     order, kinds, settings = (_list(table, key) for key in ("order", "kinds", "settings"))
     if not 1 <= len(order) <= max_count:
@@ -353,7 +352,7 @@ def read_states(
         raise InputError(f"states.order has {len(order)} entries", remedy, key="states.order", value=len(order))
     read_settings = [build(SolverSettings, one if isinstance(one, dict) else {}, "settings.") for one in settings]
     reader = StateReader(arrays, read_settings, problem)
-    queues, states = [iter(_states_of(kind, solver.split("+"), reader)) for kind in kinds], []
+    queues, states = [iter(_states_of(kind, solver, reader)) for kind in kinds], []
     for number in order:
         state = next(queues[number], None) if isinstance(number, int) and 0 <= number < len(queues) else None
         if state is None:
@@ -369,18 +368,18 @@ def _list(table: Any, key: str) -> list:
     return table[key]
 
 
-def _states_of(table: Any, members: list[str], reader: StateReader) -> list[RunState]:
-    """The states of one of `members`."""
+def _states_of(table: Any, solver: str, reader: StateReader) -> list[RunState]:
+    """The states of a solver."""
     if not isinstance(table, dict) or not isinstance(table.get("fields"), dict):
         raise InputError("states.kinds must be tables with solver and fields", key="states.kinds")
     name, columns = table.get("solver"), table["fields"]
-    if name not in members:
-        remedy = f"the scene has solver.name = {shown_literal('+'.join(members))}"
+    if name != solver:
+        remedy = f"the scene has solver.name = {shown_literal(solver)}"
         raise InputError(f"states are of solver {shown_literal(name)}", remedy, key="states.kinds", value=name)
-    State, what = solvers.load(name).State, f"states of {name}"
+    State, what = solvers.load(solver).State, f"states of {solver}"
     reader.require_fields(what, columns, State)
     lengths = {len(column) if isinstance(column, list) else -1 for column in columns.values()}
     if len(lengths) != 1 or -1 in lengths:
-        raise InputError(f"states of {name} must have columns of one length", key="states.kinds")
+        raise InputError(f"states of {solver} must have columns of one length", key="states.kinds")
     rows = zip(*columns.values(), strict=True)
     return [reader.record(what, dict(zip(columns, row, strict=True)), State) for row in rows]

@@ -3,7 +3,7 @@
 May import: model, acoustics and cost.
 
 Every module inside this package but those of SHARED is a solver, a `fdcal.solvers.interface.Solver`; of a package it is
-the module `solver`. A name with "+" is a chain of solvers (`fdcal.solvers.interface.Chain`).
+the module `solver`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from .interface import RunState, Solver
 
 SHARED = {"estimate", "interface", "levenberg_marquardt", "requirements", "starts"}
-CHAINS = ("descent+joint",)
 
 
 @cache
@@ -36,20 +35,15 @@ def modules() -> dict[str, str]:
 
 
 def names() -> list[str]:
-    """Return the names of the solvers and of the chains, without importing any."""
-    return sorted([*modules(), *CHAINS])
+    """Return the names of the solvers, without importing any."""
+    return sorted(modules())
 
 
 @cache
 def load(name: str) -> Solver:
-    """Return the solver or the chain called `name`."""
+    """Return the solver called `name`."""
     require_choice("solver.name", name, names())
-    members = tuple(importlib.import_module(f"{__name__}.{modules()[part]}") for part in name.split("+"))
-    if len(members) == 1:
-        return cast("Solver", members[0])
-    from .interface import Chain
-
-    return Chain(members)
+    return cast("Solver", importlib.import_module(f"{__name__}.{modules()[name]}"))
 
 
 def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSettings:

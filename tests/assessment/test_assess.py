@@ -440,11 +440,6 @@ def test_every_solver_finds_a_healthy_array_good(healthy, solved, solver):
     assert np.linalg.norm(found.positions - healthy.positions, axis=1).max() < 0.01
 
 
-def test_a_chain_of_solvers_finds_a_healthy_array_good():
-    found = fdcal.calibrate(fdcal.load("tiny"), solver="descent+joint", modes=20)
-    assert found.verdict == "good" and found.max_error < 0.01
-
-
 @pytest.mark.parametrize("known", [CORNERS, []], ids=["known", "blind"])
 @pytest.mark.parametrize("snr_db", [np.inf, 30, 10])
 def test_the_true_positions_are_good_whoever_found_them(known, snr_db):

@@ -106,7 +106,6 @@ def test_the_cost_is_that_of_the_page(calibrated, made):
         (["--known", "none"], 16, True),
         (["--noise", "60"], 13, False),
         (["--noise", "auto"], 13, False),
-        (["--solver", "descent+joint", "--start", "affine"], 13, False),
     ],
 )
 def test_calibrate_options_end_within_two_millimetres(calibrated, options, sought, aligned):

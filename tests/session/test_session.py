@@ -201,7 +201,7 @@ def test_an_exception_pauses_the_session_and_is_shown(make, caplog):
     assert session.view.error == ""
 
 
-@pytest.mark.parametrize("name", ["joint", "robust", "descent+joint"])
+@pytest.mark.parametrize("name", ["joint", "robust", "descent"])
 def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, caplog):
     """Commands in any order: one that cannot be carried out changes nothing and stops nothing."""
     scene, rng, refused = load_scene("tiny"), np.random.default_rng(5), 0
@@ -226,7 +226,7 @@ def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, c
         state = run.view.state
         assert not run.view.error and not caplog.records, (command, run.view.error)
         assert np.all(np.isfinite(state.positions)) and 1 <= state.first <= state.last <= rows
-    assert refused or name == "descent+joint"
+    assert refused or name == "descent"
 
 
 def test_views_are_frozen_and_whole(make):

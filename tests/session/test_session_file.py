@@ -24,16 +24,13 @@ from fdcal.session.sources import OpenRequest
 CHOICES = {"microphone": 9, "modes": (2, 5), "follow": False, "dark": True, "opacity": 0.5}
 
 
-def left(name: str, index: int | None = None, more: bool = True) -> OpenRequest:
-    """A session on `tiny`, saved while solver `name` was running; for a chain with states of each member."""
+def left(name: str, index: int | None = None) -> OpenRequest:
+    """A session on `tiny`, saved while solver `name` was running."""
     scene = edited(load_scene("tiny"), {"solver.name": name, "measurement.snr_db": 40.0})
     measurement = cached_measurement(scene)
     problem, solver = measurement.problem(scene.solver.weights), solvers.load(name)
     states = [solver.init(problem, scene.solver, 5)]
     for _ in range(4):
-        states.append(solver.step(problem, states[-1]))
-    if "+" in name and more:
-        states.append(solver.members[1].init(problem, scene.solver, 5, positions=states[-1].positions))
         states.append(solver.step(problem, states[-1]))
     return OpenRequest(scene, 5, measurement, tuple(states), index, CHOICES)
 

@@ -6,7 +6,6 @@ import itertools
 import numpy as np
 import pytest
 
-from fdcal import solvers
 from fdcal.acoustics.dictionary import spherical_bessel
 from fdcal.cost.eq7 import known_weights, leave_one_out_fits
 from fdcal.cost.lattice import space_lattice
@@ -144,10 +143,3 @@ def test_what_the_microphones_cannot_carry_or_fix_is_refused():
     plane = dataclasses.replace(PROBLEM, array_dimension=2)
     with pytest.raises(InputError, match=r"array in a plane has dimension = 3"):
         descent.init(plane, SETTINGS, 0)
-
-
-def test_the_chain_hands_its_positions_in_space_to_joint():
-    assert "descent+joint" in solvers.names()
-    settings = dataclasses.replace(SETTINGS, name="descent+joint")
-    states = list(solvers.run(PROBLEM, settings, 0))
-    np.testing.assert_allclose(states[-1].positions, TRUTH, atol=2e-3)

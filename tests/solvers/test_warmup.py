@@ -88,7 +88,7 @@ def test_nothing_is_compiled_after_its_warmup():
 def test_every_piece_has_a_name_and_can_be_done():
     names = [name for name, _ in all_pieces()]
     assert len(set(names)) == len(names) and all(names)
-    for solver in ("descent+joint", "descent", "joint"):
+    for solver in ("descent", "joint"):
         for piece in warmup_calls(solver):
             assert piece in all_pieces()
             piece[1]()

@@ -34,7 +34,7 @@ class SolverTab(Tab):
         self.name = binding.dropdown(
             "Method", names, settings.name, self._choose_solver, disabled=len(names) == 1,
             hint="robust: all microphones at once, with their gains; joint: for matched channels; descent: one at a"
-            " time; descent+joint: both in turn; room: shoebox room and sources together with the microphones",
+            " time; room: shoebox room and sources together with the microphones",
         )  # fmt: skip
         self.start = binding.dropdown(
             "Start", STARTS, settings.start or default_start(settings.name), lambda _: self.refresh(),
