@@ -230,7 +230,7 @@ class Calibration:
     Attributes
     ----------
     positions : (N, D) float64
-        Metres.
+        Metres, in the axes that `frame` names, as in every file and table of this result.
     names : tuple of N str
     solver : str
     seed : int
@@ -348,6 +348,15 @@ class Calibration:
         sought = np.setdiff1d(self.healthy, np.asarray(given, np.int64))
         return sought if len(sought) else self.healthy
 
+    @property
+    def frame(self) -> str:
+        """The coordinate axes of `positions`, and of every file and table of this result.
+
+        "known": those of the positions given; "room": those of the room of solver "room"; "axes" of a blind array: its
+        centre is the origin, x its longest axis, then y.
+        """
+        return "room" if self.room is not None else "axes" if self.known == () else "known"
+
     def positions_for(self, measurement: Measurement) -> np.ndarray:
         """Return the positions in the axes of a measurement's true positions, where it has them.
 
@@ -414,13 +423,11 @@ class Calibration:
 
 
 def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositions:
-    """Return the microphones of a result in a frame; None for that of the known ones, or "axes" without any."""
-    blind = result.known == ()
-    if frame is None:
-        frame = "axes" if blind else "known"
-    if frame == "known" and blind:
+    """Return the microphones of a result, in another frame of `fdcal.model.gauge.FRAMES` if one is given."""
+    if frame == "known" and result.known == ():
         problem = "frame = known, but no microphone was known"
         raise InputError(problem, "use <frame> minimal or axes", key="frame", value="known")
     from ..model.given_positions import MicrophonePositions
 
-    return MicrophonePositions(result.names, in_frame(result.positions, frame), result.uncertainty, frame)
+    positions = result.positions if frame in (None, result.frame) else in_frame(result.positions, frame)
+    return MicrophonePositions(result.names, positions, result.uncertainty, frame or result.frame)

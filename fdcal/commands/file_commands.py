@@ -72,7 +72,7 @@ def import_(sources, output, files, number, dimension, array_dimension, force, *
 @click.argument("result", metavar="RESULT.json")
 @opt.output_option("FILE.csv|json|xml|sofa|npy")
 @click.option(
-    "--frame", type=click.Choice(["known", "minimal", "axes"]), help="Coordinate axes.  [default: known, else axes]"
+    "--frame", type=click.Choice(["known", "minimal", "axes"]), help="Coordinate axes.  [default: those of the result]"
 )
 @click.option("--original", metavar="FILE.sofa", help="Write the positions into a copy of this file.")
 @click.option(

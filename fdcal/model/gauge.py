@@ -125,9 +125,14 @@ def in_frame(positions: Reals, frame: str) -> np.ndarray:
     if frame == "minimal":
         apart = positions - positions[0]
         return apart @ _minimal_axes(apart).T
+    return (positions - positions.mean(axis=0)) @ principal_axes(positions)
+
+
+def principal_axes(positions: Reals) -> np.ndarray:
+    """Return the axes (D, D), in columns, of the frame "axes" of positions (N, D), metres."""
     centred = positions - positions.mean(axis=0)
-    turned = centred @ np.linalg.svd(centred, full_matrices=True)[2].T
-    return turned * np.where(np.sum(turned**3, axis=0) < 0, -1.0, 1.0)
+    axes = np.linalg.svd(centred, full_matrices=True)[2].T
+    return axes * np.where(np.sum((centred @ axes) ** 3, axis=0) < 0, -1.0, 1.0)
 
 
 def _minimal_axes(apart: np.ndarray) -> np.ndarray:

@@ -47,7 +47,7 @@ def export(
     path : str or path
         Ends in .csv (a table), .json, .xml (Acoular), .sofa or .npy (pyroomacoustics).
     frame : str, optional
-        "known", the axes of the known microphones, as by default; "minimal" or "axes", as by default without any.
+        Other coordinate axes than those of `Calibration.positions`: "known", "minimal" or "axes" (`Calibration.frame`).
     original : str or path, optional
         A SOFA file into a copy of which the positions are written.
     table : str

@@ -14,7 +14,7 @@ from ..assessment.assess import ARGUMENTS, Assessment, assess
 from ..assessment.calibration import Calibration, Run
 from ..assessment.findings import modes_below_limit
 from ..cost.expansion import reference_cost_of
-from ..model.gauge import move_to_frame, turn_to_frame
+from ..model.gauge import move_to_frame, principal_axes, turn_to_frame
 from ..model.measurement import Measurement, check_channels, microphone_index
 from ..model.problem import Problem
 from ..model.settings import SolverSettings, search_around
@@ -191,8 +191,13 @@ def solve(
             note = f"; {above} are left out, since the array found cannot interpolate all of them (Eq. 9)"
         found = replace(found, message=found.message + note)
     measurement = inputs.measurement
+    positions, covariance = found.positions, found.covariance
+    blind = problem.frame is None and not len(problem.known) and found.room is None
+    if blind and np.isfinite(positions).all():  # nothing but the array itself fixes a frame: see `Calibration.frame`
+        axes = principal_axes(positions)
+        positions, covariance = (positions - positions.mean(axis=0)) @ axes, axes.T @ covariance @ axes
     return Calibration(
-        positions=found.positions,
+        positions=positions,
         names=tuple(measurement.names),
         known=() if inputs.settings.known == "none" else tuple(measurement.names[n] for n in measurement.known),
         excluded=tuple(inputs.excluded),
@@ -204,13 +209,13 @@ def solve(
         sweeps=int(state.sweep),
         elapsed=time.perf_counter() - start,
         converged=bool(state.converged),
-        aligned=problem.frame is None and not len(problem.known) and found.room is None,
+        aligned=blind,
         sound_speed=found.problem.sound_speed,
         sound_speed_sigma=found.sound_speed_sigma,
         verdict=found.verdict,
         verdict_text=found.verdict_text,
         uncertainty=found.uncertainty,
-        covariance=found.covariance,
+        covariance=covariance,
         evidence=found.evidence,
         room=found.room,
         channels=found.channels,

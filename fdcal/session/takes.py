@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..assessment.calibration import placed_in_frame
 from ..assessment.position_check import PositionCheck, compare_positions, fit_result
 from ..model.validation import InputError, length_text
 from ..recordings.import_options import ImportOptions
@@ -107,12 +106,8 @@ class TakesResult:
 
     @property
     def table(self) -> list[str]:
-        """The positions, in the axes of the list if there is one, a line for each microphone."""
-        measurement, result = self.inputs.measurement, self.result
-        if measurement.positions is not None:
-            places = result.positions_for(measurement)
-        else:
-            places = placed_in_frame(result, None).positions[:, : result.positions.shape[1]]
+        """The positions, as in the result's file, a line for each microphone."""
+        result, places = self.result, self.result.positions
         sigma = np.full(len(places), np.nan) if result.uncertainty is None else result.uncertainty
         faults = {} if result.channels is None else {fault.name: fault.kind for fault in result.channels.faults}
         head = "".join(f"{axis + ' (m)':>10}" for axis in "xyz"[: places.shape[1]])

@@ -1,11 +1,13 @@
 """Files of positions that somebody gives: Acoular's XML and tables."""
 
+import csv
 import json
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import sofar
 from recorded import write_places
 from running import exit_code
 
@@ -175,3 +177,42 @@ def test_a_list_whose_names_are_not_those_of_the_channels_is_said_to_count_by_ro
 def test_a_list_without_check_points_to_it(exchanged, capsys):
     exit_code("calibrate", "tiny", "--modes", "12", "--positions", exchanged)
     assert "add --check" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("known", ["all", "none"])
+def test_every_way_out_gives_the_same_positions_to_the_last_digit(tmp_path, known):
+    """A reader who mixes two of them must not get an array that is moved or turned against itself."""
+    found = fdcal.calibrate(fdcal.load("tiny"), modes=12, known=known)
+    positions = found.positions
+    for suffix in ("csv", "json", "npy", "xml", "sofa"):
+        found.export(tmp_path / f"out.{suffix}")
+    found.save(tmp_path / "result.json")
+    with open(tmp_path / "out.csv", newline="") as file:
+        table = [[float(row["x"]), float(row["y"])] for row in csv.DictReader(file)]
+    rows = json.loads((tmp_path / "out.json").read_text())["microphones"]
+    outputs = {
+        "to_dataframe": found.to_dataframe()[["x", "y"]].to_numpy(),
+        "to_json": json.loads(found.to_json())["positions"],
+        "from_json": fdcal.Calibration.from_json(found.to_json()).positions,
+        "save": fdcal.Calibration.load(tmp_path / "result.json").positions,
+        "csv": table,
+        "json": [[row["x"], row["y"]] for row in rows],
+        "npy": np.load(tmp_path / "out.npy").T[:, :2],
+        "xml": read_positions(tmp_path / "out.xml").positions[:, :2],
+        "sofa": sofar.read_sofa(str(tmp_path / "out.sofa"), verbose=False).ReceiverPosition[:, :2, 0],
+        "to_pyfar": found.to_pyfar().cartesian[:, :2],
+    }
+    for name, output in outputs.items():
+        np.testing.assert_array_equal(np.reshape(output, positions.shape), positions, err_msg=name)
+    assert found.frame == ("known" if known == "all" else "axes")
+
+
+def test_a_blind_array_lies_in_axes_of_its_own_and_its_ellipses_with_it():
+    measurement = fdcal.load("tiny")
+    found = fdcal.calibrate(measurement, modes=12, known="none")
+    np.testing.assert_allclose(found.positions.mean(axis=0), 0, atol=1e-12)
+    spread = found.positions.T @ found.positions
+    np.testing.assert_allclose(spread, np.diag(np.diag(spread)), atol=1e-9 * spread.max())
+    assert spread[0, 0] >= spread[1, 1]
+    traces = np.trace(found.covariance, axis1=1, axis2=2)
+    np.testing.assert_allclose(np.sqrt(traces), found.uncertainty, rtol=1e-9)

@@ -24,7 +24,6 @@ from . import Format
 
 MAX_BYTES = 10_000_000  # of a file of positions
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # Python also takes 1_0 for a number
-DECIMALS = 7  # of a metre: a ten-thousandth of a millimetre
 HEADER = ["name", "x", "y", "z", "uncertainty"]
 
 
@@ -39,17 +38,12 @@ def read_positions(path: str | PathLike[str]) -> MicrophonePositions:
 
 
 def _write_table(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write `placed`, metres with DECIMALS; an unknown uncertainty is left empty."""
+    """Write `placed`, metres with all digits; an unknown uncertainty is left empty."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADER)
         for n, (name, place) in enumerate(zip(placed.names, placed.positions.tolist(), strict=True)):
-            uncertainty = "" if placed.uncertainty is None else _written(placed.uncertainty[n])
-            writer.writerow([name, *map(_written, place), uncertainty])
-
-
-def _written(metres: float) -> str:
-    return f"{metres:.{DECIMALS}f}"
+            writer.writerow([name, *place, "" if placed.uncertainty is None else float(placed.uncertainty[n])])
 
 
 def read_table(path: str | Path) -> tuple[list[str], np.ndarray]:
