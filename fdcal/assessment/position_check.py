@@ -9,14 +9,14 @@ iterative closest point with the Hungarian method. Several disjoint bases are tr
 harm.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..model.gauge import align
-from ..model.validation import InputError, frozen_array, length_text, require_finite, word_arguments
+from ..model.validation import InputError, frozen_array, require_finite
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -155,9 +155,6 @@ def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarra
 
 
 TRUSTED = "good"  # the verdict with which finding no swap means that there is none
-MAX_LISTED = 0.5  # fraction of the microphones in others' places beyond which only the rows say who stands where
-UNITS = (("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 3.281), ("inches", 39.37))
-UNIT_TOLERANCE = 0.1  # relative, of a factor that suggests a unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,23 +204,6 @@ class PositionCheck:
     def permuted(self) -> tuple[tuple[int, ...], ...]:
         """Cycles of more than two channels that stand at each other's positions."""
         return tuple(cycle for cycle in _cycles(self.order) if len(cycle) > 2)
-
-    def exchanges(self, names: Sequence[object]) -> list[str]:
-        """Return the swaps and longer cycles in words.
-
-        Parameters
-        ----------
-        names : sequence of N str
-            Of the microphones.
-
-        Returns
-        -------
-        list of str
-        """
-        lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in self.swapped]
-        for cycle in self.permuted:
-            lines.append(f"channels {', '.join(str(names[n]) for n in cycle)} stand in each other's places")
-        return lines
 
     @property
     def agrees(self) -> bool:
@@ -481,30 +461,6 @@ class ListFit:
         """Whether anything but the order is wrong."""
         return bool(self.misplaced or self.repeated) or self.sized or (self.poor and self.trusted)
 
-    def faults(self, names: Sequence[object]) -> list[str]:
-        """Return what is wrong with the list, its order apart, in words."""
-        found = [f"{names[n]} is {1e3 * self.errors[n]:.0f} mm from its place" for n in self.misplaced]
-        if self.poor and self.trusted:
-            found.append(f"its positions are {1e3 * self.rms:.0f} mm off on average")
-        if self.sized:
-            found.append(_of_size(self.scale))
-        if self.repeated:
-            sharing = ", ".join(str(names[n]) for n in self.repeated)
-            found.append(f"the list gives the same position to more than one microphone: {sharing}")
-        return found
-
-
-def _of_size(scale: float) -> str:
-    """What a list of another size means.
-
-    k r is what pressures show: in air whose sound speed is higher than assumed by a factor the array is found smaller
-    by that factor, and the list looks too large; the temperature goes with the square.
-    """
-    kelvin = 293.15 * (scale**2 - 1)
-    air = f"{abs(kelvin):.0f} K {'warmer' if kelvin > 0 else 'colder'} than assumed"
-    size = f"{100 * abs(scale - 1):.1f} % too {'large' if scale > 1 else 'small'}"
-    return f"the list is {size}, or the air is {air}"
-
 
 def fit_result(check: PositionCheck, result: "Calibration", given) -> ListFit:
     """Return how a list fits the array of a calibration row by row, as `fit_list` does, its dead channels left out."""
@@ -544,86 +500,3 @@ def fit_list(
     misplaced = fit.misplaced if trusted or not poor else ()
     same = tuple(np.flatnonzero(nearest_neighbours(np.asarray(given, float)) < rules.repeated).tolist())
     return replace(fit, misplaced=misplaced, sized=bool(sized) and trusted, poor=poor, trusted=trusted, repeated=same)
-
-
-def describe(
-    check: PositionCheck,
-    names: Sequence[object],
-    verdict: str = TRUSTED,
-    known: bool = True,
-    arguments: Mapping[str, str] | None = None,
-    fit: ListFit | None = None,
-) -> str:
-    """Return a comparison in words: what is exchanged, then the error of every microphone, the largest first.
-
-    Unless the `verdict` is "good", finding no swap means that there is none only where every microphone is near its
-    place. `known`: whether known microphones fixed the positions; `fit`: of the rows, where it is known.
-    """
-    advice = word_arguments("; try <known> none", arguments or {}) if known else ""
-    untrusted = "" if verdict == TRUSTED else f"not to be trusted ({verdict}){advice}"
-    if check.fits:
-        lines = _exchanges(check, names) or [_unchanged(check, verdict, untrusted, fit)]
-        if fit is not None:
-            lines += replace(fit, sized=fit.sized and check.scale == 1).faults(names)  # a large factor is said below
-    else:
-        reason = "it is of another array, or most of its positions are far off"
-        if untrusted:
-            reason = f"the positions found are {untrusted}, or it is of another array"
-        lines = [f"the list fits the array found in no order: {reason}"]
-    if check.fits and check.symmetric:
-        lines.append(
-            "the list fits as well turned or mirrored, since the array is symmetric: such an exchange of most channels"
-            " cannot be seen without known microphones"
-        )
-    if check.fits and check.moved and check.scale == 1:  # another size moves the axes, too
-        lines.append("the list has other axes than the known microphones: the positions are moved onto it as a whole")
-    if check.scale != 1:
-        units = [name for name, factor in UNITS if abs(check.scale / factor - 1) < UNIT_TOLERANCE]
-        hint = f": is it in {units[0]}? Give metres" if units else ""
-        near = check.fits and 1 / MAX_SCALE < check.scale < MAX_SCALE
-        size = (
-            _of_size(check.scale) if near else f"the list is about {check.scale:.3g} times as large as the array found"
-        )
-        after = "; the distances are those of the list in the size of the array" if check.fits else ""
-        lines.append(f"{size}{hint}{after}")
-    for n in np.argsort(-check.errors, kind="stable").tolist():
-        row = f"{names[n]!s:>12}  {1e3 * check.errors[n]:8.1f} mm"
-        if check.order[n] != n:
-            row += f"  at the place of {names[int(check.order[n])]}, within {1e3 * check.distances[n]:.1f} mm"
-        lines.append(row)
-    return "\n".join(lines)
-
-
-def _exchanges(check: PositionCheck, names: Sequence[object]) -> list[str]:
-    """Return the swaps and longer cycles in words; none where every microphone is at its place."""
-    moved = np.count_nonzero(check.order != np.arange(len(names)))
-    if moved > MAX_LISTED * len(names):
-        return [f"{moved} of {len(names)} channels stand in others' places{_pattern(check.order)}"]
-    return check.exchanges(names)
-
-
-def _pattern(order: np.ndarray) -> str:
-    """Return what kind of order this is, where it has a name."""
-    count, own, shift = len(order), np.arange(len(order)), int(order[0])
-    if np.array_equal(order, own[::-1]):
-        return ": the list is in reverse"
-    if not np.array_equal(order, (own + shift) % count):
-        return ""
-    half = " (its halves are exchanged)" if 2 * shift == count else ""
-    shift = shift if 2 * shift <= count else shift - count
-    return f": the list is shifted by {shift} row{'s' if abs(shift) > 1 else ''}{half}"
-
-
-def _unchanged(check: PositionCheck, verdict: str, untrusted: str, fit: ListFit | None) -> str:
-    if not untrusted:
-        return "no channels are swapped"
-    misplaced = fit.misplaced if fit is not None else ()  # named by themselves
-    errors, spacing = (np.delete(values, misplaced) for values in (check.errors, check.spacing))
-    if len(errors) and np.all(errors < spacing / 2):
-        largest, least = (length_text(float(x), 2) for x in (errors.max(), spacing.min()))
-        others = " of the others" if misplaced else ""
-        return (
-            f"no swap seen: the largest distance{others}, {largest}, is far below the spacing of the microphones,"
-            f" {least}, though the verdict is {verdict}"
-        )
-    return f"swaps cannot be detected from positions that are {untrusted}"

@@ -22,6 +22,7 @@ import numpy as np
 from ..assessment.calibration import Calibration, ChannelFault
 from ..assessment.field import leave_one_out_errors, summarise
 from ..assessment.position_check import LIST_RULES, ListFit, PositionCheck, compare_positions, fit_result
+from ..assessment.words import gain_words, list_faults
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -342,8 +343,7 @@ def _channels(result: Calibration) -> Finding:
         Chart("microphone", what, (Curve(what, number, values, True),), tuple(result.names))
         for what, values in (("gain (dB)", channels.gain_db), ("phase (degrees)", channels.phase_deg))
     )
-    gain, phase = (float(np.std(values[result.healthy])) for values in (channels.gain_db, channels.phase_deg))
-    text = "; ".join(one.text for one in faults) or f"gains differ by {gain:.2g} dB and {phase:.2g} degrees"
+    text = "; ".join(one.text for one in faults) or f"gains {gain_words(result)}"
     state: State = "fine" if not faults else "differs" if all(one.kind in MINOR for one in faults) else "fault"
     kinds = tuple((one.kind, one.name) for one in faults)
     return Finding("channels", state, text, len(faults), "channels", charts, kinds)
@@ -409,7 +409,7 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
         return Finding("list", "fault" if sure else "unknown", text, found=(("other", ""),) if sure else ())
     own = np.asarray(result.positions)
     fit = list_fit(inputs, result, check, progress)
-    faults = [*check.exchanges(names), *fit.faults(names)]
+    faults = list_faults(check, fit, names)
     moved = np.flatnonzero(check.order != np.arange(len(own)))
     kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
     kinds += [("repeated", names[n]) for n in fit.repeated]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..assessment.position_check import PositionCheck, compare_positions, fit_result
+from ..assessment.words import counted, error_words, list_faults, result_sentences
 from ..model.validation import InputError, length_text
 from ..recordings.import_options import ImportOptions
 from ..recordings.importer import measurement_of_takes, read_takes
@@ -58,8 +59,7 @@ class TakesResult:
         check, given, result = self.check, self.inputs.measurement.positions, self.result
         if check is None or given is None or not check.fits:
             return []
-        names = self.inputs.labels or result.names
-        return check.exchanges(names) + fit_result(check, result, given).faults(names)
+        return list_faults(check, fit_result(check, result, given), self.inputs.labels or result.names)
 
     @property
     def faults(self) -> list[str]:
@@ -88,21 +88,17 @@ class TakesResult:
     @property
     def lines(self) -> list[str]:
         """The result in words, a line each."""
-        result, names = self.result, self.result.names
-        words = f"{self.takes} take{'s' if self.takes > 1 else ''}"
-        lines = [f"result  {words}, {len(names)} microphones, one sigma {length_text(self.sigma, 2)}"]
-        if result.mean_error is not None and result.max_error is not None:
-            far = f"mean {length_text(result.mean_error)}, largest {length_text(result.max_error)}"
-            lines.append(f"list    {far} from {self.inputs.compared_with}")
+        result, said = self.result, result_sentences(self.result, self.inputs.measurement, self.inputs.given)
+        sigma = length_text(self.sigma, 2)
+        lines = [f"result  {counted(self.takes, 'take')}, {len(result.names)} microphones, one sigma {sigma}"]
+        if result.mean_error is not None:
+            lines.append(f"list    {error_words(result)} from {self.inputs.compared_with}")
             if self.check is not None and not self.check.fits:
                 lines.append("list    it fits the array found in no order")
-        lines.append(f"verdict {result.verdict}: {result.verdict_text}")
-        lines.append(f"faults  {'; '.join(self.faults) or 'none found'}")
+        lines += [f"verdict {said['verdict']}", f"faults  {'; '.join(self.faults) or 'none found'}"]
         if self.to_mend:
-            lines.append("next    correct the channels, and record this take again")
-        else:
-            lines.append(f"next    {NEXT}: another take brings one sigma to about {length_text(self.after_another, 2)}")
-        return lines
+            return [*lines, "next    correct the channels, and record this take again"]
+        return [*lines, f"next    {NEXT}: another take brings one sigma to about {length_text(self.after_another, 2)}"]
 
     @property
     def table(self) -> list[str]:

@@ -10,8 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
-from fdcal.assessment.position_check import compare_positions, describe, fit_list
+from fdcal.assessment.position_check import compare_positions, fit_list
+from fdcal.assessment.words import comparison_sentences, list_faults
 from fdcal.model.validation import InputError
+
+
+def described(*arguments, **others) -> str:
+    return "\n".join(comparison_sentences(*arguments, **others))
+
 
 ERROR = 0.003  # metres, one sigma of each coordinate found
 
@@ -80,7 +86,7 @@ def test_pairs_are_named(seed, dimension, count, pairs, mirrored):
     assert check.permuted == () and check.fits and not check.agrees
     names = [f"m{n}" for n in range(count)]
     for a, b in check.swapped if 4 * pairs <= count else ():
-        assert f"channels m{a} and m{b} are swapped" in describe(check, names)
+        assert f"channels m{a} and m{b} are swapped" in described(check, names)
 
 
 def test_three_channels_in_each_others_places():
@@ -89,7 +95,7 @@ def test_three_channels_in_each_others_places():
     found[[4, 9, 15]] = places[[9, 15, 4]]
     check = compare_positions(found, places)
     assert check.permuted == ((4, 9, 15),)
-    assert "channels 4, 9, 15 stand in each other's places" in describe(check, range(20))
+    assert "channels 4, 9, 15 stand in each other's places" in described(check, range(20))
 
 
 @pytest.mark.parametrize("array", ARRAYS)
@@ -100,7 +106,7 @@ def test_the_list_of_another_array_fits_in_no_order(array):
         assert check.scale == 1 or not 0.91 < check.scale < 1.1, "nothing shows so small a factor"
         assert (check.swapped, check.permuted) == ((), ()) and np.array_equal(check.order, np.arange(len(check.order)))
         for verdict in ("good", "model_mismatch"):
-            text = describe(check, range(len(check.errors)), verdict)
+            text = described(check, range(len(check.errors)), verdict)
             assert text.startswith("the list fits the array found in no order") and "at the place of" not in text
             assert "no channels are swapped" not in text and "another array" in text
 
@@ -114,7 +120,7 @@ def test_a_list_of_another_size_is_matched_all_the_same(array, factor, unit):
     np.testing.assert_array_equal(check.order, wanted)
     assert check.fits and not check.agrees and check.distances.max() < 6 * ERROR
     assert check.scale == pytest.approx(factor, rel=0.01)
-    text = describe(check, range(len(places)))
+    text = described(check, range(len(places)))
     assert f"is it in {unit}?" in text if unit else "times as large as the array found;" in text
 
 
@@ -133,7 +139,7 @@ def test_a_turned_list_of_a_regular_circle_cannot_be_told_from_the_right_one():
     circle = 0.2 * np.column_stack([np.cos(angles), np.sin(angles)])
     check = compare_positions(moved(np.roll(circle, 1, axis=0), 0, error=0.001), circle)
     assert check.fits and check.symmetric and check.agrees
-    assert "turned or mirrored" in describe(check, range(16))
+    assert "turned or mirrored" in described(check, range(16))
     fixed = compare_positions(np.roll(circle, 1, axis=0), circle, known=[0, 4, 8])
     assert not fixed.agrees or fixed.moved
 
@@ -145,7 +151,7 @@ def test_known_microphones_fix_the_axes_unless_the_list_has_others():
     np.testing.assert_allclose(check.errors, np.linalg.norm(found - places, axis=1))
     assert not check.moved and check.agrees
     other = compare_positions(moved(places, 4), places, known=[0, 1, 2, 3])
-    assert other.moved and other.agrees and "other axes" in describe(other, range(20))
+    assert other.moved and other.agrees and "other axes" in described(other, range(20))
 
 
 @settings(deadline=None, max_examples=25)
@@ -154,7 +160,7 @@ def test_position_errors_are_not_taken_for_swaps(seed):
     places = ball(seed % 10, 20, 3, 0.5)
     check = compare_positions(places + 0.02 * np.random.default_rng(seed).normal(size=places.shape), places)
     assert check.agrees and (check.swapped, check.permuted) == ((), ())
-    assert describe(check, range(20)).startswith("no channels are swapped")
+    assert described(check, range(20)).startswith("no channels are swapped")
 
 
 CODES = {one.code for one in (*FINDINGS, *ROOM_FINDINGS)} - {"good"}
@@ -167,25 +173,25 @@ def test_without_a_good_verdict_no_swap_is_seen_only_where_all_are_near_their_pl
     off = np.random.default_rng(0).normal(size=places.shape)
     far = compare_positions(places + 0.1 * off / np.linalg.norm(off, axis=1, keepdims=True) * np.eye(16)[:1].T, places)
     for code in CODES:
-        assert describe(near, range(16), code).startswith("no swap seen: the largest distance, "), code
-        assert describe(far, range(16), code).startswith("swaps cannot be detected"), code
-        assert "--known none" in describe(far, range(16), code, arguments={"known": "--known"})
-        assert "known none" not in describe(far, range(16), code, known=False)
+        assert described(near, range(16), code).startswith("no swap seen: the largest distance, "), code
+        assert described(far, range(16), code).startswith("swaps cannot be detected"), code
+        assert "--known none" in described(far, range(16), code, arguments={"known": "--known"})
+        assert "known none" not in described(far, range(16), code, known=False)
 
 
-def list_faults(listed, found, scale: float = 1.0) -> list[str]:
+def faults_of(listed, found, scale: float = 1.0) -> list[str]:
     """What is wrong with a list, its order apart, of an array found with errors of 1 mm in each coordinate."""
     check = compare_positions(found, scale * listed)
     assert check.agrees
     sigma = np.full(len(found), 1e-3 * np.sqrt(found.shape[1]))
-    return fit_list(check, found, scale * listed, sigma).faults(range(len(found)))
+    return list_faults(check, fit_list(check, found, scale * listed, sigma), range(len(found)))
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_a_list_that_is_wrong_everywhere_is_neither_fine_nor_a_temperature(seed):
     places, error = ball(seed, 16, 3), (0.015, 0.025)[seed % 2]
     listed = places + error * np.random.default_rng(seed).normal(size=places.shape)
-    (words,) = list_faults(listed, moved(places, seed, error=1e-3), (1.0, 1.03)[seed % 2])
+    (words,) = faults_of(listed, moved(places, seed, error=1e-3), (1.0, 1.03)[seed % 2])
     assert words.endswith("mm off on average") and float(words.split()[3]) == pytest.approx(
         1e3 * error * 3**0.5, rel=0.4
     )
@@ -199,7 +205,7 @@ def test_a_row_that_is_wrong_is_named_whatever_the_verdict_if_the_other_rows_con
         check = compare_positions(found, listed)
         fit = fit_list(check, found, listed, np.full(16, 0.01), "ambiguous")
         assert check.fits and fit.misplaced == misplaced and fit.wrong == bool(misplaced)
-    text = describe(
+    text = described(
         compare_positions(moved(places, 3), listed), range(16), "ambiguous", fit=replace(fit, misplaced=(5,))
     )
     assert "5 is " in text and "mm off on average" not in text
@@ -213,7 +219,9 @@ def test_a_position_that_the_list_has_twice_is_named_though_both_microphones_sta
     check = compare_positions(found, listed)
     fit = fit_list(check, found, listed, np.full(16, 0.005))
     assert fit.repeated == (4, 9) and fit.wrong and not fit.misplaced
-    assert fit.faults(range(16)) == ["the list gives the same position to more than one microphone: 4, 9"]
+    assert list_faults(check, fit, range(16))[len(check.swapped) :] == [
+        "the list gives the same position to more than one microphone: 4, 9"
+    ]
 
 
 @pytest.mark.parametrize("away", [0.03, 0.5])
@@ -224,7 +232,7 @@ def test_a_dead_channel_counts_nowhere_in_the_fit_of_a_list(away):
     check = compare_positions(found, places)
     assert fit_list(check, found, places).misplaced == (5,)
     fit = fit_list(check, found, places, dead=[5])
-    assert fit.faults(range(8)) == [] and not fit.kept[5] and fit.rms < 1e-3
+    assert list_faults(check, fit, range(8)) == [] and not fit.kept[5] and fit.rms < 1e-3
     others = np.delete(np.arange(8), 5)
     alone = fit_list(compare_positions(found[others], places[others]), found[others], places[others])
     assert fit.rms == pytest.approx(alone.rms, rel=0.01) and fit.scale == pytest.approx(alone.scale)
@@ -236,7 +244,7 @@ def test_a_dense_array_whose_list_is_five_percent_too_large_is_recognised():
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     check = compare_positions(circle, 1.05 * circle, known=[0, 20, 50])
     assert check.fits and check.scale == pytest.approx(1.05) and not check.agrees
-    assert "the list is 5.0 % too large" in describe(check, range(80))
+    assert "the list is 5.0 % too large" in described(check, range(80))
 
 
 @pytest.mark.parametrize("array", ARRAYS)
@@ -245,9 +253,9 @@ def test_a_list_by_a_tape_measure_is_fine_and_its_size_is_seen_all_the_same(arra
         places = ARRAYS[array](seed)
         found = moved(places, seed, error=1e-3)
         listed = places + 0.003 * np.random.default_rng(seed).normal(size=places.shape)
-        assert list_faults(listed, found) == []
+        assert faults_of(listed, found) == []
         for factor, words in ((1.06, "warmer"), (0.94, "colder")):
-            (line,) = list_faults(listed, found, factor)
+            (line,) = faults_of(listed, found, factor)
             assert ("% too large" if factor > 1 else "% too small") in line and line.endswith(f"{words} than assumed")
 
 

@@ -7,6 +7,7 @@ from html import escape
 
 import numpy as np
 
+from ...assessment.words import STEP_LEFT, end_word
 from ...graphics.annotations import Entry
 from ...graphics.heatmap import to_rgb
 from ...graphics.picture import row_word
@@ -80,8 +81,7 @@ def state_word(view: SessionView, found: Assessment | None) -> str:
     if view.running:
         return "Running"
     if view.state.finished:
-        doubted = found is not None and found.verdict != "good"
-        return "Converged" if view.state.converged else "Stopped before it converged" if doubted else "Ended"
+        return end_word(view.state.converged, found is None or found.verdict == "good")
     return "Paused"
 
 
@@ -165,7 +165,7 @@ def status(
         for text in errors
     )
     word = state_word(view, found)
-    note = note or ("The step left is small beside one sigma." if word == "Ended" and found is not None else "")
+    note = note or (f"{STEP_LEFT.capitalize()}." if word == "Ended" and found is not None else "")
     lines += f"<div style='opacity: 0.65'>{escape(note)}</div>" if note else ""
     head = f"<div style='font-size: var(--head); font-weight: 600'>{word}</div>"
     return (

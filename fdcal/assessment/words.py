@@ -1,0 +1,232 @@
+"""A result in words: the sentences that terminal, page, HTML and notebook lay out. All of them are plain text.
+
+`result_sentences` says what a calibration found, `list_faults` and `comparison_sentences` how a list of positions
+differs from it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..model.measurement import Measurement
+from ..model.validation import length_text, word_arguments
+from .calibration import Calibration
+from .position_check import MAX_SCALE, TRUSTED, ListFit, PositionCheck
+
+MIN_MOVE = 1e-3  # metres, of a given position that is mentioned
+MAX_ROWS = 12  # of the table of given positions
+STEP_LEFT = "the step left is small beside one sigma"  # of a run that ended, and whose verdict is good
+
+
+def end_word(converged: bool, trusted: bool) -> str:
+    """Return how a run ended, in the sense of the verdict on it: nothing is said against one that is trusted."""
+    return "Converged" if converged else "Ended" if trusted else "Stopped before it converged"
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a number of things: "1 take", "2 takes"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def result_sentences(
+    result: Calibration, measurement: Measurement, given: Sequence[int] = (), truth: str = ""
+) -> dict[str, str]:
+    """Return what a calibration found, a sentence for each head, in their order.
+
+    `given`: numbers of the microphones whose positions the solver was given; `truth`: what the positions of the
+    measurement are called, the true or the nominal ones unless given.
+    """
+    f, takes, nominal = result.frequencies, measurement.take_count, measurement.nominal
+    end = end_word(result.converged, result.verdict == TRUSTED)
+    said = {
+        "modes": f"{len(f)}{f' rows of {takes} takes' if takes > 1 else ''}, {f[0]:.1f} to {f[-1]:.1f} Hz",
+        "run": f"{result.sweeps} sweeps in {result.elapsed:.1f} s, {end[0].lower()}{end[1:]}",
+    }
+    if end == "Ended":
+        said["run"] += f"; {STEP_LEFT}"
+    if result.cost_db is not None:
+        said["cost"] = f"{result.cost_db:.1f} dB of the power (Eq. 7, of all modes that the microphones carry)"
+    numbers = result.counted(given)
+    error = "unknown, since the true positions are"
+    if result.mean_error is not None and result.max_error is not None:
+        truth = truth or ("the nominal positions" if nominal else "the truth")
+        healthy = " healthy" if len(result.healthy) < len(result.names) else ""
+        sought = " sought" if len(given) and not np.isin(numbers, given).any() else ""
+        over = f"{'the' if healthy or sought else 'all'} {len(numbers)}{healthy} microphones{sought}"
+        error = f"{error_words(result)} over {over}"
+        error += f", moved as a whole onto {truth}" if result.aligned else f", against {truth}" if nominal else ""
+        error += ", in the nearest of the room's symmetries" if result.room is not None else ""
+    if result.uncertainty is not None:
+        error += f"; their one sigma {length_text(float(np.sqrt(np.mean(result.uncertainty[numbers] ** 2))), 2)}"
+    said["error"] = error
+    if (evidence := result.evidence) is not None:
+        overall, each, modes = evidence.leave_one_out_db, evidence.microphones_db, evidence.frequencies_db
+        said["predict"] = "no leave-one-out prediction in the file"
+        if overall is not None and each is not None and modes is not None:
+            n, m = int(result.healthy[each[result.healthy].argmax()]), int(modes.argmax())
+            said["predict"] = (
+                f"leave-one-out error {overall:.1f} dB; worst microphone {result.names[n]}, {each[n]:.1f} dB,"
+                f" worst frequency {f[m]:.1f} Hz, {modes[m]:.1f} dB"
+            )
+    if (channels := result.channels) is not None:
+        spread = gain_words(result) if channels.gains_sought else "taken as matched"
+        faults = "; ".join(fault.text for fault in channels.faults)
+        said["channels"] = f"{spread}; {'faulty: ' + faults if faults else 'none is faulty'}"
+    said["verdict"] = f"{result.verdict}: {result.verdict_text}"
+    if (room := result.room) is not None:
+        size, source = " x ".join(f"{x:.4g}" for x in room.size), ", ".join(f"{x:z.2f}" for x in room.source)
+        said["room"] = f"{size} m; source at ({source}) m, walls of admittance {room.admittance.real:.2g}"
+        others = ", ".join(name for name, _ in room.symmetries[1:])
+        said["images"] = f"mirror images explain the pressures as well: {others}"
+    return said
+
+
+def error_words(result: Calibration) -> str:
+    """Return mean and largest error of a result that has them."""
+    assert result.mean_error is not None and result.max_error is not None
+    return f"mean {length_text(result.mean_error)}, largest {length_text(result.max_error)}"
+
+
+def gain_words(result: Calibration) -> str:
+    """Return how far the gains of the healthy channels scatter; of a result that has channels."""
+    assert result.channels is not None
+    each = (result.channels.gain_db, result.channels.phase_deg)
+    gain, phase = (float(np.std(values[result.healthy])) for values in each)
+    return f"spread {gain:.2g} dB and {phase:.2g} degrees"
+
+
+def given_table(result: Calibration) -> tuple[str, list[list[str]]] | None:
+    """Return a sentence on the given positions that are corrected by more than MIN_MOVE, and their table, head first.
+
+    None where there are none.
+    """
+    given = () if result.channels is None else result.channels.given
+    rows = sorted((one for one in given if one.difference > MIN_MOVE), key=lambda one: -one.difference)
+    if not rows:
+        return None
+    table = [["microphone", "given (m)", "found (m)", "difference", "one sigma", ""]]
+    for one in rows[:MAX_ROWS]:
+        places = (", ".join(f"{x:z.4f}" for x in place) for place in (one.given, one.found))
+        lengths = (length_text(x, 2) for x in (one.difference, one.sigma))
+        table.append([one.name, *places, *lengths, "wrong" if one.wrong else ""])
+    more = f"; the {MAX_ROWS} that differ most" if len(rows) > MAX_ROWS else ""
+    head = f"{len(rows)} of {len(given)} given positions corrected by more than {1e3 * MIN_MOVE:g} mm{more}"
+    if result.verdict == TRUSTED and not any(one.wrong for one in given):  # else nothing is known of them
+        head += "; none of them contradicts the pressures"
+    return head, table
+
+
+def list_faults(check: PositionCheck, fit: ListFit | None, names: Sequence[object]) -> list[str]:
+    """Return what is wrong with a list that fits the array found, in words: exchanged channels, rows, its size."""
+    found = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
+    for cycle in check.permuted:
+        found.append(f"channels {', '.join(str(names[n]) for n in cycle)} stand in each other's places")
+    if fit is None:
+        return found
+    found += [f"{names[n]} is {1e3 * fit.errors[n]:.0f} mm from its place" for n in fit.misplaced]
+    if fit.poor and fit.trusted:
+        found.append(f"its positions are {1e3 * fit.rms:.0f} mm off on average")
+    if fit.sized:
+        found.append(_of_size(fit.scale))
+    if fit.repeated:
+        sharing = ", ".join(str(names[n]) for n in fit.repeated)
+        found.append(f"the list gives the same position to more than one microphone: {sharing}")
+    return found
+
+
+def _of_size(scale: float) -> str:
+    """What a list of another size means.
+
+    k r is what pressures show: in air whose sound speed is higher than assumed by a factor the array is found smaller
+    by that factor, and the list looks too large; the temperature goes with the square.
+    """
+    kelvin = 293.15 * (scale**2 - 1)
+    air = f"{abs(kelvin):.0f} K {'warmer' if kelvin > 0 else 'colder'} than assumed"
+    size = f"{100 * abs(scale - 1):.1f} % too {'large' if scale > 1 else 'small'}"
+    return f"the list is {size}, or the air is {air}"
+
+
+MAX_LISTED = 0.5  # fraction of the microphones in others' places beyond which only the rows say who stands where
+UNITS = (("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 3.281), ("inches", 39.37))
+UNIT_TOLERANCE = 0.1  # relative, of a factor that suggests a unit
+
+
+def comparison_sentences(
+    check: PositionCheck,
+    names: Sequence[object],
+    verdict: str = TRUSTED,
+    known: bool = True,
+    arguments: Mapping[str, str] | None = None,
+    fit: ListFit | None = None,
+) -> list[str]:
+    """Return a comparison in words: what is exchanged, then the error of every microphone, the largest first.
+
+    Unless the `verdict` is "good", finding no swap means that there is none only where every microphone is near its
+    place. `known`: whether known microphones fixed the positions; `fit`: of the rows, where it is known.
+    """
+    advice = word_arguments("; try <known> none", arguments or {}) if known else ""
+    untrusted = "" if verdict == TRUSTED else f"not to be trusted ({verdict}){advice}"
+    near = 1 / MAX_SCALE < check.scale < MAX_SCALE
+    if check.fits:
+        rows = None if fit is None else replace(fit, sized=fit.sized and check.scale == 1)  # a large factor: below
+        moved = np.count_nonzero(check.order != np.arange(len(names)))
+        lines = list_faults(check, rows, names)
+        if moved > MAX_LISTED * len(names):
+            exchanges = len(check.swapped) + len(check.permuted)
+            every = f"{moved} of {len(names)} channels stand in others' places{_pattern(check.order)}"
+            lines[:exchanges] = [every]
+        elif not moved:
+            lines.insert(0, _unchanged(check, verdict, untrusted, fit))
+    else:
+        reason = "it is of another array, or most of its positions are far off"
+        if untrusted:
+            reason = f"the positions found are {untrusted}, or it is of another array"
+        lines = [f"the list fits the array found in no order: {reason}"]
+    if check.fits and check.symmetric:
+        lines.append(
+            "the list fits as well turned or mirrored, since the array is symmetric: such an exchange of most channels"
+            " cannot be seen without known microphones"
+        )
+    if check.fits and check.moved and check.scale == 1:  # another size moves the axes, too
+        lines.append("the list has other axes than the known microphones: the positions are moved onto it as a whole")
+    if check.scale != 1:
+        units = [name for name, factor in UNITS if abs(check.scale / factor - 1) < UNIT_TOLERANCE]
+        hint = f": is it in {units[0]}? Give metres" if units else ""
+        size = f"the list is about {check.scale:.3g} times as large as the array found"
+        size = _of_size(check.scale) if check.fits and near else size
+        after = "; the distances are those of the list in the size of the array" if check.fits else ""
+        lines.append(f"{size}{hint}{after}")
+    for n in np.argsort(-check.errors, kind="stable").tolist():
+        row = f"{names[n]!s:>12}  {1e3 * check.errors[n]:8.1f} mm"
+        if check.order[n] != n:
+            row += f"  at the place of {names[int(check.order[n])]}, within {1e3 * check.distances[n]:.1f} mm"
+        lines.append(row)
+    return lines
+
+
+def _pattern(order: np.ndarray) -> str:
+    """Return what kind of order this is, where it has a name."""
+    count, own, shift = len(order), np.arange(len(order)), int(order[0])
+    if np.array_equal(order, own[::-1]):
+        return ": the list is in reverse"
+    if not np.array_equal(order, (own + shift) % count):
+        return ""
+    half = " (its halves are exchanged)" if 2 * shift == count else ""
+    shift = shift if 2 * shift <= count else shift - count
+    return f": the list is shifted by {shift} row{'s' if abs(shift) > 1 else ''}{half}"
+
+
+def _unchanged(check: PositionCheck, verdict: str, untrusted: str, fit: ListFit | None) -> str:
+    if not untrusted:
+        return "no channels are swapped"
+    misplaced = fit.misplaced if fit is not None else ()  # named by themselves
+    errors, spacing = (np.delete(values, misplaced) for values in (check.errors, check.spacing))
+    if len(errors) and np.all(errors < spacing / 2):
+        largest, least = (length_text(float(x), 2) for x in (errors.max(), spacing.min()))
+        others = " of the others" if misplaced else ""
+        return (
+            f"no swap seen: the largest distance{others}, {largest}, is far below the spacing of the microphones,"
+            f" {least}, though the verdict is {verdict}"
+        )
+    return f"swaps cannot be detected from positions that are {untrusted}"
