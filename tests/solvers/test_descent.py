@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from fields import measured
+from solving import same_state
 
 from fdcal import solvers
 from fdcal.cost.lattice import search_lattice
@@ -24,10 +25,6 @@ SETTINGS = SolverSettings(name="descent", modes=8, first_modes=2, max_sweeps=5, 
 
 def all_states(seed=0, settings=SETTINGS):
     return list(solvers.run(PROBLEM, settings, seed))
-
-
-def same(a, b):
-    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in vars(a))
 
 
 def test_few_unknown_microphones_are_found_exactly():
@@ -69,7 +66,7 @@ def test_cost_never_rises_while_centre_and_modes_stay():
 
 def test_same_seed_same_run_and_other_seed_other_run():
     first, second, other = all_states(0), all_states(0), all_states(1)
-    assert len(first) == len(second) and all(same(a, b) for a, b in zip(first, second, strict=True))
+    assert len(first) == len(second) and all(map(same_state, first, second))
     assert not np.array_equal(first[0].positions, other[0].positions)
 
 
@@ -88,19 +85,6 @@ def test_modes_come_in_one_at_a_time_when_trapped():
         if after.last > before.last:
             assert after.stage == before.stage + 1 and after.turn == 0
     assert states[0].last == 2 and states[-1].last == 8
-
-
-def test_modes_set_by_the_user():
-    state = descent.use_modes(PROBLEM, descent.init(PROBLEM, SETTINGS, 0), 3, 5, automatic=False)
-    while not state.finished:
-        state = descent.step(PROBLEM, state)
-        assert (state.first, state.last) == (3, 5)
-    resumed = descent.use_modes(PROBLEM, state, 1, 6, automatic=True)
-    assert not resumed.finished and resumed.cost > 0
-    with pytest.raises(InputError):
-        descent.use_modes(PROBLEM, state, 4, 2, automatic=False)
-    with pytest.raises(InputError, match="were measured"):
-        descent.use_modes(PROBLEM, state, 1, 10_000, automatic=False)
 
 
 def test_trapped_means_a_whole_sweep_with_the_modes_in_use():

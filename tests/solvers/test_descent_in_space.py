@@ -5,13 +5,13 @@ import itertools
 
 import numpy as np
 import pytest
+from solving import run_from
 
 from fdcal.acoustics.dictionary import spherical_bessel
 from fdcal.cost.eq7 import known_weights, leave_one_out_fits
 from fdcal.cost.lattice import space_lattice
 from fdcal.cost.maps import cost_maps, refined
 from fdcal.model.measurement import Measurement
-from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError, frozen_array
 from fdcal.session.calibration_run import solve
@@ -36,18 +36,10 @@ def problem_of(truth, known, waves=40, dimension=3):
     amplitudes = rng.normal(size=(len(k), waves)) + 1j * rng.normal(size=(len(k), waves))
     pressures = np.einsum("mnw,mw->mn", np.exp(1j * k[:, None, None] * (truth @ directions.T)), amplitudes)
     pressures /= np.sqrt(np.mean(np.abs(pressures) ** 2, axis=1))[:, None]
-    return Problem(
-        pressures=frozen_array(pressures, complex),
-        wavenumbers=frozen_array(k, complex),
-        frequencies=frozen_array(343 * k / (2 * np.pi), float),
-        known=np.arange(known),
-        known_positions=frozen_array(truth[:known], float),
-        search=SEARCH,
-        noise_power=None,
-        sound_speed=343.0,
-        dimension=3,
+    return Measurement(
+        343 * k / (2 * np.pi), pressures, 343.0, 3, positions=truth, known=np.arange(known), search=SEARCH,
         array_dimension=dimension,
-    )
+    ).problem("raw")  # fmt: skip
 
 
 TRUTH = truth_of(1)
@@ -64,15 +56,8 @@ def near(problem, truth, metres, seed=0):
     return dataclasses.replace(state, positions=frozen_array(positions, float), centre=frozen_array(centre, float))
 
 
-def to_the_end(problem, state):
-    states = [state]
-    while not states[-1].finished:
-        states.append(descent.step(problem, states[-1]))
-    return states
-
-
 def test_few_unknown_microphones_are_found_exactly_from_anywhere_on_the_lattice():
-    states = to_the_end(PROBLEM, descent.init(PROBLEM, SETTINGS, 0))
+    states = run_from(descent, PROBLEM, descent.init(PROBLEM, SETTINGS, 0))
     assert states[-1].converged
     np.testing.assert_allclose(states[-1].positions, TRUTH, atol=1e-12)
     for before, after in itertools.pairwise(states):

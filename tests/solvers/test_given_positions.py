@@ -182,6 +182,7 @@ def test_how_far_an_exact_position_is_from_its_microphone_is_said(sound, away):
     end = solved(given(sound, wrong), "joint")
     assert end.faulty == [(KNOWN[2], "misplaced")]
     assert np.array_equal(end.state.positions[KNOWN], sound.positions[KNOWN] + wrong)
+    assert rms(end.state.positions, sound.positions, np.arange(COUNT) != KNOWN[2]) < 6e-3, "the array is not bent"
     channels = end.assessment.channels
     assert channels is not None
     (fault,), row = channels.faults, channels.given[2]

@@ -1,11 +1,13 @@
 """Every solver has what others rely on."""
 
 import dataclasses
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from fields import measured
+from solving import run_from
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -60,6 +62,19 @@ def test_the_names_are_documented():
     for name in ("descent+joint", "descent+", "+", "newton", "starts", ""):
         with pytest.raises(InputError, match=r"solver.name = .* descent, joint"):
             solvers.load(name)
+
+
+@pytest.mark.parametrize("name", ["descent", "joint", "robust"])
+def test_modes_set_by_the_user_stay_until_the_end_and_others_than_were_measured_are_refused(name):
+    solver = solvers.load(name)
+    state = solver.use_modes(PROBLEM, solver.init(PROBLEM, replace(SETTINGS, name=name), 0), 3, 12, automatic=False)
+    for after in run_from(solver, PROBLEM, state):
+        assert (after.first, after.last) == (3, 12)
+    resumed = solver.use_modes(PROBLEM, after, 1, 14, automatic=True)
+    assert not resumed.finished and resumed.last == 14
+    for first, last, words in ((9, 3, "range"), (1, 10_000, "were measured")):
+        with pytest.raises(InputError, match=words):
+            solver.use_modes(PROBLEM, state, first, last, automatic=True)
 
 
 TRUTH = np.random.default_rng(5).uniform(-0.4, 0.4, (24, 2)) + [2.61, 2.31]

@@ -287,11 +287,6 @@ def test_an_array_in_another_frame_is_bent_to_exact_positions_before_the_first_s
     assert position_errors(begun, TRUTH).max() < 2 * position_errors(off, TRUTH).max()
 
 
-def test_a_run_is_repeatable(clean):
-    again = solve_anew(measured(TRUTH, KNOWN))
-    assert len(again) == len(clean) and all(same_state(a, b) for a, b in zip(again, clean, strict=True))
-
-
 def test_it_is_the_likelihood_solver_for_matched_channels_and_exact_positions():
     """They differ in the order of the starts, and in how many are enough."""
     problem = measured(TRUTH, KNOWN, snr_db=30).problem()
@@ -301,15 +296,6 @@ def test_it_is_the_likelihood_solver_for_matched_channels_and_exact_positions():
     assert here.converged and there.converged
     np.testing.assert_allclose(here.positions, there.positions, atol=1.8e-3)
     np.testing.assert_array_equal(here.positions[KNOWN], there.positions[KNOWN])
-
-
-def test_modes_set_by_the_user():
-    problem = measured(TRUTH, KNOWN).problem()
-    state = joint.use_modes(problem, joint.init(problem, SETTINGS, 0), 3, 20, automatic=False)
-    for _ in range(40):
-        state = joint.step(problem, state)
-        assert (state.first, state.last) == (3, 20)
-    assert state.finished
 
 
 def test_an_unsolvable_problem_is_refused():

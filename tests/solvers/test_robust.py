@@ -16,7 +16,6 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.room import Room
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import SolverSettings
-from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import scene_input
 from fdcal.solvers import load
@@ -61,17 +60,6 @@ def test_given_positions_that_are_exact_never_move():
     assert rms(end.state.positions, measurement.positions, free) < 5e-3
 
 
-def test_an_exact_position_that_is_wrong_is_named_stays_and_bends_no_array():
-    def shifted(places):
-        return places + np.array([[0.05, 0.0], [0, 0], [0, 0], [0, 0]])
-
-    measurement = measured(given=shifted)
-    end = solved(measurement, known_sigma=0.0)
-    assert np.array_equal(end.state.positions[KNOWN], measurement.known_positions)
-    assert end.faulty == [(0, "misplaced")]
-    assert rms(end.state.positions, measurement.positions, np.arange(1, COUNT)) < 6e-3
-
-
 @pytest.fixture(scope="module")
 def spoiled():
     """Gains of 1 dB and phases of 5 degrees, channel 3 inverted, channel 8 dead; and the gains."""
@@ -113,26 +101,6 @@ def test_gains_come_back(spoiled):
     assert np.sqrt(np.mean((20 / np.log(10) * error[:, 0]) ** 2)) < 0.25  # dB
     assert np.sqrt(np.mean(np.degrees(error[:, 1]) ** 2)) < 1.5  # degrees
     assert np.mean(np.abs(error) < 2.5 * end.estimate.channels.gain_sigma[healthy]) > 0.85
-
-
-def test_matched_channels_cost_little():
-    measurement = measured()
-    truth, free = measurement.positions, np.setdiff1d(np.arange(COUNT), KNOWN)
-    errors = [rms(solved(measurement, gains=gains).assessment.positions, truth, free) for gains in ("auto", "fixed")]
-    assert errors[0] < 1.3 * errors[1] + 5e-4 and errors[1] < 0.004
-
-
-def test_a_wrong_given_position_is_found_and_named():
-    measurement = measured(given=lambda places: places + np.array([[0, 0], [0.08, -0.05], [0, 0], [0, 0]]))
-    end = solved(measurement)
-    assert end.faulty == [(5, "misplaced")]
-    assert rms(end.assessment.positions, measurement.positions, np.arange(COUNT)) < 0.008
-
-
-def test_blind_it_finds_the_array_up_to_a_motion():
-    measurement = measured(known=np.zeros(0, int))
-    found = solved(measurement, known="none").assessment.positions
-    assert rms_of_shape(found, measurement.positions) < 0.01
 
 
 def blind_circle(seed):
@@ -189,30 +157,23 @@ def at_another_speed(measurement, factor):
     return replace(measurement, sound_speed=c, wavenumbers=k)
 
 
-def test_given_positions_correct_an_uncertain_sound_speed():
-    measurement = at_another_speed(measured(), 1.006)
-    exact, found = (solved(measurement, sound_speed_sigma=sigma).assessment for sigma in (None, 0.005))
-    assert abs(found.problem.sound_speed - 343.0) < 3 * found.sound_speed_sigma < 3 * 0.0025 * 343
+@pytest.mark.parametrize(("factor", "sigma", "least"), [(1.006, 0.005, 0.0025), (1.0, 0.003, 0.003)])
+def test_given_positions_correct_an_uncertain_sound_speed_and_leave_one_that_is_right(factor, sigma, least):
+    measurement = at_another_speed(measured(), factor)
+    exact, found = (solved(measurement, sound_speed_sigma=one).assessment for one in (None, sigma))
+    assert abs(found.problem.sound_speed - 343.0) < 3 * found.sound_speed_sigma < 3 * least * 343
     free = np.setdiff1d(np.arange(COUNT), KNOWN)
     errors = [rms(one.positions, measurement.positions, free) for one in (found, exact)]
-    assert errors[0] < min(errors[1], 0.0035)
+    assert errors[0] < (min(errors[1], 0.0035) if factor > 1 else 1.3 * errors[1] + 5e-4)
     assert exact.problem.sound_speed == measurement.sound_speed and exact.sound_speed_sigma is None
-
-
-def test_a_sound_speed_that_is_right_stays_and_costs_little():
-    measurement = measured()
-    free = np.setdiff1d(np.arange(COUNT), KNOWN)
-    exact, found = (solved(measurement, sound_speed_sigma=sigma).assessment for sigma in (None, 0.003))
-    assert abs(found.problem.sound_speed - 343.0) < 3 * found.sound_speed_sigma < 3 * 0.003 * 343
-    errors = [rms(one.positions, measurement.positions, free) for one in (found, exact)]
-    assert errors[0] < 1.3 * errors[1] + 5e-4
-    assert np.sum(found.uncertainty**2) > np.sum(exact.uncertainty**2)
+    assert factor > 1 or np.sum(found.uncertainty**2) > np.sum(exact.uncertainty**2)
 
 
 def test_blind_the_uncertainty_of_the_sound_speed_is_that_of_the_size():
     measurement = measured(known=np.zeros(0, int))
     sigma = 0.02
     exact, found = (solved(measurement, known="none", sound_speed_sigma=one).assessment for one in (None, sigma))
+    assert rms_of_shape(exact.positions, measurement.positions) < 0.01
     np.testing.assert_allclose(found.positions, exact.positions, atol=1e-9)
     extent = np.sum((exact.positions - exact.positions.mean(axis=0)) ** 2)
     added = np.trace(found.covariance.sum(axis=0) - exact.covariance.sum(axis=0))
@@ -225,16 +186,6 @@ def test_scaling_the_pressures_changes_nothing():
     louder = replace(measurement, pressures=measurement.pressures * np.linspace(1, 50, MODES)[:, None])
     first, second = solved(measurement).state, solved(louder).state
     np.testing.assert_allclose(first.positions, second.positions, atol=1e-6)
-
-
-def test_modes_chosen_by_hand_are_checked():
-    measurement = measured()
-    solver, settings = load("robust"), SolverSettings(name="robust", modes=MODES)
-    problem = measurement.problem()
-    state = solver.init(problem, settings, 0)
-    with pytest.raises(InputError, match="range"):
-        solver.use_modes(problem, state, 9, 3, True)
-    assert solver.use_modes(problem, state, 1, 20, True).last == 20
 
 
 def noiseless(change=lambda p: p):
