@@ -20,7 +20,7 @@ from fdcal.model.arrays import ball, random_source
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
 from fdcal.model.room import Room
-from fdcal.session.study import RIGID_DECAY
+from fdcal_bench.draw import RIGID_DECAY
 
 from .report import Figure
 

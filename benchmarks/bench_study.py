@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fdcal.session.process import one_blas_thread
-from fdcal.session.study import Study, load_study
-from fdcal.session.study.rows import run_task
-from fdcal.session.study.run import Results, connected, run_study
+from fdcal_bench.run import Results, connected, run_study
+from fdcal_bench.study import Study, load_study
+from fdcal_bench.tasks import run_task
 
 from .report import Figure
 

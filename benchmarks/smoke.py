@@ -60,12 +60,16 @@ def check_core(folder: Path) -> None:
 
 
 def check_what_is_missing() -> None:
-    """The commands of the extras end with one line that names the extra."""
-    for extra, arguments in (("page", ("view", SCENE)), ("pictures", ("snapshot", SCENE, "-o", "none.png"))):
+    """The commands of the extras, and those of other packages, end with one line that says what to install."""
+    for missing, arguments in (
+        ("fdcal[page]", ("view", SCENE)),
+        ("fdcal[pictures]", ("snapshot", SCENE, "-o", "none.png")),
+        ("pip install ./fdcal_bench", ("study", "study.toml")),
+    ):
         run = subprocess.run(
             [sys.executable, "-m", "fdcal", *arguments], capture_output=True, text=True, timeout=TIMEOUT
         )
-        assert run.returncode == 2 and run.stderr.count("\n") == 1 and f"fdcal[{extra}]" in run.stderr, run.stderr
+        assert run.returncode == 2 and run.stderr.count("\n") == 1 and missing in run.stderr, run.stderr
 
 
 def main(folder: Path, core: bool) -> None:

@@ -14,7 +14,8 @@ positions   (N, 3) float64, metres, in any axes
 sigma       (N,) float64, metres, the method's own one sigma of each position, root of the sum over the coordinates;
             or None
 
-`fdcal-bench module:method` prints a table of it beside the reference results.
+`fdcal-bench run module:method` prints a table of it beside the reference results. `fdcal study` runs many simulated
+calibrations (`study`, `draw`, `tasks`, `run`) and draws what they found (`statistics`, `report`).
 """
 
 from .cases import Case, cases

@@ -11,7 +11,7 @@ from collections import Counter
 from pathlib import Path
 
 LEAST = 0.6  # s
-LINE = re.compile(r"([\d.]+)s (?:call|setup|teardown) +tests/\S*?::(\w+)")
+LINE = re.compile(r"([\d.]+)s (?:call|setup|teardown) +(?:fdcal_bench/)?tests/\S*?::(\w+)")
 
 if __name__ == "__main__":
     seconds: Counter[str] = Counter()

@@ -31,7 +31,7 @@ def test_python_example_runs_with_and_without_true_positions(capsys, scored):
 def test_its_two_lines_install_and_open_the_page_and_run_the_tests():
     lines = [block.code.strip() for block in blocks(TEXT) if block.language == "sh"]
     assert "python3 -m venv .venv && .venv/bin/pip install -e '.[all]' && .venv/bin/fdcal view" in lines
-    assert ".venv/bin/pip install -e '.[test]' && .venv/bin/pytest" in lines
+    assert ".venv/bin/pip install -e '.[test]' -e ./fdcal_bench && .venv/bin/pytest" in lines
 
 
 def test_the_line_that_builds_the_documentation_is_the_one_that_ci_runs():

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from fdcal.model.measurement import save_measurement
-from fdcal.session.study import Setting, Study, load_study
-from fdcal.session.study.rows import draw
+from fdcal_bench.draw import Scenario, draw
+from fdcal_bench.study import Study, load_study
 
 from .boxes import image_source_field, pyroomacoustics_field
 from .constants import SOUND_SPEED
@@ -46,8 +46,8 @@ class NoCaseError(RuntimeError):
 
 def build(spec: Spec, folder: Path) -> Case:
     """Return the case of `spec`; `folder` keeps the solutions of the finite-element rooms. Raises NoCaseError."""
-    if spec.setting is not None:
-        return _of_setting(spec, spec.setting)
+    if spec.scenario is not None:
+        return _of_scenario(spec, spec.scenario)
     rng = np.random.default_rng([77, spec.seed])
     array = geometry(spec.geometry, spec.count, spec.size, rng, spec.dimension)
     room = solved_room(spec.room, folder) if spec.room in SHAPES else None
@@ -86,13 +86,13 @@ def build(spec: Spec, folder: Path) -> Case:
 
 @cache
 def calibration_study() -> Study:
-    """Return the study whose settings are families of cases as well."""
+    """Return the study whose scenarios are families of cases as well."""
     return load_study(Path(__file__).parents[2] / "studies" / "calibration.toml")
 
 
-def _of_setting(spec: Spec, setting: Setting) -> Case:
-    """The draw of a setting, as `fdcal study` calibrates it."""
-    drawn, file = draw(setting, spec.seed), io.BytesIO()
+def _of_scenario(spec: Spec, scenario: Scenario) -> Case:
+    """The draw of a scenario, as `fdcal study` calibrates it."""
+    drawn, file = draw(scenario, spec.seed), io.BytesIO()
     measurement = drawn.measurement
     save_measurement(measurement, file)
     file.seek(0)

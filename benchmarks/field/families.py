@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdcal.session.study import Setting
+from fdcal_bench.draw import Scenario
 
 from .cases import calibration_study
 from .spec import Spec
@@ -500,25 +500,25 @@ def oneaway(n):
     return out
 
 
-def _of_settings(settings: list[Setting], seed: int) -> list[dict]:
-    """Cases that are one draw each of settings as of a study."""
+def _of_scenarios(scenarios: list[Scenario], seed: int) -> list[dict]:
+    """Cases that are one draw each of scenarios as of a study."""
     return [
         dict(
             seed=seed + i,
             dimension=len(one.room),
-            setting=one,
+            scenario=one,
             count=one.microphones,
             snr=one.snr_db,
             known=one.known,
             takes=one.takes,
         )
-        for i, one in enumerate(settings)
+        for i, one in enumerate(scenarios)
     ]
 
 
 def _living_rooms(n: int, counts: list[int], seed: int) -> list[dict]:
     """The room of the study, another one for each case, with arrays of `counts` and 25 to 40 dB."""
-    base, out = calibration_study().setting("living room, ball 32"), []
+    base, out = calibration_study().scenario("living room, ball 32"), []
     for i in range(n):
         r = np.random.default_rng([900, 26, seed, i])
         count = int(r.choice(counts))
@@ -528,14 +528,14 @@ def _living_rooms(n: int, counts: list[int], seed: int) -> list[dict]:
         out.append(
             replace(base, name=f"{array} {count}, {i}", array=array, microphones=count, radius=radius, snr_db=snr)
         )
-    return _of_settings(out, seed)
+    return _of_scenarios(out, seed)
 
 
 @family(30)
 def livingroom(n):
     """The study's: 16 and 32 microphones, absorption by frequency, cardioid, 1 dB and 5 degrees, four given by tape."""
-    settings = [one for one in calibration_study().settings if one.name.startswith("living room")]
-    return _of_settings([settings[i % len(settings)] for i in range(n)], 526000)
+    scenarios = [one for one in calibration_study().scenarios if one.name.startswith("living room")]
+    return _of_scenarios([scenarios[i % len(scenarios)] for i in range(n)], 526000)
 
 
 @family(60)
@@ -553,23 +553,23 @@ def livingroom_many(n):
 @family(60)
 def temperature(n):
     """The air is 2 to 6 K warmer or colder than stated."""
-    base, out = calibration_study().setting("disc 24, 1 % in c"), []
+    base, out = calibration_study().scenario("disc 24, 1 % in c"), []
     for i in range(n):
         r = np.random.default_rng([900, 29, i])
         kelvin = float(r.uniform(2, 6) * r.choice([-1, 1]))
         known, snr = int(r.integers(3, 7)), [60.0, 40.0, 30.0][int(r.integers(3))]
         error = float(np.round(-kelvin / (2 * 293), 5))  # c rises by half of a relative change of temperature
         out.append(replace(base, name=f"{kelvin:+.2f} K, {i}", sound_speed_error=error, known=known, snr_db=snr))
-    return _of_settings(out, 529000)
+    return _of_scenarios(out, 529000)
 
 
 @family(60)
 def sphere_room(n):
     """Arrays on the surface of a sphere in a room."""
-    base, out = calibration_study().setting("sphere 32, 40 dB"), []
+    base, out = calibration_study().scenario("sphere 32, 40 dB"), []
     for i in range(n):
         r = np.random.default_rng([900, 30, i])
         count, radius = int(r.choice([24, 32, 48])), float(np.round(r.uniform(0.25, 0.5), 2))
         snr = [40.0, 30.0][int(r.integers(2))]
         out.append(replace(base, name=f"sphere {count}, {i}", microphones=count, radius=radius, snr_db=snr))
-    return _of_settings(out, 530000)
+    return _of_scenarios(out, 530000)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from fdcal.session.study import Setting
+from fdcal_bench.draw import Scenario
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Spec:
     scatterer_offset : from the array's middle, as a part of its radius
     reflection : range of the walls' pressure reflection factors in three dimensions
     order : of the image sources
-    setting : setting as of `studies/calibration.toml` that draws the whole case, or None
+    scenario : scenario as of `studies/calibration.toml` that draws the whole case, or None
     """
 
     seed: int
@@ -62,7 +62,7 @@ class Spec:
     scatterer_offset: float = 0.0
     reflection: tuple[float, float] = (0.75, 0.95)
     order: int = 8
-    setting: Setting | None = None
+    scenario: Scenario | None = None
 
     @property
     def blind(self) -> bool:

@@ -19,7 +19,7 @@ from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.storage import cache_key, load_or_make
 from fdcal.model.validation import InputError
 from fdcal.session.sources import CalibrationInput
-from fdcal.session.study import code_version
+from fdcal.model.code_version import code_version
 from fdcal.solvers import load
 
 

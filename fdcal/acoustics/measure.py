@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -95,38 +95,85 @@ def measured(scene: Scene, fields: Sequence[ModalPressures]) -> Measurement:
 
 
 def _measured(scene: Scene, modes: ModalPressures, take: int) -> Measurement:
-    positions, clean = positions_of(scene), modes.pressures
-    noise_power = mode_power(clean) * 10 ** (-scene.measurement.snr_db / 10)
-    rng = _noise_rng(scene, 1, take)
-    noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, the same draw at any SNR
-    speed_factor = 1 + scene.measurement.sound_speed_error
-    return Measurement(
-        frequencies=modes.frequencies,
-        pressures=_with_faults(scene, clean, take) + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
-        sound_speed=speed_factor * scene.room.sound_speed,
+    positions = positions_of(scene)
+
+    def noise_of(stream: int) -> np.random.Generator:  # that of the first take is that of a scene with one place
+        return np.random.default_rng([scene.seed, stream, *([take] if take else [])])
+
+    return draw_measurement(
+        modes,
+        mode_power(modes.pressures) * 10 ** (-scene.measurement.snr_db / 10),
+        noise_of(1),
+        gains=scene.faults.gains(len(positions), scene.seed),
+        dead=scene.faults.dead,
+        dead_rng=noise_of(3),
+        sound_speed=scene.room.sound_speed,
+        sound_speed_error=scene.measurement.sound_speed_error,
         dimension=scene.room.dimension,
         array_dimension=positions.shape[1],
-        wavenumbers=modes.wavenumbers / speed_factor,
-        noise_power=noise_power,
         positions=positions,
         known=scene.gauge.indices(len(positions)),
         search=scene.search,
-        spectrum=modes.spectrum,
     )
 
 
-def _noise_rng(scene: Scene, stream: int, take: int) -> np.random.Generator:
-    """Return the generator of a take's noise; that of the first take is that of a scene with one place."""
-    return np.random.default_rng([scene.seed, stream, *([take] if take else [])])
+def draw_measurement(
+    modes: ModalPressures,
+    noise_power: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    gains: np.ndarray | float = 1.0,
+    dead: Sequence[int] = (),
+    dead_rng: np.random.Generator | None = None,
+    sound_speed: float,
+    sound_speed_error: float = 0.0,
+    **described: Any,
+) -> Measurement:
+    """Return what microphones measure of a sound field: with noise, gains and dead channels.
 
+    The only place where noise is drawn: for scenes, for the studies of `fdcal_bench` and for benchmarks.
 
-def _with_faults(scene: Scene, pressures: np.ndarray, take: int) -> np.ndarray:
-    """Return the pressures as the scene's faulty channels record them."""
-    faulty = pressures * scene.faults.gains(pressures.shape[1], scene.seed)
-    dead = list(scene.faults.dead)
-    noise = _noise_rng(scene, 3, take).normal(scale=math.sqrt(0.5), size=(2, len(pressures), len(dead)))
-    faulty[:, dead] = np.sqrt(DEAD_FRACTION * mode_power(pressures))[:, None] * (noise[0] + 1j * noise[1])
-    return faulty
+    Parameters
+    ----------
+    modes : ModalPressures
+        The field without noise, M frequencies at N microphones.
+    noise_power : (M,) float64
+        Mean square of the noise, in the unit of the pressures squared; independent at every microphone.
+    rng : Generator
+        Of the noise.
+    gains : (N,) complex128, optional
+        Factors of the channels.
+    dead : sequence of int, optional
+        Channels that record noise of their own instead, DEAD_FRACTION of the power of the field.
+    dead_rng : Generator, optional
+        Of that noise; `rng` unless given.
+    sound_speed : float
+        The true one, m/s.
+    sound_speed_error : float, optional
+        Relative error of the sound speed and the wavenumbers that are reported.
+    **described
+        Further fields of `Measurement`.
+
+    Returns
+    -------
+    Measurement
+    """
+    clean, scale = modes.pressures, math.sqrt(0.5)
+    noise = rng.normal(scale=scale, size=(2, *clean.shape))  # of unit power, the same draw at any SNR
+    recorded = clean * gains
+    if dead := list(dead):
+        own = (dead_rng or rng).normal(scale=scale, size=(2, len(clean), len(dead)))
+        recorded[:, dead] = np.sqrt(DEAD_FRACTION * mode_power(clean))[:, None] * (own[0] + 1j * own[1])
+    factor = 1 + sound_speed_error
+    return Measurement(
+        frequencies=modes.frequencies,
+        pressures=recorded + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
+        sound_speed=factor * sound_speed,
+        wavenumbers=modes.wavenumbers / factor,
+        noise_power=noise_power,
+        spectrum=modes.spectrum,
+        **described,
+    )
 
 
 def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPressures:

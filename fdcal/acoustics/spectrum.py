@@ -190,4 +190,4 @@ class ModalPressures(NamedTuple):
     wavenumbers: np.ndarray  # (M,) complex128 k, rad/m.
     pressures: np.ndarray  # (M, N) complex128, any one unit; 1/m in closed form
     # (2, F) float64, the spectrum that the peaks were picked from: Hz and the mean power of the microphones
-    spectrum: np.ndarray
+    spectrum: np.ndarray | None = None

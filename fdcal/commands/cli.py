@@ -19,6 +19,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import entry_points
 
 import click
 
@@ -32,6 +33,8 @@ INTERRUPTED = "interrupted; nothing is left half-written"
 NO_MEMORY = "there is not enough memory for this; use fewer microphones, frequencies or candidate positions"
 REPORT = "this is a fault of fdcal; please report it with the command, its input and what the same command prints with"
 LONGEST = 600  # characters of the one line
+ENTRY_POINTS = "fdcal.commands"
+ELSEWHERE = {"study": "fdcal_bench"}  # commands of other distributions, and the folder of each in a checkout
 
 
 @dataclass
@@ -121,14 +124,34 @@ def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> N
     """Print the version, and the commit where fdcal runs from a checkout, and end."""
     if not asked:
         return
-    from ..session.study import code_version
+    from ..model.code_version import code_version
 
     code = code_version()
     click.echo(f"fdcal {code.version}" + (f", commit {code.commit}" if code.commit else ""))
     context.exit()
 
 
-@click.group(invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+class Commands(click.Group):
+    """The commands of fdcal, and those that other distributions register in the entry point group `fdcal.commands`."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of all commands that are installed."""
+        return sorted({*self.commands, *entry_points(group=ENTRY_POINTS).names})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command; InputError for one that belongs to a distribution that is not installed."""
+        if cmd_name in self.commands:
+            return self.commands[cmd_name]
+        for found in entry_points(group=ENTRY_POINTS, name=cmd_name):
+            return found.load()
+        if cmd_name in ELSEWHERE:
+            folder = ELSEWHERE[cmd_name]
+            remedy = f"install it: pip install ./{folder} in a checkout of fdcal"
+            raise InputError(f"the command {cmd_name} belongs to {folder}", remedy, key=cmd_name)
+        return None
+
+
+@click.group(cls=Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option(
     "--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version, help="Show the version."
 )

@@ -314,13 +314,11 @@ SOLVER_OPTIONS = {
 NAMED_ALIKE = (
     "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
     "channels known_sigma leave_out microphone modes most original plane port positions reference reference_microphone "
-    "rate resume room seconds seed solver sound_speed source split step subset table temperature window workers "
+    "rate room seconds seed solver sound_speed source split step subset table temperature window workers "
 )
 OPTIONS = {
     "array": "--array FILE.csv",
     "array_radius": "--array-radius R",
-    "at": "--at KEY=VALUE",
-    "axes": "--axes Y,X",
     "distance": "--distance I,J,METRES",
     "files": "--channels",
     "gain_sigma_db": "--gain-sigma",
@@ -328,9 +326,7 @@ OPTIONS = {
     "phase_sigma_deg": "--gain-sigma",
     "radius": "--radius R",
     "replay": "--replay FILE",
-    "report": "--report FOLDER",
     "result": "--result RESULT.json",
-    "scheduler": "--scheduler tcp://HOST:8786",
     "search": "--search ORIGIN,SIZE,STEP",
     "size": "--size WxH",
     "snr": "--snr DB",

@@ -420,7 +420,7 @@ def test_the_table_of_pandas_has_given_positions_and_their_distances_from_those_
 
 def test_without_pandas_the_remedy_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(InputError, match=r"fdcal\[study\]"):
+    with pytest.raises(InputError, match=r"fdcal\[pandas\]"):
         result().to_dataframe()
 
 

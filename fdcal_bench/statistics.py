@@ -9,21 +9,18 @@ doubted   found, though not trusted
 lost      neither found nor trusted
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas
+from scipy.special import chdtri, ndtr
 
-from ..model.gauge import align
-from ..model.measurement import Measurement
-from ..model.validation import InputError
-from .calibration import Calibration
-
-if TYPE_CHECKING:
-    import pandas
+from fdcal.assessment.calibration import Calibration
+from fdcal.model.gauge import align
+from fdcal.model.measurement import Measurement
+from fdcal.model.validation import InputError
 
 LEVELS = (0.5, 0.8, 0.95, 0.99)  # probabilities of the ellipses that are counted
 BINS = 20  # of the rank histogram
@@ -53,15 +50,13 @@ COLUMNS = ("rms_error_m", "max_error_m", "claimed_sigma_m", "bound_m")
 def classified(rows: pandas.DataFrame) -> pandas.DataFrame:
     """Return the rows with the columns of this module's head, bool; a refused draw was not found."""
     rows = rows.copy()
-    for name in COLUMNS:
-        rows[name] = rows[name].astype(float) if name in rows else np.nan
+    rows[list(COLUMNS)] = rows[list(COLUMNS)].astype(float)
     error, bound = rows["rms_error_m"], rows["bound_m"].fillna(0.0)
     rows["found"] = (error < np.maximum(LEAST, FACTOR * bound)).to_numpy()
     rows["trusted"] = (rows["verdict"] == "good").to_numpy()
     claimed = rows["claimed_sigma_m"].fillna(np.inf)
     far = error > np.maximum(LEAST, FACTOR * claimed)
-    if "worst_sigmas" in rows:  # not of rows of an older fdcal
-        far |= rows["worst_sigmas"].astype(float).fillna(0.0) > FAR_SIGMAS
+    far |= rows["worst_sigmas"].astype(float).fillna(0.0) > FAR_SIGMAS
     rows["wrong"] = (rows["trusted"] & far).to_numpy()
     rows["good"], rows["doubted"] = rows["trusted"] & ~rows["wrong"], ~rows["trusted"] & rows["found"]
     rows["lost"] = ~rows["trusted"] & ~rows["found"]
@@ -118,8 +113,6 @@ def scored(
     `given`: microphones whose positions the solver got; `faulty`, `misplaced`: names of the channels with a fault, and
     of the microphones whose given position is wrong.
     """
-    from scipy.special import chdtri, ndtr
-
     truth, C = measurement.positions, found.covariance
     if truth is None or C is None:
         return {}

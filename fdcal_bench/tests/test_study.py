@@ -1,5 +1,8 @@
-"""Studies: their file, one calibration, the table, and runs on a real local cluster of Dask."""
+"""Studies: their file, one calibration, the table, and runs on own processes of Dask."""
 
+import contextlib
+import http.client
+import itertools
 import json
 import os
 import re
@@ -15,22 +18,32 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas
+import psutil
 import pytest
-from running import done
+from distributed import Client
+from distributed.security import Security
 
 import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
-from fdcal.assessment.study_statistics import classified, clustered, selected, share_grid
-from fdcal.commands import plan_commands
-from fdcal.graphics import study_report
-from fdcal.graphics.study_report import write_page, write_report
+from fdcal.acoustics.measure import sound_field
+from fdcal.commands.cli import main
+from fdcal.model.code_version import CodeVersion, source_hash
 from fdcal.model.room import Room
 from fdcal.model.validation import InputError, StorageError
-from fdcal.session.study import CodeVersion, Study, code_version, load_study, scene_at, source_hash
-from fdcal.session.study import rows as study_rows
-from fdcal.session.study import run as study_run
-from fdcal.session.study.rows import run_task, sound_field
-from fdcal.session.study.run import PARTS, Results, connected, read_results, run_study
+from fdcal_bench import command, draw, report, run, tasks
+from fdcal_bench.report import MAX_PANELS, study_panels, write_page, write_report
+from fdcal_bench.run import PARTS, Results, connected, read_results, run_study
+from fdcal_bench.statistics import classified, clustered, column_value, rows_of, selected, share_grid
+from fdcal_bench.study import Study, load_study, scene_at
+from fdcal_bench.tasks import own_code, run_task
+
+
+def exit_code(*arguments) -> int:
+    """The exit code of `fdcal study` in this process."""
+    with pytest.raises(SystemExit) as ended:
+        main(["study", *map(str, arguments)])
+    return ended.value.code or 0
+
 
 TEXT = """
 scene = "tiny"
@@ -177,7 +190,7 @@ def test_the_table_goes_on_where_it_was_left_is_one_whatever_a_part_lacks_and_ha
     first, at = Results(folder, study, False), {"draw": 0, "seed": 0, "snr_db": 20, "solver.modes": 12}
     first.append([{"task": 0, "verdict": "refused", "reason": "why", **at}])
     first.append([{"task": 3, "verdict": "good", "rms_error_m": 0.01, **at}])
-    with pytest.raises(InputError, match="resume"):
+    with pytest.raises(InputError, match="--resume"):
         Results(folder, study, False)
     again = Results(folder, study, True)
     assert again.done() == {0, 3}
@@ -219,7 +232,7 @@ def test_a_folder_of_another_study_and_one_that_is_not_empty(file, tmp_path):
         read_results(tmp_path / "full")
 
 
-def rows_of(code, tasks):
+def rows_by(code, tasks):
     """Return rows at the first point of the study, computed by some code."""
     at = {"snr_db": 20, "solver.modes": 12, "draw": 0, "seed": 0, "verdict": "good", "seconds": 1.0}
     error = {"rms_error_m": 0.002, "claimed_sigma_m": 0.002, "bound_m": 0.001, "max_error_m": 0.004}
@@ -231,38 +244,59 @@ def test_a_study_does_not_go_on_with_other_code(file, tmp_path, monkeypatch):
     study, folder = load_study(file), tmp_path / "out"
     first, other = CodeVersion("0.1.0", "aaaa", "1234567"), CodeVersion("0.1.0", "bbbb", None)
     for code in (other, first):
-        monkeypatch.setattr(study_run, "code_version", lambda code=code: code)
+        monkeypatch.setattr(run, "own_code", lambda code=code: code)
         table = Results(folder, study, False)
-    table.append(rows_of(asdict(first), [0, 1]))
+    table.append(rows_by(asdict(first), [0, 1]))
     assert Results(folder, study, True).done() == {0, 1}
-    monkeypatch.setattr(study_run, "code_version", lambda: other)
+    monkeypatch.setattr(run, "own_code", lambda: other)
     with pytest.raises(InputError, match=r"other code .*sources aaaa, commit 1234567; this is .*sources bbbb"):
         Results(folder, study, True)
 
 
-def test_the_report_names_the_code_and_reads_rows_that_lack_it(file, tmp_path):
-    """Folders of before have neither the columns nor the key in their head: they go on, and the report says so."""
-
+def test_the_report_names_the_code_of_all_rows(file, tmp_path):
     study, folder = load_study(file), tmp_path / "out"
     table = Results(folder, study, False)
-    head = folder / "study.json"
-    old = {key: value for key, value in json.loads(head.read_text()).items() if key != "code"}
-    head.write_text(json.dumps(old))
-    frame = pandas.DataFrame(rows_of({"version": "0.1.0"}, [0, 1, 2]))
-    frame.to_parquet(folder / "rows" / "part-000000000-abcdef.parquet")
-    again = Results(folder, study, True)
-    again.append(rows_of(asdict(code_version()), [3]))
+    other = CodeVersion("0.1.0", "aaaa", "1234567")
+    table.append(rows_by(asdict(other), [0, 1, 2]))
+    table.append(rows_by(asdict(own_code()), [3]))
     page = write_report(folder, *read_results(folder), None, {}).read_text()
-    assert "3 by an fdcal that did not note its sources" in page
+    assert f"Computed by different code: 3 by {other}; 1 by {own_code()}." in page
     assert "<h2>Every point</h2><table>" in page and "<p>None.</p>" in page, "no calibration is good and wrong"
-    assert f"1 by fdcal {code_version().version}, sources {code_version().source}" in page
-    assert table.done() == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize("content", ["[]", "null", "{}", "", "{", '{"digest": 3}', "\x00", '{"axes": {}}'])
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_damaged_head_is_one_line_that_names_the_file(file, tmp_path, capsys, content, whole):
+    folder = tmp_path / "out"
+    Results(folder, load_study(file), False).append(rows_by({}, [0]))
+    head = json.loads((folder / "study.json").read_text())
+    if not whole and content.startswith("{") and content.endswith("}"):  # one wrong key among right ones
+        content = json.dumps(head | (json.loads(content) or {"axes": None}))
+    (folder / "study.json").write_text(content)
+    for arguments in (("--report", folder), ("--report", folder, "--page", "page.md"), (file, "-o", folder)):
+        assert exit_code(*arguments) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"{folder / 'study.json'} is damaged" in line
+
+
+@pytest.mark.parametrize("damage", [b"", b"PAR1", b"[]", None])
+def test_a_damaged_part_is_one_line_that_names_the_file(file, tmp_path, capsys, damage):
+    folder = tmp_path / "out"
+    Results(folder, load_study(file), False).append(rows_by({}, [0]))
+    (part,) = folder.glob(PARTS)
+    if damage is None:  # a table of something else
+        pandas.DataFrame({"task": ["one"], "x": [3]}).to_parquet(part)
+    else:
+        part.write_bytes(damage)
+    assert exit_code("--report", folder) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{part} is damaged" in line
 
 
 def test_the_report_says_of_what_rooms_it_is_and_lists_every_point_with_its_interval_and_what_is_wrong(file, tmp_path):
     study, folder = load_study(file), tmp_path / "out"
     table = Results(folder, study, False)
-    rows = rows_of({}, range(8))
+    rows = rows_by({}, range(8))
     for row in rows:
         row |= {"verdict": "good", "rms_error_m": 1e-3, "claimed_sigma_m": 2e-3, "seed": 700 + row["task"]}
     rows[3] |= {"rms_error_m": 0.123, "max_error_m": 0.4}
@@ -287,8 +321,8 @@ def test_the_hash_of_sources_is_of_what_a_row_depends_on(tmp_path):
 
 def test_a_row_names_the_code_that_computed_it(file):
     row = row_of(load_study(file), 1)
-    assert (row["source"], row["version"]) == (code_version().source, fdcal_version("fdcal"))
-    assert len(row["source"]) == 16 and set(row) >= set(asdict(code_version()))
+    assert (row["source"], row["version"]) == (own_code().source, fdcal_version("fdcal"))
+    assert len(row["source"]) == 16 and set(row) >= set(asdict(own_code()))
 
 
 def test_a_full_disk_is_a_storage_error_and_leaves_no_part(file, tmp_path, monkeypatch):
@@ -306,7 +340,7 @@ def test_a_full_disk_is_a_storage_error_and_leaves_no_part(file, tmp_path, monke
 
 
 def test_a_scheduler_that_is_not_there(free_port, monkeypatch):
-    monkeypatch.setattr(study_run, "PACE", study_run.Pace(connect_seconds=0.2))
+    monkeypatch.setattr(run, "BATCHING", run.Batching(connect_seconds=0.2))
     with (
         pytest.raises(InputError, match="no scheduler answers"),
         connected(1, f"tcp://127.0.0.1:{free_port}"),
@@ -324,20 +358,51 @@ def free_port():
         yield bound.getsockname()[1]
 
 
+def listening(process) -> list[tuple[str, int]]:
+    """The addresses at which a process and its children accept connections."""
+    family = [process, *process.children(recursive=True)]
+    found = (each for one in family for each in one.net_connections("inet") if each.status == psutil.CONN_LISTEN)
+    return [tuple(each.laddr) for each in found]
+
+
+@pytest.mark.parametrize("dashboard", [False, True])
+def test_own_processes_listen_on_the_loopback_interface_and_to_each_other_alone(dashboard):
+    """A scheduler of Dask executes what a client sends: it must be a client of ours, and nothing shows the tasks."""
+    before = set(listening(psutil.Process()))
+    with connected(1, dashboard=dashboard) as client:
+        own = set(listening(psutil.Process())) - before
+        assert len(own) >= 4 and {host for host, _ in own} == {"127.0.0.1"}
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1:")
+        with pytest.raises((OSError, TimeoutError)):
+            Client(address.replace("tls", "tcp"), timeout=1)
+        with pytest.raises((OSError, TimeoutError)):
+            Client(address, security=Security.temporary(), timeout=1)  # another certificate
+        answers = 0
+        for _, port in own:
+            for page in ("status", "info/main/workers.html", "health", "metrics"):
+                with contextlib.suppress(OSError, http.client.HTTPException):
+                    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=1)
+                    connection.request("GET", f"/{page}")
+                    answers += connection.getresponse().status == 200
+        assert (answers > 0) == dashboard
+        assert client.submit(sum, [1, 2]).result() == 3
+
+
 # `fdcal` whose studies write every batch as it comes, so that there is a row to keep at once.
 EAGER = """
 import sys
 from dataclasses import replace
 from fdcal.commands.cli import main
-from fdcal.session.study import run
-run.PACE = replace(run.PACE, write_seconds=0.0)
+from fdcal_bench import run
+run.BATCHING = replace(run.BATCHING, write_seconds=0.0)
 main(sys.argv[1:])
 """
 
 # One that does no more after its first row, so that it never ends before it is killed.
 HALTED = """
 import time
-from fdcal.session.study.run import Results
+from fdcal_bench.run import Results
 append = Results.append
 Results.append = lambda results, rows: (append(results, rows), time.sleep(600))
 """
@@ -397,9 +462,9 @@ def test_a_killed_study_goes_on_a_killed_worker_costs_no_row_and_its_report_is_d
 
         return run_study(study, results, client, noted)
 
-    monkeypatch.setattr(study_run, "run_study", killing_one)
-    monkeypatch.setattr(study_run, "PACE", replace(study_run.PACE, write_seconds=1e9))  # all rows in the end
-    done(*command, "1", "--resume", folder=tmp_path)
+    monkeypatch.setattr(run, "run_study", killing_one)
+    monkeypatch.setattr(run, "BATCHING", replace(run.BATCHING, write_seconds=1e9))  # all rows in the end
+    assert exit_code(*command[1:], "1", "--resume") == 0
     assert len(killed) == 1
     head, rows = read_results(folder)
     assert sorted(rows["task"]) == list(range(study.count))
@@ -421,12 +486,12 @@ def test_a_study_whose_calibrations_are_all_refused_says_so_and_does_not_end_lik
         results.append(rows)
         return len(rows)
 
-    monkeypatch.setattr(study_run, "run_study", run_all)
-    monkeypatch.setattr(study_run, "connected", lambda *_: nullcontext(SimpleNamespace(dashboard_link="")))
-    assert plan_commands._run(study, str(tmp_path / "none"), 1, None, False) == 4
+    monkeypatch.setattr(run, "run_study", run_all)
+    monkeypatch.setattr(run, "connected", lambda *_: nullcontext(SimpleNamespace(dashboard_link="")))
+    assert command.run(study, str(tmp_path / "none"), 1, None, False) == 4
     assert f"refused {study.count} of {study.count}, most often: no room" in capsys.readouterr().out
     rest = "good"
-    assert plan_commands._run(study, str(tmp_path / "some"), 1, None, False) == 0
+    assert command.run(study, str(tmp_path / "some"), 1, None, False) == 0
     assert f"refused 1 of {study.count}" in capsys.readouterr().out
 
 
@@ -449,10 +514,10 @@ def test_a_field_that_points_of_a_draw_share_changes_no_row(tmp_path, monkeypatc
 
     numbers, alone = range(6), []  # all of the first draw, and those of the second that differ in the radius
     for number in numbers:
-        monkeypatch.setattr(study_rows, "_fields", {})
+        monkeypatch.setattr(tasks, "_fields", {})
         alone.append(row(number))
-    monkeypatch.setattr(study_rows, "_fields", {})
-    monkeypatch.setattr(study_rows, "sound_field", counted)
+    monkeypatch.setattr(tasks, "_fields", {})
+    monkeypatch.setattr(tasks, "sound_field", counted)
     assert [row(number) for number in numbers] == alone
     assert len(computed) == 4, "two draws of two radii"
 
@@ -468,6 +533,7 @@ def test_statistics_of_a_table_and_its_rows_at_values_of_the_axes():
             "claimed_sigma_m": [0.004, 0.02, 0.001, None],
             "bound_m": [0.001, 0.001, 0.001, None],
             "max_error_m": [0.01, 0.1, 0.1, None],
+            "worst_sigmas": [0.0, 0.0, 0.0, None],
         }
     )
     rows, axes = classified(table), {"snr_db": [20, 40]}
@@ -487,10 +553,10 @@ def test_statistics_of_a_table_and_its_rows_at_values_of_the_axes():
         assert len(selected(rows, axes, at)) == count
 
 
-SETTINGS = """
+SCENARIOS = """
 draws = 2
 seed = 5
-[[settings]]
+[[scenarios]]
 name = "flat"
 array = "disc"
 microphones = 12
@@ -500,7 +566,7 @@ modes = 16
 snr_db = 40.0
 inverted = 1
 known_error = 0.002
-[[settings]]
+[[scenarios]]
 name = "living room"
 array = "ball"
 microphones = 12
@@ -520,16 +586,16 @@ sound_speed_sigma = 0.02
 
 
 @pytest.fixture
-def settings(tmp_path):
-    path = tmp_path / "settings.toml"
-    path.write_text(SETTINGS)
+def scenarios(tmp_path):
+    path = tmp_path / "scenarios.toml"
+    path.write_text(SCENARIOS)
     return load_study(path)
 
 
-def test_settings_are_the_points_of_a_study(settings):
-    assert (settings.points, settings.count) == (2, 4)
-    assert [settings.point(n) for n in (0, 1)] == [{"setting": "flat"}, {"setting": "living room"}]
-    stated = [study_rows._posed(settings, settings.point(n), 5)[0].settings for n in (0, 1)]
+def test_settings_are_the_points_of_a_study(scenarios):
+    assert (scenarios.points, scenarios.count) == (2, 4)
+    assert [scenarios.point(n) for n in (0, 1)] == [{"scenario": "flat"}, {"scenario": "living room"}]
+    stated = [tasks.posed(scenarios, scenarios.point(n), 5)[0].settings for n in (0, 1)]
     assert [one.sound_speed_sigma for one in stated] == [None, 0.02], "as stated to the solver"
 
 
@@ -537,34 +603,34 @@ def test_settings_are_the_points_of_a_study(settings):
     ("old", "new", "words"),
     [
         ("[4.0, 3.0]", "[4.0, 3.0, 2.0]", "3 lengths"),
-        ('"living room"', '"flat"', "two settings have the name"),
+        ('"living room"', '"flat"', "two scenarios have the name"),
         ("draws = 2", 'draws = 2\nscene = "tiny"', "no scene"),
         ("inverted = 1", "inverted = 12", "too few microphones"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(tmp_path, old, new, words):
     path = tmp_path / "wrong.toml"
-    path.write_text(SETTINGS.replace(old, new))
+    path.write_text(SCENARIOS.replace(old, new))
     with pytest.raises(InputError, match=words):
         load_study(path)
 
 
-def test_a_draw_has_the_noise_the_faults_and_the_errors_of_its_setting(settings):
-    for setting in settings.settings:
-        drawn = study_rows.draw(setting, 5)
-        again = study_rows.draw(setting, 5).measurement
+def test_a_draw_has_the_noise_the_faults_and_the_errors_of_its_setting(scenarios):
+    for scenario in scenarios.scenarios:
+        drawn = draw.draw(scenario, 5)
+        again = draw.draw(scenario, 5).measurement
         one = drawn.measurement
         np.testing.assert_array_equal(one.pressures, again.pressures)
-        assert not np.allclose(one.positions, study_rows.draw(setting, 6).measurement.positions)
-        other = study_rows.draw(replace(setting, name="other"), 5).measurement
-        assert not np.allclose(one.positions, other.positions), "settings are independent"
-        assert one.count == setting.microphones and len(one.frequencies) == setting.modes * setting.takes
-        assert one.sound_speed == pytest.approx((1 + setting.sound_speed_error) * study_rows.SOUND_SPEED)
+        assert not np.allclose(one.positions, draw.draw(scenario, 6).measurement.positions)
+        other = draw.draw(replace(scenario, name="other"), 5).measurement
+        assert not np.allclose(one.positions, other.positions), "scenarios are independent"
+        assert one.count == scenario.microphones and len(one.frequencies) == scenario.modes * scenario.takes
+        assert one.sound_speed == pytest.approx((1 + scenario.sound_speed_error) * draw.SOUND_SPEED)
         off = np.linalg.norm(one.known_positions - one.positions[one.known], axis=1)
         wrong = [str(n) in drawn.misplaced for n in one.known]
-        assert len(drawn.faulty) == setting.inverted and sum(wrong) == bool(setting.misplaced)
-        np.testing.assert_allclose(off[wrong], setting.misplaced)
-        assert np.all(off[np.logical_not(wrong)] <= 5 * setting.known_error)
+        assert len(drawn.faulty) == scenario.inverted and sum(wrong) == bool(scenario.misplaced)
+        np.testing.assert_allclose(off[wrong], scenario.misplaced)
+        assert np.all(off[np.logical_not(wrong)] <= 5 * scenario.known_error)
 
 
 def test_the_field_of_a_rectangle_solves_helmholtz_equation_and_is_rigid_at_the_walls():
@@ -580,8 +646,8 @@ def test_the_field_of_a_rectangle_solves_helmholtz_equation_and_is_rigid_at_the_
     assert np.all(np.abs(-3 * q[:, 0] + 4 * q[:, 1] - q[:, 2]) / (2 * h) < 1e-4 * np.abs(k * q[:, 0]))
 
 
-def test_a_row_counts_what_its_ellipses_hold_and_who_is_accused(settings):
-    row = row_of(settings, 0)
+def test_a_row_counts_what_its_ellipses_hold_and_who_is_accused(scenarios):
+    row = row_of(scenarios, 0)
     inside, ranks = json.loads(row["inside"]), json.loads(row["ranks"])
     assert inside == sorted(inside) and inside[-1] <= row["judged"] <= 12 - 4 - 1
     assert sum(ranks) == 2 * row["judged"] and row["sound"] == 11 and row["right_given"] == 4
@@ -611,15 +677,15 @@ def test_a_value_that_an_axis_has_twice_is_named(file):
 
 
 @pytest.mark.parametrize("documented", [False, True])
-def test_the_figure_of_a_page_is_where_the_page_looks_for_it(settings, tmp_path, monkeypatch, documented):
-    results = Results(tmp_path / "out", settings, False)
-    results.append([row_of(settings, number) for number in range(2)])
+def test_the_figure_of_a_page_is_where_the_page_looks_for_it(scenarios, tmp_path, monkeypatch, documented):
+    results = Results(tmp_path / "out", scenarios, False)
+    results.append([row_of(scenarios, number) for number in range(2)])
     (tmp_path / "docs").mkdir()
     if documented:
-        monkeypatch.setattr(study_report, "DOCUMENTED", tmp_path / "docs")
+        monkeypatch.setattr(report, "DOCUMENTED", tmp_path / "docs")
     page = tmp_path / "docs" / "study-page.md"
     for _ in range(2 - documented):  # the second time over the first
-        write_page(page, *read_results(tmp_path / "out"), "found", plan_commands.PAGE_COMMANDS)
+        write_page(page, *read_results(tmp_path / "out"), "found", command.PAGE_COMMANDS)
     text = page.read_text()
     (picture,) = re.findall(r"\{image\} (\S+)", text)
     assert (page.parent / picture).stat().st_size > 5000
@@ -628,26 +694,93 @@ def test_the_figure_of_a_page_is_where_the_page_looks_for_it(settings, tmp_path,
     if documented:
         commands = "fdcal study studies/page.toml -o page\n"
         commands += "fdcal study --report page --page docs/explanation/study-page.md\n"
-    assert commands in text and ("`studies/page.toml`" if documented else "`settings`") in text
+    assert commands in text and ("`studies/page.toml`" if documented else "`scenarios`") in text
 
 
-def test_the_page_of_a_study_says_what_its_rows_hold(settings, tmp_path):
-    results = Results(tmp_path / "out", settings, False)
-    rows = [row_of(settings, number) for number in range(2)]
+def test_the_page_of_a_study_says_what_its_rows_hold(scenarios, tmp_path):
+    results = Results(tmp_path / "out", scenarios, False)
+    rows = [row_of(scenarios, number) for number in range(2)]
     good = rows[0] | {"verdict": "good", "worst_sigmas": 7.0, "task": 2, "draw": 1, "seed": 6}
-    few = {key: rows[0][key] for key in ("setting", "seed", "source", "version", "commit")}
+    few = {key: rows[0][key] for key in ("scenario", "seed", "source", "version", "commit")}
     results.append([*rows, good, few | {"task": 3, "draw": 1, "verdict": "refused", "reason": "no room for a source"}])
-    page = tmp_path / "study-settings.md"
+    page = tmp_path / "study-scenarios.md"
     case = 'text = "All others are right."\n[[cases]]\nsetting = "flat"\nseed = 6\nwhy = "another basin"\n'
     page.with_suffix(".cases.toml").write_text(case)
-    write_page(page, *read_results(tmp_path / "out"), "out", plan_commands.PAGE_COMMANDS)
+    write_page(page, *read_results(tmp_path / "out"), "out", command.PAGE_COMMANDS)
     text = page.read_text()
-    assert "4 draws, 1 to 3 of each setting, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
+    assert "4 draws, 1 to 3 of each scenario, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
     assert "Good and wrong: 1 of 4 draws" in text and "| flat | 6 |" in text
     assert "| 7.0 | another basin |" in text and text.endswith("\n\nAll others are right.\n")
     assert "Refused: 1 of 4 draws" in text and "- flat, seed 5: no room for a source" in text
     assert "| flat | 3 | 1 |" in text and "| all | 4 | 1 |" in text
-    assert code_version().source in text and (tmp_path / "pictures" / "study-settings.png").stat().st_size > 5000
+    assert own_code().source in text and (tmp_path / "pictures" / "study-scenarios.png").stat().st_size > 5000
     assert len(page.with_suffix(".csv").read_text().splitlines()) == 5
     inside, n = json.loads(rows[0]["inside"])[2], rows[0]["judged"]
     assert f"| {100 * inside / n:.1f} ± " in text
+
+
+# What is refused says so in one line, before anything that it would need.
+
+
+def refusal(capsys, *arguments: str) -> str:
+    assert exit_code(*arguments) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    return line
+
+
+def test_a_report_of_no_folder_is_refused(capsys, tmp_path):
+    assert "nothing is no folder" in refusal(capsys, "--report", str(tmp_path / "nothing"))
+
+
+def test_a_file_that_is_no_study_is_named_once(capsys, tmp_path):
+    (tmp_path / "bad2.toml").write_text("= 3")
+    line = refusal(capsys, str(tmp_path / "bad2.toml"), "--dry-run")
+    assert line.count("bad2.toml") == 1 and "is not valid TOML" in line
+
+
+def test_a_page_of_a_study_of_axes_is_refused_before_anything_is_written(tmp_path, monkeypatch, capsys):
+    """Its statistics hold for independent draws only."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text('scene = "tiny"\ndraws = 1\n[axes]\nsnr_db = [20, 40]\n')
+    study, results = load_study("mine.toml"), Results("found", load_study("mine.toml"), False)
+    results.append([run_task(study, number) for number in range(2)])
+    line = refusal(capsys, "--report", "found", "--page", "page.md")
+    assert line.endswith("a page is of a study of scenarios; use --report without --page")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["found", "mine.toml"]
+
+
+# Every calibration of a study is in one panel of its figures, and no figure has more panels than can be read.
+
+
+STUDIES = {
+    "one": {"snr_db": [20, 40]},
+    "names": {"solver.name": ["joint", "robust"], "scene": ["tiny", "array1_circle"]},
+    "four": {"solver.name": ["a", "b", "c", "d"], "solver.modes": [8, 16], "snr_db": [20, 40], "scene": ["x", "y"]},
+    "many": {"known": [0, 3, 4, 6], "radius": [0.1, 0.2], "snr_db": [20, 40], "size": [[1, 2], [3, 4], [5, 6]]},
+    "fixed": {"snr_db": [30], "radius": [0.1, 0.2, 0.3]},
+}
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_each_calibration_is_in_one_panel(name):
+    axes = STUDIES[name]
+    points = [dict(zip(axes, map(column_value, values), strict=True)) for values in itertools.product(*axes.values())]
+    rows, shown = pandas.DataFrame(points), study_panels(axes)
+    parts = [rows_of(rows, values) for values in shown.panels]
+    assert sorted(itertools.chain.from_iterable(part.index for part in parts)) == list(rows.index)
+    assert len(shown.panels) <= MAX_PANELS and shown.columns <= len(shown.panels)
+    assert len(axes[shown.x]) > 1 and (shown.y == "" or len(axes[shown.y]) > 1)
+    named = {shown.x, shown.y, *shown.averaged, *shown.panels[0]}
+    assert {key for key, values in axes.items() if len(values) > 1} <= named
+
+
+def test_noise_is_along_x_and_solvers_are_side_by_side():
+    shown = study_panels(STUDIES["four"])
+    assert (shown.y, shown.x) == ("solver.modes", "snr_db")
+    assert shown.panels[0] == {"solver.name": "a", "scene": "x"} and len(shown.panels) == 8
+
+
+def test_axes_that_are_chosen_stay():
+    shown = study_panels(STUDIES["four"], ("snr_db", "solver.name"))
+    assert (shown.y, shown.x) == ("snr_db", "solver.name")
+    assert {"solver.modes", "scene"} == set(shown.panels[0])

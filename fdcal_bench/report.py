@@ -19,13 +19,16 @@ import pandas
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from ..assessment import study_statistics as statistics
-from ..assessment.study_statistics import BINS, COLUMNS, LEVELS
-from ..model.storage import parse_toml, read_bytes, write_atomically
-from ..model.validation import InputError, StorageError
-from ..session.study import PACKAGE, SETTING, version_text
-from .calibration_figure import html_page, html_table
-from .landscape import figure_bytes
+from fdcal.graphics.calibration_figure import html_page, html_table
+from fdcal.graphics.landscape import figure_bytes
+from fdcal.model.code_version import CodeVersion
+from fdcal.model.storage import parse_toml, read_bytes, write_atomically
+from fdcal.model.validation import InputError, StorageError
+
+from . import statistics
+from .run import Head
+from .statistics import BINS, COLUMNS, LEVELS
+from .study import SCENARIO
 
 MAX_PANELS = 8
 MAX_COLUMNS = 4
@@ -204,7 +207,6 @@ STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto}img{max-width:100%}"
     "td,th{text-align:right;padding:.1rem .6rem}"
 )
-UNKNOWN = "an fdcal that did not note its sources"
 CAPTIONS = {
     "success": "An array counts as found where the error is below 5 mm, or three times the Cramer-Rao bound.",
     "error": "Median error of the microphones that are sought, 10 to 90 % shaded; dashed the bound in a diffuse field.",
@@ -214,20 +216,20 @@ CAPTIONS = {
 
 
 def write_report(
-    folder: str | Path, head: dict, rows: pandas.DataFrame, names: tuple[str, str] | None, at: dict[str, str]
+    folder: str | Path, head: Head, rows: pandas.DataFrame, names: tuple[str, str] | None, at: dict[str, str]
 ) -> Path:
     """Write the report of a study into the folder `report` of its own, and return its page.
 
-    `head`, `rows`: as of `fdcal.session.study.run.read_results`; `names`: axes along y and x; `at`: values of other
+    `head`, `rows`: as of `read_results`; `names`: axes along y and x; `at`: values of other
     axes, as text.
     """
-    axes = head["axes"]
+    axes = head.axes
     for name in names or ():
         if name not in axes:
             raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
     rows = statistics.classified(statistics.selected(rows, axes, at))
     if not len(rows):
-        raise InputError("no calibration of the study has these values", "leave out <at>", key="at")
+        raise InputError("no calibration of the study has these values", "leave out --at", key="at")
     axes = {name: values for name, values in axes.items() if name not in at or name in (names or ())}
     shown = study_panels(axes, names)
     figures = {
@@ -250,12 +252,8 @@ def write_report(
 
 def code_text(rows: pandas.DataFrame) -> str:
     """Return in a sentence which code computed the rows of a study, and how many each where there are several."""
-    counts: Counter = Counter()
-    for row in rows.to_dict("records"):
-        source, commit = row.get("source"), row.get("commit")
-        known = isinstance(source, str)
-        text = version_text(row["version"], source, commit if isinstance(commit, str) else None) if known else UNKNOWN
-        counts[text] += 1
+    codes = [tuple(code) for code in rows[["version", "source", "commit"]].itertuples(index=False)]
+    counts = Counter(str(CodeVersion(v, source, c if isinstance(c, str) else None)) for v, source, c in codes)
     if len(counts) == 1:
         return f"Computed by {next(iter(counts))}."
     return f"Computed by different code: {'; '.join(f'{count} by {text}' for text, count in counts.most_common())}."
@@ -298,10 +296,10 @@ def _wrong(rows: Any, axes: dict[str, list]) -> tuple[list[str], list[list[str]]
     return [*map(label_of, axes), "seed", "error (mm)", "largest (mm)", "claim (mm)"], lines
 
 
-def _page(head: dict, rows: pandas.DataFrame, axes: dict[str, list], at: dict[str, str]) -> str:
+def _page(head: Head, rows: pandas.DataFrame, axes: dict[str, list], at: dict[str, str]) -> str:
     where = "".join(f", {escape(key)} = {escape(value)}" for key, value in at.items())
     summary = (
-        f"{len(rows)} of {head['count']} calibrations{where}: the array found in {rows['found'].mean():.1%}, verdict"
+        f"{len(rows)} of {head.count} calibrations{where}: the array found in {rows['found'].mean():.1%}, verdict"
         f" good in {rows['trusted'].mean():.1%}, good and wrong in {rows['wrong'].mean():.2%};"
         f" {rows['seconds'].median():.2g} s of processor time each (median). {escape(code_text(rows))}"
     )
@@ -310,14 +308,14 @@ def _page(head: dict, rows: pandas.DataFrame, axes: dict[str, list], at: dict[st
         f'<img src="{name}.png" alt="{escape(text)}"></a>'
         for name, text in CAPTIONS.items()
     )
-    about = "".join(f"<li>{escape(str(line))}</li>" for line in head.get("about", ()))  # older folders do not say
+    about = "".join(f"<li>{escape(str(line))}</li>" for line in head.about)
     tables = ""
     for words, (heads, lines) in (
         ("Every point", _points(rows, axes)), ("Good and wrong", _wrong(rows, axes))
     ):  # fmt: skip
         shown = html_table(list(map(escape, heads)), lines[:MAX_LINES], max(0, len(lines) - MAX_LINES))
         tables += f"<h2>{words}</h2>{shown if lines else '<p>None.</p>'}"
-    return html_page(str(head["title"]), STYLE, f"<p>{summary}</p><ul>{about}</ul>{pictures}{tables}")
+    return html_page(str(head.title), STYLE, f"<p>{summary}</p><ul>{about}</ul>{pictures}{tables}")
 
 
 RANK_COLUMNS = 5  # panels in a row of the figure
@@ -330,8 +328,8 @@ KEPT = (  # columns of the data file
 HEAD = """# {title}
 
 How often is the true position inside the ellipse that is claimed, and how often is a verdict wrong? `{name}`
-answers for {settings} settings: each draw has its own room, array, source, noise, channels and given positions, and is
-calibrated with the solver's own settings. {count} draws, {least} to {most} of each setting, of {planned} that are
+answers for {scenarios} scenarios: each draw has its own room, array, source, noise, channels and given positions, and
+is calibrated with the solver's own settings. {count} draws, {least} to {most} of each scenario, of {planned} that are
 planned; seeds {first} to {last}. {code}
 
 This page is written by
@@ -350,15 +348,15 @@ standard error (the draws are independent, the microphones of one are not), and 
 squared error over the claimed variance (1 is right; more: the claim is too narrow). Microphones count that are sought
 and whose channels have no fault. One sigma of a position is the root of the trace of its covariance.
 
-| setting | good | error mm | claim mm | error over claim | {levels} |
+| scenario | good | error mm | claim mm | error over claim | {levels} |
 |---|---|---|---|---|{rules}|
 """
-DOCUMENTED = PACKAGE.resolve().parent / "docs" / "explanation"  # of a checkout
+DOCUMENTED = Path(__file__).resolve().parents[1] / "docs" / "explanation"  # of a checkout
 SHARED = "../pictures"  # folder of the figures of its pages
 BESIDE = " [Uncertainty](uncertainty.md) says how the covariance is computed."
 FIGURE = """
 ```{{image}} {pictures}/{stem}.png
-:alt: Rank histograms of the coordinates in every setting, with bands
+:alt: Rank histograms of the coordinates in every scenario, with bands
 ```
 
 Ranks of the true coordinates in what is claimed, of the same draws, in {bins} bins; the band is two standard errors
@@ -373,75 +371,67 @@ microphone above 10 mm and five. *Accused*: healthy channels that are named as f
 right (to the error of the tape) and named as wrong. *Found*: channels with a fault, and wrong given positions, that are
 named. *Refused*: draws that are not calibrated, but for a reason that is said; they are neither right nor wrong.
 
-| setting | draws | refused | right | right and good | good | good and wrong | accused | found |
+| scenario | draws | refused | right | right and good | good | good and wrong | accused | found |
 |---|---|---|---|---|---|---|---|---|
 """
 
 
+WRONG = """
+| scenario | seed | error mm | claim mm | the worst microphone, sigma | why |
+|---|---|---|---|---|---|
+"""
+UNEXPLAINED = "not examined yet"
+
+
 def calibration_page(
-    head: dict, rows: Any, name: str, stem: str, commands: str, cases: dict | None = None, pictures: str = "pictures"
+    head: Head, rows: Any, name: str, stem: str, commands: str, cases: dict | None = None, pictures: str = "pictures"
 ) -> str:
     """Return the page of a study's file `name`; `rows` as of `read_results`, `stem`: of the page's file name.
 
     `pictures`: the folder of its figure, as the page calls it; `cases`: why draws are good and wrong: "cases", each
-    with "setting", "seed" and "why", and a "text" on them all.
+    with "scenario", "seed" and "why", and a "text" on them all.
     """
     every, rows = rows, _scored(rows)
-    names = [value for value in head["axes"][SETTING] if np.any(every[SETTING] == value)]
-    counts = every.groupby(SETTING).size()
+    names = [value for value in head.axes[SCENARIO] if np.any(every[SCENARIO] == value)]
+    counts = every.groupby(SCENARIO).size()
     text = HEAD.format(
-        title=head["title"],
+        title=head.title,
         name=name,
         commands=commands,
         stem=stem,
-        settings=len(names),
+        scenarios=len(names),
         count=len(every),
         least=counts.min(),
         most=counts.max(),
-        planned=head["count"],
+        planned=head.count,
         first=every["seed"].min(),
         last=every["seed"].max(),
         code=code_text(rows),
         levels=" | ".join(f"{100 * level:.0f} %" for level in LEVELS),
         rules="---|" * (len(LEVELS) - 1) + "---",
         beside=BESIDE if pictures == SHARED else "",
-        about="".join(f"\n- {line}" for line in head.get("about", ())),
+        about="".join(f"\n- {line}" for line in head.about),
     )
-    parts = [(value, rows[rows[SETTING] == value]) for value in names]
+    parts = [(value, rows[rows[SCENARIO] == value]) for value in names]
     text += "".join(_bars_line(value, part) for value, part in (*parts, ("all", rows)))
     text += FIGURE.format(stem=stem, pictures=pictures, bins=BINS)
     planned = dict(counts) | {"all": len(every)}
     text += "".join(_verdict_line(value, part, planned[value]) for value, part in (*parts, ("all", rows)))
     refused, wrong = every.drop(rows.index), rows[rows["wrong"]]
-    text += _counted("Refused", len(refused), len(every))
+    text += f"\nRefused: {len(refused)} of {len(every)} draws{':' if len(refused) else '.'}\n"
     for row in refused.to_dict("records"):
-        text += f"\n- {row[SETTING]}, seed {row['seed']}: {row['reason']}"
-    text += "\n" * bool(len(refused)) + _counted("Good and wrong", len(wrong), len(every))
-    text += _one_by_one(wrong, cases or {}) if len(wrong) else ""
+        text += f"\n- {row[SCENARIO]}, seed {row['seed']}: {row['reason']}"
+    text += "\n" * bool(len(refused))
+    text += f"\nGood and wrong: {len(wrong)} of {len(every)} draws{':' if len(wrong) else '.'}\n"
+    if len(wrong):
+        why = {(one["scenario"], one["seed"]): one["why"] for one in (cases or {}).get("cases", ())}
+        text += WRONG
+        for row in wrong.to_dict("records"):
+            sizes = f"{1e3 * row['rms_error_m']:.2g} | {1e3 * row['claimed_sigma_m']:.2g} | {row['worst_sigmas']:.1f}"
+            reason = why.get((row[SCENARIO], row["seed"]), UNEXPLAINED)
+            text += f"| {row[SCENARIO]} | {row['seed']} | {sizes} | {reason} |\n"
+        text += f"\n{(cases or {}).get('text', '')}"
     return text.rstrip("\n") + "\n"
-
-
-WRONG = """
-| setting | seed | error mm | claim mm | the worst microphone, sigma | why |
-|---|---|---|---|---|---|
-"""
-UNEXPLAINED = "not examined yet"
-
-
-def _one_by_one(wrong: Any, cases: dict) -> str:
-    """The table of the draws that are good and wrong, with why each is, and what the `cases` have in common."""
-    why = {(one["setting"], one["seed"]): one["why"] for one in cases.get("cases", ())}
-    text = WRONG
-    for row in wrong.to_dict("records"):
-        text += (
-            f"| {row[SETTING]} | {row['seed']} | {1e3 * row['rms_error_m']:.2g} | {1e3 * row['claimed_sigma_m']:.2g} |"
-            f" {row['worst_sigmas']:.1f} | {why.get((row[SETTING], row['seed']), UNEXPLAINED)} |\n"
-        )
-    return f"{text}\n{cases.get('text', '')}"
-
-
-def _counted(what: str, count: int, draws: int) -> str:
-    return f"\n{what}: {count} of {draws} draws{':' if count else '.'}\n"
 
 
 def _scored(rows: Any) -> Any:
@@ -465,24 +455,20 @@ def _bars_line(name: str, part: Any) -> str:
 
 def _verdict_line(name: str, part: Any, draws: int) -> str:
     right = part["found"]
-    accused, sound = (part[[a, b]].to_numpy(float).sum() for a, b in (ACCUSED, SOUND))
-    named, faults = (part[[a, b]].to_numpy(float).sum() for a, b in (NAMED, FAULTS))
+    accused, healthy = part["accused"] + part["wrongly_doubted"], part["sound"] + part["right_given"]
+    named, faults = part["named"] + part["doubted_given"], part["faults"] + part["wrong_given"]
     return (
         f"| {name} | {draws} | {draws - len(part)} | {right.sum()} | {(right & part['trusted']).sum()} |"
-        f" {part['trusted'].sum()} | {part['wrong'].sum()} | {accused:.0f} of {sound:.0f} |"
-        f" {f'{named:.0f} of {faults:.0f}' if faults else ''} |\n"
+        f" {part['trusted'].sum()} | {part['wrong'].sum()} | {accused.sum():.0f} of {healthy.sum():.0f} |"
+        f" {f'{named.sum():.0f} of {faults.sum():.0f}' if faults.sum() else ''} |\n"
     )
 
 
-ACCUSED, SOUND = ("accused", "wrongly_doubted"), ("sound", "right_given")
-NAMED, FAULTS = ("named", "doubted_given"), ("faults", "wrong_given")
-
-
-def draw_ranks(head: dict, rows: Any) -> Figure:
-    """Return the rank histograms of the good draws of every setting, with bands, and the coverage of all of them."""
+def draw_ranks(head: Head, rows: Any) -> Figure:
+    """Return the rank histograms of the good draws of every scenario, with bands, and the coverage of all of them."""
     rows = _scored(rows)
     good = rows[rows["trusted"] & (rows["judged"] > 0)]
-    names = [value for value in head["axes"][SETTING] if np.any(good[SETTING] == value)]
+    names = [value for value in head.axes[SCENARIO] if np.any(good[SCENARIO] == value)]
     lines = -(-(len(names) + 1) // RANK_COLUMNS)
     figure = Figure(figsize=(2.2 * RANK_COLUMNS, 1.5 * lines), dpi=80)
     figure.set_layout_engine("constrained")
@@ -492,14 +478,14 @@ def draw_ranks(head: dict, rows: Any) -> Figure:
     fraction, error = statistics.clustered(statistics.json_columns(good, "inside"), good["judged"].to_numpy(float))
     cells[0].plot([0, 1], [0, 1], color="grey", linewidth=0.8)
     cells[0].errorbar(LEVELS, fraction, BAND * error, fmt="o", markersize=3)
-    cells[0].set_title("coverage, all settings", fontsize=7)
+    cells[0].set_title("coverage, all scenarios", fontsize=7)
     edges = np.linspace(0, 1, BINS + 1)
     for cell, name in zip(cells[1:], names, strict=False):
-        counts = statistics.json_columns(good[good[SETTING] == name], "ranks")
+        counts = statistics.json_columns(good[good[SCENARIO] == name], "ranks")
         fraction, error = statistics.clustered(counts, counts.sum(axis=1))
         cell.stairs(BINS * fraction, edges, fill=True, color="tab:blue", alpha=0.7)
-        cell.fill_between(edges, *(1 + sign * BAND * BINS * _stepped(error) for sign in (-1, 1)), step="post",
-                          color="grey", alpha=0.4)  # fmt: skip
+        band = BAND * BINS * np.append(error, error[-1])
+        cell.fill_between(edges, 1 - band, 1 + band, step="post", color="grey", alpha=0.4)
         cell.axhline(1, color="black", linewidth=0.6)
         cell.set_ylim(0, 3)
         cell.set_title(f"{name} ({len(counts)})", fontsize=7)
@@ -508,18 +494,14 @@ def draw_ranks(head: dict, rows: Any) -> Figure:
     return figure
 
 
-def _stepped(values: np.ndarray) -> np.ndarray:
-    return np.append(values, values[-1])
-
-
-def write_page(page: Path, head: dict, rows: Any, folder: str, commands: str) -> None:
-    """Write the page of a study of settings, its rows as CSV beside it, and its figure into a folder `pictures`.
+def write_page(page: Path, head: Head, rows: Any, folder: str, commands: str) -> None:
+    """Write the page of a study of scenarios, its rows as CSV beside it, and its figure into a folder `pictures`.
 
     That is the one of the documentation for its own pages, whose studies are in `studies`, else one beside the page.
     `folder` has the results; `commands`: how the page is made, with the names study, folder and page in braces. Nobody
     can compute why a draw is good and wrong: the page takes it from a file beside it that ends in .cases.toml.
     """
-    name, study, target, pictures = str(head["title"]), "STUDY.toml", str(page), "pictures"
+    name, study, target, pictures = str(head.title), "STUDY.toml", str(page), "pictures"
     if page.resolve().parent == DOCUMENTED:
         folder = page.stem.removeprefix("study-")
         name = study = f"studies/{folder}.toml"
@@ -529,7 +511,7 @@ def write_page(page: Path, head: dict, rows: Any, folder: str, commands: str) ->
     cases = parse_toml(read_bytes(written), written) if written.exists() else None
     text = calibration_page(head, rows, name, page.stem, commands, cases, pictures)
     picture = figure_bytes(draw_ranks(head, rows), "png")
-    table = rows[[SETTING, *KEPT]].sort_values(["draw", SETTING]).to_csv(index=False, float_format="%.4g")
+    table = rows[[SCENARIO, *KEPT]].sort_values(["draw", SCENARIO]).to_csv(index=False, float_format="%.4g")
     figures = page.resolve().parent / pictures
     try:
         figures.mkdir(exist_ok=True)

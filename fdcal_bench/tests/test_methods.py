@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from recorded import places
 from scipy.spatial.distance import pdist, squareform
 
 from fdcal.model.gauge import align
@@ -15,6 +14,7 @@ from fdcal_bench.methods import (
     robust_scaling,
     time_differences,
 )
+from fdcal_bench.rooms import draw_array
 
 SPEED, RATE = 343.0, 8000.0
 FREQUENCIES = np.arange(50.0, 2000.0, 10.0)
@@ -26,7 +26,7 @@ def rms(found, truth) -> float:
 
 
 def test_the_coherence_of_a_diffuse_field_gives_the_distances_and_the_shape():
-    x = places(16)
+    x = draw_array(np.random.default_rng(0), 16, 0.5)
     distances = squareform(pdist(x))
     found = distances_of_coherence(np.sinc(2 * distances[..., None] * FREQUENCIES / SPEED), FREQUENCIES, SPEED)
     assert np.allclose(found, distances, atol=1e-5)
@@ -34,7 +34,7 @@ def test_the_coherence_of_a_diffuse_field_gives_the_distances_and_the_shape():
 
 
 def test_wrong_distances_of_a_few_pairs_hardly_move_the_array():
-    x = places(16)
+    x = draw_array(np.random.default_rng(0), 16, 0.5)
     distances = squareform(pdist(x))
     for i, j in ((0, 5), (3, 9), (2, 14)):
         distances[i, j] = distances[j, i] = distances[i, j] + 0.7
@@ -51,7 +51,7 @@ def test_coherence_is_one_of_equal_channels_and_none_of_unrelated_ones():
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_exact_arrival_times_give_exact_positions(exact):
-    x = places(16)
+    x = draw_array(np.random.default_rng(0), 16, 0.5)
     late = np.linspace(0.0, 0.02, len(SOURCES))  # emitted when nobody knows
     times = np.linalg.norm(SOURCES[:, None] - x, axis=-1) / SPEED + late[:, None]
     given = SOURCES if exact else SOURCES + np.random.default_rng(1).normal(scale=0.05, size=SOURCES.shape)
