@@ -72,7 +72,7 @@ class PositionSpread:
 
 # part of a dispersion over 1 that counts: its estimate from ten blocks scatters by a factor of two. In 192 draws of 24
 # scenarios, 179 of them good and 78 of these with a dispersion over 1, the logarithmic score is best at 0.7. The study
-# of the error bars judges it on the same scenarios, with other draws. Chosen on every other draw it is 0.95 or 0.55, and
+# of the error bars judges it on the same ones, with other draws. Chosen on every other draw it is 0.95 or 0.55, and
 # the ellipses of 95 % of the draws that did not choose it hold 96.7 or 93.6 % (89.2 % of all without it); chosen on
 # every other scenario it is 0.8 or 0.7, and those of the other scenarios hold 95.0 or 95.8 %. A dispersion below 1 does
 # not count: claims fall below the errors where it does (1.24 times, and 1.0 times where not)

@@ -704,7 +704,7 @@ def test_the_page_of_a_study_says_what_its_rows_hold(scenarios, tmp_path):
     few = {key: rows[0][key] for key in ("scenario", "seed", "source", "version", "commit")}
     results.append([*rows, good, few | {"task": 3, "draw": 1, "verdict": "refused", "reason": "no room for a source"}])
     page = tmp_path / "study-scenarios.md"
-    case = 'text = "All others are right."\n[[cases]]\nsetting = "flat"\nseed = 6\nwhy = "another basin"\n'
+    case = 'text = "All others are right."\n[[cases]]\nscenario = "flat"\nseed = 6\nwhy = "another basin"\n'
     page.with_suffix(".cases.toml").write_text(case)
     write_page(page, *read_results(tmp_path / "out"), "out", command.PAGE_COMMANDS)
     text = page.read_text()
