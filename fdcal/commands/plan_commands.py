@@ -4,7 +4,7 @@ import click
 
 from ..model.validation import LIMITS, InputError
 from . import options as opt
-from .options import force_option, output_option, output_path, progress_bar
+from .options import force_option, output_option, output_path
 
 SUFFIXES = [".html", ".json", ".png"]
 MAX_TAKES = 100
