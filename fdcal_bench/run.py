@@ -19,11 +19,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
-import dask
 import locket
 import msgspec
 import pandas
 import pyarrow
+from dask import config as dask_config
 from distributed import Client, LocalCluster, as_completed
 from distributed.security import Security
 from msgspec import Meta
@@ -229,7 +229,7 @@ def connected(workers: int, scheduler: str | None = None, dashboard: bool = Fals
     silent: dict[str, Any] = {"distributed.worker.http.routes": []}
     if not dashboard:
         silent["distributed.scheduler.http.routes"] = []
-    with dask.config.set(silent), _uninterrupted():
+    with dask_config.set(silent), _uninterrupted():
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
