@@ -31,7 +31,7 @@ from fdcal.recordings.formats import read, render
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.recording import read_samples
 from fdcal.session import doctor
-from fdcal.session.doctor import Finding, examine
+from fdcal.session.doctor import Answer, examine
 from fdcal_bench.rooms import RATE, SPEED, draw_array, draw_source, responses
 
 from .bench_real import DEAD, FRL, LIVING, NOMINAL
@@ -61,7 +61,7 @@ class DataSet:
         """How it is read."""
         return ImportOptions(kind=self.kind, sound_speed=self.speed, most=self.most)
 
-    def examined(self, question: str = "") -> tuple[Finding, ...]:
+    def examined(self, question: str = "") -> tuple[Answer, ...]:
         """The findings about its files, with its list, up to the one that answers a question; all unless given."""
         with tempfile.TemporaryDirectory() as folder:
             paths = [str(Path(folder) / f"take{n}.wav") for n in range(len(self.takes))]
@@ -277,7 +277,7 @@ FAULTS = {
 }
 
 
-def kinds_of(findings: tuple[Finding, ...], fault: Fault, n: int) -> set[str]:
+def kinds_of(findings: tuple[Answer, ...], fault: Fault, n: int) -> set[str]:
     """What the finding that a fault belongs to calls it; of the channel `n` alone where it is one of a channel."""
     found = [one for finding in findings if finding.question == fault.question for one in finding.found]
     return {kind for kind, name in found if not fault.channel or name == str(n)}
@@ -310,7 +310,7 @@ def run() -> Iterator[str]:
             try:
                 findings = fault.injected(data, n, rng).examined(fault.question)
             except InputError as error:
-                findings = (Finding("refused", "unknown", str(error)),)
+                findings = (Answer("refused", "unknown", str(error)),)
             kinds = kinds_of(findings, fault, n)
             found += bool(kinds)
             same += not kinds.isdisjoint(fault.kinds)

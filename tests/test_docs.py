@@ -25,7 +25,7 @@ from fdcal.model.gauge import align
 from fdcal.model.measurement import OPTIONAL, REQUIRED, SEARCH, load_measurement
 from fdcal.model.scene import load_scene, scene_names
 from fdcal.recordings import formats
-from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, Setting, Step, load_lesson
+from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, LessonSetting, LessonStep, load_lesson
 from fdcal.session.sources import load_input
 from fdcal.solvers import names as solver_names
 
@@ -301,8 +301,8 @@ def test_the_worked_example_can_be_loaded_and_its_error_is_the_documented_one(tm
 
 
 def test_every_key_of_a_lesson_is_documented():
-    fields = {field.name for kind in (Lesson, Step) for field in dataclasses.fields(kind)} - set(Lesson.OPTIONAL)
-    settings = {field.name for field in dataclasses.fields(Setting)}
+    fields = {field.name for kind in (Lesson, LessonStep) for field in dataclasses.fields(kind)} - set(Lesson.OPTIONAL)
+    settings = {field.name for field in dataclasses.fields(LessonSetting)}
     for key in fields - {"page", "then", "steps"} | settings:
         assert f"`{key}`" in LESSONS, key
     for value in (*MAPS, *QUANTITIES, *SCALES, *VIEWS):

@@ -18,7 +18,7 @@ from ..cost.likelihood import log_response
 from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
 from ..solvers.estimate import Estimate, RoomEstimate
-from .calibration import DECIBELS_PER_NEPER, Channels, Evidence, GivenPosition, KnownRoom
+from .calibration import DECIBELS_PER_NEPER, OF_LIST, Channels, Evidence, GivenPosition, KnownRoom
 from .channels import (
     FaultyChannel,
     channel_faults,
@@ -70,7 +70,7 @@ def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None
     seen = judged(estimate, names, scale)
     code, message = first_finding(FINDINGS, seen)
     if code in ("undersampled", "not_converged"):  # an array that was not found contradicts no given position
-        kept = tuple(one for one in seen.faulty if one.kind not in ("misplaced", "exchanged"))
+        kept = tuple(one for one in seen.faulty if one.kind not in OF_LIST)
         seen = replace(seen, faulty=kept)
     problem, size = estimate.problem, scale or 1.0
     speed = problem.sound_speed * size * float(np.exp(estimate.log_speed))
@@ -112,7 +112,7 @@ def judged(estimate: Estimate, names: Sequence[str], scale: float | None = None)
 def _given_check(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> tuple[float, float]:
     """Probability of the disagreement with the given positions that count, and sigma of the loosest, metres."""
     problem, given = estimate.problem, estimate.given
-    wrong = [one.number for one in faulty if one.kind in ("misplaced", "exchanged")]
+    wrong = [one.number for one in faulty if one.kind in OF_LIST]
     kept, D = ~np.isin(problem.known, wrong), problem.array_dimension
     if np.sum(kept) * D - D * (D + 1) // 2 <= 0:
         return 1.0, np.inf if len(problem.known) else 0.0
@@ -129,7 +129,7 @@ def _given_check(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> tuple[f
 def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
     """Gain and noise of every channel, what is wrong with it, and given positions as corrected."""
     found, names, problem = estimate.channels, seen.names, estimate.problem
-    wrong = {one.number for one in seen.faulty if one.kind in ("misplaced", "exchanged")}
+    wrong = {one.number for one in seen.faulty if one.kind in OF_LIST}
     numbers: list[int] = problem.known.tolist()
     contradicted = estimate.given.contradicted if estimate.given.sigma == 0 else None
     given = []

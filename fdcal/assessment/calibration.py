@@ -6,8 +6,9 @@ Methods that other modules carry out (files, tables, pictures, other programs' f
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -88,6 +89,45 @@ class KnownRoom:
 
 
 @dataclass(frozen=True)
+class FaultKind:
+    """What all faults of a kind have in common."""
+
+    question: str  # of `fdcal doctor`, to which such a fault belongs
+    mend: bool = False  # whether a cable or a row of a list mends it, rather than what the microphone is like
+    minor: bool = False  # whether another kind of microphone has it, and a calibration takes it out
+
+
+# All kinds of faults, which verdict, `--check`, import, `fdcal record` and `fdcal doctor` read: of the samples
+# (`fdcal.recordings.channels`), of clocks (`fdcal.recordings.synchrony`), of what the pressures say of channels and of
+# given positions (`fdcal.assessment.channels`), of a list (`fdcal.assessment.position_check`), and of a recording as a
+# whole (`fdcal.session.doctor`).
+FAULTS: Mapping[str, FaultKind] = MappingProxyType({
+    "silent": FaultKind("samples", mend=True),
+    "clipped": FaultKind("samples"),
+    "copy": FaultKind("samples", mend=True),
+    "wrapped": FaultKind("wrapped"),
+    "drift": FaultKind("synchronous"),
+    "jump": FaultKind("synchronous"),
+    "lost": FaultKind("synchronous"),
+    "field": FaultKind("field"),
+    "rays": FaultKind("measured"),
+    "inverted": FaultKind("channels", mend=True),
+    "dead": FaultKind("channels", mend=True),
+    "noisy": FaultKind("channels", mend=True),
+    "delayed": FaultKind("channels"),
+    "high_pass": FaultKind("channels", minor=True),
+    "gain": FaultKind("channels", minor=True),
+    "exchanged": FaultKind("list", mend=True),
+    "misplaced": FaultKind("list", mend=True),
+    "repeated": FaultKind("list", mend=True),
+    "off": FaultKind("list", mend=True),
+    "size": FaultKind("list", mend=True),
+    "other": FaultKind("list", mend=True),
+})  # fmt: skip
+OF_LIST = frozenset(kind for kind, one in FAULTS.items() if one.question == "list")  # faults of given positions
+
+
+@dataclass(frozen=True)
 class ChannelFault:
     """What is wrong with a channel, or with the position given for it.
 
@@ -96,8 +136,8 @@ class ChannelFault:
     name : str
         Of the microphone.
     kind : str
-        "inverted", "dead", "noisy", "delayed", "high_pass", "gain", "misplaced" or "exchanged", see
-        `fdcal.assessment.channels`.
+        A key of `FAULTS`: of a result "inverted", "dead", "noisy", "delayed", "high_pass", "gain", "misplaced" or
+        "exchanged", see `fdcal.assessment.channels`.
     value : float or None
         Gain or noise over the median channel in decibels, phase in degrees, delay in seconds, corner frequency over
         that of the others in hertz, or distance from the given position in metres.
@@ -114,6 +154,23 @@ class ChannelFault:
     partner: str | None = None
 
     @property
+    def words(self) -> str:
+        """What is wrong, without the name of the microphone."""
+        value = self.value or 0.0
+        words = {
+            "copy": f"a copy of {self.partner}",
+            "noisy": f"noise {value:.0f} dB over the others'",
+            "delayed": f"delayed by {1e3 * value:.2g} ms",
+            "high_pass": f"less bass than the others: below about {value:.0f} Hz it loses level"
+            if value > 0
+            else f"more bass than the others: below about {-value:.0f} Hz they lose level and it does not",
+            "gain": f"phase {value:.0f} degrees" if self.unit == "degrees" else f"gain {value:+.1f} dB",
+            "misplaced": f"{length_text(value)} from the position given",
+            "exchanged": f"exchanged with microphone {self.partner}",
+        }
+        return words.get(self.kind, self.kind)
+
+    @property
     def text(self) -> str:
         """The fault in words.
 
@@ -126,18 +183,7 @@ class ChannelFault:
         >>> ChannelFault("6", "high_pass", -30.7, "Hz").text
         'microphone 6: more bass than the others: below about 31 Hz they lose level and it does not'
         """
-        value = self.value or 0.0
-        words = {
-            "noisy": f"noise {value:.0f} dB over the others'",
-            "delayed": f"delayed by {1e3 * value:.2g} ms",
-            "high_pass": f"less bass than the others: below about {value:.0f} Hz it loses level"
-            if value > 0
-            else f"more bass than the others: below about {-value:.0f} Hz they lose level and it does not",
-            "gain": f"phase {value:.0f} degrees" if self.unit == "degrees" else f"gain {value:+.1f} dB",
-            "misplaced": f"{length_text(value)} from the position given",
-            "exchanged": f"exchanged with microphone {self.partner}",
-        }
-        return f"microphone {self.name}: {words.get(self.kind, self.kind)}"
+        return f"microphone {self.name}: {self.words}"
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from ..model.problem import Problem
 from ..model.validation import length_text
 from ..solvers.estimate import Estimate, RoomEstimate, TriedOptimum
 from ..solvers.requirements import needed_modes
+from .calibration import OF_LIST
 from .channels import MAX_NOISE, FaultyChannel, channel_faults, healthy_channels
 from .uncertainty import one_sigma, root_mean_square
 
@@ -154,7 +155,7 @@ class Judged:
     def wrong_given(self) -> list[FaultyChannel]:
         """The given positions that the pressures contradict, one by one."""
         known = self.estimate.problem.known
-        return [one for one in self.faulty if one.number in known and one.kind in ("misplaced", "exchanged")]
+        return [one for one in self.faulty if one.number in known and one.kind in OF_LIST]
 
     @property
     def speed(self) -> tuple[float, float]:

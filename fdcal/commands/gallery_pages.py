@@ -17,7 +17,7 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.validation import InputError, parse_modes
 from ..session.calibration_run import problem_of, states_of
-from ..session.lesson import IN_USE, Lesson, Setting, Step, load_lesson, states_of_lesson
+from ..session.lesson import IN_USE, Lesson, LessonSetting, LessonStep, load_lesson, states_of_lesson
 from ..session.session import recorded
 from ..session.sources import CalibrationInput, with_settings
 from .options import scene_of
@@ -163,7 +163,7 @@ def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | 
     return page, picture_of(measurement, problem, states[0], n, chosen)
 
 
-def _texts(step: Step) -> dict:
+def _texts(step: LessonStep) -> dict:
     return {
         "text": _paragraphs(step.text),
         "question": step.question,
@@ -177,7 +177,7 @@ def _paragraphs(text: str) -> Sequence[str]:
     return [" ".join(part.split()) for part in text.split("\n\n") if part.strip()]
 
 
-def _part(setting: Setting, problem: Problem) -> dict:
+def _part(setting: LessonSetting, problem: Problem) -> dict:
     """What a part of a step sets, by the names of the replay; what it leaves out stays."""
     values: dict = {
         "microphone": -1 if setting.follow else setting.microphone,

@@ -24,7 +24,7 @@ from ..solvers import names
 
 if TYPE_CHECKING:
     from ..assessment.calibration import Calibration
-    from ..session.sources import CalibrationInput, OpenRequest, Progress
+    from ..session.sources import CalibrationInput, OpenRequest, ProgressReport
 
 MIN_PIXELS, MAX_PIXELS = 64, 8192  # of one side of a picture
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0}
@@ -336,7 +336,7 @@ OPTIONS |= {key: option_name(key) for key in (*NAMED_ALIKE.split(), *SOLVER_OPTI
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Progress]:
+def progress_bar(title: str) -> Iterator[ProgressReport]:
     """Give a function that shows a bar on standard error; it appears with the first call."""
     from tqdm import tqdm
 

@@ -14,7 +14,7 @@ from .options import OPTIONS
 
 if TYPE_CHECKING:
     from ..assessment.position_check import ListFit, PositionCheck
-    from ..session.sources import Progress
+    from ..session.sources import ProgressReport
 
 # of the lines of a summary, in their order
 HEADS = ("modes", "run", "cost", "error", "list", "speed", "predict", "field", "channels", "given", "verdict", "room",
@@ -91,7 +91,7 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
 
 
 def fit_of_rows(
-    inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: Progress
+    inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: ProgressReport
 ) -> ListFit | None:
     """Return how the rows of a list fit; None where the list as a whole does not, or a room's shape held the array."""
     from ..session.doctor import list_fit

@@ -6,7 +6,7 @@ from html import escape
 from matplotlib.figure import Figure
 
 from ..model.validation import length_text
-from ..session.doctor import Chart, Finding
+from ..session.doctor import Answer, Chart
 from ..session.plan import Plan, plan_sentences, plan_table
 from .calibration_figure import enlarged_ellipses, html_page, html_table, png_uri, position_table
 from .markers import KNOWN, TRUE
@@ -29,7 +29,7 @@ FINDINGS_STYLE = (
 MANY = 24  # microphones whose names an axis holds; curves with names of their own
 
 
-def doctor_page(title: str, findings: Sequence[Finding]) -> str:
+def doctor_page(title: str, findings: Sequence[Answer]) -> str:
     """Return the page."""
     rows = [
         [TITLES[one.question], STATES[one.state], "" if one.value is None else f"{one.value:.3g} {one.unit}", one.text]
@@ -45,7 +45,7 @@ def doctor_page(title: str, findings: Sequence[Finding]) -> str:
     return html_page(title, FINDINGS_STYLE, f"{table}{''.join(parts)}")
 
 
-def draw_finding(finding: Finding) -> Figure:
+def draw_finding(finding: Answer) -> Figure:
     """Return the charts of a finding, side by side."""
     figure = Figure(figsize=(5 * len(finding.charts), 3.4), dpi=100, layout="constrained")
     for chart, panel in zip(finding.charts, figure.subplots(1, len(finding.charts), squeeze=False)[0], strict=True):

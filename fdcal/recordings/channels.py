@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..assessment.calibration import ChannelFault
 from ..model.validation import InputError
 from .formats.positions import read_table
 from .import_options import number_in
@@ -56,8 +57,7 @@ class ChannelHealth:
 
     def fault(self, n: int, names) -> str:
         """Return what is wrong with a bad channel, in words."""
-        kind = self.kind(n)
-        return f"a copy of {names[self.copy_of[n]]}" if kind == "copy" else kind
+        return ChannelFault(names[n], self.kind(n), partner=names[self.copy_of[n]]).words
 
 
 class ChannelWatch:

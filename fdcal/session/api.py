@@ -15,7 +15,7 @@ from ..model.settings import SolverSettings
 from ..model.validation import InputError, convert, require_array, shown_literal, unexpected_argument, within
 from .calibration_run import solve
 from .process import one_blas_thread
-from .sources import Progress, is_recording, load_input, measurement_input, scene_input, with_settings
+from .sources import ProgressReport, is_recording, load_input, measurement_input, scene_input, with_settings
 
 if TYPE_CHECKING:
     from ..assessment.calibration import Calibration
@@ -27,7 +27,7 @@ def load(
     exclude: Sequence[str | int] = (),
     positions: Any = None,
     sources: int | str | None = None,
-    progress: Progress | None = None,
+    progress: ProgressReport | None = None,
     **options: Any,
 ) -> Measurement:
     """Return the measurement of a file, of recordings or of a scene.
@@ -104,7 +104,7 @@ def _compared(measurement: Measurement, positions: Any, excluded: int) -> Measur
     return with_positions(measurement, MicrophonePositions(tuple(map(str, range(len(places)))), places), excluded)
 
 
-def simulate(scene: Scene | str | PathLike[str], *, progress: Progress | None = None) -> Measurement:
+def simulate(scene: Scene | str | PathLike[str], *, progress: ProgressReport | None = None) -> Measurement:
     """Return what the microphones of a scene measure; read from the cache if it was simulated before.
 
     Parameters
@@ -156,7 +156,7 @@ def calibrate(
     distance: tuple[str | int, str | int, float] | None = None,
     time_limit: float | None = None,
     settings: SolverSettings | None = None,
-    progress: Progress | None = None,
+    progress: ProgressReport | None = None,
     **others: Any,
 ) -> Calibration:
     """Find the microphones of a measurement and assess the result.

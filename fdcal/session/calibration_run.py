@@ -23,7 +23,7 @@ from ..solvers import load, run
 from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
 from ..solvers.requirements import check_solvable, needed_modes
 from .process import one_blas_thread
-from .sources import CalibrationInput, Progress
+from .sources import CalibrationInput, ProgressReport
 
 
 def require_length(inputs: CalibrationInput, problem: Problem) -> None:
@@ -126,7 +126,9 @@ def problem_of(inputs: CalibrationInput) -> Problem:
     return inputs.measurement.problem(inputs.settings.weights, inputs.settings.known)
 
 
-def states_of(inputs: CalibrationInput, progress: Progress | None = None, problem: Problem | None = None) -> Iterator:
+def states_of(
+    inputs: CalibrationInput, progress: ProgressReport | None = None, problem: Problem | None = None
+) -> Iterator:
     """Check the inputs and return an iterator over every state of the solver, from the start to the end.
 
     `progress`: called with the fraction done, 0 to 1, and a note; what it raises ends the run.
@@ -149,7 +151,7 @@ def states_of(inputs: CalibrationInput, progress: Progress | None = None, proble
 
 def solve(
     inputs: CalibrationInput,
-    progress: Progress | None = None,
+    progress: ProgressReport | None = None,
     wording: Mapping[str, str] = ARGUMENTS,
     clock: Callable[[], float] = time.process_time,
     keep: bool = False,
@@ -224,7 +226,7 @@ def solve(
 
 
 def last_state(
-    inputs: CalibrationInput, progress: Progress | None, problem: Problem, clock: Callable[[], float]
+    inputs: CalibrationInput, progress: ProgressReport | None, problem: Problem, clock: Callable[[], float]
 ) -> tuple[RunState, str, float]:
     """Return the state at the end of a run, why it ended before the solver did ("" if it did not), and its deadline.
 
@@ -268,7 +270,7 @@ DOMAIN_SECONDS = 20.0  # of processor time for the estimate
 
 
 def with_estimated_domain(
-    measurement: Measurement, settings: SolverSettings, seed: int, progress: Progress | None = None
+    measurement: Measurement, settings: SolverSettings, seed: int, progress: ProgressReport | None = None
 ) -> Measurement:
     """Return a measurement with a search domain: its own, or one round an estimate of the positions.
 

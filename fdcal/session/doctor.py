@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..assessment.calibration import Calibration, ChannelFault
+from ..assessment.calibration import FAULTS, OF_LIST, Calibration, ChannelFault
 from ..assessment.field import leave_one_out_errors, summarise
 from ..assessment.position_check import LIST_RULES, ListFit, PositionCheck, compare_positions, fit_result
 from ..assessment.words import gain_words, list_faults
@@ -34,9 +34,9 @@ from ..recordings.import_options import IMPORT_LIMITS, ImportOptions
 from ..recordings.impulse_response import MAX_SAMPLES, WrapsRound, segment_levels
 from ..recordings.recording import Recording, select_channels
 from ..recordings.synchrony import ClockFault, channel_delays
-from ..solvers.robust.arrivals import Arrivals, arrivals_of
+from ..solvers import arrival_misfits
 from .calibration_run import solve
-from .sources import CalibrationInput, Progress, compared_with_file, is_recording, load_input, measurement_input
+from .sources import CalibrationInput, ProgressReport, compared_with_file, is_recording, load_input, measurement_input
 
 State = Literal["fine", "differs", "fault", "unknown"]
 
@@ -64,7 +64,7 @@ class Chart:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Answer:
     """The answer to one question."""
 
     question: str  # of the head of the module
@@ -73,9 +73,7 @@ class Finding:
     value: float | None = None
     unit: str = ""
     charts: tuple[Chart, ...] = ()
-    # what differs or is at fault: kind, and microphone, "" where it is none of one. Kinds are those of `ChannelHealth`,
-    # `ClockFault` and `ChannelFault`; "wrapped", "field", "rays"; of a list "exchanged", "misplaced", "repeated",
-    # "off", "size", "other"
+    # what differs or is at fault: kind, a key of `FAULTS`, and microphone, "" where it is none of one
     found: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -113,8 +111,8 @@ def examine(
     sources: str | Sequence[str],
     positions: str | None = None,
     options: ImportOptions | None = None,
-    progress: Progress | None = None,
-) -> Iterator[Finding]:
+    progress: ProgressReport | None = None,
+) -> Iterator[Answer]:
     """Yield the findings about recordings, a measurement or a scene, each as soon as it is known.
 
     `positions`: file of a list to compare with, else those that the recording, measurement or scene holds are.
@@ -133,13 +131,13 @@ def examine(
             wraps = isinstance(error, WrapsRound)
             state: State = "fault" if wraps or isinstance(error, NothingAboveNoise) else "unknown"
             question = "wrapped" if wraps else "field"
-            yield Finding(
+            yield Answer(
                 question, state, str(error), charts=levels, found=((question, ""),) if state == "fault" else ()
             )
             return
         stationary = (report.takes or (report,))[0].kind == "stationary"
         if not stationary:
-            yield Finding("wrapped", "fine", "no sound rises again before the end", charts=levels)
+            yield Answer("wrapped", "fine", "no sound rises again before the end", charts=levels)
         inputs = measurement_input(measurement, texts[0])
     else:
         inputs, stationary = load_input(texts, progress), False
@@ -164,7 +162,7 @@ def _blind(inputs: CalibrationInput, positions: str | None) -> CalibrationInput:
     return replace(measurement_input(measurement, inputs.name), remark=inputs.remark)
 
 
-def _samples(takes: Sequence[Recording], health: Sequence[ChannelHealth]) -> Finding:
+def _samples(takes: Sequence[Recording], health: Sequence[ChannelHealth]) -> Answer:
     """Channels that cannot be used by their samples alone."""
     names = takes[0].names
     faults = {names[n]: one.fault(n, names) for one in reversed(health) for n in one.bad}
@@ -177,10 +175,10 @@ def _samples(takes: Sequence[Recording], health: Sequence[ChannelHealth]) -> Fin
     listed = "; ".join(f"{name}: {fault}" for name, fault in faults.items())
     text = listed or f"none of {len(names)} channels is silent, clipped or a copy of another"
     kinds = tuple(dict.fromkeys((one.kind(n), names[n]) for one in health for n in one.bad))
-    return Finding("samples", "fault" if faults else "fine", text, len(faults), "channels", (chart,), kinds)
+    return Answer("samples", "fault" if faults else "fine", text, len(faults), "channels", (chart,), kinds)
 
 
-def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options: ImportOptions) -> Finding:
+def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options: ImportOptions) -> Answer:
     """Channels whose clock differs; those that cannot be used at all are no matter of it."""
     names, faults, unknown, worst, chart, value = takes[0].names, dict[str, ClockFault](), set[str](), -1.0, None, 0.0
     for one, state in zip(takes, health, strict=True):
@@ -202,15 +200,15 @@ def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options
     charts = () if chart is None else (chart,)
     if faults:
         kinds = tuple((fault.kind, name) for name, fault in faults.items())
-        return Finding("synchronous", "fault", "; ".join(listed), value, "µs", charts, kinds)
+        return Answer("synchronous", "fault", "; ".join(listed), value, "µs", charts, kinds)
     if chart is None:
         why = "no channels are coherent" if few else "not seen in impulse responses, or in less than 8 s of sound"
-        return Finding("synchronous", "unknown", why)
+        return Answer("synchronous", "unknown", why)
     text = f"delays of the channels change by {value:.2g} µs at most"
-    return Finding("synchronous", "unknown" if few else "fine", "; ".join([*listed, text]), value, "µs", charts)
+    return Answer("synchronous", "unknown" if few else "fine", "; ".join([*listed, text]), value, "µs", charts)
 
 
-def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | None) -> Iterator[Finding]:
+def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressReport | None) -> Iterator[Answer]:
     """What the calibration says of field, channels and list."""
     measurement = inputs.measurement
     try:
@@ -219,9 +217,9 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | N
         rows = len(measurement.frequencies)
         few = stationary and rows < DOCTOR_RULES.rows  # of a stationary source those at which the channels are coherent
         text = f"the channels are coherent at {rows} frequencies only" if few else str(error)
-        yield Finding("field", "fault" if few else "unknown", text, found=(("field", ""),) if few else ())
+        yield Answer("field", "fault" if few else "unknown", text, found=(("field", ""),) if few else ())
         if measurement.positions is not None:
-            yield Finding("list", "unknown", "no array was found to compare it with")
+            yield Answer("list", "unknown", "no array was found to compare it with")
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
     if check is not None and result.verdict != "good":
@@ -232,7 +230,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: Progress | N
         yield _list(inputs, result, check, progress)
 
 
-def _by_list(inputs: CalibrationInput, blind: Calibration, check: PositionCheck, progress: Progress | None):
+def _by_list(inputs: CalibrationInput, blind: Calibration, check: PositionCheck, progress: ProgressReport | None):
     """Return the calibration that begins at the list, where it explains the pressures better than the blind one."""
     measurement, listed = inputs.measurement, np.asarray(inputs.measurement.positions)
     every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # one at least must be sought
@@ -275,7 +273,7 @@ def _mean_db(levels: np.ndarray) -> float:
     return float(10 * np.log10(np.mean(10 ** (levels / 10)))) if len(levels) else np.nan
 
 
-def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
+def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     """Whether there is a sound field, and whether it is a measured one."""
     overall, mean_db, by_field, by_mean, f = _errors(result)
     order = np.argsort(f, kind="stable")
@@ -291,52 +289,38 @@ def _field(measurement: Measurement, result: Calibration) -> list[Finding]:
     text += f" field, to {mean_db:.1f} dB by their mean"
     if not one:
         text += ": no sound field, but several recordings, moving microphones, or no measurement"
-    field = Finding("field", "fine" if one else "fault", text, overall, "dB", (chart,), () if one else (("field", ""),))
+    field = Answer("field", "fine" if one else "fault", text, overall, "dB", (chart,), () if one else (("field", ""),))
     problem = measurement.problem("unit", "none")
-    arrivals = arrivals_of(problem, None)
-    if arrivals is None:
-        return [field, Finding("measured", "unknown", "no direct sound by which to compare arrivals and field")]
-    misfit = _misfit(arrivals, np.asarray(result.positions))
+    misfit = arrival_misfits(problem, np.asarray(result.positions))
+    if misfit is None:
+        return [field, Answer("measured", "unknown", "no direct sound by which to compare arrivals and field")]
     if measurement.positions is not None:  # which the arrivals may fit where the array was not found
-        misfit = min(misfit, _misfit(arrivals, np.asarray(measurement.positions)), key=np.nanmedian)
+        listed = arrival_misfits(problem, np.asarray(measurement.positions))
+        misfit = misfit if listed is None else min(misfit, listed, key=np.nanmedian)
     median = float(np.nanmedian(misfit))
     number = np.arange(measurement.count, dtype=float)
+    seen = [column[np.isfinite(column)] for column in misfit.T]
+    each = np.array([np.median(column) if len(column) else np.nan for column in seen])
     times = Chart("microphone", "misfit of arrivals (mm)",
-                  (Curve("median of the takes", number, 1e3 * _column_medians(misfit), True),),
+                  (Curve("median of the takes", number, 1e3 * each, True),),
                   tuple(measurement.names), limit=1e3 * DOCTOR_RULES.arrivals)  # fmt: skip
     text, below = f"arrivals fit to {1e3 * median:.1f} mm", f"below {DOCTOR_RULES.low_frequency:g} Hz"
     if not np.isfinite(low_db):
         text += f"; no frequencies {below} to compare with"
-        return [field, Finding("measured", "unknown", text, 1e3 * median, "mm", (times,))]
+        return [field, Answer("measured", "unknown", text, 1e3 * median, "mm", (times,))]
     text += f", {below} the field to {low_db:.1f} dB"
     rays = median < DOCTOR_RULES.arrivals and low_db > DOCTOR_RULES.field_db
     if rays:
         text += ": a simulation by rays, which has no sound field at low frequencies"
     found = (("rays", ""),) if rays else ()
-    return [field, Finding("measured", "fault" if rays else "fine", text, low_db, "dB", (times,), found)]
+    return [field, Answer("measured", "fault" if rays else "fine", text, low_db, "dB", (times,), found)]
 
 
-def _misfit(arrivals: Arrivals, positions: np.ndarray) -> np.ndarray:
-    """How far arrivals are from those at some positions (T, N), metres; NaN where there are none."""
-    terms = replace(arrivals, sigma=arrivals.scatter(positions)).terms(positions, derivatives=False)
-    return np.where(arrivals.used, np.abs(terms.residual), np.nan)
-
-
-def _column_medians(values: np.ndarray) -> np.ndarray:
-    """Return the median of each column (N,), without NaN; NaN of a column that holds nothing else."""
-    return np.array([np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else np.nan
-                     for column in values.T])  # fmt: skip
-
-
-MINOR = ("gain", "high_pass")  # what another kind of microphone has, and a calibration takes out
-OF_LIST = ("misplaced", "exchanged")  # of given positions
-
-
-def _channels(result: Calibration) -> Finding:
+def _channels(result: Calibration) -> Answer:
     """Channels that differ, by the sound field."""
     channels = result.channels
     if channels is None:
-        return Finding("channels", "unknown", "nothing is known of gains")
+        return Answer("channels", "unknown", "nothing is known of gains")
     faults: list[ChannelFault] = [one for one in channels.faults if one.kind not in OF_LIST]
     number = np.arange(len(result.names), dtype=float)
     charts = tuple(
@@ -344,13 +328,13 @@ def _channels(result: Calibration) -> Finding:
         for what, values in (("gain (dB)", channels.gain_db), ("phase (degrees)", channels.phase_deg))
     )
     text = "; ".join(one.text for one in faults) or f"gains {gain_words(result)}"
-    state: State = "fine" if not faults else "differs" if all(one.kind in MINOR for one in faults) else "fault"
+    state: State = "fine" if not faults else "differs" if all(FAULTS[one.kind].minor for one in faults) else "fault"
     kinds = tuple((one.kind, one.name) for one in faults)
-    return Finding("channels", state, text, len(faults), "channels", charts, kinds)
+    return Answer("channels", state, text, len(faults), "channels", charts, kinds)
 
 
 def _size(
-    inputs: CalibrationInput, listed: np.ndarray, right: np.ndarray, sigma: float, progress: Progress | None
+    inputs: CalibrationInput, listed: np.ndarray, right: np.ndarray, sigma: float, progress: ProgressReport | None
 ) -> tuple[float, float]:
     """Return the size of a list over that of the array, and one sigma of it; infinite where it is not known.
 
@@ -374,7 +358,7 @@ def _size(
 
 
 def list_fit(
-    inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: Progress | None = None
+    inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: ProgressReport | None = None
 ) -> ListFit:
     """Return how the list of a measurement fits row by row, which `check` has found to fit as a whole.
 
@@ -396,7 +380,9 @@ def list_fit(
     return replace(fit, scale=size, sized=confirmed and off > max(limit, DOCTOR_RULES.size_sigmas * sigma))
 
 
-def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: Progress | None) -> Finding:
+def _list(
+    inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: ProgressReport | None
+) -> Answer:
     """Whether the list fits: its order, its size, and each microphone."""
     measurement = inputs.measurement
     listed, names = np.asarray(measurement.positions), measurement.names
@@ -406,7 +392,7 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
     if not check.fits:
         text = "the list fits the array found in no order: it is of another array, or most positions are far off"
         text += "" if sure else f"; {result.verdict_text}"
-        return Finding("list", "fault" if sure else "unknown", text, found=(("other", ""),) if sure else ())
+        return Answer("list", "fault" if sure else "unknown", text, found=(("other", ""),) if sure else ())
     own = np.asarray(result.positions)
     fit = list_fit(inputs, result, check, progress)
     faults = list_faults(check, fit, names)
@@ -425,4 +411,4 @@ def _list(inputs: CalibrationInput, result: Calibration, check: PositionCheck, p
         Chart("x (m)", "y (m)", points, equal=True),
         Chart("microphone", "distance (mm)", (Curve("distance", number, 1e3 * fit.errors, True),), tuple(names)),
     )
-    return Finding("list", state, text, rms, "mm", charts, tuple(kinds))
+    return Answer("list", state, text, rms, "mm", charts, tuple(kinds))

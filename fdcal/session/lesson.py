@@ -1,6 +1,6 @@
 """Lessons: files of steps, each a text, a question and what it sets on the page.
 
-Setting, Step, Lesson   what a file holds; `load_lesson` reads and checks it
+LessonSetting, LessonStep, Lesson   what a file holds; `load_lesson` reads and checks it
 Frame                   a moment of a run, cited as the address of a replay cites it
 LessonProgress          where in the lessons the page is
 states_of_lesson        the runs that a page of the gallery plays
@@ -98,7 +98,7 @@ RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
 
 
 @dataclass(frozen=True)
-class Setting:
+class LessonSetting:
     """What a step sets on the page, in this order; None leaves a control as it is."""
 
     # name of a scene that comes with fdcal, or a .toml file beside the lesson; the solver restarts
@@ -134,9 +134,9 @@ class Setting:
     @staticmethod
     def optional(table: dict) -> Iterable[str]:
         """Return the keys that may be missing: all."""
-        return Setting.__dataclass_fields__
+        return LessonSetting.__dataclass_fields__
 
-    def unfolded(self) -> Setting:
+    def unfolded(self) -> LessonSetting:
         """Return the setting with the values of its frame, where they are not given by themselves."""
         if self.frame is None:
             return self
@@ -150,11 +150,11 @@ class Setting:
             "trails": frame.trails,
             "view": frame.view,
         }
-        return Setting(**(values | own))
+        return LessonSetting(**(values | own))
 
 
 @dataclass(frozen=True)
-class Step:
+class LessonStep:
     """Text, a question and settings.
 
     `page` applies when the step is shown, `then` with the reveal; `answer` counts from 1.
@@ -165,8 +165,8 @@ class Step:
     choices: tuple[str, ...] = ()
     answer: int = 0
     reveal: str = ""
-    page: Setting = field(default_factory=Setting)
-    then: Setting = field(default_factory=Setting)
+    page: LessonSetting = field(default_factory=LessonSetting)
+    then: LessonSetting = field(default_factory=LessonSetting)
 
     OPTIONAL: typing.ClassVar = ("question", "choices", "answer", "reveal", "page", "then")
 
@@ -176,7 +176,7 @@ class Lesson:
     """Title and steps; `name` and `folder` are those of its file and are not written in it."""
 
     title: str
-    steps: tuple[Step, ...]
+    steps: tuple[LessonStep, ...]
     name: str = ""
     folder: str = ""
 
@@ -207,7 +207,7 @@ class LessonProgress:
     choice: int = -1  # the answer chosen, from 0; -1 before one is chosen
 
     @property
-    def step(self) -> Step | None:
+    def step(self) -> LessonStep | None:
         return None if self.lesson is None else self.lesson.steps[self.number]
 
     def moved(self, steps: int) -> LessonProgress | None:
@@ -223,7 +223,7 @@ class LessonProgress:
         return self.step is not None and (self.choice >= 0 or not self.step.choices)
 
 
-def _settings_of(steps) -> list[Setting]:
+def _settings_of(steps) -> list[LessonSetting]:
     return [setting for step in steps for setting in (step.page, step.then)]
 
 
@@ -339,7 +339,7 @@ def check(lesson: Lesson) -> None:
             _check_setting(f"{key}.{part}", setting, scene)
 
 
-def _check_texts(key: str, step: Step) -> None:
+def _check_texts(key: str, step: LessonStep) -> None:
     for name in ("text", "question", "reveal"):
         length = len(getattr(step, name))
         if length > LESSON_LIMITS.characters:
@@ -349,7 +349,7 @@ def _check_texts(key: str, step: Step) -> None:
         raise InputError(f'{key}.text = "" says nothing', "write a few sentences", key=f"{key}.text", value=step.text)
 
 
-def _check_question(key: str, step: Step) -> None:
+def _check_question(key: str, step: LessonStep) -> None:
     count = len(step.choices)
     if bool(step.question) != bool(count) or count == 1 or count > LESSON_LIMITS.choices:
         remedy = f"give 2 to {LESSON_LIMITS.choices} with a question, none without"
@@ -360,7 +360,7 @@ def _check_question(key: str, step: Step) -> None:
     key = f"{key}.reveal"
     if count and not step.reveal.strip():
         raise InputError(f'{key} = "" leaves the question open', "write the answer and why", key=key, value=step.reveal)
-    if not count and (step.reveal or step.then != Setting()):
+    if not count and (step.reveal or step.then != LessonSetting()):
         remedy = "add a question and choices, or remove it and the settings of `then`"
         raise InputError(f"{key} has no question before it", remedy, key=key, value=step.reveal)
 
@@ -378,7 +378,7 @@ def _scene_of(lesson: Lesson, number: int, revealed: bool, key: str) -> Scene:
     return start[0]
 
 
-def _check_setting(key: str, setting: Setting, scene: Scene) -> None:
+def _check_setting(key: str, setting: LessonSetting, scene: Scene) -> None:
     setting = _check_frame(f"{key}.frame", setting)
     _check_modes(key, setting)
     if setting.map == "volume" and positions_of(scene).shape[1] != 3:
@@ -393,7 +393,7 @@ def _check_setting(key: str, setting: Setting, scene: Scene) -> None:
         raise InputError(f"{key}.microphone = {n} is not there", remedy, key=f"{key}.microphone", value=n)
 
 
-def _check_frame(key: str, setting: Setting) -> Setting:
+def _check_frame(key: str, setting: LessonSetting) -> LessonSetting:
     """Return the setting with the values of its frame."""
     if setting.frame is not None and setting.run is not None:
         remedy = "let one step run the solver, and another one show the frame"
@@ -404,7 +404,7 @@ def _check_frame(key: str, setting: Setting) -> Setting:
         raise error.within(key) from error
 
 
-def _check_modes(key: str, setting: Setting) -> None:
+def _check_modes(key: str, setting: LessonSetting) -> None:
     if setting.modes is not None:
         modes = _modes(f"{key}.modes", setting.modes)
         if modes != tuple(range(modes[0], modes[-1] + 1)):

@@ -146,70 +146,20 @@ class SessionView:
 
 
 @dataclass(frozen=True)
-class Play:
-    """Run until paused or finished."""
+class Command:
+    """A method of `SolverRun` by its name, and its arguments; "close" ends the thread."""
+
+    name: str
+    arguments: tuple = ()
+
+    def replaces(self, before: "Command") -> bool:
+        """Return whether the command `before` need not be done, since this one follows."""
+        if self.name == before.name == "place":  # of the same microphone in the same gesture
+            return self.arguments[::2] == before.arguments[::2]
+        return self.name == before.name and self.name in NEWEST_ONLY
 
 
-@dataclass(frozen=True)
-class Pause:
-    """Stop after the present step."""
-
-
-@dataclass(frozen=True)
-class Advance:
-    """Run until the number of the state's step, sweep or stage has risen by `count`."""
-
-    unit: Literal["step", "sweep", "stage"]
-    count: int
-
-
-@dataclass(frozen=True)
-class Pace:
-    """Take at most `rate` steps per second while running; 0 stands for no limit."""
-
-    rate: float
-
-
-@dataclass(frozen=True)
-class Reset:
-    """Restart."""
-
-    seed: int | None  # None for the last one used
-    settings: Any = None  # others than the present ones, or None
-
-
-@dataclass(frozen=True)
-class Place:
-    """Move a microphone."""
-
-    microphone: int
-    position: tuple[float, ...]  # metres, its first coordinates or all of them
-    gesture: object  # moves of one gesture make one state of the history; None for a move of its own
-
-
-@dataclass(frozen=True)
-class Seek:
-    """Show a state of the history."""
-
-    index: int
-
-
-@dataclass(frozen=True)
-class UseModes:
-    """Set the modes in use, counted from 1, inclusive, and whether the solver adds more."""
-
-    first: int
-    last: int
-    automatic: bool
-
-
-@dataclass(frozen=True)
-class Close:
-    """End the thread."""
-
-
-Command = Play | Pause | Advance | Pace | Reset | Place | Seek | UseModes | Close
-NEWEST_ONLY = (Seek, UseModes, Place, Pace)  # of several such commands in a row only the last counts
+NEWEST_ONLY = ("seek", "use_modes", "pace")  # of several such commands in a row only the last counts
 
 
 class CommandQueue:
@@ -218,9 +168,9 @@ class CommandQueue:
     def __init__(self):
         self._queue: queue.SimpleQueue[Command] = queue.SimpleQueue()
 
-    def put(self, command: Command) -> None:
+    def put(self, name: str, *arguments) -> None:
         """Append a command."""
-        self._queue.put(command)
+        self._queue.put(Command(name, arguments))
 
     def take(self, timeout: float | None) -> list[Command]:
         """Return all commands that wait, without those that a later one replaces.
@@ -234,14 +184,7 @@ class CommandQueue:
             while True:
                 commands.append(self._queue.get_nowait())
         pairs = itertools.zip_longest(commands, commands[1:])
-        return [command for command, after in pairs if after is None or not _replaced(command, after)]
-
-
-def _replaced(command: Command, after: Command) -> bool:
-    """Whether a command need not be done, since another one follows."""
-    if isinstance(command, Place) and isinstance(after, Place):
-        return (command.microphone, command.gesture) == (after.microphone, after.gesture)
-    return type(command) is type(after) and isinstance(command, NEWEST_ONLY)
+        return [command for command, after in pairs if after is None or not after.replaces(command)]
 
 
 class YieldTimer:
@@ -323,29 +266,10 @@ class SolverRun:
         before = self._reached
         self.view = replace(self.view, refused=None)
         try:
-            self._obey(command)
+            getattr(self, command.name)(*command.arguments)
         except InputError as error:
             self._reached = before
             self._publish(refused=error)
-
-    def _obey(self, command: Command) -> None:
-        match command:
-            case Play():
-                self._run_to(lambda state: False)
-            case Pause() | Close():
-                self.pause()
-            case Advance(unit, count):
-                self.advance_by(unit, count)
-            case Pace(rate):
-                self.pause_between_steps = 1 / rate if rate > 0 else 0.0
-            case Reset(seed, settings):
-                self.reset(seed, settings)
-            case Place(microphone, position, gesture):
-                self.place(microphone, position, gesture)
-            case Seek(index):
-                self.seek(index)
-            case UseModes(first, last, automatic):
-                self.use_modes(first, last, automatic)
 
     def _publish(self, **changes) -> None:
         self.view = replace(self.view, **changes)
@@ -369,13 +293,6 @@ class SolverRun:
             history=History(states, count, lineage),
         )
 
-    def _up_to(self, count: int) -> tuple[list, object]:
-        """Return the first `count` states, as a list that may be appended to, and the lineage that they continue."""
-        if count < len(self._states):
-            return self._states[:count], None
-        states = self._states if count < MAX_STATES else thinned(self._states)
-        return states, self.view.history.lineage
-
     def advance(self) -> None:
         """Take one step from the state that is shown, unless it is finished."""
         view = self.view
@@ -389,13 +306,24 @@ class SolverRun:
         self._costs.compute_in_passing(state, self.spent[-1])
         if state.finished or (self._reached is not None and self._reached(state)):
             self._reached = None
-        states, lineage = self._up_to(view.index + 1)
+        if view.index + 1 < len(self._states):
+            self._keep([*self._states[: view.index + 1], state])
+            return
+        states = self._states if len(self._states) < MAX_STATES else thinned(self._states)
         states.append(state)
-        self._keep(states, lineage=lineage)
+        self._keep(states, lineage=view.history.lineage)
+
+    def play(self) -> None:
+        """Run until paused or finished."""
+        self._run_to(lambda state: False)
 
     def _run_to(self, reached: Callable[[Any], bool]) -> None:
         self._reached = reached
         self._publish(running=True, error="")
+
+    def pace(self, rate: float) -> None:
+        """Take at most `rate` steps per second while running; 0 stands for no limit."""
+        self.pause_between_steps = 1 / rate if rate > 0 else 0.0
 
     def pause(self) -> None:
         """Stop after the present step."""
@@ -499,27 +427,27 @@ class Session:
 
     def play(self) -> None:
         """Run until `pause` or until the solver has finished."""
-        self._commands.put(Play())
+        self._commands.put("play")
 
     def pause(self) -> None:
         """Stop after the present step."""
-        self._commands.put(Pause())
+        self._commands.put("pause")
 
     def step(self, count: int = 1) -> None:
         """Take one step (one microphone), or `count` of them."""
-        self._commands.put(Advance("step", int(count)))
+        self._commands.put("advance_by", "step", int(count))
 
     def sweep(self, count: int = 1) -> None:
         """Run until the state's sweep number has risen by `count` or the solver has finished."""
-        self._commands.put(Advance("sweep", int(count)))
+        self._commands.put("advance_by", "sweep", int(count))
 
     def stage(self, count: int = 1) -> None:
         """Run until the state's stage number has risen by `count` or the solver has finished."""
-        self._commands.put(Advance("stage", int(count)))
+        self._commands.put("advance_by", "stage", int(count))
 
     def pace(self, rate: float) -> None:
         """Take at most `rate` steps per second while running; 0 stands for no limit."""
-        self._commands.put(Pace(float(rate)))
+        self._commands.put("pace", float(rate))
 
     def yield_to_ui(self) -> None:
         """Begin no step for `yield_time` seconds, so that the user interface can respond to the user.
@@ -530,7 +458,7 @@ class Session:
 
     def reset(self, seed: int | None = None, settings=None) -> None:
         """Restart, with `seed` or the last one used, and perhaps with other `settings`, another solver included."""
-        self._commands.put(Reset(seed, settings))
+        self._commands.put("reset", seed, settings)
 
     def place(self, microphone: int, position, gesture: object = None) -> None:
         """Move a microphone to `position`, metres, its first coordinates or all of them, and pause.
@@ -538,15 +466,15 @@ class Session:
         Moves of one `gesture` (any object but None) make one state of the history.
         """
         self._yielding.request()
-        self._commands.put(Place(int(microphone), tuple(map(float, position)), gesture))
+        self._commands.put("place", int(microphone), tuple(map(float, position)), gesture)
 
     def seek(self, index: int) -> None:
         """Show state `index` of the history (clipped to it) and pause; continuing from there drops the later ones."""
-        self._commands.put(Seek(int(index)))
+        self._commands.put("seek", int(index))
 
     def use_modes(self, first: int, last: int, automatic: bool) -> None:
         """Set the modes in use (counted from 1, inclusive) and whether the solver adds more."""
-        self._commands.put(UseModes(int(first), int(last), bool(automatic)))
+        self._commands.put("use_modes", int(first), int(last), bool(automatic))
 
     @property
     def alive(self) -> bool:
@@ -555,7 +483,7 @@ class Session:
 
     def close(self, timeout: float = 2.0) -> bool:
         """End the thread after the present step; return False if that takes longer than `timeout` seconds."""
-        self._commands.put(Close())
+        self._commands.put("close")
         self._thread.join(timeout)
         return not self.alive
 
@@ -573,23 +501,19 @@ class Session:
     def _serve(self) -> None:
         while True:
             for command in self._pending():
-                if isinstance(command, Close):
+                if command.name == "close":
                     self._run.pause()
                     return
                 self._run.guarded(self._run.execute, command)
             if time.monotonic() >= self._yielding.until:
-                self._work()
+                if self._run.running:
+                    self._run.guarded(self._run.advance)
+                    self._stepped = time.monotonic()
+                    self._yielding.step_taken()
+                elif self._run.costs_missing:  # left out while the solver ran or in a drag
+                    self._run.fill_in()
+                    self._yielding.step_taken()
             time.sleep(0)  # release the interpreter: a solver that never does would starve the page
-
-    def _work(self) -> None:
-        """Take a step; when idle, compute a cost that was left out while the solver ran or in a drag."""
-        if self._run.running:
-            self._run.guarded(self._run.advance)
-            self._stepped = time.monotonic()
-            self._yielding.step_taken()
-        elif self._run.costs_missing:
-            self._run.fill_in()
-            self._yielding.step_taken()
 
     def _pending(self) -> list[Command]:
         """Return the commands that wait; when idle, or before the next step is due, block for one."""

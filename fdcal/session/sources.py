@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..recordings.import_options import ImportOptions
 
 
-Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
+ProgressReport = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class CalibrationInput:
 
 def load_input(
     text: str | Sequence[str],
-    progress: Progress | None = None,
+    progress: ProgressReport | None = None,
     excluded: tuple[str, ...] = (),
     options: ImportOptions | None = None,
 ) -> CalibrationInput:
@@ -153,7 +153,7 @@ def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str,
     )
 
 
-def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationInput:
+def scene_input(scene: Scene, progress: ProgressReport | None = None) -> CalibrationInput:
     """Return the measurement of a scene, simulated or from the cache; of a measured one, from its file."""
     from ..acoustics.measure import cached_measurement  # brings the simulation, which only scenes need
 

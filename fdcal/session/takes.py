@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..assessment.calibration import FAULTS
 from ..assessment.position_check import PositionCheck, compare_positions, fit_result
 from ..assessment.words import counted, error_words, list_faults, result_sentences
 from ..model.validation import InputError, length_text
@@ -31,8 +32,6 @@ EARLY = 15.0  # s of sound after which a take is checked while it goes on
 PATIENCE = 60.0  # s that a replay waits for this check
 EARLY_SAMPLES = 60_000_000  # of all channels that are held for it, 240 MB
 NEXT = "move the loudspeaker to the other side of the array"
-# what a cable or a row of the list mends, rather than what a microphone is like
-MENDED = ("inverted", "dead", "noisy", "exchanged", "misplaced")
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class TakesResult:
     def to_mend(self) -> bool:
         """Whether a cable, a channel or a row of the list is to be corrected before the next take."""
         channels = self.result.channels
-        return bool(self.of_list) or any(fault.kind in MENDED for fault in (channels.faults if channels else ()))
+        return bool(self.of_list) or any(FAULTS[fault.kind].mend for fault in (channels.faults if channels else ()))
 
     @property
     def sigma(self) -> float:

@@ -34,6 +34,16 @@ def modules() -> dict[str, str]:
     return {module.name: f"{module.name}.solver" if module.ispkg else module.name for module in found}
 
 
+def arrival_misfits(problem: Problem, positions: np.ndarray) -> np.ndarray | None:
+    """Return how far the arrivals of each take are from those at some positions : (T, N) float64, metres.
+
+    NaN where there is none; None of a problem without arrivals.
+    """
+    from .robust import arrivals  # brings SciPy
+
+    return arrivals.arrival_misfits(problem, positions)
+
+
 def names() -> list[str]:
     """Return the names of the solvers, without importing any."""
     return sorted(modules())

@@ -21,7 +21,7 @@ import viser
 from ..graphics.camera import Camera
 from ..model.scene import load_scene, scene_names
 from ..model.validation import InputError, modes_text, parse_modes, shown
-from ..session.lesson import IN_USE, MAPS, Map, Setting
+from ..session.lesson import IN_USE, MAPS, LessonSetting, Map
 from ..session.sources import OpenRequest
 from .gui.binding import kind_of
 from .lesson_settings import KINDS, apply_setting, plain_choices
@@ -150,12 +150,12 @@ class AddressBar:
         if chosen is not None and chosen >= binding.measurement.count:
             remedy = f"use 0 to {binding.measurement.count - 1}"
             raise InputError(f"there is no microphone {chosen}", remedy, key="microphone")
-        setting = Setting(
+        setting = LessonSetting(
             microphone=chosen,
             map_modes=(IN_USE if modes == SOLVER else modes) or None,
             map=asked.map if asked.map != now.map and not asked.lesson else None,
         )
-        if setting != Setting():
+        if setting != LessonSetting():
             apply_setting(setting, viewer.tabs, lambda view: None, restarted=False)
         if asked.view is not None:
             self._page.nodes.cameras.request(client, asked.view)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import viser
 
 from ..model.validation import parse_modes
-from ..session.lesson import IN_USE, Frame, Setting, parse_frame, run_target
+from ..session.lesson import IN_USE, Frame, LessonSetting, parse_frame, run_target
 from ..session.session import Session
 from ..session.sources import OpenRequest
 from .gui.binding import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
@@ -34,10 +34,10 @@ def plain_choices() -> dict[str, Any]:
     return {key: value for key, value in Choices(microphone=0).to_save().items() if key not in OF_THE_PAGE}
 
 
-def apply_setting(setting: Setting, tabs: Tabs, place_all: Callable[[str], None], restarted: bool) -> None:
+def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str], None], restarted: bool) -> None:
     """Set the controls of a session that shows the scene of `setting` already.
 
-    `setting`: Setting; what it leaves out stays; `tabs`: of the session; `place_all`: function that moves
+    `setting`: what it leaves out stays; `tabs`: of the session; `place_all`: function that moves
     the cameras of all browsers to a view; `restarted`: whether the session is at its start, or will be when it has
     executed its queued commands. Raises InputError: the setting names modes that were not measured.
     """
@@ -61,7 +61,7 @@ def apply_setting(setting: Setting, tabs: Tabs, place_all: Callable[[str], None]
             act(getattr(setting, name))
 
 
-def _drive(setting: Setting, tabs: Tabs, restarted: bool) -> None:
+def _drive(setting: LessonSetting, tabs: Tabs, restarted: bool) -> None:
     """Apply what concerns the solver: the modes in use, and how far it runs."""
     session = tabs.binding.session
     state = session.view.history[0] if restarted else session.view.state

@@ -9,9 +9,11 @@ import pytest
 import soundfile
 
 import fdcal
+from fdcal.assessment.calibration import FAULTS
 from fdcal.assessment.position_check import compare_positions
 from fdcal.commands import report
 from fdcal.commands.cli import main
+from fdcal.graphics.reports import TITLES
 from fdcal.model.measurement import save_measurement
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.session import doctor
@@ -189,3 +191,7 @@ def test_responses_that_wrap_round_end_the_examination_and_the_page_shows_it(tmp
     assert any(line.startswith("samples") and "4: silent" in line for line in lines)
     assert lines[-1].startswith("wrapped      fault")
     assert page.read_text().count("<img") == 2 and "wraps round" in page.read_text()
+
+
+def test_every_kind_of_fault_belongs_to_a_question_of_the_report():
+    assert {one.question for one in FAULTS.values()} == set(TITLES)

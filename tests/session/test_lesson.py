@@ -8,7 +8,7 @@ from running import exit_code
 
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import lesson as lessons
-from fdcal.session.lesson import Frame, Setting, lesson_folder, lesson_names, load_lesson, parse_frame
+from fdcal.session.lesson import Frame, LessonSetting, lesson_folder, lesson_names, load_lesson, parse_frame
 
 GOOD = """
 title = "Mine"
@@ -62,8 +62,8 @@ def test_a_lesson_is_read_as_written(written):
     first, second = lesson.steps
     assert (lesson.title, lesson.name) == ("Mine", "mine")
     assert (first.choices, first.answer, first.reveal) == (("one", "two"), 2, "Two.")
-    assert first.page.modes == "1-5" and first.then == Setting(run="2 sweeps")
-    assert second == lessons.Step("Again.")
+    assert first.page.modes == "1-5" and first.then == LessonSetting(run="2 sweeps")
+    assert second == lessons.LessonStep("Again.")
 
 
 def test_a_lesson_can_show_the_cost_in_space(written):

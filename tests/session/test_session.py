@@ -14,19 +14,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError, StorageError
-from fdcal.session.session import (
-    COST_TIME,
-    Advance,
-    Pause,
-    Place,
-    Play,
-    Reset,
-    Seek,
-    Session,
-    SolverRun,
-    StateCosts,
-    UseModes,
-)
+from fdcal.session.session import COST_TIME, Command, Session, SolverRun, StateCosts
 from fdcal.session.worker import LatestWorker, WakeEvent
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
@@ -212,9 +200,11 @@ def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, c
     for _ in range(150):
         first, last = sorted(rng.integers(1, rows + 1, 2).tolist())
         command = [
-            UseModes(first, last, bool(rng.integers(2))), UseModes(1, int(rng.integers(1, 8)), False), Play(), Pause(),
-            Advance("step", 1), Advance("sweep", 1), Seek(int(rng.integers(9))), Reset(int(rng.integers(3))),
-            Place(int(rng.integers(count)), tuple(rng.uniform(-1, 2, 2).tolist()), None),
+            Command("use_modes", (first, last, bool(rng.integers(2)))), Command("pause"),
+            Command("use_modes", (1, int(rng.integers(1, 8)), False)), Command("play"),
+            Command("advance_by", ("step", 1)), Command("advance_by", ("sweep", 1)),
+            Command("seek", (int(rng.integers(9)),)), Command("reset", (int(rng.integers(3)),)),
+            Command("place", (int(rng.integers(count)), tuple(rng.uniform(-1, 2, 2).tolist()), None)),
         ][int(rng.integers(9))]  # fmt: skip
         before = run.view
         run.guarded(run.execute, command)

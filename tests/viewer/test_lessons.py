@@ -13,7 +13,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import parse_modes
-from fdcal.session.lesson import MAPS, Frame, Lesson, Setting, Step, lesson_names, load_lesson
+from fdcal.session.lesson import MAPS, Frame, Lesson, LessonSetting, LessonStep, lesson_names, load_lesson
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
@@ -46,14 +46,14 @@ def controls():
 @pytest.mark.parametrize("name", MAPS)
 def test_every_map_of_a_lesson_is_one_of_the_page(controls, name):
     made, calls = controls
-    apply_setting(Setting(map=name), made, lambda view: None, restarted=False)
+    apply_setting(LessonSetting(map=name), made, lambda view: None, restarted=False)
     called, kind = calls[0]
     assert called == "map.show_as" and kind in MAP_KINDS
 
 
 def test_a_setting_is_applied_in_its_documented_order(controls):
     made, calls = controls
-    setting = Setting(
+    setting = LessonSetting(
         modes="1-9", automatic=False, run="2 sweeps", microphone=3, follow=False, map="relief", map_modes="2, 4",
         scale="linear", trails=True, ellipses=False, view="3d",
     )  # fmt: skip
@@ -75,14 +75,14 @@ def test_a_setting_is_applied_in_its_documented_order(controls):
 @pytest.mark.parametrize(
     ("setting", "restarted", "calls_expected"),
     [
-        (Setting(automatic=True), False, ("use_modes", 4, 9, True)),
-        (Setting(automatic=False), True, ("use_modes", 1, 3, False)),
-        (Setting(modes="2-5"), False, ("use_modes", 2, 5, False)),
-        (Setting(modes="2-5"), True, ("use_modes", 2, 5, True)),
-        (Setting(run="end"), False, ("play",)),
-        (Setting(run="3 steps"), False, ("step", 3)),
-        (Setting(run="1 stage"), False, ("stage", 1)),
-        (Setting(map_modes="in use"), False, ("map.choose_modes", None)),
+        (LessonSetting(automatic=True), False, ("use_modes", 4, 9, True)),
+        (LessonSetting(automatic=False), True, ("use_modes", 1, 3, False)),
+        (LessonSetting(modes="2-5"), False, ("use_modes", 2, 5, False)),
+        (LessonSetting(modes="2-5"), True, ("use_modes", 2, 5, True)),
+        (LessonSetting(run="end"), False, ("play",)),
+        (LessonSetting(run="3 steps"), False, ("step", 3)),
+        (LessonSetting(run="1 stage"), False, ("stage", 1)),
+        (LessonSetting(map_modes="in use"), False, ("map.choose_modes", None)),
     ],
 )
 def test_values_left_out_stay(controls, setting, restarted, calls_expected):
@@ -242,7 +242,7 @@ def test_invalid_values_change_nothing(page, junk):
 
 
 def test_a_setting_that_fails_is_shown_as_an_error(page):
-    steps = (Step("Look.", page=Setting(scene="tiny", modes="1-99")),)
+    steps = (LessonStep("Look.", page=LessonSetting(scene="tiny", modes="1-99")),)
     lessons = LessonsTab(page, [Lesson("Mine", steps)])
     lessons.start("Mine")
     page.ready()
@@ -310,7 +310,7 @@ def test_a_run_of_a_lesson_can_be_followed_and_takes_ten_seconds_at_most():
 
 
 def test_texts_of_a_file_are_escaped():
-    lesson = Lesson(EVIL, (Step(EVIL, EVIL, (EVIL, EVIL), 1, EVIL),))
+    lesson = Lesson(EVIL, (LessonStep(EVIL, EVIL, (EVIL, EVIL), 1, EVIL),))
     for choice in (-1, 0, 1):
         html = Caption(lesson, 0, choice, True, EVIL, EVIL, EVIL).html
         assert "<script" not in html and "&lt;script" in html
@@ -319,7 +319,7 @@ def test_texts_of_a_file_are_escaped():
 @pytest.mark.parametrize(("choice", "shown"), [(1, {"two"}), (0, {"one", "two"}), (2, {"two", "three"})])
 def test_an_answered_step_shows_the_answer_given_and_the_right_one(choice, shown):
     """On a small screen the button below has no place beside all choices."""
-    lesson = Lesson("A lesson", (Step("", "Which?", ("one", "two", "three"), 2, "Why."),))
+    lesson = Lesson("A lesson", (LessonStep("", "Which?", ("one", "two", "three"), 2, "Why."),))
     html = Caption(lesson, 0, choice, True, "", "", "").html
     assert {word for word in ("one", "two", "three") if f">{word}<" in html} == shown
     assert ("&#10007;" in html) == (choice != 1) and html.count("&#10003;") == 1
@@ -400,10 +400,12 @@ def in_small(lesson):
         microphone = {} if setting.microphone is None else {"microphone": setting.microphone % 16}
         mapped = {"map_modes": "2-4"} if setting.map_modes not in (None, "in use") else {}
         run = {"run": "3 steps"} if setting.run else {}
-        return Setting(**(vars(setting) | changes | modes | microphone | mapped | run))
+        return LessonSetting(**(vars(setting) | changes | modes | microphone | mapped | run))
 
-    steps = tuple(Step(one.text, one.question, one.choices, one.answer, one.reveal, small(one.page), small(one.then))
-                  for one in lesson.steps)  # fmt: skip
+    steps = tuple(
+        LessonStep(one.text, one.question, one.choices, one.answer, one.reveal, small(one.page), small(one.then))
+        for one in lesson.steps
+    )
     return Lesson(lesson.title, steps)
 
 
@@ -434,7 +436,7 @@ def test_every_control_is_as_it_was_after_the_steps_of_all_lessons(opened):
 def test_a_lesson_depends_on_nothing_before_it(opened):
     """Its first step finds the controls with which a page begins."""
     page, turn_until = opened
-    lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
+    lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (LessonStep("Look.", page=LessonSetting(scene=SMALL)),))])
     lessons.start("Mine")
     turn_until(lambda: prepared(page))
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
@@ -448,7 +450,7 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
 
 def test_what_the_user_opens_during_a_lesson_stays(opened):
     page, turn_until = opened
-    lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
+    lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (LessonStep("Look.", page=LessonSetting(scene=SMALL)),))])
     first = page.viewer
     lessons.start("Mine")
     turn_until(lambda: page.viewer is not first and page.switcher.idle)

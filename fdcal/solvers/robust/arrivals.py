@@ -288,6 +288,18 @@ def arrivals_of(problem: Problem, sigma: np.ndarray | None) -> Arrivals | None:
     return Arrivals(np.where(used, paths - middle[:, None], 0.0), used, own[enough], stated[enough], problem.dimension)
 
 
+def arrival_misfits(problem: Problem, positions: np.ndarray) -> np.ndarray | None:
+    """Return how far the arrivals of each take are from those at some positions : (T, N) float64, metres.
+
+    NaN where there is none; None of a problem without arrivals.
+    """
+    arrivals = arrivals_of(problem, None)
+    if arrivals is None:
+        return None
+    terms = replace(arrivals, sigma=arrivals.scatter(positions)).terms(positions, derivatives=False)
+    return np.where(arrivals.used, np.abs(terms.residual), np.nan)
+
+
 def counted(problem: Problem) -> np.ndarray:
     """Return which takes have more arrivals than fix their source : (T,) bool."""
     assert problem.arrivals is not None

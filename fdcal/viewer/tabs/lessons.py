@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from ...model.scene import Scene
 from ...model.validation import InputError, StorageError, shown
-from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, Setting, Step
+from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, LessonSetting, LessonStep
 from ...session.sources import OpenRequest
 from ..gui.html import complaint, error_message
 from ..gui.overlay import whole
@@ -80,7 +80,7 @@ class Caption:
         return f"{''.join(parts)}{complaint(self.error)}<div class='steps' id='fdcal-steps'>{following}{steps}</div>"
 
 
-def _answered(step: Step, choice: int) -> list[str]:
+def _answered(step: LessonStep, choice: int) -> list[str]:
     """Return the answer that was given, the right one, and why; the others are left out."""
     right = step.answer - 1
     parts = [
@@ -301,7 +301,7 @@ class LessonsTab:
 
         self._guarded(begin)
 
-    def _begin(self, settings: list[Setting], scene: Scene, seed: int, fresh: bool = False) -> None:
+    def _begin(self, settings: list[LessonSetting], scene: Scene, seed: int, fresh: bool = False) -> None:
         """Apply the last of `settings`; if another scene has to be opened first, all settings of this step."""
         viewer, setting = self._page.viewer, settings[-1]
         first = fresh or (self.progress.number == 0 and len(settings) == 1)
@@ -313,7 +313,7 @@ class LessonsTab:
             viewer.binding.session.reset(seed)
         self._apply(setting, viewer, restarted)
 
-    def _open(self, request: OpenRequest, settings: list[Setting]) -> None:
+    def _open(self, request: OpenRequest, settings: list[LessonSetting]) -> None:
         """Open a scene with the controls that a page begins with, so that a lesson depends on nothing before it."""
         self._page.open(request)
         self._requests.append(request)
@@ -325,7 +325,7 @@ class LessonsTab:
         """Whether the page still shows the session from before the lesson, which no lesson changes."""
         return self._before is not None and viewer.binding.run is self._before.run
 
-    def _apply(self, setting: Setting, viewer: Viewer, restarted: bool) -> None:
+    def _apply(self, setting: LessonSetting, viewer: Viewer, restarted: bool) -> None:
         apply_setting(setting, viewer.tabs, self._page.nodes.cameras.request_all, restarted)
 
     def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
@@ -354,7 +354,7 @@ class LessonsTab:
             act(viewer)
         self._redraw()
 
-    def _apply_all(self, settings: list[Setting], viewer: Viewer) -> None:
+    def _apply_all(self, settings: list[LessonSetting], viewer: Viewer) -> None:
         viewer.tabs.run_bar.watch()  # a lesson does not depend on the speed chosen before
         for setting in settings:
             self._apply(setting, viewer, restarted=setting is settings[0])
