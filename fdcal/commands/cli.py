@@ -24,6 +24,7 @@ from importlib.metadata import entry_points
 import click
 
 from ..model.libraries import missing_library
+from ..model.settings import KNOWN_ROOM_SOLVERS
 from ..model.validation import InputError
 from ..session.process import one_blas_thread_for_command
 from . import file_commands, plan_commands, plot_commands
@@ -301,20 +302,18 @@ def simulate(scene: str, output: str, force: bool):
     help="Of processor time, after which the best positions so far are written; Ctrl-C does the same."
     "  [default: 45, more for large arrays]",
 )
-@click.option("--temperature", type=opt.Number(), metavar="C", help="Of the air, degrees Celsius; of recordings.")
-@click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane; of recordings.")
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @click.option(
     "--positions", metavar="FILE.xml|csv", help="Positions to compare with instead: Acoular's XML, or name,x,y[,z]."
 )
 @opt.output_option("RESULT.json", required=False)
-@opt.files_options
+@opt.recording_options(*opt.RECORDED)
 @opt.search_option
 @opt.radius_option
 @opt.force_option
 def calibrate(
     sources, solver, gain_sigma, modes, seed, exclude, estimate_sound_speed, distance, room, time_limit,
-    temperature, array_dimension, check, positions, output, files, split, number, search, radius, force, **settings,
+    check, positions, output, search, radius, force, **settings,
 ):  # fmt: skip
     """Find the microphones and assess the result.
 
@@ -330,12 +329,14 @@ def calibrate(
     from ..session.sources import with_settings
     from . import report
 
-    recorded = {"files": files, "split": split, "source": number, "temperature": temperature}
-    recorded["array_dimension"] = array_dimension
+    recorded = {key: settings.pop(key) for key in ("files", "split", "source", *opt.RECORDED)}
     if settings["known"] not in (None, *opt.KNOWN):
-        recorded["known"] = opt.known_of_recordings(sources, settings.pop("known"))
+        recorded["known"] = settings.pop("known")
     inputs = opt.input_of(sources, search, radius, exclude, positions, **recorded)
-    solver = opt.room_solver(room, solver)
+    if room is not None:
+        if solver not in (None, *KNOWN_ROOM_SOLVERS):
+            raise InputError("--room is for --solver room", f"leave out --solver {solver}", key="solver", value=solver)
+        solver = KNOWN_ROOM_SOLVERS[0]
     settings |= dict(zip(("gain_sigma_db", "phase_sigma_deg"), gain_sigma or (), strict=False))
     inputs = with_settings(inputs, solver, modes, seed, room=room, **settings)
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)

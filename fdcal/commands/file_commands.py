@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 import sys
-import typing
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,31 +20,12 @@ if TYPE_CHECKING:
     from ..session.takes import Day, TakesResult
 
 
-def _import_options(command):
-    """Add an option for each field of `ImportOptions` that has a help text."""
-    types = typing.get_type_hints(ImportOptions)
-    for field in reversed([field for field in fields(ImportOptions) if "help" in field.metadata]):
-        choices = field.metadata["choices"]
-        allowed = types[field.name], *typing.get_args(types[field.name])
-        kind = int if int in allowed else opt.Number() if float in allowed else str
-        command = click.option(
-            f"--{field.name.replace('_', '-')}",
-            type=click.Choice(choices) if choices else kind,
-            default=str(field.default) if choices and field.default is not None else field.default,
-            show_default=field.default is not None,
-            metavar=field.metadata["metavar"],
-            help=field.metadata["help"],
-        )(command)
-    return command
-
-
 @click.command("import")
 @click.argument("sources", nargs=-1, required=True, metavar="INPUT...")
 @opt.output_option("FILE.npz")
-@opt.files_options
-@_import_options
+@opt.recording_options()
 @opt.force_option
-def import_(sources, output, files, number, dimension, array_dimension, force, **options):
+def import_(sources, output, force, **recorded):
     """Turn recordings or impulse responses into a measurement.
 
     INPUT is a WAV or FLAC file, a SOFA file, a folder of them or of MeshRIR, an HDF5 file of Acoular, or an .npz file;
@@ -55,14 +34,13 @@ def import_(sources, output, files, number, dimension, array_dimension, force, *
     Several files are takes, of the same channels with the source at other places; files of one channel each are the
     channels of one take.
     """
-    path = opt.output_path(output, ".npz", force, *sources, options["reference"])
+    path = opt.output_path(output, ".npz", force, *sources, recorded["reference"])
     from ..model.measurement import save_measurement
     from ..model.storage import write_atomically
     from ..recordings.importer import import_recording, import_summary
 
-    options |= {"source": number, "files": files or "auto", "dimension": int(dimension)}
-    options["array_dimension"] = int(array_dimension) if array_dimension else None
-    measurement, report = import_recording(sources, ImportOptions(**options))
+    given = {key: value for key, value in recorded.items() if value is not None}
+    measurement, report = import_recording(sources, ImportOptions(**given))
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
     print(import_summary(measurement, report, opt.OPTIONS))
     print(path)
@@ -136,13 +114,10 @@ def correct(recording, result, output, force):
 @click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
 @click.option("--positions", metavar="FILE.xml|csv", help="List to compare with: Acoular's XML, or name,x,y[,z].")
-@opt.files_options
-@click.option("--kind", type=click.Choice(["auto", "impulse", "stationary"]), help="As of `fdcal import`.")
-@click.option("--temperature", type=opt.Number(), metavar="C", help="Of the air, degrees Celsius; of recordings.")
-@click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane; of recordings.")
+@opt.recording_options(*opt.RECORDED)
 @opt.output_option("FILE.html", required=False)
 @opt.force_option
-def doctor(sources, positions, files, split, number, kind, temperature, array_dimension, output, force):
+def doctor(sources, positions, output, force, **recorded):
     """Tell whether a recording, or a published data set, is what it says.
 
     FILE is what `fdcal calibrate` takes. Each finding is one line: channels that are silent, clipped, copies or
@@ -153,17 +128,10 @@ def doctor(sources, positions, files, split, number, kind, temperature, array_di
     """
     path = opt.output_path(output, ".html", force, *sources, positions) if output else None
     from ..session.doctor import examine
-    from ..session.sources import is_recording
 
-    given = {"files": files, "split": split, "source": number, "kind": kind, "temperature": temperature}
-    given["array_dimension"] = array_dimension
-    given = {key: value for key, value in given.items() if value is not None}
-    other = next((one for one in sources if not is_recording(one)), None)
-    if given and other is not None:
-        key = next(iter(given))
-        raise InputError(f"{other} holds no recordings", f"leave out <{key}>", key=key, value=given[key])
+    options = opt.import_options(sources, recorded)
     with opt.progress_bar("examining") as progress:
-        findings = list(examine(sources, positions, ImportOptions(**given), progress))
+        findings = list(examine(sources, positions, options, progress))
     if path is not None:
         from ..graphics.reports import doctor_page
         from ..model.storage import write_atomically

@@ -1,16 +1,15 @@
 """The options that commands share: values of the command line, and what they stand for: what to read, where to write.
 
-A function of the first part is the `type` of an option: click calls it with the text, and names the option before the
-message. Each value is refused with an example of a right one.
+A `ValueOf` is the type of an option: click names the option before its message. Each value is refused with an example
+of a right one.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
@@ -18,8 +17,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import click
 
-from ..model.settings import KNOWN_ROOM_SOLVERS, Search, SolverSettings
+from ..model.settings import Search, SolverSettings
 from ..model.validation import LIMITS, InputError, StorageError, declaration
+from ..recordings.import_options import ImportOptions
 from ..solvers import names
 
 if TYPE_CHECKING:
@@ -31,78 +31,69 @@ UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0}
 NUMBER = r"([0-9.]+(?:e-?[0-9]+)?)"
 
 
-def _value(words: str):
-    """Make a function of a text the type of an option; a text that it cannot read is refused in these words."""
+class ValueOf(click.ParamType):
+    """The type of an option whose text `read` takes; a text that it cannot read is refused in these words."""
 
-    def type_of(read: Callable[[str], Any]) -> Callable[[str], Any]:
-        @functools.wraps(read)
-        def convert(value: str) -> Any:
-            try:
-                return read(value)
-            except ValueError:
-                raise click.BadParameter(f'"{value}" {words}') from None
+    name = "value"
 
-        return convert
+    def __init__(self, read: Callable[[str], Any], words: str):
+        self.read, self.words = read, words
 
-    return type_of
-
-
-@_value("is no list of whole numbers; write them with commas between, as 1,5,9")
-def whole_numbers(value: str) -> list[int]:
-    """Whole numbers with commas between, such as "1,5,9"."""
-    return [int(part) for part in value.split(",")]
+    def convert(self, value, param, ctx) -> Any:
+        try:
+            return value if not isinstance(value, str) else self.read(value)  # else the default of the option
+        except ValueError:
+            self.fail(f'"{value}" {self.words}', param, ctx)
 
 
-@_value("is no list of numbers; write them with commas between, as 1,5,9")
-def numbers(value: str) -> list[float]:
-    """Numbers with commas between, such as "1.5,2,9"."""
-    return [float(part) for part in value.split(",")]
+def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
+    """Return the groups of a pattern that a text has as a whole; ValueError for another text."""
+    match = re.fullmatch(pattern, value.strip(), flags)
+    if match is None:
+        raise ValueError
+    return match.groups()
 
 
-@_value("is no list of microphones; write them with commas between, as 3,17")
-def microphone_names(value: str | tuple[str, ...]) -> tuple[str, ...]:
-    """Names with commas between, such as "3,17"; the default of an option is the tuple already."""
-    if isinstance(value, tuple):
-        return value
+def _with_unit(units: str) -> Callable[[str], float]:
+    """Return the function that reads a number and its unit; metres, seconds, or the number."""
+
+    def read(value: str) -> float:
+        number, unit = _matched(rf"{NUMBER}\s*({units})", value)
+        return float(number) * UNITS.get(unit, 1.0)
+
+    return read
+
+
+def _names(value: str) -> tuple[str, ...]:
     parts = tuple(part.strip() for part in value.split(","))
     if not all(parts):
         raise ValueError
     return parts
 
 
-@_value("must be two microphones and metres, as 0,5,1.25")
-def distance(value: str) -> tuple[str, str, float]:
-    """Two microphones, by name or number, and metres, such as "0,5,1.25"."""
-    first, second, metres = (part.strip() for part in value.split(","))
-    if not (first and second):
-        raise ValueError
+def _distance(value: str) -> tuple[str, str, float]:
+    first, second, metres = _names(value)
     return first, second, float(metres)
 
 
-@_value("is no size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7")
-def room_size(value: str) -> tuple[float, ...]:
-    """Lengths of a rectangular room, metres, such as "6x5" or "6x5x2.7"."""
+def _room_size(value: str) -> tuple[float, ...]:
     size = tuple(float(part) for part in value.lower().split("x"))
     if len(size) not in (2, 3):
         raise ValueError
-    for length in size:
-        if not LIMITS.smallest <= length <= LIMITS.largest:
-            raise click.BadParameter(f"{length:g} m must be finite and above zero")
+    for side in size:
+        if not LIMITS.smallest <= side <= LIMITS.largest:
+            raise click.BadParameter(f"{side:g} m must be finite and above zero")
     return size
 
 
-@_value(f"is no picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each")
-def picture_size(value: str) -> tuple[int, int]:
-    """Width and height of a picture in pixels, such as "1280x800"."""
+def _picture_size(value: str) -> tuple[int, int]:
     width, height = map(int, _matched(r"(\d{1,5})x(\d{1,5})", value))
     if not (MIN_PIXELS <= width <= MAX_PIXELS and MIN_PIXELS <= height <= MAX_PIXELS):
         raise ValueError
     return width, height
 
 
-@_value("is no slice; write x, y, z, x=1.5 for a place in metres, or none")
-def slice_plane(value: str) -> tuple[str, float | None]:
-    """A plane through a volume: an axis, "x=1.5" for its place in metres, too, or "none"."""
+def _slice_plane(value: str) -> tuple[str, float | None]:
     axis, equals, place = value.partition("=")
     position = float(place) if equals else None
     if axis not in ("x", "y", "z", "none") or (axis == "none" and equals) or not math.isfinite(position or 0.0):
@@ -110,66 +101,50 @@ def slice_plane(value: str) -> tuple[str, float | None]:
     return axis, position
 
 
-@_value(f'is unknown; use "auto", "reported" or a number of decibels from -{LIMITS.decibels:g} to {LIMITS.decibels:g}')
-def noise_level(value: str) -> str:
-    """A signal-to-noise ratio in decibels, "auto" or "reported"."""
+def _noise_level(value: str) -> str:
     if value not in ("auto", "reported") and not abs(float(value)) <= LIMITS.decibels:
         raise ValueError
     return value
 
 
-@_value("must be decibels and degrees with their units, as 1dB,5deg")
-def gain_sigma(value: str) -> tuple[float, float]:
-    """One sigma of the channels' gains, dB, and phases, degrees, such as "1dB,5deg"."""
-    decibels, degrees = map(float, _matched(rf"{NUMBER}\s*dB\s*,\s*{NUMBER}\s*deg", value.strip(), re.IGNORECASE))
-    return decibels, degrees
-
-
-@_value("must be a length with its unit, mm, cm or m, as 5mm")
-def length(value: str) -> float:
-    """A length with its unit, such as "5mm"; metres."""
-    return _with_unit(value, r"mm|cm|m")
-
-
-@_value("must be a time with its unit, s or ms, as 10s")
-def duration(value: str) -> float:
-    """A time with its unit, such as "10s" or "500ms"; seconds."""
-    seconds = _with_unit(value, r"ms|s")
+def _duration(value: str) -> float:
+    seconds = _with_unit("ms|s")(value)
     if not 0 < seconds < math.inf:
         raise ValueError
     return seconds
 
 
-@_value("is no number of a source; write one from 0, or all")
-def source_number(value: str) -> int | str:
-    """The number of a source, from 0, or "all"."""
-    return value if value == "all" else int(value)
-
-
-@_value("must be decibels with their unit, as 1dB")
-def decibels(value: str) -> float:
-    """A number of decibels with its unit, such as "1dB"."""
-    return _with_unit(value, r"(?i:dB)")
-
-
-@_value("must be a number of percent with its sign, as 0.3%")
-def percentage(value: str) -> float:
-    """A part of something with its sign, such as "0.3%"; 0.003."""
-    return _with_unit(value, "%") / 100
-
-
-def _with_unit(value: str, units: str) -> float:
-    """Return the number of a text, times its unit where it has one; metres or seconds."""
-    number, unit = _matched(rf"{NUMBER}\s*({units})", value.strip())
-    return float(number) * UNITS.get(unit, 1.0)
-
-
-def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
-    """Return the groups of a pattern that a text has as a whole; ValueError for another text."""
-    match = re.fullmatch(pattern, value, flags)
-    if match is None:
-        raise ValueError
-    return match.groups()
+whole_numbers = ValueOf(
+    lambda value: [int(part) for part in value.split(",")],
+    "is no list of whole numbers; write them with commas between, as 1,5,9",
+)
+numbers = ValueOf(
+    lambda value: [float(part) for part in value.split(",")],
+    "is no list of numbers; write them with commas between, as 1,5,9",
+)
+microphone_names = ValueOf(_names, "is no list of microphones; write them with commas between, as 3,17")
+distance = ValueOf(_distance, "must be two microphones and metres, as 0,5,1.25")
+room_size = ValueOf(_room_size, "is no size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7")
+picture_size = ValueOf(
+    _picture_size,
+    f"is no picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each",
+)
+slice_plane = ValueOf(_slice_plane, "is no slice; write x, y, z, x=1.5 for a place in metres, or none")
+noise_level = ValueOf(
+    _noise_level,
+    f'is unknown; use "auto", "reported" or a number of decibels from -{LIMITS.decibels:g} to {LIMITS.decibels:g}',
+)
+gain_sigma = ValueOf(  # dB and degrees
+    lambda value: tuple(map(float, _matched(rf"{NUMBER}\s*dB\s*,\s*{NUMBER}\s*deg", value, re.IGNORECASE))),
+    "must be decibels and degrees with their units, as 1dB,5deg",
+)
+length = ValueOf(_with_unit("mm|cm|m"), "must be a length with its unit, mm, cm or m, as 5mm")
+duration = ValueOf(_duration, "must be a time with its unit, s or ms, as 10s")
+source_number = ValueOf(
+    lambda value: value if value == "all" else int(value), "is no number of a source; write one from 0, or all"
+)
+decibels = ValueOf(_with_unit("(?i:dB)"), "must be decibels with their unit, as 1dB")
+percentage = ValueOf(lambda value: _with_unit("%")(value) / 100, "must be a number of percent with its sign, as 0.3%")
 
 
 class Number(click.types.FloatParamType):
@@ -196,7 +171,7 @@ class RoomOrScene(click.ParamType):
 
     def convert(self, value, param, ctx) -> tuple[float, ...]:
         if value[:1].isdigit():
-            return room_size(value)
+            return room_size.convert(value, param, ctx)
         from ..model.scene import MeasuredScene, load_scene
 
         scene = load_scene(value)
@@ -204,20 +179,6 @@ class RoomOrScene(click.ParamType):
         if size is None or isinstance(scene, MeasuredScene):
             self.fail(f"the room of {value} is unknown or no rectangle; give its lengths, as 7x6x2.7", param, ctx)
         return tuple(size)
-
-
-class KnownChoice(click.Choice):
-    """Which known microphones to use; names or a file are for recordings, which an error says."""
-
-    def convert(self, value, param, ctx):
-        if value not in self.choices and (ctx is None or ctx.info_name != "calibrate"):
-            self.refuse(value, param, ctx)
-        return value  # of calibrate names, corners or a table, too, which `refuse` refuses but for recordings
-
-    def refuse(self, value, param, ctx):
-        """Raise the error of a value that is for recordings alone."""
-        where = "known positions are given at the import: fdcal import INPUT -o FILE.npz --known FILE.csv"
-        self.fail(f"{value!r} is not one of {', '.join(map(repr, self.choices))}; {where}", param, ctx)
 
 
 def search_domain(
@@ -240,15 +201,6 @@ def search_domain(
         remedy = f"give {2 * dimension + 1} metres: {layout}"
         raise InputError(f"--search {text} has {len(search)} numbers", remedy, key="search", value=search)
     return Search(tuple(search[:dimension]), tuple(search[dimension:-1]), search[-1], radius)
-
-
-def room_solver(size: tuple[float, ...] | None, solver: str | None) -> str | None:
-    """Return the solver for a room of known size; `solver` without one. Raises InputError for another solver."""
-    if size is None:
-        return solver
-    if solver not in (None, *KNOWN_ROOM_SOLVERS):
-        raise InputError("--room is for --solver room", f"leave out --solver {solver}", key="solver", value=solver)
-    return KNOWN_ROOM_SOLVERS[0]
 
 
 def mode_numbers(modes: list[int] | None, measured: int) -> list[int]:
@@ -408,8 +360,7 @@ KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is gi
 
 def solver_options(command):
     """Add an option for each of SOLVER_OPTIONS; a field of `SolverSettings` that is declared there needs no more."""
-    known = KnownChoice(KNOWN)
-    special = {"known": (known, None), "noise": (noise_level, "DB|auto|reported")}
+    special = {"known": (str, "all|minimal|none|NAMES|FILE.csv"), "noise": (noise_level, "DB|auto|reported")}
     units = {"m": (length, "LENGTH"), "": (percentage, "PERCENT")}
     for key, declared in reversed(SOLVER_OPTIONS.items()):
         kind = declaration(SolverSettings, key)[0]
@@ -420,13 +371,56 @@ def solver_options(command):
     return command
 
 
-def known_of_recordings(sources: Sequence[str], known: str) -> str:
-    """Return names or a table of known microphones; click.BadParameter where `sources` are not all recordings."""
+# The options of recordings that `calibrate` and `doctor` have; `import` has all.
+RECORDED = ("frequencies", "kind", "reference", "temperature", "array_dimension")
+
+
+def recording_options(*names: str) -> Callable[[Any], Any]:
+    """Return what adds an option for each field of `ImportOptions`, or for those named, and for several files."""
+
+    def add(command):
+        declared = [field for field in fields(ImportOptions) if "help" in field.metadata]
+        for field in reversed([field for field in declared if not names or field.name in names]):
+            kind, number = declaration(ImportOptions, field.name)[0], None
+            if get_origin(kind) is Literal:
+                choices = get_args(kind)
+                number = int if isinstance(choices[0], int) else None
+                kind = click.Choice([str(one) for one in choices])
+            default = f"  [default: {field.default}]" if field.default is not None else ""
+            command = click.option(
+                option_name(field.name),
+                type=Number() if kind is float else kind,
+                metavar=field.metadata["metavar"],
+                callback=lambda _, __, value, number=number: number(value) if number and value else value,
+                help=field.metadata["help"] + default,
+            )(command)
+        for option in reversed((
+            click.option("--takes", "files", flag_value="takes", help="Several files are takes of the same channels."),
+            click.option("--channels", "files", flag_value="channels", help="Several files are channels of one take."),
+            click.option("--split", type=duration, metavar="TIME", help="Cut a long recording into takes, as 10s."),
+            click.option("--source", type=source_number, metavar="I|all",
+                         help="Which of several sources, from 0; all: each is a take."),
+        )):  # fmt: skip
+            command = option(command)
+        return command
+
+    return add
+
+
+def import_options(sources: Sequence[str], recorded: Mapping[str, Any]) -> ImportOptions | None:
+    """Return the options of recordings that are given, not None; None without any. InputError for other sources."""
     from ..session.sources import is_recording
 
-    if not all(map(is_recording, sources)):
-        KnownChoice(KNOWN).refuse(known, click.Option(["--known"]), None)
-    return known
+    given = {key: value for key, value in recorded.items() if value is not None}
+    if not given:
+        return None
+    other = next((one for one in sources if not is_recording(one)), None)
+    if other is not None:
+        key, remedy = next(iter(given)), ""
+        if key == "known":
+            remedy = f": use {', '.join(KNOWN)}, or import with them: fdcal import INPUT -o FILE.npz --known FILE.csv"
+        raise InputError(f"{other} holds no recordings", f"leave out <{key}>{remedy}", key=key, value=given[key])
+    return ImportOptions(**given)
 
 
 def scene_of(text: str) -> CalibrationInput:
@@ -439,19 +433,6 @@ def scene_of(text: str) -> CalibrationInput:
         remedy = f"give a scene that is simulated: a .toml file or one of {names}"
         raise InputError(f"{text} is a measurement", remedy, key="scene", value=text)
     return inputs
-
-
-def files_options(command):
-    """Add the options of commands that read several recordings: --takes, --channels, --split and --source."""
-    for option in reversed((
-        click.option("--takes", "files", flag_value="takes", help="Several files are takes of the same channels."),
-        click.option("--channels", "files", flag_value="channels", help="Several files are channels of one take."),
-        click.option("--split", type=duration, metavar="TIME", help="Cut a long recording into takes, as 10s."),
-        click.option("--source", "number", type=source_number, metavar="I|all",
-                     help="Which of several sources, from 0; all: each is a take."),
-    )):  # fmt: skip
-        command = option(command)
-    return command
 
 
 def input_of(
@@ -468,18 +449,9 @@ def input_of(
     `positions`: file of the positions of all microphones, to compare with; `recorded`: of recordings, fields of
     `fdcal.recordings.import_options.ImportOptions`; None leaves one out.
     """
-    from ..session.sources import compared_with_file, is_recording, load_input
+    from ..session.sources import compared_with_file, load_input
 
-    given, options = {key: value for key, value in recorded.items() if value is not None}, None
-    if given:
-        from ..recordings.import_options import ImportOptions
-
-        texts = [source] if isinstance(source, str) else source
-        other = next((text for text in texts if not is_recording(text)), None)
-        if other is not None:
-            key = next(iter(given))
-            raise InputError(f"{other} holds no recordings", f"leave out <{key}>", key=key, value=given[key])
-        options = ImportOptions(**given)
+    options = import_options([source] if isinstance(source, str) else source, recorded)
     with progress_bar("simulating") as progress:
         inputs = load_input(source, progress, excluded, options)
     if positions is not None:

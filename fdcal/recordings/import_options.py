@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from ..model.validation import InputError, Seconds, check, positive, within
-from .recording import KINDS, sound_speed
+from .recording import sound_speed
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,9 @@ class ImportLimits:
 IMPORT_LIMITS = ImportLimits()
 
 
-def _option(default: Any, text: str, metavar: str | None = None, choices: tuple[str, ...] | None = None) -> Any:
-    """Return a field that is an option of `fdcal import`, with its help, placeholder and choices."""
-    return field(default=default, metadata={"help": text, "metavar": metavar, "choices": choices})
+def _option(default: Any, text: str, metavar: str | None = None) -> Any:
+    """Return a field that is an option of `fdcal import`, with its help and placeholder."""
+    return field(default=default, metadata={"help": text, "metavar": metavar})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class ImportOptions:
         Table (.csv) with name,x,y,z of the array that is rendered in the field of a measured room, metres.
     """
 
-    # In the order in which `fdcal import --help` lists them; `files_options` of the command line adds the last three.
+    # In the order in which `fdcal import --help` lists them; the command line declares the last three.
     frequencies: str = _option("auto", "Band to choose from, Hz.", "auto|LO:HI")
     # bound of time and memory, five times what an import takes by itself
     most: Annotated[int, within(1, 2000)] | None = _option(
@@ -84,7 +84,6 @@ class ImportOptions:
     kind: Literal["auto", "impulse", "stationary"] = _option(
         "auto",
         "impulse: an impulse response, from silence to silence; stationary: a continuous sound.",
-        choices=("auto", *KINDS),
     )
     window: str = _option("auto", "Exponential window, 1/s.", "auto|none|RATE")
     temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = _option(
@@ -92,11 +91,10 @@ class ImportOptions:
     )
     # bounds: heavy gases to solids
     sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = _option(None, "Instead of a temperature.", "M/S")
-    dimension: Literal[2, 3] = _option(3, "Of the sound field.", choices=("2", "3"))
+    dimension: Literal[2, 3] = _option(3, "Of the sound field.")
     array_dimension: Literal[2, 3] | None = _option(
         None,
         "Of the microphones: 2 in a plane.  [default: 2 where all heights are given and agree]",
-        choices=("2", "3"),
     )
     plane: str | None = _option(None, "Use the microphones in a plane only, by the positions in the file.", "z=Z")
     subset: str | None = _option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")
