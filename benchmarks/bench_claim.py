@@ -15,6 +15,8 @@ import numpy as np
 
 import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
+from fdcal.acoustics.measure import draw_measurement
+from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.assessment.uncertainty import confidence_factor
 from fdcal.model.arrays import ball, random_source
 from fdcal.model.measurement import Measurement
@@ -54,16 +56,14 @@ class Fixed:
         k = (2 * np.pi * self.frequencies - 1j * RIGID_DECAY) / C
         clean = point_source_pressures(Room(size=self.room), source, self.places, k)
         clean /= np.sqrt(mode_power(clean))[:, None]
-        noise, parts = 10 ** (-snr_db / 10), rng.normal(scale=np.sqrt(0.5), size=(2, *clean.shape))
         known = np.arange(GIVEN)
-        return Measurement(
-            frequencies=self.frequencies,
-            pressures=clean + np.sqrt(noise) * (parts[0] + 1j * parts[1]),
+        return draw_measurement(
+            ModalPressures(self.frequencies, k, clean),
+            np.full(len(k), 10 ** (-snr_db / 10)),
+            rng,
             sound_speed=C,
             dimension=len(self.room),
             array_dimension=len(self.room),
-            wavenumbers=k,
-            noise_power=np.full(len(k), noise),
             positions=self.places,
             known=known,
             known_positions=self.places[known],

@@ -16,17 +16,20 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from fdcal import solvers
+from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.dictionary import fourier_bessel, max_order
-from fdcal.acoustics.measure import cached_measurement
+from fdcal.acoustics.measure import cached_measurement, draw_measurement
+from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.cost import eq7
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
+from fdcal.model.room import Room
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import SolverSettings
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 
-from .draws import draw, eigenfrequencies, rigid_field
+from .draws import draw, eigenfrequencies
 from .draws import solve as calibrated
 from .report import Figure
 
@@ -196,11 +199,9 @@ def measured(count: int, modes: int) -> Measurement:
     positions = np.array(SIZE_CENTRE) + rng.uniform(-0.5, 0.5, (count, 2))
     frequencies = eigenfrequencies(SIZE_ROOM, modes, 343.0, False)
     k = (2 * np.pi * frequencies - 3j) / 343.0
-    clean = rigid_field(positions, SIZE_SOURCE, k, SIZE_ROOM)
-    noise = 1e-4 * mode_power(clean)
-    parts = rng.standard_normal((2, *clean.shape))
-    pressures = clean + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
-    return Measurement(frequencies, pressures, 343.0, wavenumbers=k, noise_power=noise, positions=positions)
+    clean = point_source_pressures(Room(size=SIZE_ROOM), SIZE_SOURCE, positions, k)
+    field = ModalPressures(frequencies, k, clean)
+    return draw_measurement(field, 1e-4 * mode_power(clean), rng, sound_speed=343.0, positions=positions)
 
 
 def peak() -> float:

@@ -1,8 +1,8 @@
 """A room of known size: 8 microphones at 30 frequencies, 40 dB, nothing else known; positions up to the room's mirrors.
 
-Draws of size, source and microphones: anywhere in the room, or (every second) within a square of 1 m. The field is the
-tests' closed form in rigid rooms and, in three dimensions, `fdcal.acoustics.box_field` with absorbing walls: formulas
-other than the solver's, which does not know the walls.
+Draws of size, source and microphones: anywhere in the room, or (every second) within a square of 1 m. The field is
+that of `fdcal.acoustics.box_field`, with rigid walls in the plane and absorbing ones in space: a formula other than the
+solver's, which does not know the walls.
 """
 
 import os
@@ -12,8 +12,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from fdcal.acoustics.box_field import point_source_pressures as box_field
+from fdcal.acoustics.box_field import point_source_pressures
+from fdcal.acoustics.measure import draw_measurement
 from fdcal.acoustics.room_modes import nearest_symmetry
+from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.assessment.assess import assess
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
@@ -22,7 +24,7 @@ from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load
 from fdcal.solvers import run as states
 
-from .draws import eigenfrequencies, pooled, rigid_field
+from .draws import eigenfrequencies, pooled
 from .report import Figure
 
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "20"))
@@ -43,15 +45,12 @@ def drawn(seed: int, D: int = 2, snr_db: float = 40.0) -> tuple[Measurement, tup
         source = rng.uniform(0.2, size - 0.2)
     f = eigenfrequencies(tuple(size), MODES, SPEED, False)
     k = (2 * np.pi * f - 1j * DECAY) / SPEED
-    if D == 2:
-        p = rigid_field(positions, source, k, tuple(size))
-    else:
-        room = Room(size=tuple(size.tolist()), walls="absorbing", admittance=ADMITTANCE)
-        p = box_field(room, source, positions, k)
+    lengths = tuple(size.tolist())
+    room = Room(size=lengths) if D == 2 else Room(size=lengths, walls="absorbing", admittance=ADMITTANCE)
+    p = point_source_pressures(room, source, positions, k)
     noise = mode_power(p) * 10 ** (-snr_db / 10)
-    parts = rng.standard_normal((2, *p.shape))
-    p = p + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
-    return Measurement(f, p, SPEED, D, wavenumbers=k, noise_power=noise, positions=positions), tuple(size.tolist())
+    described = {"sound_speed": SPEED, "dimension": D, "positions": positions}
+    return draw_measurement(ModalPressures(f, k, p), noise, rng, **described), lengths
 
 
 def found(measurement: Measurement, size) -> SimpleNamespace:

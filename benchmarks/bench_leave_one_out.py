@@ -9,12 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fdcal.acoustics.box_field import point_source_pressures as box_field
+from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.assessment.field import cross_validate, expansions
 from fdcal.model.problem import mode_power
 from fdcal.model.scene import load_scene
 
-from .draws import Draw, Outcome, draw, pooled, rigid_field, solve, source_of
+from .draws import Draw, Outcome, draw, pooled, solve, source_of
 from .report import Figure
 
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "5"))
@@ -82,9 +82,7 @@ def room_field(name: str, seed: int, points, wavenumbers) -> np.ndarray:
     """Pressure (M, P) of draw `seed` of scene `name` at other `points` (P, D), metres."""
     scene = load_scene(name)
     source = source_of(scene, np.random.default_rng([seed, 2]))
-    if scene.room.dimension == 3:
-        return box_field(scene.room, source, points, wavenumbers)
-    return rigid_field(points, source, wavenumbers, scene.room.size)
+    return point_source_pressures(scene.room, source, points, wavenumbers)
 
 
 def figures_aside() -> Iterator[Figure]:

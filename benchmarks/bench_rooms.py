@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdcal.acoustics.measure import cached_measurement
+from fdcal.acoustics.measure import cached_measurement, draw_measurement
+from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.model.problem import mode_power
 from fdcal.model.room import Room
 from fdcal.model.scene import load_scene
@@ -42,10 +43,10 @@ def noisy(scene, snr_db: float, seed: int) -> Draw:
     """A measurement of the scene with noise of its own."""
     measurement = cached_measurement(scene)
     clean = measurement.pressures
-    noise = mode_power(clean) * 10 ** (-snr_db / 10)
-    parts = np.random.default_rng([seed, 4]).standard_normal((2, *clean.shape))
-    pressures = clean + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
-    return Draw(replace(measurement, pressures=pressures, noise_power=noise), clean)
+    field = ModalPressures(measurement.frequencies, measurement.wavenumbers, clean)
+    power, rng = mode_power(clean) * 10 ** (-snr_db / 10), np.random.default_rng([seed, 4])
+    drawn = draw_measurement(field, power, rng, sound_speed=measurement.sound_speed)
+    return Draw(replace(measurement, pressures=drawn.pressures, noise_power=power), clean)
 
 
 def run() -> Iterator[Figure]:

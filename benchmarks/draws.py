@@ -8,16 +8,16 @@ Sources stand anywhere in the room, not nearer than 0.2 m (3-D: 0.3 m) to a wall
 """
 
 import functools
-import importlib.util
 import itertools
 import os
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from fdcal.acoustics.box_field import point_source_pressures as box_field
+from fdcal.acoustics.box_field import point_source_pressures
+from fdcal.acoustics.measure import draw_measurement
+from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.model.arrays import positions_3d, positions_of
 from fdcal.model.gauge import align, position_errors
@@ -29,10 +29,6 @@ from fdcal.model.validation import InputError
 from fdcal.solvers import run
 
 from .report import Figure
-
-_found = importlib.util.spec_from_file_location("fields", Path(__file__).parents[1] / "tests" / "fields.py")
-fields = importlib.util.module_from_spec(_found)
-_found.loader.exec_module(fields)  # the tests' closed forms: the folder of the tests is no package
 
 AWAY = 1.2  # metres, least distance of the source to the centre of the array
 FROM_WALLS = {2: 0.2, 3: 0.3}  # metres
@@ -52,36 +48,32 @@ class Draw:
 
 def draw(name: str, seed: int, modes: int, snr_db: float = np.inf) -> Draw:
     """The array of scene `name` with a source, noise and, where it is random, an array of their own."""
-    scene, frequencies, k, clean = _clean(name, seed, modes)
-    noise = mode_power(clean) * 10 ** (-snr_db / 10)
-    parts = np.random.default_rng([seed, 3]).standard_normal((2, *clean.shape))
-    measurement = Measurement(
-        frequencies=frequencies,
-        pressures=clean + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1]),
+    scene, field = _field(name, seed, modes)
+    measurement = draw_measurement(
+        field,
+        mode_power(field.pressures) * 10 ** (-snr_db / 10),
+        np.random.default_rng([seed, 3]),
         sound_speed=scene.room.sound_speed,
         dimension=scene.room.dimension,
         array_dimension=scene.array.dimension,
-        wavenumbers=k,
-        noise_power=noise,
         positions=positions_of(scene),
-        known=scene.gauge.indices(clean.shape[1]),
+        known=scene.gauge.indices(field.pressures.shape[1]),
         search=scene.search,
     )
-    return Draw(measurement, clean)
+    return Draw(measurement, field.pressures)
 
 
 @functools.lru_cache(maxsize=64)
-def _clean(name: str, seed: int, modes: int):
-    """The scene of a draw, its frequencies (M,), Hz, wavenumbers (M,), rad/m, and pressures (M, N) without noise."""
+def _field(name: str, seed: int, modes: int) -> tuple[Scene, ModalPressures]:
+    """The scene of a draw, and its field without noise."""
     scene = load_scene(name)
     position = source_of(scene, np.random.default_rng([seed, 2]))
     scene = replace(scene, seed=seed, source=replace(scene.source, position=position))
     D, c = scene.room.dimension, scene.room.sound_speed
     frequencies = eigenfrequencies(scene.room.size, modes, c, D == 3)
     k = (2 * np.pi * frequencies - 1j * DECAY[D]) / c
-    if D == 3:
-        return scene, frequencies, k, box_field(scene.room, position, positions_3d(scene), k)
-    return scene, frequencies, k, rigid_field(positions_of(scene), position, k, scene.room.size)
+    places = positions_3d(scene) if D == 3 else positions_of(scene)
+    return scene, ModalPressures(frequencies, k, point_source_pressures(scene.room, position, places, k))
 
 
 def source_of(scene: Scene, rng: np.random.Generator) -> tuple[float, ...]:
@@ -106,23 +98,6 @@ def eigenfrequencies(size, count: int, c: float, spaced: bool, lowest=20.0, high
         usable = usable[usable < highest]
         return usable[np.round(np.linspace(0, len(usable) - 1, count)).astype(int)]
     return usable[:count]
-
-
-def rigid_field(points, source, wavenumbers, size) -> np.ndarray:
-    """`tests/fields.py`'s rigid rectangle, its closed form along the axis that parts a microphone more from the source.
-
-    Along the other one the series converges as slowly as 1 / n. (M, N) complex128.
-    """
-    points, source = np.asarray(points), np.asarray(source)
-    p = np.empty((len(wavenumbers), len(points)), complex)
-    along = np.argmax(np.abs(points - source), axis=1)
-    for axis, order in ((1, [0, 1]), (0, [1, 0])):
-        group = along == axis
-        if group.any():
-            p[:, group] = fields.rigid_room(
-                points[group][:, order], source[order], wavenumbers, np.array(size)[order].tolist()
-            )
-    return p
 
 
 def bound(drawn: Draw, known: str, modes: int) -> float:

@@ -28,6 +28,7 @@ from fdcal.recordings import formats
 from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, LessonSetting, LessonStep, load_lesson
 from fdcal.session.sources import load_input
 from fdcal.solvers import names as solver_names
+from fdcal_bench.command import study
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
@@ -43,8 +44,11 @@ TUTORIAL, CHANNELS = DOCS / "tutorials" / "first-recording.md", DOCS / "how-to" 
 MEASURED = DOCS / "tutorials" / "measured-array.md"
 
 
+EVERY_COMMAND = {**commands.commands, "study": study}
+
+
 def options(name: str) -> set[str]:
-    return {text for option in commands.commands[name].params for text in option.opts if text.startswith("-")}
+    return {text for option in EVERY_COMMAND[name].params for text in option.opts if text.startswith("-")}
 
 
 def figure(pattern: str, text: str) -> float:
@@ -149,7 +153,7 @@ def test_the_microphones_of_the_measured_array_are_as_far_apart_as_its_page_says
 def test_every_command_and_option_of_a_page_is_there(page):
     for line in re.findall(r"(?:^|`|&& |\.venv/bin/)fdcal ((?!COMMAND)[a-z]+[^`\n]*)", text_of(page), re.MULTILINE):
         name = line.split()[0]
-        assert name in commands.commands, line
+        assert name in EVERY_COMMAND, line
         given = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", line.partition(" && ")[0]))
         assert given <= options(name) | {"--debug", "--help"}, line
 
@@ -201,13 +205,12 @@ def test_every_solver_is_described(name):
     assert f"| `{name}` |" in text_of(DOCS / "reference" / "solvers.md")
 
 
-@pytest.mark.parametrize("name", sorted(commands.commands))
+@pytest.mark.parametrize("name", sorted(EVERY_COMMAND))
 def test_every_command_is_documented_with_its_options(name):
     (usage,) = re.findall(rf"^\| `fdcal {name}\b(.*?)` \| ", COMMANDS, re.MULTILINE)  # or several usages
-    known = {text for option in commands.commands[name].params for text in option.opts if text.startswith("-")}
     documented = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", usage))
-    assert documented <= known
-    required = [p for p in commands.commands[name].params if isinstance(p, click.Option) and p.required]
+    assert documented <= options(name)
+    required = [p for p in EVERY_COMMAND[name].params if isinstance(p, click.Option) and p.required]
     for option in required:
         assert documented & set(option.opts)
 

@@ -1,4 +1,4 @@
-"""An independent generator of calibration cases, and their score: it shares no line with `fdcal`.
+"""A generator of calibration cases, and their score: their fields share no line with `fdcal`, their noise is its draw.
 
 families    lists of case descriptions, each fixed by its seed
 cases       a case description to the content of a measurement file and the truth

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from fdcal.acoustics.measure import draw_measurement
+from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.model.measurement import save_measurement
 from fdcal_bench.draw import Scenario, draw
 from fdcal_bench.study import Study, load_study
@@ -78,7 +80,7 @@ def build(spec: Spec, folder: Path) -> Case:
     recording = Recording(frequencies, pressures, power, known, truth[known].copy(), wavenumbers)
     if spec.fault is not None:
         recording = FAULTS[spec.fault[0]](recording, spec.fault[1], rng)
-    table = _table(spec, recording, array.shape[1], rng)
+    table = _table(spec, recording, array.shape[1], takes, rng)
     if takes is not None:
         table["takes"] = takes
     return Case(spec, table, truth, known, recording.named)
@@ -180,9 +182,9 @@ def _known(spec: Spec, truth: np.ndarray, rng) -> np.ndarray:
     return known
 
 
-def _table(spec: Spec, recording: Recording, array_dimension: int, rng) -> dict[str, np.ndarray]:
+def _table(spec: Spec, recording: Recording, array_dimension: int, takes, rng) -> dict[str, np.ndarray]:
     """The measurement file's content, with noise."""
-    pressures, noise = _with_noise(spec, recording, rng)
+    pressures, noise = _with_noise(spec, recording, takes, rng)
     table = {
         "frequencies": recording.frequencies,
         "pressures": pressures,
@@ -203,12 +205,13 @@ def _table(spec: Spec, recording: Recording, array_dimension: int, rng) -> dict[
     return table
 
 
-def _with_noise(spec: Spec, recording: Recording, rng) -> tuple[np.ndarray, np.ndarray | None]:
+def _with_noise(spec: Spec, recording: Recording, takes, rng) -> tuple[np.ndarray, np.ndarray | None]:
     """Pressures (M, N) with noise, and its power (M,); None where nothing is known of it."""
     pressures, power = recording.pressures, recording.power
     if spec.snr is None:
         return pressures, np.zeros(len(power)) if spec.noise == "reported" else None
     ratio = 10 ** (-spec.snr / 10)
     level = np.full(len(power), ratio * np.exp(np.mean(np.log(power)))) if spec.noise == "floor" else ratio * power
-    noise = rng.standard_normal(pressures.shape) + 1j * rng.standard_normal(pressures.shape)
-    return pressures + np.sqrt(level / 2)[:, None] * noise, level
+    field = ModalPressures(recording.frequencies, recording.wavenumbers, pressures)
+    drawn = draw_measurement(field, level, rng, sound_speed=recording.sound_speed, takes=takes)
+    return drawn.pressures, level
