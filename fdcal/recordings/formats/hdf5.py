@@ -18,23 +18,19 @@ def require_whole_file(path: Path) -> None:
     links: list[tuple[bytes, int]] = []
     with damaged(f"{path} is not an HDF5 file that can be read"), h5py.File(path, "r") as file:
         file.id.links.visit(lambda name, link: links.append((name, link.type)), info=True)
-        found = [_elsewhere(file, name, kind) for name, kind in links]
-    for reason in filter(None, found):
+        reason = ""
+        for link, kind in links:
+            name = shown(link.decode(errors="replace"), 80)
+            data: Any = file[link] if kind == h5py.h5l.TYPE_HARD else None
+            if kind == h5py.h5l.TYPE_EXTERNAL:
+                target = file.id.links.get_val(link)[0].decode(errors="replace")
+                reason = f'"{name}" is a link to {shown(target, 80)}'
+            elif isinstance(data, h5py.Dataset) and data.external:
+                reason = f'"{name}" has its values in {shown(data.external[0][0], 80)}'
+            elif isinstance(data, h5py.Dataset) and data.is_virtual:
+                reason = f'"{name}" is a virtual dataset, with its values in other datasets'
+    if reason:
         raise InputError(f"{path}: {reason}, and no other file is read", "write the values into the file itself")
-
-
-def _elsewhere(file, name: bytes, kind: int) -> str:
-    """Return which other file a link or the dataset there needs; "" for none."""
-    h5py = needs("h5py")
-    shown_name = shown(name.decode(errors="replace"), 80)
-    if kind == h5py.h5l.TYPE_EXTERNAL:
-        return f'"{shown_name}" is a link to {shown(file.id.links.get_val(name)[0].decode(errors="replace"), 80)}'
-    data: Any = file[name] if kind == h5py.h5l.TYPE_HARD else None
-    if isinstance(data, h5py.Dataset) and data.external:
-        return f'"{shown_name}" has its values in {shown(data.external[0][0], 80)}'
-    if isinstance(data, h5py.Dataset) and data.is_virtual:
-        return f'"{shown_name}" is a virtual dataset, with its values in other datasets'
-    return ""
 
 
 def _read_hdf5(path: Path, source: int | None = None) -> Recording:

@@ -50,15 +50,6 @@ def values_of(file, path: Path, name: str) -> np.ndarray:
     return values
 
 
-def number_of(file, path: Path, name: str) -> float:
-    """Return a variable that has one value; raise InputError where it has several."""
-    values = np.unique(values_of(file, path, name))
-    if len(values) > 1:
-        problem = f'{path}: "{name}" has different values, {values[0]:g} and {values[-1]:g}'
-        raise InputError(problem, "use one for all", key=name)
-    return float(values[0])
-
-
 def cartesian(file, path: Path, name: str) -> np.ndarray:
     """Return a position or direction as x, y, z along axis 1 : (I or M or R, 3, ...) float64, metres."""
     values = values_of(file, path, name)
@@ -122,13 +113,6 @@ def sources_of(file, path: Path, measurements: int) -> np.ndarray:
     return np.array(member)
 
 
-def measurements_of(file, path: Path, measurements: int, emitters: int, wanted: int | None) -> tuple[np.ndarray, int]:
-    """Return the measurements of one source, and its emitter; sources are counted in the order of the file."""
-    member = sources_of(file, path, measurements)
-    wanted = wanted_source(path, wanted, (int(member.max()) + 1) * emitters)
-    return np.flatnonzero(member == wanted // emitters), wanted % emitters
-
-
 def impulse_responses(file, path: Path):
     """Return the variable Data.IR, its shape as a dict of AXES, and the order of its axes."""
     ir = file.variables.get("Data.IR")
@@ -164,11 +148,22 @@ def _read(path: Path, source: int | None = None) -> Recording:
     """Return the recording of a SOFA file, read in pieces."""
     with open_sofa(path) as file:
         _, shape, axes = impulse_responses(file, path)
-        rate = number_of(file, path, "Data.SamplingRate")
+        rates = np.unique(values_of(file, path, "Data.SamplingRate"))
+        if len(rates) > 1:
+            problem = f'{path}: "Data.SamplingRate" has different values, {rates[0]:g} and {rates[-1]:g}'
+            raise InputError(problem, "use one for all", key="Data.SamplingRate")
         positions = receiver_positions(file, path, shape["M"], shape["R"])
-        group, emitter = measurements_of(file, path, shape["M"], shape["E"], source)
+        member = sources_of(file, path, shape["M"])
+        wanted = wanted_source(path, source, (int(member.max()) + 1) * shape["E"])
+        group, emitter = np.flatnonzero(member == wanted // shape["E"]), wanted % shape["E"]
         delays = delays_of(file, path, shape, emitter)
-        speed = _speed_at_temperature(file, path)
+        speed = None
+        if "RoomTemperature" in file.variables:
+            kelvin = float(np.mean(values_of(file, path, "RoomTemperature")))
+            if "cels" in str(getattr(file.variables["RoomTemperature"], "Units", "")).lower():
+                kelvin += ZERO_CELSIUS
+            if 100 < kelvin < 1000:  # 0 K is the default of the format
+                speed = sound_speed(kelvin - ZERO_CELSIUS)
     pairs = np.array([(m, r) for m in group for r in range(shape["R"])])
     delays = delays[pairs[:, 0], pairs[:, 1]]
     samples = shape["N"] + int(delays.max())
@@ -185,6 +180,7 @@ def _read(path: Path, source: int | None = None) -> Recording:
         return values
 
     positions = positions[pairs[:, 0], pairs[:, 1]]
+    rate = float(rates[0])
     return Recording(str(path), "impulse", rate, len(pairs), samples, block, positions=positions, sound_speed=speed)
 
 
@@ -193,16 +189,6 @@ def _source_count(path: Path) -> int:
     with open_sofa(path) as file:
         _, shape, _ = impulse_responses(file, path)
         return len(np.unique(sources_of(file, path, shape["M"]))) * shape["E"]
-
-
-def _speed_at_temperature(file, path: Path) -> float | None:
-    """Return the sound speed at RoomTemperature, m/s; None without one or at 0 K, the default of the format."""
-    if "RoomTemperature" not in file.variables:
-        return None
-    kelvin = float(np.mean(values_of(file, path, "RoomTemperature")))
-    if "cels" in str(getattr(file.variables["RoomTemperature"], "Units", "")).lower():
-        kelvin += ZERO_CELSIUS
-    return sound_speed(kelvin - ZERO_CELSIUS) if 100 < kelvin < 1000 else None
 
 
 # Conventions that can be read but no longer written, and what has replaced them.
@@ -214,7 +200,15 @@ def _write(path: Path, placed: MicrophonePositions, original: str | None) -> Non
     sofar = needs("sofar")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        sofa = _blank(sofar, len(placed.names)) if original is None else _copied(sofar, original)
+        if original is not None:
+            sofa = _copied(sofar, original)
+        else:  # one measurement, whose responses are unit impulses
+            count = len(placed.names)
+            sofa = sofar.Sofa("SingleRoomSRIR")
+            sofa.Data_IR, sofa.Data_Delay = np.ones((1, count, 1)), np.zeros((1, count))
+            sofa.GLOBAL_Title = "microphone positions found by fdcal; Data.IR is a placeholder"
+            for name, direction in (("View", [1.0, 0, 0]), ("Up", [0, 0, 1.0])):  # orientations are unknown
+                setattr(sofa, f"Receiver{name}", np.tile(direction, (count, 1))[:, :, None])
         _fill_in(sofa, placed, original)
         for name in [name for name in vars(sofa) if name.endswith("Descriptions")]:
             sofa.delete(name)  # optional, and with netCDF4 1.7.5 sofar cannot write a text for each receiver
@@ -222,16 +216,6 @@ def _write(path: Path, placed: MicrophonePositions, original: str | None) -> Non
             sofar.write_sofa(str(path), sofa)
         except ValueError as error:
             raise InputError(f"{original or path} cannot be written as SOFA: {error}") from error
-
-
-def _blank(sofar, count: int):
-    """Return a file of one measurement with `count` receivers, whose responses are unit impulses."""
-    sofa = sofar.Sofa("SingleRoomSRIR")
-    sofa.Data_IR, sofa.Data_Delay = np.ones((1, count, 1)), np.zeros((1, count))
-    sofa.GLOBAL_Title = "microphone positions found by fdcal; Data.IR is a placeholder"
-    for name, direction in (("View", [1.0, 0, 0]), ("Up", [0, 0, 1.0])):  # the orientation of microphones is unknown
-        setattr(sofa, f"Receiver{name}", np.tile(direction, (count, 1))[:, :, None])
-    return sofa
 
 
 def _copied(sofar, original: str):
@@ -260,7 +244,12 @@ def _copied(sofar, original: str):
 def _fill_in(sofa, placed: MicrophonePositions, original: str | None) -> None:
     """Set the positions of the receivers, or those of the listener who carries one receiver from place to place."""
     receivers = np.shape(sofa.Data_IR)[1]
-    repetition = _repetitions(sofa)
+    measurements, repetition = np.shape(sofa.Data_IR)[0], np.arange(np.shape(sofa.Data_IR)[0])
+    source = np.atleast_2d(np.asarray(sofa.SourcePosition, float))
+    if len(source) == measurements:  # how often the source of each measurement was recorded before it
+        cells = np.round(source.reshape(measurements, -1) / SAME_POSITION)
+        which = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+        repetition = np.array([np.sum(which[:m] == one) for m, one in enumerate(which)])
     microphone = repetition[:, None] * receivers + np.arange(receivers)  # of each measurement and receiver (M, R)
     if not np.array_equal(np.unique(microphone), np.arange(len(placed.names))):
         problem = (
@@ -268,7 +257,10 @@ def _fill_in(sofa, placed: MicrophonePositions, original: str | None) -> None:
         )
         raise InputError(problem, "leave out <original>, or calibrate all of them", key="original", value=original)
     _require_one_order(sofa, repetition, original)
-    positions = _in_channel_order(placed)[microphone]
+    positions, numbers = placed.positions, {str(n): n for n in range(len(placed.names))}
+    if set(placed.names) == set(numbers):  # the names are the numbers of the channels
+        positions = positions[np.argsort([numbers[name] for name in placed.names])]
+    positions = positions[microphone]
     moved = repetition.max() > 0
     carried = moved and receivers == 1
     receiver = np.zeros((1, 3, 1)) if carried else np.moveaxis(positions if moved else positions[:1], 0, 2)
@@ -278,17 +270,6 @@ def _fill_in(sofa, placed: MicrophonePositions, original: str | None) -> None:
     _set_cartesian(sofa, "ReceiverPosition", receiver)
     _set_cartesian(sofa, "ListenerView", np.array([[1.0, 0, 0]]))
     _set_cartesian(sofa, "ListenerUp", np.array([[0, 0, 1.0]]))
-
-
-def _repetitions(sofa) -> np.ndarray:
-    """Return how often the source of each measurement was recorded before it : (M,) int64."""
-    measurements = np.shape(sofa.Data_IR)[0]
-    source = np.atleast_2d(np.asarray(sofa.SourcePosition, float))
-    if len(source) != measurements:
-        return np.arange(measurements)
-    cells = np.round(source.reshape(measurements, -1) / SAME_POSITION)
-    which = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-    return np.array([np.sum(which[:m] == one) for m, one in enumerate(which)])
 
 
 def _set_cartesian(sofa, name: str, value: np.ndarray) -> None:
@@ -312,14 +293,6 @@ def _require_one_order(sofa, repetition: np.ndarray, original: str | None) -> No
     if max(spreads) > SAME_POSITION:
         problem = f"{original} has sources whose receiver positions are in different orders"
         raise InputError(problem, "leave out <original>", key="original", value=original)
-
-
-def _in_channel_order(placed: MicrophonePositions) -> np.ndarray:
-    """Return positions in the order of the channels (N, 3), metres, where the names are the numbers of channels."""
-    numbers = {str(n): n for n in range(len(placed.names))}
-    if set(placed.names) != set(numbers):
-        return placed.positions
-    return placed.positions[np.argsort([numbers[name] for name in placed.names])]
 
 
 FORMATS = (
