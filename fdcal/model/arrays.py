@@ -33,10 +33,28 @@ def positions_of(scene: Scene) -> np.ndarray:
     else:
         cell = scene.room.cell_size
         positions = snap(_geometry(scene.array, cell, np.random.default_rng([scene.seed, 0])), cell)
-        for check in (_check_distinct, _check_in_room, _check_walls, _check_source):
-            check(positions, scene)
-    _check_gauge(positions, scene)
-    _check_search(positions, scene)
+        _check_plane(positions, scene)
+    known = scene.gauge.indices(len(positions))
+    if len(known) == len(positions):
+        remedy = "remove at least one from gauge.known"
+        raise InputError("gauge leaves no microphone to be found", remedy, key="gauge.known")
+    blind = scene.room.dimension == 3 and not known  # solver "joint" needs no known microphone
+    if not blind and not fixes_gauge(positions[list(known)]):
+        key, value = ("gauge.known", known) if scene.gauge.free is None else ("gauge.free", scene.gauge.free)
+        problem = f"{key} = {list(value)} does not fix translation, rotation and mirror image"
+        raise InputError(problem, f"leave at least {MIN_KNOWN[positions.shape[1]]}", key=key, value=value)
+    if scene.search is not None:
+        low = np.array(scene.search.origin)
+        high = low + scene.search.step * (np.array(scene.search.shape) - 1)
+        beyond = np.any((positions < low - ROUNDING) | (positions > high + ROUNDING), axis=1)
+        beyond[list(known)] = False  # a known microphone is never searched for
+        if beyond.any():
+            n = int(np.argmax(beyond))
+            problem = (
+                f"microphone {n} at {point_text(positions[n])} lies outside the search domain {point_text(low)} to"
+                f" {point_text(high)} and could never be found"
+            )
+            raise InputError(problem, "change search.origin or search.size", key="search.origin")
     return frozen_array(positions, float)
 
 
@@ -52,7 +70,8 @@ def _geometry(array: Array, cell: float, rng: np.random.Generator) -> np.ndarray
     return np.array(array.positions, dtype=float) + center
 
 
-def _check_distinct(positions: np.ndarray, scene: Scene) -> None:
+def _check_plane(positions: np.ndarray, scene: Scene) -> None:
+    """Raise InputError for microphones, walls or a source that cannot be in a simulated plane room."""
     _, first, inverse = np.unique(positions, axis=0, return_index=True, return_inverse=True)
     twins = np.flatnonzero(first[inverse.ravel()] != np.arange(len(positions)))
     if len(twins):
@@ -62,17 +81,11 @@ def _check_distinct(positions: np.ndarray, scene: Scene) -> None:
             f"use fewer microphones, a larger array or a room.cell below {scene.room.cell:g} m",
             key="array",
         )
-
-
-def _check_in_room(positions: np.ndarray, scene: Scene) -> None:
     outside = np.flatnonzero(~in_polygon(positions, scene.room.vertices))
     if len(outside):
         key = "array.positions" if scene.array.geometry == "positions" else "array.center"
         problem = f"array puts microphone {outside[0]} at {point_text(positions[outside[0]])}, outside the room"
         raise InputError(f"{problem} or in a wall", f"change {key} or the room", key=key)
-
-
-def _check_walls(positions: np.ndarray, scene: Scene) -> None:
     corners = convex_hull(positions)
     vertices = scene.room.vertices
     for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
@@ -84,45 +97,12 @@ def _check_walls(positions: np.ndarray, scene: Scene) -> None:
                 "move the array (array.center) so that their convex hull is free of walls",
                 key=key,
             )
-
-
-def _check_source(positions: np.ndarray, scene: Scene) -> None:
     for key, position in zip(scene.emitter.keys, scene.emitter.places, strict=True):
         place, cell = f"{key} = {list(position)} m lies", snap(np.array(position), scene.room.cell_size)
         if not in_polygon(cell, scene.room.vertices):
             raise InputError(f"{place} outside the room or in a wall", "move it inside the room", key=key)
         if encloses(positions, cell):
             raise InputError(f"{place} {INSIDE}", OUTSIDE, key=key)
-
-
-def _check_gauge(positions: np.ndarray, scene: Scene) -> None:
-    known = scene.gauge.indices(len(positions))
-    if len(known) == len(positions):
-        remedy = "remove at least one from gauge.known"
-        raise InputError("gauge leaves no microphone to be found", remedy, key="gauge.known")
-    if scene.room.dimension == 3 and not known:  # a blind array: solver "joint" needs no known microphone
-        return
-    if not fixes_gauge(positions[list(known)]):
-        key, value = ("gauge.known", known) if scene.gauge.free is None else ("gauge.free", scene.gauge.free)
-        problem = f"{key} = {list(value)} does not fix translation, rotation and mirror image"
-        raise InputError(problem, f"leave at least {MIN_KNOWN[positions.shape[1]]}", key=key, value=value)
-
-
-def _check_search(positions: np.ndarray, scene: Scene) -> None:
-    if scene.search is None:
-        return
-    low = np.array(scene.search.origin)
-    high = low + scene.search.step * (np.array(scene.search.shape) - 1)
-    known = scene.gauge.indices(len(positions))
-    beyond = np.any((positions < low - ROUNDING) | (positions > high + ROUNDING), axis=1)
-    beyond[list(known)] = False  # a known microphone is never searched for
-    if beyond.any():
-        n = int(np.argmax(beyond))
-        problem = (
-            f"microphone {n} at {point_text(positions[n])} lies outside the search domain {point_text(low)} to"
-            f" {point_text(high)} and could never be found"
-        )
-        raise InputError(problem, "change search.origin or search.size", key="search.origin")
 
 
 CLEARANCE = 1e-6  # metres: microphones closer than this count as one
@@ -136,13 +116,8 @@ def positions_3d(scene: Scene) -> np.ndarray:
     if distance[first, second] < CLEARANCE:
         problem = f"array puts microphones {first} and {second} in one place"
         raise InputError(problem, "move one of them", key="array")
-    if scene.room.response is None:
-        _check_room_3d(scene, positions)
-    return positions
-
-
-def _check_room_3d(scene: Scene, positions: np.ndarray) -> None:
-    """Raise InputError for a microphone or a source outside the room, or a source inside the array."""
+    if scene.room.response is not None:
+        return positions
     size = np.array(scene.room.size)
     outside = np.flatnonzero(np.any((positions <= 0) | (positions >= size), axis=1))
     if len(outside):
@@ -154,6 +129,7 @@ def _check_room_3d(scene: Scene, positions: np.ndarray) -> None:
             raise InputError(f"{place} outside the room", "move it inside", key=key, value=list(source))
         if encloses_3d(positions, np.array(source)):
             raise InputError(f"{place} {INSIDE}", OUTSIDE, key=key, value=list(source))
+    return positions
 
 
 def encloses_3d(points: np.ndarray, point: np.ndarray) -> bool:

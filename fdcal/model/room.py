@@ -123,28 +123,20 @@ class Room:
         elif self.cell is not None:
             why = "has no meaning with a room.size of three lengths, whose field is known in closed form"
             raise refusal("room.cell", self.cell, why, "remove it", "m")
-        self._check_outline()
-        cells = float(np.prod(np.abs(self.vertices).max(axis=0) / (self.cell or math.inf)))  # from the origin on
-        if cells > LIMITS.cells:
-            remedy = f"use a larger one ({LIMITS.cells:.0e} cells at most)"
-            raise refusal("room.cell", self.cell, f"divides the room into {cells:.3g} cells", remedy, "m")
-        self._check_walls()
-
-    def _check_outline(self):
         if (self.size is None) == (self.outline is None):
             raise InputError("room needs either room.size or room.outline", "give exactly one", key="room.size")
         if self.size is not None:
             require_point("room.size", self.size, (2, 3))
         check(self, "room.")
-        if self.outline is None:
-            return
-        for corner in self.outline:
+        for corner in self.outline or ():
             require_point("room.outline", corner, (2,))
-        if len(self.outline) < 3 or self.area < self.cell_size**2:
+        if self.outline is not None and (len(self.outline) < 3 or self.area < self.cell_size**2):
             remedy = "give at least three corners [x, y], in order"
             raise InputError("room.outline encloses no area", remedy, key="room.outline", value=self.outline)
-
-    def _check_walls(self):
+        cells = float(np.prod(np.abs(self.vertices).max(axis=0) / (self.cell or math.inf)))  # from the origin on
+        if cells > LIMITS.cells:
+            remedy = f"use a larger one ({LIMITS.cells:.0e} cells at most)"
+            raise refusal("room.cell", self.cell, f"divides the room into {cells:.3g} cells", remedy, "m")
         require_choice("room.walls", self.walls, WALLS)
         if self.walls == "absorbing" and not (math.isfinite(self.admittance) and self.admittance > 0):
             remedy = 'give a number above zero (or set room.walls = "rigid")'

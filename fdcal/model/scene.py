@@ -121,33 +121,15 @@ class Scene:
     def __post_init__(self):
         check(self)
         self.faults.require_channels(self.array.number)
-        self._check_source()
-        self._check_dimensions()
-        self._check_search()
-        if self.room.dimension == 2:
-            self._check_band()
-        elif self.array.number > LIMITS.microphones_3d:
-            problem = f"array has {self.array.number} microphones"
-            remedy = f"use at most {LIMITS.microphones_3d} in a room with height"
-            raise InputError(problem, remedy, key="array.count", value=self.array.number)
-        if self.solver.name in KNOWN_ROOM_SOLVERS:
-            require_rectangle(self)
-            object.__setattr__(self, "solver", replace(self.solver, room=self.solver.room or self.room.size))
-
-    def _check_source(self):
         D = self.room.dimension
         if self.room.response is not None:
             if self.source is not None:
                 problem = "source has no meaning in a measured room, whose response contains the sound of its own"
                 raise InputError(problem, "remove it", key="source")
-            return
-        key, position = self.emitter.keys[0], self.emitter.places[0]
-        if len(position) != D:
+        elif len(self.emitter.places[0]) != D:
+            key, position = self.emitter.keys[0], self.emitter.places[0]
             why = f"has {len(position)} numbers and the room has {D} lengths"
             raise refusal(key, list(position), why, "give as many coordinates")
-
-    def _check_dimensions(self):
-        D = self.room.dimension
         if self.array.room_dimension != D:
             wanted = '"ball", "box", "plane", or "positions" of three' if D == 3 else "a geometry of two"
             why = f"is of {self.array.room_dimension} dimensions and the room of {D}"
@@ -155,24 +137,27 @@ class Scene:
         if D == 3 and self.measurement.wavenumber != "continuous":
             why, remedy = "has no meaning without a grid", 'a room of three lengths needs "continuous"'
             raise refusal("measurement.wavenumber", self.measurement.wavenumber, why, remedy)
-
-    def _check_search(self):
-        if self.search is None:
-            if self.room.dimension == 2:
-                raise InputError("search is missing", "add it to the scene", key="search")
-            return
-        require_point("search.origin", self.search.origin, (self.array.dimension,))
-        require_point("search.size", self.search.size, (self.array.dimension,))
-
-    def _check_band(self):
-        sensing, band = self.measurement, self.emitter.band
-        if not band.low <= sensing.lowest < sensing.highest <= band.high:
-            problem = f"measurement.lowest = {sensing.lowest:g} Hz to measurement.highest = {sensing.highest:g} Hz"
-            problem += (
-                f" exceeds the band of the source, source.low = {band.low:g} Hz to source.high = {band.high:g} Hz"
-            )
-            remedy = "narrow the one or widen the other"
-            raise InputError(problem, remedy, key="measurement.highest", value=sensing.highest)
+        if self.search is not None:
+            require_point("search.origin", self.search.origin, (self.array.dimension,))
+            require_point("search.size", self.search.size, (self.array.dimension,))
+        elif D == 2:
+            raise InputError("search is missing", "add it to the scene", key="search")
+        if D == 2:
+            sensing, band = self.measurement, self.emitter.band
+            if not band.low <= sensing.lowest < sensing.highest <= band.high:
+                problem = f"measurement.lowest = {sensing.lowest:g} Hz to measurement.highest = {sensing.highest:g} Hz"
+                problem += (
+                    f" exceeds the band of the source, source.low = {band.low:g} Hz to source.high = {band.high:g} Hz"
+                )
+                remedy = "narrow the one or widen the other"
+                raise InputError(problem, remedy, key="measurement.highest", value=sensing.highest)
+        elif self.array.number > LIMITS.microphones_3d:
+            problem = f"array has {self.array.number} microphones"
+            remedy = f"use at most {LIMITS.microphones_3d} in a room with height"
+            raise InputError(problem, remedy, key="array.count", value=self.array.number)
+        if self.solver.name in KNOWN_ROOM_SOLVERS:
+            require_rectangle(self)
+            object.__setattr__(self, "solver", replace(self.solver, room=self.solver.room or self.room.size))
 
 
 def no_rectangle(scene: Scene) -> str:

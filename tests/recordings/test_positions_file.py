@@ -13,7 +13,8 @@ from running import exit_code
 
 import fdcal
 from fdcal.commands import report
-from fdcal.recordings.formats.positions import read_positions, read_xml
+from fdcal.recordings.formats import sound_files
+from fdcal.recordings.formats.positions import read_positions, read_table, read_xml
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input
 
@@ -216,3 +217,24 @@ def test_a_blind_array_lies_in_axes_of_its_own_and_its_ellipses_with_it():
     assert spread[0, 0] >= spread[1, 1]
     traces = np.trace(found.covariance, axis1=1, axis2=2)
     np.testing.assert_allclose(np.sqrt(traces), found.uncertainty, rtol=1e-9)
+
+
+@pytest.mark.parametrize("head", ["name,x,y,height", "name,x,y,z_m", "name,x,y,Z (m)", "name,x,y,comment,z"])
+def test_a_height_column_is_read_whatever_it_is_called(tmp_path, head):
+    between = "left of the door," if "comment" in head else ""
+    rows = "".join(f"{n},{n}.5,1,{between}0.{n}\n" for n in range(3))
+    names, positions = read_table(written(tmp_path, f"{head}\n{rows}", "places.csv"))
+    np.testing.assert_array_equal(positions, [[n + 0.5, 1, n / 10] for n in range(3)])
+    assert names == ["0", "1", "2"]
+
+
+def test_a_column_of_numbers_that_is_not_understood_is_named(tmp_path):
+    path = written(tmp_path, "name,x,y,elevation\na,0,0,1.5\nb,1,0,1.5\n", "places.csv")
+    with pytest.raises(fdcal.InputError, match='the column "elevation" of numbers is not understood; call a third'):
+        read_table(path)
+
+
+def test_a_track_without_a_number_stands_first_in_its_folder(tmp_path):
+    for name in ("Audio Track-10.wav", "Audio Track-2.wav", "Audio Track.wav"):
+        (tmp_path / name).touch()
+    assert [one.name for one in sound_files(tmp_path)] == ["Audio Track.wav", "Audio Track-2.wav", "Audio Track-10.wav"]

@@ -84,7 +84,8 @@ def sound_files(path: str | Path) -> list[Path]:
         return []
     sound = next(one.suffixes for one in all_formats() if ".wav" in one.suffixes)
     found = [one for one in path.iterdir() if one.suffix.lower() in sound and one.is_file()]
-    return sorted(found, key=lambda one: [int(part) if part.isdigit() else part for part in NUMBERS.split(one.name)])
+    # By the stem: a track without a number, as of Audacity, stands before "Audio Track-2".
+    return sorted(found, key=lambda one: [int(part) if part.isdigit() else part for part in NUMBERS.split(one.stem)])
 
 
 def read(path: str | Path, source: int | None = None) -> Recording:

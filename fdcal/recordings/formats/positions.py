@@ -25,6 +25,7 @@ from . import Format
 MAX_BYTES = 10_000_000  # of a file of positions
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # Python also takes 1_0 for a number
 HEADER = ["name", "x", "y", "z", "uncertainty"]
+HEIGHTS = ("z", "z_m", "z (m)", "z [m]", "height", "height_m", "height (m)", "height [m]")  # of the third coordinate
 
 
 def read_positions(path: str | PathLike[str]) -> MicrophonePositions:
@@ -61,10 +62,18 @@ def read_table(path: str | Path) -> tuple[list[str], np.ndarray]:
         wanted = "the line name,x,y or name,x,y,z and hold one line per microphone"
         found = shown(",".join(rows[0])) if rows else ""
         raise InputError(f'{path} must begin with {wanted}, not with "{found}"')
-    axes = 3 if head[3:4] == ["z"] else 2
-    names, places = [], []
+    z = next((column for column, cell in enumerate(head[3:], 3) if cell in HEIGHTS), None)
+    for column, cell in enumerate(head[3:], 3):
+        numeric = any(NUMBER.fullmatch(row[column].strip().replace(",", ".")) for row in rows[1:] if len(row) > column)
+        if column != z and cell != HEADER[-1] and numeric:
+            problem = f'{path}: the column "{shown(cell)}" of numbers is not understood'
+            raise InputError(
+                problem, "call a third coordinate z, metres, or remove the column", key="positions", value=cell
+            )
+    columns = (1, 2) if z is None else (1, 2, z)
+    axes, names, places = len(columns), [], []
     for number, row in enumerate(rows[1:], 2):
-        cells = [cell.strip() for cell in row[1 : 1 + axes]]
+        cells = [row[column].strip() for column in columns if column < len(row)]
         if delimiter != ",":
             cells = [cell.replace(",", ".") for cell in cells]
         if len(cells) != axes or not all(map(NUMBER.fullmatch, cells)):
