@@ -3,30 +3,24 @@
 import dataclasses
 import json
 import re
-import shutil
 import tomllib
 
 import click
-import numpy as np
 import pytest
-import soundfile
-from documents import ALL, DOCS, PAGES, ROOT, blocks, name_of, prose, run_python, text_of
 from PIL import Image
 
 import fdcal
+from benchmarks.documents import ALL, DOCS, PAGES, ROOT, blocks, name_of, prose, run_python, text_of
 from benchmarks.printed import renewed, run_fdcal, shows
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
 from fdcal.assessment.result_file import FaultRow, GivenRow, Keys
 from fdcal.commands.cli import commands
-from fdcal.commands.report import summary
 from fdcal.model.arrays import positions_of
-from fdcal.model.gauge import align
-from fdcal.model.measurement import OPTIONAL, REQUIRED, SEARCH, load_measurement
+from fdcal.model.measurement import OPTIONAL, REQUIRED, SEARCH
 from fdcal.model.scene import load_scene, scene_names
 from fdcal.recordings import formats
 from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, LessonSetting, LessonStep, load_lesson
-from fdcal.session.sources import load_input
 from fdcal.solvers import names as solver_names
 from fdcal_bench.command import study
 
@@ -62,19 +56,6 @@ def test_the_first_run_finds_the_array_as_exactly_as_the_installation_says():
     assert said == pytest.approx(figure(r"error +mean ([\d.]+) mm", run_fdcal("fdcal calibrate tiny")), abs=0.15)
 
 
-def run_page(page, namespace: dict, skip: str = "") -> None:
-    """Run the Python code and the commands of a page in their order, and compare what they print."""
-    for block in blocks(text_of(page)):
-        if block.language == "python":
-            printed = run_python(block.code, name_of(page), namespace)
-        elif block.language == "sh" and not (skip and skip in block.code):
-            printed = run_fdcal(block.code)
-        else:
-            continue
-        if block.output is not None:
-            assert shows(block.output, printed), f"{name_of(page)} shows\n{block.output}\nand it prints\n{printed}"
-
-
 @pytest.mark.parametrize(
     "page",
     [page for page in PAGES if "```python" in text_of(page) and page not in (TUTORIAL, CHANNELS, MEASURED)],
@@ -87,66 +68,6 @@ def test_the_python_code_of_a_page_runs_and_prints_what_it_shows(page, tmp_path,
         if block.language == "python":
             printed = run_python(block.code, name_of(page), namespace)
             assert block.output is None or shows(block.output, printed), printed
-
-
-def test_the_tutorial_runs_from_beginning_to_end_and_then_the_check_of_its_channels(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    run_page(TUTORIAL, {})
-    known = "".join(block.code for block in blocks(text_of(TUTORIAL)) if block.code.startswith("name,x,y"))
-    assert (tmp_path / "known.csv").read_text() == known, "the table that it shows is the one that it writes"
-    assert {"plate.wav", "plate.npz", "result.json", "positions.csv", "positions.xml"} <= set(
-        path.name for path in tmp_path.iterdir()
-    )
-    words = prose(TUTORIAL)
-    printed = run_fdcal("fdcal calibrate plate.npz --check --positions layout.csv")
-    for said, shown_in, near in (
-        (r"not used: (-\d+) dB here", r"leave-one-out error (-[\d.]+) dB", 1.5),
-        (r"largest distance is ([\d.]+) mm", r"no channels are swapped\n +\w+ +([\d.]+) mm", 0.3),
-    ):
-        assert figure(said, words) == pytest.approx(figure(shown_in, printed), abs=near)
-    rows = (tmp_path / "layout.csv").read_text().splitlines()
-    rows[4], rows[13] = rows[13].replace("12,", "3,", 1), rows[4].replace("3,", "12,", 1)
-    (tmp_path / "layout.csv").write_text("\n".join(rows))
-    (tmp_path / "result.json").unlink()
-    (shown,) = [b.code for b in blocks(text_of(CHANNELS)) if b.code.startswith("channels 3 and 12")]
-    (line,) = [b.code for b in blocks(text_of(CHANNELS)) if b.code.startswith("fdcal calibrate plate.npz")]
-    printed = run_fdcal(line)
-    assert shows("\n".join(shown.splitlines()[:3]), printed), printed
-    for block in blocks(text_of(CHANNELS)):
-        if block.language == "python":
-            assert shows(block.output, run_python(block.code, name_of(CHANNELS), {}))
-
-
-def test_the_page_of_the_measured_array_finds_it_as_exactly_as_it_says(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(ROOT / "examples" / "frl_array", tmp_path / "examples" / "frl_array")
-    run_page(MEASURED, {})
-    found = fdcal.Calibration.load("result.json")
-    nominal = np.loadtxt("examples/frl_array/nominal.csv", delimiter=",", skiprows=1)[:, 1:]
-    said = figure(r"error.*? ([\d.]+) mm on average", prose(MEASURED))
-    errors = np.linalg.norm(align(np.asarray(found.positions), nominal) - nominal, axis=1)
-    assert 1e3 * errors.mean() == pytest.approx(said, abs=1.5)
-    assert found.verdict == "good"
-    claimed = figure(r"one sigma is ([\d.]+) mm", prose(MEASURED))
-    assert 1e3 * np.sqrt(np.mean(found.uncertainty[np.arange(6)] ** 2)) == pytest.approx(claimed, abs=1)
-    inputs, imported = load_input("frl_array"), load_measurement("array.npz")  # by its name it is the same measurement
-    assert inputs.scene is None, "nothing of it is simulated"
-    for name in ("frequencies", "pressures", "wavenumbers", "noise_power"):
-        np.testing.assert_allclose(getattr(inputs.measurement, name), getattr(imported, name), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(inputs.measurement.positions, nominal)
-    (line,) = [line for line in summary(inputs, found).splitlines() if line.startswith("error")]
-    assert f"mean {1e3 * found.mean_error:.3g} mm" in line and "moved as a whole onto the nominal positions" in line
-
-
-def test_the_microphones_of_the_measured_array_are_as_far_apart_as_its_page_says():
-    samples, rate = soundfile.read(ROOT / "examples" / "frl_array" / "source000.flac")
-    front, back = np.fft.rfft(samples[:, :2].T[:, : np.argmax(np.abs(samples[:, 0])) + rate // 1000], 4096)
-    f = np.fft.rfftfreq(4096, 1 / rate)
-    band = (f > 300) & (f < 1500)
-    phase, weight = np.unwrap(np.angle(front * back.conj())[band]), np.abs(front * back)[band]
-    delay = np.sum(weight * phase * f[band]) / np.sum(weight * f[band] ** 2) / (2 * np.pi)
-    said = figure(r"(\d+) mm apart by the direct sound", prose(MEASURED))
-    assert 1e3 * 343.2 * delay == pytest.approx(said, abs=2)
 
 
 @pytest.mark.parametrize("page", ALL, ids=name_of)

@@ -4,9 +4,9 @@ import re
 
 import click
 import pytest
-from documents import README, ROOT, blocks, text_of
 
 import fdcal
+from benchmarks.documents import README, ROOT, blocks, text_of
 from fdcal.commands.cli import commands
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
