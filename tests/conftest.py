@@ -26,8 +26,10 @@ from fdcal.model.scene import scene_folder
 from fdcal.session import calibration_run
 from fdcal.solvers import warmup_calls
 
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; all processes inherit it
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# Ignored in the background of a shell, or by nohup, which all processes would inherit.
+for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, handler)
 
 ROOT = Path(__file__).parent.parent
 BROWSER = re.compile(r"def \w+\([^)]*\bbrowser\b")  # a test or a fixture that takes the browser

@@ -88,13 +88,6 @@ def disturbed(measured: Measurement) -> Measurement:
     return replace(measured, pressures=pressures)
 
 
-def noisy(measured: Measurement) -> Measurement:
-    """Pressures that are mostly noise."""
-    power = np.mean(np.abs(measured.pressures) ** 2, axis=1)
-    pressures = measured.pressures + 2 * np.sqrt(power)[:, None] * noise(measured.pressures.shape)
-    return replace(measured, pressures=pressures, noise_power=8 * power)
-
-
 def displaced(measured: Measurement) -> Measurement:
     """The given position of a known microphone is wrong."""
     return replace(measured, known=np.array([1, 2, 6]), known_positions=TRUTH[[1, 2, 6]] + [[0, 0], [0.3, 0.3], [0, 0]])
@@ -103,10 +96,8 @@ def displaced(measured: Measurement) -> Measurement:
 @pytest.mark.parametrize(
     ("change", "size", "code", "words"),
     [
-        (replace, "6.06x5.05", "room_size", "6.00"),
-        (replace, "5.94x4.95", "room_size", "correct --room"),
+        (replace, "6.06x5.05", "room_size", "correct --room"),
         (disturbed, "6x5", "odd_channel", "--exclude 3"),
-        (noisy, "6x5", "too_noisy", "unexplained"),
         (displaced, "6x5", "known_position", "2 ("),
     ],
 )
