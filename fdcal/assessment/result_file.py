@@ -1,7 +1,7 @@
 """A calibration as text: the JSON of a result file, CSV of positions and of gains; and as a table of pandas.
 
-`Keys` declares every key with its type and its shape. Files that older versions wrote lack some of those that are not
-required; keys that are not declared are ignored.
+`Keys` declares every key with its type and its shape; what a solver does not find has no key. Keys that are not
+declared are ignored. A file carries its version, and another one is refused.
 """
 
 import csv
@@ -69,6 +69,7 @@ class GivenRow(msgspec.Struct, forbid_unknown_fields=True):
 class RequiredKeys(TypedDict):
     """Keys of every result; null where the true positions are unknown."""
 
+    fdcal_result: int
     positions: Annotated[Positions, "ND"]
     solver: str
     seed: int
@@ -116,6 +117,7 @@ class Keys(RequiredKeys, total=False):
     given_positions: list[GivenRow]
 
 
+VERSION = 1  # of a result file
 REQUIRED = tuple(RequiredKeys.__annotations__)
 SHAPES = {
     key: hint.__metadata__[-1]
@@ -148,7 +150,7 @@ def result_text(self: Calibration) -> str:
         A value is not finite, or an array has the wrong shape.
     """
     result = self
-    table = {key: getattr(result, name) for name, key in RESULT.items()}
+    table = {"fdcal_result": VERSION, **{key: getattr(result, name) for name, key in RESULT.items()}}
     if result.evidence is not None:
         table |= {key: getattr(result.evidence, name) for name, key in EVIDENCE.items()}
     if (room := result.room) is not None:
@@ -193,6 +195,10 @@ def read_result(text: str | bytes, where: str = "the result") -> Calibration:
     table = parse_json(text, where)
     if not isinstance(table, dict):
         raise InputError(f"{where} must hold one JSON object with the keys {', '.join(REQUIRED)}")
+    if table.get("fdcal_result") != VERSION:
+        found = shown(table.get("fdcal_result"), 20)
+        problem = f"{where} is no result of this version of fdcal (fdcal_result = {found})"
+        raise InputError(problem, "write it with `fdcal calibrate -o`", key="fdcal_result", value=found)
     table = _checked(table, where)
     values = {name: table[key] for name, key in RESULT.items() if key in table}
     values["names"] = table.get("names", map(str, range(len(table["positions"]))))
@@ -281,10 +287,27 @@ def load_result(path: str | PathLike[str]) -> Calibration:
 
 def _checked(table: dict, where: str) -> dict[str, Any]:
     """Return the declared keys of a table after a check of their types, shapes and what they have to do with others."""
+
+    def missing(key: str) -> InputError:
+        return InputError(f'{where} has no "{key}"', "write it with `fdcal calibrate -o`", key=key)
+
     try:
         checked: dict[str, Any] = {**msgspec.convert(table, Keys)}
-    except msgspec.ValidationError as error:
-        raise _type_error(str(error), table, where) from None
+    except msgspec.ValidationError as error:  # as "Expected `float`, got `str` - at `$.positions[0][1]`"
+        if lacking := re.fullmatch(r"Object missing required field `(\w+)`", str(error)):
+            raise missing(lacking[1]) from None
+        reason, _, place = str(error).rstrip("`").rpartition(" - at `$.")
+        key = re.split(r"\W", place)[0]
+        reason = "must be finite" if str(LARGEST) in reason else shown(reason.replace("`", ""), 120)
+        inside = "" if place == key else f" at {place}"
+        problem = f'{where}: "{key}" is malformed: {reason[0].lower()}{reason[1:]}{inside}'
+        raise InputError(problem, key=key, value=table.get(key)) from None
+
+    def has_shape(values: list, shape: tuple[int, ...]) -> bool:
+        try:
+            return np.shape(values) == shape
+        except ValueError:  # rows of different lengths
+            return False
 
     def require(right: bool, key: str, problem: str) -> None:
         if not right:
@@ -293,15 +316,15 @@ def _checked(table: dict, where: str) -> dict[str, Any]:
     sizes = {"N": len(checked["positions"]), "D": len(checked["positions"][0])}
     shapes = {key: tuple(sizes[axis] for axis in axes) for key, axes in SHAPES.items()}
     for key, shape in shapes.items():
-        right = checked.get(key) is None or _has_shape(checked[key], shape)
+        right = checked.get(key) is None or has_shape(checked[key], shape)
         require(right, key, f"must be of shape {shape}, of {sizes['N']} microphones in {sizes['D']} dimensions")
-    missing = [key for key in CHANNELS.values() if key not in checked]
-    if 0 < len(missing) < len(CHANNELS):
-        raise _missing(missing[0], where)
+    absent = [key for key in CHANNELS.values() if key not in checked]
+    if 0 < len(absent) < len(CHANNELS):
+        raise missing(absent[0])
     if "symmetries" in checked:
         beside = {"room", "source", "admittance"} <= checked.keys()
         require(beside, "symmetries", 'needs "room", "source" and "admittance"')
-        right = all(_has_shape(one.positions, shapes["positions"]) for one in checked["symmetries"])
+        right = all(has_shape(one.positions, shapes["positions"]) for one in checked["symmetries"])
         require(right, "symmetries", 'must hold positions of the same shape as "positions"')
     for key in ("odd_channel_details", "given_positions"):
         right = "names" not in checked or {row.name for row in checked.get(key, ())} <= {*checked["names"]}
@@ -309,29 +332,6 @@ def _checked(table: dict, where: str) -> dict[str, Any]:
     places = [place for row in checked.get("given_positions", ()) for place in (row.given_m, row.found_m)]
     require(all(len(place) == sizes["D"] for place in places), "given_positions", f"must hold {sizes['D']} coordinates")
     return checked
-
-
-def _has_shape(values: list, shape: tuple[int, ...]) -> bool:
-    try:
-        return np.shape(values) == shape
-    except ValueError:  # rows of different lengths
-        return False
-
-
-def _missing(key: str, where: str) -> InputError:
-    return InputError(f'{where} has no "{key}"', "write it with `fdcal calibrate -o`", key=key)
-
-
-def _type_error(message: str, table: dict, where: str) -> InputError:
-    """Return the error for what msgspec says: "Expected `float`, got `str` - at `$.positions[0][1]`"."""
-    if missing := re.fullmatch(r"Object missing required field `(\w+)`", message):
-        return _missing(missing[1], where)
-    reason, _, place = message.rstrip("`").rpartition(" - at `$.")
-    key = re.split(r"\W", place)[0]
-    reason = "must be finite" if str(LARGEST) in reason else shown(reason.replace("`", ""), 120)
-    inside = "" if place == key else f" at {place}"
-    problem = f'{where}: "{key}" is malformed: {reason[0].lower()}{reason[1:]}{inside}'
-    return InputError(problem, key=key, value=table.get(key))
 
 
 def position_table(measurement: Measurement, positions, sigma=None, by: slice | np.ndarray = slice(None)) -> str:

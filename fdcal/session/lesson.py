@@ -189,12 +189,14 @@ class Lesson:
         up to this one names a scene.
         """
         name, last = None, None
-        for setting in _settings_of(self.steps[: number + 1])[: None if revealed else -1]:
+        every = [setting for step in self.steps[: number + 1] for setting in (step.page, step.then)]
+        for setting in every[: None if revealed else -1]:
             name = setting.scene or name
             last = (name, setting) if name and setting.begins else last
         if last is None:
             return None
-        scene = edited(load_scene(_scene_path(last[0], self.folder)), last[1].changes or {})
+        path = Path(self.folder) / last[0] if last[0].endswith(".toml") else last[0]
+        scene = edited(load_scene(path), last[1].changes or {})
         return scene, scene.seed if last[1].start_seed is None else last[1].start_seed
 
 
@@ -221,15 +223,6 @@ class LessonProgress:
     def answered(self) -> bool:
         """Whether the step asks nothing that has no answer yet; False without a lesson."""
         return self.step is not None and (self.choice >= 0 or not self.step.choices)
-
-
-def _settings_of(steps) -> list[LessonSetting]:
-    return [setting for step in steps for setting in (step.page, step.then)]
-
-
-def _scene_path(name: str, folder: str) -> str | Path:
-    """Return the name of a scene, or its file beside the lesson."""
-    return Path(folder) / name if name.endswith(".toml") else name
 
 
 def run_target(run: str) -> tuple[str, int]:
@@ -292,7 +285,13 @@ def lesson_names() -> list[str]:
 
 def load_lesson(path: str | Path) -> Lesson:
     """Return the lesson of a TOML file, or a built-in one by its name."""
-    path = _file_of(path)
+    path, names = Path(path), lesson_names()
+    if path.suffix != ".toml":
+        if str(path) not in names:
+            near = difflib.get_close_matches(str(path), names, 1)
+            remedy = f'did you mean "{near[0]}"?' if near else f"use a .toml file or one of {', '.join(names)}"
+            raise InputError(f'lesson "{path}" is unknown', remedy, key="lesson", value=str(path))
+        path = lesson_folder() / f"{path}.toml"
     table = parse_toml(read_bytes(path, LESSON_LIMITS.file_bytes, "lesson"), path)
     try:
         for key in Lesson.OPTIONAL:
@@ -303,19 +302,6 @@ def load_lesson(path: str | Path) -> Lesson:
     except InputError as error:
         raise error.within(path) from error
     return lesson
-
-
-def _file_of(path: str | Path) -> Path:
-    """Return the file of a lesson that is given by its path or its name."""
-    path = Path(path)
-    if path.suffix == ".toml":
-        return path
-    names = lesson_names()
-    if str(path) not in names:
-        near = difflib.get_close_matches(str(path), names, 1)
-        remedy = f'did you mean "{near[0]}"?' if near else f"use a .toml file or one of {', '.join(names)}"
-        raise InputError(f'lesson "{path}" is unknown', remedy, key="lesson", value=str(path))
-    return lesson_folder() / f"{path}.toml"
 
 
 def check(lesson: Lesson) -> None:
@@ -331,15 +317,15 @@ def check(lesson: Lesson) -> None:
     scene = _scene_of(lesson, 0, False, "steps[1].page")
     for number, step in enumerate(lesson.steps):
         key = f"steps[{number + 1}]"
-        _check_texts(key, step)
-        _check_question(key, step)
+        _check_step(key, step)
         for part, setting, revealed in (("page", step.page, False), ("then", step.then, True)):
             if setting.begins:
                 scene = _scene_of(lesson, number, revealed, f"{key}.{part}")
             _check_setting(f"{key}.{part}", setting, scene)
 
 
-def _check_texts(key: str, step: LessonStep) -> None:
+def _check_step(key: str, step: LessonStep) -> None:
+    """Raise InputError for texts and a question that no page could show."""
     for name in ("text", "question", "reveal"):
         length = len(getattr(step, name))
         if length > LESSON_LIMITS.characters:
@@ -347,9 +333,6 @@ def _check_texts(key: str, step: LessonStep) -> None:
             raise InputError(f"{key}.{name} has {length} characters", remedy, key=f"{key}.{name}", value=length)
     if not step.text.strip():
         raise InputError(f'{key}.text = "" says nothing', "write a few sentences", key=f"{key}.text", value=step.text)
-
-
-def _check_question(key: str, step: LessonStep) -> None:
     count = len(step.choices)
     if bool(step.question) != bool(count) or count == 1 or count > LESSON_LIMITS.choices:
         remedy = f"give 2 to {LESSON_LIMITS.choices} with a question, none without"
@@ -379,8 +362,25 @@ def _scene_of(lesson: Lesson, number: int, revealed: bool, key: str) -> Scene:
 
 
 def _check_setting(key: str, setting: LessonSetting, scene: Scene) -> None:
-    setting = _check_frame(f"{key}.frame", setting)
-    _check_modes(key, setting)
+    """Raise InputError for settings that a page with this scene does not have."""
+    if setting.frame is not None and setting.run is not None:
+        remedy = "let one step run the solver, and another one show the frame"
+        raise InputError(f"{key}.frame and run are both given", remedy, key=f"{key}.frame", value=setting.frame)
+    try:
+        setting = setting.unfolded()
+    except InputError as error:
+        raise error.within(f"{key}.frame") from error
+    chosen = {"modes": setting.modes, "map_modes": None if setting.map_modes == IN_USE else setting.map_modes}
+    for name, text in chosen.items():
+        if text is None:
+            continue
+        try:
+            modes = parse_modes(text, LESSON_LIMITS.mode)
+        except InputError as error:
+            raise error.within(f'{key}.{name} = "{shown(text)}"') from error
+        if name == "modes" and modes != tuple(range(modes[0], modes[-1] + 1)):
+            problem, remedy = f'{key}.modes = "{text}" has gaps', "give one range, as 1-20"
+            raise InputError(problem, remedy, key=f"{key}.modes", value=text)
     if setting.map == "volume" and positions_of(scene).shape[1] != 3:
         remedy = "name a scene whose array is in space, as ball3d, or another map"
         raise InputError(f'{key}.map = "volume" needs an array in space', remedy, key=f"{key}.map", value="volume")
@@ -391,31 +391,3 @@ def _check_setting(key: str, setting: LessonSetting, scene: Scene) -> None:
     if n is not None and not 0 <= n < count:
         remedy = f"{scene.name} has 0 to {count - 1}"
         raise InputError(f"{key}.microphone = {n} is not there", remedy, key=f"{key}.microphone", value=n)
-
-
-def _check_frame(key: str, setting: LessonSetting) -> LessonSetting:
-    """Return the setting with the values of its frame."""
-    if setting.frame is not None and setting.run is not None:
-        remedy = "let one step run the solver, and another one show the frame"
-        raise InputError(f"{key} and run are both given", remedy, key=key, value=setting.frame)
-    try:
-        return setting.unfolded()
-    except InputError as error:
-        raise error.within(key) from error
-
-
-def _check_modes(key: str, setting: LessonSetting) -> None:
-    if setting.modes is not None:
-        modes = _modes(f"{key}.modes", setting.modes)
-        if modes != tuple(range(modes[0], modes[-1] + 1)):
-            problem, remedy = f'{key}.modes = "{setting.modes}" has gaps', "give one range, as 1-20"
-            raise InputError(problem, remedy, key=f"{key}.modes", value=setting.modes)
-    if setting.map_modes not in (None, IN_USE):
-        _modes(f"{key}.map_modes", setting.map_modes)
-
-
-def _modes(key: str, text: str) -> tuple[int, ...]:
-    try:
-        return parse_modes(text, LESSON_LIMITS.mode)
-    except InputError as error:
-        raise error.within(f'{key} = "{shown(text)}"') from error

@@ -182,6 +182,7 @@ def refused(tmp_path, monkeypatch, capsys):
 
 
 OTHER = {
+    "fdcal_result": 1,
     "positions": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], "solver": "joint", "seed": 0, "frequencies": [100.0], "cost": 0,
     "sweeps": 1, "elapsed_s": 1.0, "converged": True, "mean_error_m": None, "max_error_m": None,
 }  # fmt: skip

@@ -31,8 +31,9 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings.formats.positions import read_positions
 
-# The keys that the first version wrote.
-OLDEST = {
+# The keys of every result, and others.
+LEAST = {
+    "fdcal_result": 1,
     "positions": [[0.1, 0.2], [1 / 3, 4.0]],
     "solver": "descent",
     "seed": 3,
@@ -44,7 +45,7 @@ OLDEST = {
     "mean_error_m": None,
     "max_error_m": 0.02,
 }
-NEWER = {
+MORE = {
     "names": ["a", "b"],
     "excluded": ["c"],
     "known": ["a"],
@@ -96,8 +97,8 @@ def test_a_calibration_survives_the_round_trip(tmp_path):
 
 def test_the_keys_of_the_file_stay_what_they_were():
     table = json.loads(FULL.to_json())
-    assert set(OLDEST) | set(NEWER) <= set(table)
-    assert {key: table[key] for key in NEWER} == NEWER
+    assert set(LEAST) | set(MORE) <= set(table)
+    assert {key: table[key] for key in MORE} == MORE
     assert table["symmetries"][1] == {"map": "(6 - x, y)", "positions": (POSITIONS + 1).tolist()}
     assert (table["room"], table["source"], table["admittance"]) == ([6.0, 5.0], [1.0, 2.0], [0.01, 0.02])
 
@@ -158,20 +159,20 @@ def test_a_fault_is_plain_english():
     assert ChannelFault("a", "exchanged", 0.4, "m", "b").text == "microphone a: exchanged with microphone b"
 
 
-def test_a_file_of_an_older_version_is_read():
-    old = Calibration.from_json(json.dumps(OLDEST))
+def test_a_result_may_lack_what_its_solver_does_not_find():
+    old = Calibration.from_json(json.dumps(LEAST))
     assert np.array_equal(old.positions, POSITIONS)
     assert (old.mean_error, old.max_error, old.elapsed) == (None, 0.02, 2.5)
     assert old.names == ("0", "1") and old.known is None and old.excluded == ()
     assert (old.verdict, old.uncertainty, old.sound_speed, old.evidence, old.room) == ("", None, None, None, None)
-    newer = Calibration.from_json(json.dumps(OLDEST | NEWER))
+    newer = Calibration.from_json(json.dumps(LEAST | MORE))
     assert (newer.names, newer.known, newer.excluded) == (("a", "b"), ("a",), ("c",))
     assert newer.verdict == "good" and newer.sound_speed == 343.0
     assert newer.evidence is not None and newer.evidence.leave_one_out_db == -37.5
 
 
 DETAIL = {"name": "b", "kind": "dead", "value": None, "unit": "", "partner": None}
-MALFORMED = {  # values of a key that are refused, beside a file of the first version, a newer one, and a full one
+MALFORMED = {  # values of a key that are refused, beside the least that a file holds, more, and all
     "first": {
         "positions": [[1.0, 2.0], [[1.0, 2.0], [3.0]], [[1.0], [2.0]], [["a", "b"]], [[math.nan, 1.0]]],
         "frequencies": [[]], "solver": [3], "seed": [True], "sweeps": [1.5], "cost": [math.inf, 10**400, None],
@@ -193,7 +194,7 @@ MALFORMED = {  # values of a key that are refused, beside a file of the first ve
         "symmetries": ["none", [{"map": "(x, y)"}], [{"map": "(x, y)", "positions": [[1.0, 2.0]]}]],
     },
 }  # fmt: skip
-TABLES = {"first": OLDEST, "newer": OLDEST | NEWER, "full": json.loads(FULL.to_json())}
+TABLES = {"first": LEAST, "newer": LEAST | MORE, "full": json.loads(FULL.to_json())}
 
 
 @pytest.mark.parametrize(("file", "key"), [(file, key) for file in MALFORMED for key in MALFORMED[file]])
@@ -240,7 +241,7 @@ def test_a_file_that_is_no_result(tmp_path):
     path = tmp_path / "r.json"
     with pytest.raises(StorageError, match="cannot read"):
         load_result(path)
-    for text in ("{", "[1]", json.dumps(OLDEST | {"seed": True}), "\udcff"):
+    for text in ("{", "[1]", json.dumps(LEAST | {"seed": True}), "\udcff"):
         path.write_bytes(text.encode(errors="surrogateescape"))
         with pytest.raises(InputError, match=r"r\.json"):
             load_result(path)
@@ -492,3 +493,11 @@ def test_positions_reach_pyfar_and_come_back():
     np.testing.assert_allclose(coordinates.cartesian, FOUR_POSITIONS, atol=1e-12)
     flat = result(2).to_pyfar(frame="minimal")
     np.testing.assert_allclose(flat.cartesian[:2], [[0, 0, 0], [1, 0, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("version", [None, 0, 2, "1", [1]])
+def test_a_file_of_another_version_is_refused_in_one_line(version):
+    table = {key: value for key, value in LEAST.items() if key != "fdcal_result"}
+    with pytest.raises(InputError, match="of this version of fdcal") as refused:
+        Calibration.from_json(json.dumps(table if version is None else table | {"fdcal_result": version}))
+    assert refused.value.key == "fdcal_result" and "\n" not in str(refused.value)
