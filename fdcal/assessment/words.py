@@ -66,7 +66,7 @@ def result_sentences(
         if overall is not None and each is not None and modes is not None:
             n, m = int(result.healthy[each[result.healthy].argmax()]), int(modes.argmax())
             said["predict"] = (
-                f"leave-one-out error {overall:.1f} dB; worst microphone {result.names[n]}, {each[n]:.1f} dB,"
+                f"{prediction_words(overall)}; worst microphone {result.names[n]}, {each[n]:.1f} dB,"
                 f" worst frequency {f[m]:.1f} Hz, {modes[m]:.1f} dB"
             )
     if (channels := result.channels) is not None:
@@ -86,6 +86,23 @@ def error_words(result: Calibration) -> str:
     """Return mean and largest error of a result that has them."""
     assert result.mean_error is not None and result.max_error is not None
     return f"mean {length_text(result.mean_error)}, largest {length_text(result.max_error)}"
+
+
+def state_error_words(measurement: Measurement, errors: np.ndarray | None, faulty: int = 0) -> str:
+    """Return in a few words how far a state is off : "0.3 mm off on average"; "" where that is unknown.
+
+    `errors` (K,): of the microphones that count, metres; `faulty`: how many do not, for their channels are at fault.
+    """
+    if errors is None:
+        return ""
+    text = f"{length_text(float(errors.mean()))} {'from nominal' if measurement.nominal else 'off'}"
+    text += "" if len(errors) == 1 else " on average"
+    return text + (f" without {counted(faulty, 'faulty channel')}" if faulty else "")
+
+
+def prediction_words(leave_one_out_db: float | None) -> str:
+    """Return how well the microphones are predicted from each other; "" where nothing is known."""
+    return "" if leave_one_out_db is None else f"leave-one-out error {leave_one_out_db:.1f} dB"
 
 
 def gain_words(result: Calibration) -> str:

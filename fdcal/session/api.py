@@ -78,7 +78,15 @@ def load(
         options["source"] = sources
     with one_blas_thread():
         measurement = load_input(texts, progress, excluded, _import_options(texts, options)).measurement
-    return measurement if positions is None else _compared(measurement, positions, len(set(excluded)))
+    if positions is None:
+        return measurement
+    if isinstance(positions, (str, PathLike)):
+        from ..recordings.formats.positions import read_positions
+
+        return with_positions(measurement, read_positions(positions), len(set(excluded)))
+    places = require_array("positions", positions, "real", (None, None), "m")
+    placed = MicrophonePositions(tuple(map(str, range(len(places)))), places)
+    return with_positions(measurement, placed, len(set(excluded)))
 
 
 def _import_options(texts: Sequence[str], options: dict):
@@ -93,15 +101,6 @@ def _import_options(texts: Sequence[str], options: dict):
     if unknown:
         raise unexpected_argument("load", sorted(unknown)[0], [field.name for field in fields(ImportOptions)])
     return ImportOptions(**options)
-
-
-def _compared(measurement: Measurement, positions: Any, excluded: int) -> Measurement:
-    from ..recordings.formats.positions import read_positions
-
-    if isinstance(positions, (str, PathLike)):
-        return with_positions(measurement, read_positions(positions), excluded)
-    places = require_array("positions", positions, "real", (None, None), "m")
-    return with_positions(measurement, MicrophonePositions(tuple(map(str, range(len(places)))), places), excluded)
 
 
 def simulate(scene: Scene | str | PathLike[str], *, progress: ProgressReport | None = None) -> Measurement:
@@ -229,8 +228,13 @@ def calibrate(
         sides = _entries("room", room, "lengths", "(7.0, 6.0), metres")
         solver, others["room"] = solver or "room", convert(sides, tuple[float, ...], "room")
     inputs = with_settings(inputs, solver, modes, seed, **others)
-    pair = known_distance(distance)
-    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=pair, time_limit=time_limit)
+    if distance is not None:
+        parts = [] if isinstance(distance, str) or not isinstance(distance, Iterable) else list(distance)
+        if len(parts) != 3:
+            problem = f"distance = {shown_literal(distance)} is not two microphones and a length"
+            raise InputError(problem, "write <distance> = (0, 1, 0.25), metres", key="distance", value=distance)
+        distance = str(parts[0]), str(parts[1]), convert(parts[2], float, "distance")
+    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
     return solve(inputs, progress, keep=True)
 
 
@@ -254,17 +258,6 @@ def mode_numbers(modes: Any, count: int) -> list[int]:
     """Return numbers of modes, counted from 1, of `count`."""
     entries = _entries("modes", modes, "modes", "[1, 5, 9]")
     return convert(entries, list[Annotated[int, within(1, count)]], "modes")
-
-
-def known_distance(values: Any) -> tuple[str, str, float] | None:
-    """Return two microphones and how far they are apart, metres."""
-    if values is None:
-        return None
-    parts = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
-    if len(parts) != 3:
-        problem = f"distance = {shown_literal(values)} is not two microphones and a length"
-        raise InputError(problem, "write <distance> = (0, 1, 0.25), metres", key="distance", value=values)
-    return str(parts[0]), str(parts[1]), convert(parts[2], float, "distance")
 
 
 def require_measurement(measurement: Any, function: str) -> None:

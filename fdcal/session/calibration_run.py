@@ -112,8 +112,7 @@ def scale_of(positions, inputs: CalibrationInput) -> float:
 
 def healthy_microphones(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
     """Return the microphones whose errors are averaged: those sought, without the faulty channels of an assessment."""
-    faults = () if found is None or found.channels is None else found.channels.faults
-    faulty = {fault.name for fault in faults if fault.kind != "misplaced"}
+    faulty = set() if found is None or found.channels is None else found.channels.faulty
     kept = np.array([n for n in sought if names[n] not in faulty], np.int64)
     return kept if len(kept) else sought
 

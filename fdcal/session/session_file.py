@@ -74,34 +74,27 @@ def read(path: str | Path) -> OpenRequest:
     path = Path(path)
     try:
         require_regular(path)
-        text, arrays = _of_zip(path) if path.suffix.lower() == ".zip" else _of_two(path)
+        if path.suffix.lower() == ".zip":
+            with zipfile.ZipFile(path) as archive:
+                if not {TABLE, ARRAYS} <= set(archive.namelist()):
+                    raise InputError(f"{path} is no session", f"a session holds {TABLE} and {ARRAYS}", key="session")
+                _require_small(path, sum(entry.file_size for entry in archive.infolist()))
+                text, arrays = archive.read(TABLE), archive.read(ARRAYS)
+        else:
+            for file in (path, path.with_suffix(".npz")):
+                require_regular(file)
+                _require_small(file, file.stat().st_size)
+            text, arrays = path.read_bytes(), path.with_suffix(".npz").read_bytes()
+    except InputError:
+        raise
     except OSError as error:
         raise StorageError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
+    except Exception as error:  # zipfile, zlib and struct raise anything
+        raise InputError(f"{path} is not a .zip file that can be read ({type(error).__name__})") from None
     try:
         return _opening(_table(text), arrays)
     except InputError as error:
         raise error.within(path) from None
-
-
-def _of_zip(path: Path) -> tuple[bytes, bytes]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            if not {TABLE, ARRAYS} <= set(archive.namelist()):
-                raise InputError(f"{path} is no session", f"a session holds {TABLE} and {ARRAYS}", key="session")
-            _require_small(path, sum(entry.file_size for entry in archive.infolist()))
-            return archive.read(TABLE), archive.read(ARRAYS)
-    except (InputError, OSError):
-        raise
-    except Exception as error:  # zipfile, zlib and struct raise anything
-        raise InputError(f"{path} is not a .zip file that can be read ({type(error).__name__})") from None
-
-
-def _of_two(path: Path) -> tuple[bytes, bytes]:
-    beside = path.with_suffix(".npz")
-    for file in (path, beside):
-        require_regular(file)
-        _require_small(file, file.stat().st_size)
-    return path.read_bytes(), beside.read_bytes()
 
 
 def _require_small(name: str | Path, size: int) -> None:
@@ -125,7 +118,10 @@ def _table(text: bytes) -> dict:
 
 
 def _opening(table: dict, packed: bytes) -> OpenRequest:
-    scene = build(MeasuredScene if table.get("measured") is True else Scene, _infinite(table["scene"]))
+    described = dict(table["scene"])
+    if isinstance(sensing := described.get("measurement"), dict) and sensing.get("snr_db") == "inf":
+        described["measurement"] = {**sensing, "snr_db": float("inf")}  # the one key that may be infinite
+    scene = build(MeasuredScene if table.get("measured") is True else Scene, described)
     if isinstance(scene, MeasuredScene):
         scene = dataclasses.replace(scene, file="")  # a session reads no other file
     try:
@@ -171,14 +167,6 @@ def _finite(value):
     if isinstance(value, list):
         return [_finite(inner) for inner in value]
     return "inf" if value == float("inf") else value
-
-
-def _infinite(table: dict) -> dict:
-    """Return the inverse of `_finite` for the one key that may be infinite."""
-    sensing = table.get("measurement")
-    if isinstance(sensing, dict) and sensing.get("snr_db") == "inf":
-        return {**table, "measurement": {**sensing, "snr_db": float("inf")}}
-    return table
 
 
 LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
@@ -346,7 +334,10 @@ def read_states(
 
     InputError for what is not of the type, the shape and the range that a state of `problem` has.
     """
-    order, kinds, settings = (_list(table, key) for key in ("order", "kinds", "settings"))
+    for key in ("order", "kinds", "settings"):
+        if not isinstance(table, dict) or not isinstance(table.get(key), list):
+            raise InputError(f"states.{key} must be a list", key=f"states.{key}")
+    order, kinds, settings = table["order"], table["kinds"], table["settings"]
     if not 1 <= len(order) <= max_count:
         remedy = f"a session holds 1 to {max_count} states"
         raise InputError(f"states.order has {len(order)} entries", remedy, key="states.order", value=len(order))
@@ -360,12 +351,6 @@ def read_states(
             raise InputError(fault, key="states.order")
         states.append(state)
     return tuple(states)
-
-
-def _list(table: Any, key: str) -> list:
-    if not isinstance(table, dict) or not isinstance(table.get(key), list):
-        raise InputError(f"states.{key} must be a list", key=f"states.{key}")
-    return table[key]
 
 
 def _states_of(table: Any, solver: str, reader: StateReader) -> list[RunState]:

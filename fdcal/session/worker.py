@@ -99,16 +99,14 @@ class LatestWorker:
                     return
                 arguments, self._busy = self._waiting.popleft(), True
             began = time.perf_counter()
-            delivery = replace(self._work(arguments), began=began, ended=time.perf_counter())
+            try:
+                delivery = Delivery(arguments, result=self._function(*arguments))
+            except Exception as error:
+                expected = isinstance(error, (InputError, OSError))  # the caller reports it, in one line
+                log.log(logging.DEBUG if expected else logging.ERROR, "%s failed", self._thread.name, exc_info=True)
+                delivery = Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)
+            delivery = replace(delivery, began=began, ended=time.perf_counter())
             with self._changed:
                 self._latest, self._busy = delivery, False
                 self._changed.notify_all()
             self._notify()
-
-    def _work(self, arguments: tuple) -> Delivery:
-        try:
-            return Delivery(arguments, result=self._function(*arguments))
-        except Exception as error:
-            expected = isinstance(error, (InputError, OSError))  # the caller reports it, in one line
-            log.log(logging.DEBUG if expected else logging.ERROR, "%s failed", self._thread.name, exc_info=True)
-            return Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)

@@ -10,10 +10,11 @@ from html import escape
 import numpy as np
 import viser
 
+from ..assessment.words import state_error_words
 from ..graphics.camera import VIEWS
 from ..model.arrays import positions_of
 from ..model.scene import MeasuredScene, load_scene, scene_names
-from ..model.validation import InputError, StorageError, length_text, modes_text, require_choice
+from ..model.validation import InputError, StorageError, modes_text, require_choice
 from ..session.session import SessionView
 from ..session.sources import OpenRequest
 from .gui.html import error_message, state_word
@@ -232,16 +233,11 @@ class Explore:
     @staticmethod
     def _status(viewer: Viewer) -> str:
         """Return what the solver does, and the error that is left."""
-        view, measurement = viewer.view, viewer.run.measurement
-        sought = viewer.snapshot.counted
+        view, measurement, sought = viewer.view, viewer.run.measurement, viewer.snapshot.counted
         errors = measurement.errors(view.state.positions, sought)
-        one = len(errors[sought]) == 1 if errors is not None else False
-        away = "from nominal" if measurement.nominal else "off"
-        word = "" if errors is None else f", {length_text(float(errors[sought].mean()))} {away}"
-        word += "" if errors is None or one else " on average"
         faulty = len(viewer.run.sought) - len(sought)
-        word += f" without {faulty} faulty channel{'' if faulty == 1 else 's'}" if errors is not None and faulty else ""
-        return escape(f"{state_word(view, viewer.found)}{word}")
+        error = state_error_words(measurement, None if errors is None else errors[sought], faulty)
+        return escape(", ".join(filter(None, (state_word(view, viewer.found), error))))
 
     def _sheet(self, viewer: Viewer) -> str:
         shown = viewer.run.scene.name

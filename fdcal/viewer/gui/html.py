@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from ...assessment.words import STEP_LEFT, end_word
+from ...assessment.words import STEP_LEFT, end_word, prediction_words
 from ...graphics.annotations import Entry
 from ...graphics.heatmap import to_rgb
 from ...graphics.picture import row_word
@@ -201,8 +201,7 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
     if found is None:
         waiting = f"{card}<div style='border-left: 4px solid {GREY}; {height}; opacity: 0.75'>{PENDING}</div></div>"
         return waiting if pending else ""
-    error = found.evidence.leave_one_out_db
-    figures = "" if error is None else f"leave-one-out error {error:.1f} dB"
+    figures = prediction_words(found.evidence.leave_one_out_db)
     text = f"<b>{escape(verdict_word(found.verdict))}</b>: {escape(found.verdict_text)}"
     faults = bool(found.channels is not None and found.channels.faults)
     colour = DOUBTFUL if found.verdict != "good" else FAULTY if faults else GOOD
