@@ -239,7 +239,7 @@ class OpenRequest:
     states: tuple = ()
     index: int | None = None  # which of them is shown; the last unless given
     # what the page's controls say, by the names of `viewer.gui.binding.Choices` and
-    # `viewer.background.cost_maps.MapStyle`; of those not named, the style of the page before is kept
+    # `viewer.cost_maps.MapStyle`; of those not named, the style of the page before is kept
     choices: Mapping[str, Any] = field(default_factory=dict)
     play: bool = False  # whether the solver starts to run at once
     fewer_modes: bool = False  # whether the number of modes is reduced to those available

@@ -24,10 +24,9 @@ from ..model.validation import InputError, modes_text, parse_modes, shown
 from ..session.lesson import IN_USE, MAPS, LessonSetting, Map
 from ..session.sources import OpenRequest
 from .gui.binding import kind_of
-from .lesson_settings import KINDS, apply_setting, plain_choices
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 from .session_view import Viewer
-from .tabs.lessons import LessonPage, LessonsTab
+from .tabs.lessons import KINDS, LessonPage, LessonsTab, apply_setting, plain_choices
 
 MAX_MODES_TEXT = 60  # characters of the modes of a map: with the camera a command has room for no more
 MAX_NUMBER = 99_999  # of a microphone and of a step
@@ -167,19 +166,14 @@ class AddressBar:
             return
         if self._asked is not None:
             (client, asked), self._asked = self._asked, None
-            call(lambda: self._guarded(client, lambda: self.open(client, asked)))
-        elif self._pending is not None and self._is_shown(viewer, self._pending[0]):
+            call(lambda: self._page.panels.overlay.guarded(client, lambda: self.open(client, asked)))
+        elif self._pending is not None and (
+            self._lessons.ready if self._pending[0] is None else viewer.binding.run.opening is self._pending[0]
+        ):
             (_, client, asked), self._pending = self._pending, None
-            call(lambda: self._guarded(client, lambda: self._set(viewer, client, asked)))
+            call(lambda: self._page.panels.overlay.guarded(client, lambda: self._set(viewer, client, asked)))
         elif self._pending is not None and self._page.switcher.idle:
             self._pending = None
         elif self._pending is None and not viewer.tabs.sweep.playing:
             name = "" if lesson.lesson is None else lesson.lesson.name or lesson.lesson.title
             self._page.panels.overlay.show("address", address_of(viewer, name, lesson.number + 1).replace("&", "&amp;"))
-
-    def _is_shown(self, viewer: Viewer, request: OpenRequest | None) -> bool:
-        """Whether what a link names is on the screen: the scene of a request, or without one the step of a lesson."""
-        return self._lessons.ready if request is None else viewer.binding.run.opening is request
-
-    def _guarded(self, client: viser.ClientHandle, act: Callable[[], object]) -> None:
-        self._page.panels.overlay.guarded(client, act)

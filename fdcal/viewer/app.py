@@ -46,12 +46,11 @@ def serve(
             if opens and sent.wait(BROWSER_TIME):  # its film needs nothing of what is loaded below, and a processor
                 server.on_client_connect(lambda client: connected.set())
                 connected.wait(FIRST_PICTURE)
-            from .preview import show_cached
             from .scene3d.nodes import SceneNodes
 
             nodes = SceneNodes(server)
             if request is not None and begin is None:
-                show_cached(nodes, request)
+                nodes.show_cached(request)
             from .page import Page
 
             page = Page(server, nodes, lessons, on_progress, Path.cwd() if is_loopback(host) else None)

@@ -17,10 +17,10 @@ from ..graphics.overlays import along
 from ..model.settings import Search
 from ..model.validation import Reals
 from ..session.session import SessionView
-from .background.cost_maps import CostMap
-from .background.prepare import Last
+from .cost_maps import CostMap
 from .gui.binding import Binding
 from .gui.overlay import NO_BUTTONS, CanvasWords
+from .prepare import Last
 
 ROLL_TIME = 1.4  # s from where the microphone is let go to its minimum
 PATIENCE = 4.0  # s that a microphone waits for its path; after that it stays where it was let go
@@ -184,7 +184,14 @@ class Drop:
         if self._rest(view, drag, end, now):
             if fall.home is not None:
                 self.tries, self.home = self.tries + 1, self.home + fall.home
-            self._say(fall.text, {CONTINUE: self._continue})
+
+            def run_on() -> None:
+                """Run the solver from the present state; the map is that of the modes it uses."""
+                self._say("")
+                self._follow()
+                self._binding.session.play()
+
+            self._say(fall.text, {CONTINUE: run_on})
         return Dropped(drag.microphone, tuple(end.tolist()), fall.text)
 
     def _rest(self, view: SessionView, drag: Drag, end: np.ndarray, now: float) -> bool:
@@ -201,12 +208,6 @@ class Drop:
             self._drag = None
         return False
 
-    def _continue(self) -> None:
-        """Run the solver from the present state; the map is that of the modes it uses."""
-        self._say("")
-        self._follow()
-        self._binding.session.play()
-
     def _say(self, words: str, buttons=NO_BUTTONS) -> None:
         if self._words is not None:
             counts = "" if not self.tries else f"{self.home} of {self.tries} home"
@@ -222,7 +223,17 @@ class Drop:
     def _compute(self, drag: Drag, drawn: CostMap) -> Fall:
         """Return where a microphone falls from its place, by the cost that a map shows."""
         run, request = self._binding.run, drawn.request
-        cost, search, basins = self._cost.of(lambda: self._cost_of(drawn), request, drawn.fine)
+
+        def make() -> tuple[np.ndarray, Search, Basins]:
+            if drawn.sampled is not None:
+                cost, search = drawn.sampled.cost, drawn.sampled.search
+            else:
+                n, modes, order = request.microphone, request.modes, request.order_offset
+                search = lattice_of(run.problem, modes)  # that has the minima marked on it
+                cost = cost_maps(run.problem, run.solver, request.state, n, modes, order, search).sum(axis=0)
+            return cost, search, basins_of(cost)
+
+        cost, search, basins = self._cost.of(make, request, drawn.fine)
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
         decibels = request.order_offset is not None
         truth = self._binding.frame.truth(request.state.positions)
@@ -232,13 +243,3 @@ class Drop:
         home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
         home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # at its height in a layer
         return Fall(path, decibels, bool(home), float(np.linalg.norm(end - place)))
-
-    def _cost_of(self, drawn: CostMap) -> tuple[np.ndarray, Search, Basins]:
-        """Return the cost that a map shows, a lattice that has the minima marked on it, and the basins."""
-        request, run = drawn.request, self._binding.run
-        if drawn.sampled is not None:
-            cost, search = drawn.sampled.cost, drawn.sampled.search
-        else:
-            n, modes, search = request.microphone, request.modes, lattice_of(run.problem, request.modes)
-            cost = cost_maps(run.problem, run.solver, request.state, n, modes, request.order_offset, search).sum(axis=0)
-        return cost, search, basins_of(cost)

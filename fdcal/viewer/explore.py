@@ -20,6 +20,7 @@ from ..session.sources import OpenRequest
 from .gui.html import error_message, state_word
 from .gui.overlay import whole
 from .session_view import Viewer
+from .tabs.help import KEYS
 from .tabs.lessons import LessonPage, LessonsTab
 
 THUMB = 44  # pixels, of the drawing of a scene
@@ -88,11 +89,6 @@ def shown_modes(viewer: Viewer) -> tuple[int, ...]:
     return choices.modes or (wanted and wanted.modes) or tuple(range(state.first, state.last + 1))
 
 
-def _first_bar(title: str, waiting: str) -> str:
-    """Return the bar before there is a session: what is prepared, and how far it is."""
-    return f"<span class='scene'><span><b>{escape(title)}</b><small>{escape(waiting)}</small></span></span>"
-
-
 class Explore:
     """Fills the regions `bar` and `sheet`, and carries out what is pressed there.
 
@@ -107,12 +103,8 @@ class Explore:
         overlay.on("look", self._look)
         commands = {
             "play": lambda viewer, _: self._play(viewer),
-            "restart": lambda viewer, _: viewer.tabs.run_bar.press("Reset"),
-            "onestep": lambda viewer, _: viewer.tabs.run_bar.press("Step"),
             "state": lambda viewer, value: viewer.binding.session.seek(whole(value, 0, viewer.view.count - 1)),
-            "sweep": lambda viewer, _: viewer.tabs.sweep.toggle(),
             "opened": lambda viewer, _: self._open_again(),
-            "lecture": lambda viewer, _: viewer.tabs.view.lecture_mode(not viewer.binding.choices.lecture),
             "microphone": lambda viewer, value: viewer.tabs.map.pick(
                 whole(value, 0, viewer.binding.measurement.count - 1)
             ),
@@ -123,6 +115,7 @@ class Explore:
                 shown_modes(viewer)[-1], not viewer.tabs.sweep.alone
             ),
         }
+        commands |= {key.command: lambda viewer, _, act=key.act: act(viewer.tabs) for key in KEYS if key.command}
         for name, act in commands.items():
             overlay.on(name, self._of_session(act))
 
@@ -173,21 +166,18 @@ class Explore:
         error = error_message(self._page.switcher.error)
         waiting = error if progress is None else progress.text
         if viewer is None:
-            overlay.show("bar", _first_bar(self._page.switcher.title, waiting) if waiting else "")
+            words = f"<b>{escape(self._page.switcher.title)}</b><small>{escape(waiting)}</small>"
+            overlay.show("bar", f"<span class='scene'><span>{words}</span></span>" if waiting else "")
             return
-        self._remember(viewer)
+        request = viewer.run.opening
+        comes_with_fdcal = request.scene.name in self._names or self._lessons.active
+        if not comes_with_fdcal and (self._own is None or self._own[0] is not request):
+            self._own = request, self._drawn(viewer)  # so that it can be opened again
         bar = self._bar(viewer, self._page.switcher.title if waiting else "", waiting)
         overlay.show("bar", bar if progress is None else f"{bar}<span class='preparing'></span>")
         overlay.show("sheet", self._sheet(viewer))
         overlay.show("invitation", INVITATION if viewer.drop.inviting and not self._lessons.active else "")
         overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")
-
-    def _remember(self, viewer: Viewer) -> None:
-        """Keep the request of what is shown where it does not come with fdcal, so that it can be opened again."""
-        request = viewer.run.opening
-        comes_with_fdcal = request.scene.name in self._names or self._lessons.active
-        if not comes_with_fdcal and (self._own is None or self._own[0] is not request):
-            self._own = request, self._drawn(viewer)
 
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
         binding, state = viewer.binding, viewer.view.state

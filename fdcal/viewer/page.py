@@ -19,17 +19,16 @@ from ..session.process import Interrupt
 from ..session.sources import OpenRequest
 from ..session.worker import WakeEvent
 from .address import AddressBar
-from .background.prepare import PreparedRun, SessionSwitcher, Threads
 from .explore import Explore
 from .gui.binding import Binding
 from .gui.overlay import CanvasWords
 from .panels import Panels, SessionFolders, StatusBar
-from .preview import show_room
-from .scene3d.cameras import Room
+from .prepare import PreparedRun, SessionSwitcher, Threads
+from .scene3d.cameras import Surroundings
 from .scene3d.nodes import SceneNodes
 from .server.process import release_memory
 from .session_view import Viewer
-from .tabs.help import add_help, add_keys
+from .tabs import help
 from .tabs.lessons import LessonsTab
 from .tabs.open_file import OpenFile
 
@@ -65,12 +64,12 @@ class Page:
         self.viewer: Viewer | None = None
         self.words = CanvasWords(self.panels.overlay)
         self.lessons = LessonsTab(self, lessons)
-        with self.panels.tab("Help"):
-            add_help(server.gui)
+        with self.panels.tabs["Help"]:
+            server.gui.add_html(help.text())
         self._threads = Threads()
-        with self.panels.tab("Scene"):
+        with self.panels.tabs["Scene"]:
             self.open_file = None if folder is None else OpenFile(server.gui, self._threads, folder, self.open)
-        add_keys(server.gui, self)
+        help.add_keys(server.gui, self)
         self.explore = Explore(self, self.lessons, self.open_file is not None)
         self.address, self._dark = AddressBar(self, self.lessons), False
         self._first: viser.ClientHandle | None = None  # the browser whose preference the page follows
@@ -149,12 +148,12 @@ class Page:
         self.status_bar.show(first)
         if self.viewer is not None:
             self.viewer.tabs.run_bar.wait(self.switcher.progress is not None)
-            self.nodes.cameras.room = Room(self.viewer.binding.choices.lecture, self.lessons.active)
+            self.nodes.cameras.around = Surroundings(self.viewer.binding.choices.lecture, self.lessons.active)
             self.viewer.guarded_tick(now)
             if (opener := self.open_file) is not None:
                 self._guarded("list of files", lambda: opener.show(now))
         elif self.nodes.is_empty and self.switcher.measured is not None:
-            show_room(self.nodes, *self.switcher.measured)
+            self.nodes.show_room(*self.switcher.measured)
             self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
         call = self._server.get_event_loop().call_soon_threadsafe
         self._guarded("lessons", lambda: self.lessons.show(call))

@@ -7,15 +7,16 @@ module of `tabs`. `StatusBar` stands above them while another session is prepare
 
 import itertools
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import viser
 
-from .background.prepare import Same, SessionSwitcher
 from .gui import html
 from .gui.binding import MAX_RATE, Binding, Due, Tab, Tick
 from .gui.overlay import Overlay
+from .prepare import Same, SessionSwitcher
 from .tabs.curves import CurvesTab
 from .tabs.cut import CutPanel
 from .tabs.map import MapsPanel, MapTab
@@ -29,14 +30,15 @@ from .tabs.view import ExportTab, ViewTab
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
 RIGHT = ("Curves", "Scene", "View", "Help")  # without icons, which would take too much room
+RUN_BAR = "run bar"
 LEFT = ("Map", "Mics", "Plan")  # those of a session are made by `Tabs`
 
 
 class Panels:
     """Owns the main panel on the right, the panel on the left, and their tabs, which the face Explore hides.
 
-    `top`: folder above everything else, for messages about the page as a whole; `run_bar`: folder between `top` and the
-    tabs; `overlay`: regions on the canvas; `numbers`: counts the sessions.
+    `top`: folder above everything else, for messages about the page as a whole; `tabs`: of both panels by name, and
+    RUN_BAR, the folder between `top` and the tabs; `overlay`: regions on the canvas; `numbers`: counts the sessions.
     """
 
     def __init__(self, gui: viser.GuiApi):
@@ -44,17 +46,14 @@ class Panels:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_WIDTH)
         self.top = gui.add_folder(None)
-        self.run_bar = gui.add_folder(None)
+        run_bar = gui.add_folder(None)
         gui.add_divider()
         group, panel = gui.add_tab_group(), gui.add_panel()
-        self.tabs = {name: group.add_tab(name) for name in RIGHT} | {name: panel.add_tab(name) for name in LEFT}
+        self.tabs: dict[str, Any] = {RUN_BAR: run_bar}
+        self.tabs |= {name: group.add_tab(name) for name in RIGHT} | {name: panel.add_tab(name) for name in LEFT}
         panel.dock_left()
         panel.set_width(LEFT_WIDTH)
         panel.expand()  # on a phone, where sections are folded at first
-
-    def tab(self, name: str) -> viser.GuiTabHandle:
-        """Return a tab; used as a context, controls are added to it."""
-        return self.tabs[name]
 
 
 class StatusBar:
@@ -99,17 +98,10 @@ class SessionFolders:
         self.overlay = panels.overlay
         self._folders: list[viser.GuiFolderHandle] = []
 
-    def tab(self, name: str) -> AbstractContextManager[viser.GuiFolderHandle]:
-        """Return a context in which controls are added to a tab."""
-        return self._added(self._panels.tab(name))
-
-    def run_bar(self) -> AbstractContextManager[viser.GuiFolderHandle]:
-        """Return a context in which controls are added above the tabs of the main panel."""
-        return self._added(self._panels.run_bar)
-
     @contextmanager
-    def _added(self, place) -> Iterator[viser.GuiFolderHandle]:
-        with place:
+    def tab(self, name: str) -> Iterator[viser.GuiFolderHandle]:
+        """Return a context in which controls are added to a tab, or to the run bar above the tabs of the main panel."""
+        with self._panels.tabs[name]:
             folder = self.gui.add_folder(None)  # without a label it is not visible
             self._folders.append(folder)
             with folder:
@@ -256,7 +248,7 @@ class Tabs:
         export: Callable[[viser.ClientHandle, str], None],
     ):
         self.binding, self._place = binding, place
-        with folders.run_bar():
+        with folders.tab(RUN_BAR):
             self.run_bar = RunBar(binding, lambda: self.solver.restart())
             self.solver = SolverTab(binding)
         with folders.tab("Scene"):

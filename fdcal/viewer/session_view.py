@@ -27,14 +27,13 @@ from ..session.process import one_blas_thread
 from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
-from .background.cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, count_label
-from .background.prepare import Last, PreparedRun, Same, Threads
-from .display_frame import DisplayFrame
+from .cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, count_label
 from .drop import Drop, Dropped
 from .gui.binding import Binding, Choices, PositionUncertainty, Tick
 from .gui.html import CONTROLS, canvas_legend
 from .gui.overlay import CanvasWords
 from .panels import SessionFolders, Tabs
+from .prepare import DisplayFrame, Last, PreparedRun, Same, Threads
 from .scene3d.nodes import SceneNodes
 from .scene3d.picking import LineHandles, MicrophonePicker
 from .tabs.plan import PlannedArray
@@ -146,7 +145,14 @@ class SessionPicture:
         if choices.plan.shown:
             return self._drawn_plan(choices, planned)
         self.places = positions = view.state.positions if dropped is None else dropped.among(view.state.positions)
-        static = self._static_picture(choices, floor)
+        scene, measurement = self._run.known_scene, self._measurement
+        dark, lecture, take = key = choices.style.dark, choices.lecture, choices.take
+        if floor is not None and floor.heights is not None:  # what does not move follows the heights of the map
+            static = static_picture(scene, measurement, dark, floor, lecture, take)
+        else:
+            if key not in self._static:
+                self._static[key] = static_picture(scene, measurement, dark, None, lecture, take)
+            static = self._static[key]
         drawn = with_estimate(static, self._measurement, positions, microphone, floor, self._frame.truth(positions))
         picture = with_floor(drawn, floor)
         picture = overlays.with_volume(picture, volume)
@@ -162,7 +168,13 @@ class SessionPicture:
                 picture, np.array([self._frame.positions(state.positions) for state in past]), floor
             )
         if choices.ellipses and uncertainty is not None:
-            picture = self._with_ellipses(picture, positions, uncertainty, floor, choices.ellipse_scale)
+            extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])
+            scale = choices.ellipse_scale or overlays.ellipse_scale(uncertainty.axes, extent)
+            every = np.arange(len(uncertainty.sigma))
+            healthy = np.setdiff1d(every, [*self._run.problem.known, *self._faulty(uncertainty)])
+            sigma = root_mean_square(uncertainty.sigma[healthy if len(healthy) else every])  # as the verdict has it
+            note = f"one sigma {length_text(sigma, 2)}"
+            picture = overlays.with_ellipses(picture, positions, uncertainty.axes, floor, scale, note)
         if uncertainty is not None and uncertainty.channels is not None:
             picture = overlays.with_faulty_channels(picture, positions, self._faulty(uncertainty), floor)
         if choices.cut is not None:
@@ -179,37 +191,10 @@ class SessionPicture:
         self.places = positions
         return overlays.with_bound(picture, positions, axes)
 
-    def _with_ellipses(
-        self, picture: Picture, positions: np.ndarray, found: PositionUncertainty, floor: Floor | None, scale: float
-    ) -> Picture:
-        """Return the picture with error ellipses `scale` times enlarged, 0 for as much as makes them visible."""
-        extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])
-        scale = scale or overlays.ellipse_scale(found.axes, extent)
-        sigma = root_mean_square(found.sigma[self._sought(found)])  # as the verdict has it
-        return overlays.with_ellipses(
-            picture, positions, found.axes, floor, scale, f"one sigma {length_text(sigma, 2)}"
-        )
-
-    def _sought(self, found: PositionUncertainty) -> np.ndarray:
-        """Return the microphones sought that have a healthy channel, else all : (K,) int64."""
-        every = np.arange(len(found.sigma))
-        sought = np.setdiff1d(every, [*self._run.problem.known, *self._faulty(found)])
-        return sought if len(sought) else every
-
     def _faulty(self, found: PositionUncertainty) -> list[int]:
         """Return the microphones with a faulty channel."""
         names = set() if found.channels is None else {fault.name for fault in found.channels.faults}
         return [n for n, name in enumerate(self._measurement.names) if name in names]
-
-    def _static_picture(self, choices: Choices, floor: Floor | None) -> Picture:
-        """Return what does not move; over a relief it follows the heights of the map."""
-        scene, measurement = self._run.known_scene, self._measurement
-        dark, lecture, take = key = choices.style.dark, choices.lecture, choices.take
-        if floor is not None and floor.heights is not None:
-            return static_picture(scene, measurement, dark, floor, lecture, take)
-        if key not in self._static:
-            self._static[key] = static_picture(scene, measurement, dark, None, lecture, take)
-        return self._static[key]
 
     def faded_parts(self, drawn: CostMap | None, style: MapStyle) -> tuple[Floor | None, Volume | None]:
         """Return the map on the floor and the volume in space with the opacity of a style; None for what is missing.
@@ -336,7 +321,11 @@ class Viewer:
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date at the time `now`, s."""
-        newest, choices, tabs, frame = self._view_at(now), self.binding.choices, self.tabs, self.binding.frame
+        choices, tabs, frame, newest = self.binding.choices, self.tabs, self.binding.frame, self.run.session.view
+        running = newest.running and self.view.running
+        if not (running and 0 < now - self._viewed < RUN_INTERVAL):  # a run needs the processor itself
+            self.view, self._viewed = newest, now
+        newest = self.view
         found = self._verdict.of(newest.state, newest.running, now)
         sought = self._verdict.sought(newest, found)
         frame.move_by(sought)
@@ -359,18 +348,14 @@ class Viewer:
         tick = replace(tick, picture=self.picture)
         tabs.show(tick)
 
-    def _view_at(self, now: float) -> SessionView:
-        """Return the newest states; those of a moment ago while a run goes on, which needs the processor itself."""
-        newest = self.run.session.view
-        if not (newest.running and self.view.running and 0 < now - self._viewed < RUN_INTERVAL):
-            self.view, self._viewed = newest, now
-        return self.view
-
     def _draw(self, tick: Tick, choices: Choices, dropped: Dropped | None) -> None:
         """Draw the picture again where anything of it has changed."""
         floor, volume = self._picture.faded_parts(tick.drawn, choices.style)
         parts = floor, volume, tick.uncertainty, self.tabs.plan.planned
-        awaited = "" if tick.drawn is not None else tick.reason or self._awaited()
+        awaited = "" if tick.drawn is not None else tick.reason
+        if self.wanted is not None and tick.drawn is None and not awaited:
+            modes = count_label(self.run.measurement, self.wanted.modes)
+            awaited = f"Computing the map of microphone {self.wanted.microphone}: {modes} ..."
         key = tick.revision, choices, tick.microphone, dropped, awaited, *map(Same, parts)
         if key == self._key:
             return
@@ -388,13 +373,6 @@ class Viewer:
         self._picker.show(self._picture.places, picture.floor, across if across >= 0 else 2, self._picture.ball)
         self._line_handles.show(choices.cut, floor)
         self._key = key
-
-    def _awaited(self) -> str:
-        """Return which map is computed, in words; "" where none is wanted."""
-        if self.wanted is None:
-            return ""
-        modes = count_label(self.run.measurement, self.wanted.modes)
-        return f"Computing the map of microphone {self.wanted.microphone}: {modes} ..."
 
     def _hint(self, picture: Picture) -> str:
         """Return how to read the map of a cost, in words, or why there can be none; "" for anything else."""

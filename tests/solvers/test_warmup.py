@@ -14,8 +14,8 @@ from fdcal.commands.cli import all_pieces
 from fdcal.model.measurement import save_measurement
 from fdcal.model.scene import load_scene
 from fdcal.solvers import warmup_calls
-from fdcal.viewer.background import prepare as warmup
-from fdcal.viewer.background.prepare import Warmup
+from fdcal.viewer import prepare as warmup
+from fdcal.viewer.prepare import Warmup
 
 COMMAND = """
 import atexit, sys

@@ -10,12 +10,11 @@ from doubles import Recorder, Solver, State
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
 from fdcal.session.sources import OpenRequest
-from fdcal.viewer import session_view
-from fdcal.viewer.background import cost_maps, prepare
-from fdcal.viewer.background.prepare import Threads
+from fdcal.viewer import cost_maps, prepare, session_view
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.page import Page
 from fdcal.viewer.panels import Panels, SessionFolders, Tabs
+from fdcal.viewer.prepare import Threads
 from fdcal.viewer.scene3d.nodes import SceneNodes
 from fdcal.viewer.server import hardening
 

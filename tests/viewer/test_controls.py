@@ -18,7 +18,7 @@ from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import parameters_of
 from fdcal.session.session import StateCosts
 from fdcal.session.sources import OpenRequest
-from fdcal.viewer.background.cost_maps import CostMapRequest, MapStyle, map_modes
+from fdcal.viewer.cost_maps import CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, Explore, run_curve
 from fdcal.viewer.gui.binding import FLOOR, MAP_KINDS, NOTHING, RELIEF, Binding, Tick, kind_of
 from fdcal.viewer.tabs import help, map

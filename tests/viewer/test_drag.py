@@ -21,10 +21,10 @@ from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, modes_text, parse_modes
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import drop as drop_module
-from fdcal.viewer.background.cost_maps import MapStyle, place_of_basin
-from fdcal.viewer.display_frame import DisplayFrame
+from fdcal.viewer.cost_maps import MapStyle, place_of_basin
 from fdcal.viewer.explore import INVITATION
 from fdcal.viewer.gui.binding import Binding, Choices, PlanChoices
+from fdcal.viewer.prepare import DisplayFrame
 from fdcal.viewer.scene3d.picking import MicrophonePicker
 from fdcal.viewer.session_view import SessionPicture
 from fdcal.viewer.tabs import map as map_tab

@@ -20,10 +20,10 @@ from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.markers import ESTIMATE, LOWEST
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
-from fdcal.viewer.background import prepare
-from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
-from fdcal.viewer.background.prepare import Threads
+from fdcal.viewer import prepare
+from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker
 from fdcal.viewer.gui.binding import Choices
+from fdcal.viewer.prepare import Threads
 from fdcal.viewer.tabs import view as exports
 
 

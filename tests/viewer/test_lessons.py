@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import viser
 from browsing import WAIT
 from doubles import CallRecorder, set_by_client
 
@@ -18,9 +19,8 @@ from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.gui.binding import MAP_KINDS, Choices
-from fdcal.viewer.lesson_settings import apply_setting, control_values, show_frame
 from fdcal.viewer.panels import Panels, watched_rate
-from fdcal.viewer.tabs.lessons import NEXT, RESTORE, Caption, LessonsTab
+from fdcal.viewer.tabs.lessons import NEXT, RESTORE, Caption, LessonsTab, apply_setting, show_frame
 
 EVIL = "<script>alert(1)</script>"
 
@@ -335,7 +335,8 @@ def controls_of(viewer):
 
 
 def control_values_of(tab):
-    return control_values(tab) if hasattr(tab, "__dict__") else {}
+    handles = vars(tab) if hasattr(tab, "__dict__") else {}
+    return {name: handle.value for name, handle in handles.items() if isinstance(handle, viser.GuiInputHandle)}
 
 
 def set_oddly(viewer):

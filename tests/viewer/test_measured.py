@@ -18,12 +18,11 @@ from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import with_estimated_domain
 from fdcal.session.sources import OpenRequest, scene_input
-from fdcal.viewer.background import prepare
-from fdcal.viewer.background.cost_maps import count_label, map_modes, modes_label, row_label
-from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
-from fdcal.viewer.display_frame import DisplayFrame
+from fdcal.viewer import prepare
+from fdcal.viewer.cost_maps import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.gui import html
 from fdcal.viewer.gui.binding import Binding, Tick
+from fdcal.viewer.prepare import DisplayFrame, PreparationProgress, prepare_run
 from fdcal.viewer.tabs import map, spectrum
 from fdcal.viewer.tabs import map as map_tab
 from fdcal.viewer.tabs.spectrum import HIDDEN, SpectrumPlot

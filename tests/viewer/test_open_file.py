@@ -16,7 +16,7 @@ from fdcal.model.measurement import save_measurement
 from fdcal.recordings.importer import import_recording
 from fdcal.session import session_file
 from fdcal.session.sources import measurement_input, measurement_request
-from fdcal.viewer.background.prepare import Threads
+from fdcal.viewer.prepare import Threads
 from fdcal.viewer.server.hardening import is_loopback
 from fdcal.viewer.tabs import open_file as module
 from fdcal.viewer.tabs.open_file import NONE, OpenFile

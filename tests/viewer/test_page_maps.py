@@ -18,7 +18,7 @@ from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.model.settings import Search
 from fdcal.session.session import History
-from fdcal.viewer.background.cost_maps import map_modes
+from fdcal.viewer.cost_maps import map_modes
 from fdcal.viewer.gui.binding import BASINS, FLOOR, Binding
 from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs import map

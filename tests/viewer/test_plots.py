@@ -14,7 +14,7 @@ from fdcal.model.scene import load_scene
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import StateCosts
 from fdcal.session.sources import OpenRequest
-from fdcal.viewer.background.cost_maps import modes_label
+from fdcal.viewer.cost_maps import modes_label
 from fdcal.viewer.gui import html, plots
 from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.plots import Plot

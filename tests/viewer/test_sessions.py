@@ -25,9 +25,8 @@ from fdcal.session import session_file
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import page as page_module
-from fdcal.viewer.background import prepare as preparing
-from fdcal.viewer.background.prepare import SessionSwitcher
-from fdcal.viewer.preview import show_cached
+from fdcal.viewer import prepare as preparing
+from fdcal.viewer.prepare import SessionSwitcher
 from fdcal.viewer.scene3d.nodes import SceneNodes
 from fdcal.viewer.tabs import view as exports
 
@@ -98,10 +97,10 @@ def test_a_part_of_the_page_that_fails_is_logged_once_and_the_page_goes_on(page_
 
 def test_a_cached_measurement_is_shown_at_once(server, scene):
     nodes = SceneNodes(server)
-    show_cached(nodes, OpenRequest(edited(scene, {"seed": 987654})))
+    nodes.show_cached(OpenRequest(edited(scene, {"seed": 987654})))
     assert nodes.is_empty, "it has to be simulated first"
     cached_measurement(scene)
-    show_cached(nodes, OpenRequest(scene))
+    nodes.show_cached(OpenRequest(scene))
     assert {"microphones/true", "microphones/known", "room/walls"} <= nodes.parts.keys()
     server.scene.reset()
 

@@ -16,8 +16,7 @@ from fdcal.graphics.primitives import DARK, LECTURE_DARK, LECTURE_LIGHT, LIGHT, 
 from fdcal.model.arrays import positions_of
 from fdcal.model.scene import load_scene
 from fdcal.viewer.scene3d import cameras
-from fdcal.viewer.scene3d.labels import labels_html
-from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.scene3d.nodes import SceneNodes, labels_html
 from fdcal.viewer.server import hardening
 
 

@@ -21,7 +21,7 @@ from fdcal.session.calibration_run import assess_state, healthy_microphones, sol
 from fdcal.session.process import one_blas_thread
 from fdcal.session.session import History
 from fdcal.session.sources import CalibrationInput, OpenRequest, scene_input
-from fdcal.viewer.background import prepare
+from fdcal.viewer import prepare
 from fdcal.viewer.explore import Explore
 from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, status, verdict_html
 from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, uncertainty_of

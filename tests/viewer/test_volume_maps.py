@@ -18,8 +18,8 @@ from fdcal.graphics.primitives import Floor
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
-from fdcal.viewer.background import prepare
-from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker, MapStyle
+from fdcal.viewer import prepare
+from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker, MapStyle
 from fdcal.viewer.gui.binding import VOLUME, Binding, Choices, initial_choices, kind_of
 from fdcal.viewer.scene3d.nodes import SceneNodes
 from fdcal.viewer.tabs import view as exports
@@ -112,7 +112,7 @@ def test_a_moved_slice_is_drawn_from_the_same_volume_and_the_last_one_stays_mean
     drawn = first(worker, wanted, True)
     moved = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_position=1.1))
     elsewhere = dataclasses.replace(moved, microphone=3)
-    assert drawn.request.differs_in_slider(moved) and not drawn.request.differs_in_slider(elsewhere)
+    assert drawn.request.differs_by_a_drag(moved) and not drawn.request.differs_by_a_drag(elsewhere)
     quick = first(worker, moved, False)
     assert quick.volume.surface is drawn.volume.surface, "no new volume"
     again = first(worker, moved, True)

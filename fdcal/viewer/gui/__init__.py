@@ -1,6 +1,6 @@
 """Panels and controls: what the tabs share.
 
-May import: the packages below viewer, and background and server.
+May import: the packages below viewer, and server.
 
 binding   the choices made on the page, what a tick shows, and the controls bound to a session
 html      status lines, the verdict, legends and error messages

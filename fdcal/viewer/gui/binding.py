@@ -28,9 +28,8 @@ from ...session.calibration_run import Assessment
 from ...session.lesson import MAX_ORDER_OFFSET
 from ...session.session import SessionView
 from ...session.sources import OpenRequest
-from ..background.cost_maps import CostMap, CostMapRequest, MapStyle, map_modes
-from ..background.prepare import PreparedRun, Threads
-from ..display_frame import DisplayFrame
+from ..cost_maps import CostMap, CostMapRequest, MapStyle, map_modes
+from ..prepare import DisplayFrame, PreparedRun, Threads
 
 
 @dataclass(frozen=True)
@@ -44,11 +43,6 @@ class PlanChoices:
     gain_sigma_db: float = 0.0  # spread of the channels' gains, dB; 0 for equal channels
     moved: tuple[tuple[int, float, float], ...] = ()  # number, x and y, metres, of each microphone that was dragged
     takes: int = 1  # places of the source, recorded equally long from each
-
-    def with_moved(self, microphone: int, place) -> PlanChoices:
-        """Return the choices with a microphone at another place, (2,), metres."""
-        others = tuple(move for move in self.moved if move[0] != microphone)
-        return replace(self, moved=(*others, (int(microphone), float(place[0]), float(place[1]))))
 
     def placed(self, positions) -> np.ndarray:
         """Return positions (N, D), metres, with the microphones that were dragged where they are now."""
@@ -167,18 +161,14 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     choices = replace(choices, themed="dark" in run.opening.choices)
     if before is not None:
         kept = {name: getattr(before, name) for name in KEPT}
-        choices = replace(choices, style=_style_elsewhere(before, measurement), **kept)
+        volume = (before.style.volume or before.style.basins) and has_volume(measurement)
+        style = replace(before.style, shape=False, volume=volume, slice_position=None)  # what any measurement may have
+        choices = replace(choices, style=style, **kept)
     wanted, takes = run.opening.choices.items(), set(measurement.takes.tolist())
     choices = choices.with_values({key: _checked(key, value, measurement.count, modes, takes) for key, value in wanted})
     if choices.style.volume and not has_volume(measurement):  # a file of an array in a plane
         choices = replace(choices, style=replace(choices.style, volume=False))
     return choices
-
-
-def _style_elsewhere(before: Choices, measurement: Measurement) -> MapStyle:
-    """Return the style of the session before, without what the new measurement may not have."""
-    volume = (before.style.volume or before.style.basins) and has_volume(measurement)
-    return replace(before.style, shape=False, volume=volume, slice_position=None)
 
 
 def has_volume(measurement: Measurement) -> bool:
@@ -377,9 +367,6 @@ class Binding:
     def dropdown(self, label: str, names: tuple[str, ...], value: str, act: Callable[[Any], object], **options: Any):
         return self.on(self.gui.add_dropdown(label, names, initial_value=value, **options), act)
 
-    def text(self, label: str, value: str, act: Callable[[Any], object], **options: Any):
-        return self.on(self.gui.add_text(label, value, **options), act)
-
     def button(self, label: str, act: Callable[[Any], object], **options: Any):
         return self.on(self.gui.add_button(label, **options), act)
 
@@ -410,7 +397,9 @@ class Binding:
     def place(self, microphone: int, place, gesture: int | None = None) -> None:
         """Move a microphone to a place on the page, (2,) or (3,), metres: its estimate, or that of the plan shown."""
         if self.choices.plan.shown:
-            self.choose(plan=self.choices.plan.with_moved(microphone, place))
+            plan, moved = self.choices.plan, (int(microphone), float(place[0]), float(place[1]))
+            others = tuple(move for move in plan.moved if move[0] != microphone)
+            self.choose(plan=replace(plan, moved=(*others, moved)))
         else:
             place = self.frame.placed(self.session.view.state.positions, microphone, place)
             self.session.place(microphone, place, gesture)

@@ -276,36 +276,32 @@ def _marks(marks: dict[str, str]) -> str:
     )
 
 
-def colour_bar(bar: ColourBar) -> str:
-    """Return the scale of a map with ticks, and its label beside it."""
-    gradient = ", ".join(_css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
-    ticks = "".join(
-        f"<div style='position: absolute; left: {100 * share:.2f}%; transform: translateX(-50%); text-align: center;"
-        " line-height: 1.1'><div style='width: 1px; height: 5px; margin: 0 auto; background: currentColor'></div>"
-        f"{text}</div>"
-        for share, text in bar.ticks
-    )
-    ends = (("below", bar.low, bar.clipped), ("above", bar.high, bar.capped))
-    unit = " dB" if "(dB)" in bar.label else ""
-    beyond = " and ".join(f"{side} {format_number(value, 3)}{unit}" for side, value, there in ends if there)
-    note = f"values {beyond} are clipped" if beyond else ""
-    label = re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(bar.label))
-    words = "<br>".join(filter(None, (label, note)))
-    layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
-    return (
-        f"<div style='{CARD} {layout}'><div style='margin: 0.3em 1em 0 1em; flex: 1; min-width: 150px'>"
-        f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
-        f"<div style='position: relative; height: 1.7em'>{ticks}</div></div>"
-        f"<div style='opacity: 0.85; text-align: center'>{words}</div></div>"
-    )
-
-
 def _css(colour) -> str:
     return f"rgb({int(colour[0])},{int(colour[1])},{int(colour[2])})"
 
 
 def canvas_legend(bar: ColourBar | None, entries: Iterable[Entry], hint: str = "") -> str:
     """Return what stands on the canvas: how to read the map, its colour bar, if there is one, and the marks drawn."""
-    scale = "" if bar is None else colour_bar(bar)
-    words = f"<p>{escape(hint)}</p>" if hint else ""
+    scale, words = "", f"<p>{escape(hint)}</p>" if hint else ""
+    if bar is not None:
+        gradient = ", ".join(_css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
+        ticks = "".join(
+            f"<div style='position: absolute; left: {100 * share:.2f}%; transform: translateX(-50%);"
+            " text-align: center; line-height: 1.1'><div style='width: 1px; height: 5px; margin: 0 auto;"
+            f" background: currentColor'></div>{text}</div>"
+            for share, text in bar.ticks
+        )
+        ends = (("below", bar.low, bar.clipped), ("above", bar.high, bar.capped))
+        unit = " dB" if "(dB)" in bar.label else ""
+        beyond = " and ".join(f"{side} {format_number(value, 3)}{unit}" for side, value, there in ends if there)
+        note = f"values {beyond} are clipped" if beyond else ""
+        label = re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(bar.label))
+        label = "<br>".join(filter(None, (label, note)))
+        layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
+        scale = (
+            f"<div style='{CARD} {layout}'><div style='margin: 0.3em 1em 0 1em; flex: 1; min-width: 150px'>"
+            f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
+            f"<div style='position: relative; height: 1.7em'>{ticks}</div></div>"
+            f"<div style='opacity: 0.85; text-align: center'>{label}</div></div>"
+        )
     return f"<div class='fdcal-legend'>{words}{scale}{legend(entries)}</div>"

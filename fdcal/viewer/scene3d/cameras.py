@@ -30,7 +30,7 @@ ASSUMED_SIZE = 720  # pixels, of a canvas whose size is not reported
 
 
 @dataclass(frozen=True)
-class Room:
+class Surroundings:
     """What on the canvas is beside the picture."""
 
     lecture: bool = False  # larger type
@@ -43,7 +43,7 @@ class Placement:
 
     view: str = "top"  # as in graphics.camera.VIEWS
     size: tuple[int, int] | None = None  # (width, height) of the canvas at that time, pixels, or None
-    room: Room = Room()  # that was left at that time
+    around: Surroundings = Surroundings()  # that the picture left room for at that time
     expert: bool = False  # whether the page showed the panels
     relief: float = 0.0  # height of the map, metres, that a view from the side has to hold
     camera: Camera | None = None  # that was commanded, or None
@@ -56,15 +56,6 @@ class KeptView:
 
     view: str = ""  # as in graphics.camera.VIEWS, or "" for a camera of the user
     camera: Camera | None = None  # Camera of the user, or None
-
-
-def kept_view(camera, placement: Placement) -> KeptView:
-    """Return how a page with this camera, placed so the last time, looks at the scene."""
-    if placement.camera is None or is_at(camera, placement.camera):
-        return KeptView(placement.view, None if placement.view else placement.camera)
-    place = [tuple(float(x) for x in vector) for vector in (camera.position, camera.look_at, camera.up_direction)]
-    (x, y, z), (u, v, w), up = place
-    return KeptView("", Camera((x, y, z), (u, v, w), (up[0], up[1], up[2]), float(camera.fov), 1.0))
 
 
 def canvas(camera) -> tuple[int, int]:
@@ -123,14 +114,14 @@ class Cameras:
     """Owns the last commands to the pages' cameras.
 
     `picture`: what there is to be seen, or None; `view`: of a page that opens, as in graphics.camera.VIEWS;
-    `room`: what stands beside the picture.
+    `around`: what stands beside the picture.
     """
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
         self.picture: Picture | None = None
         self.view = "top"
-        self.room = Room()
+        self.around = Surroundings()
         self._experts: set[int] = set()  # pages that show the panels
         self._placements: dict[int, Placement] = {}
         self._looks: dict[int, int] = {}  # by page: looks since its camera was placed
@@ -164,7 +155,13 @@ class Cameras:
         kept = {}
         for number, client in self._server.get_clients().items():
             with self._guarded(client):
-                kept[number] = kept_view(client.camera, self._placements.get(number, Placement()))
+                camera, placement = client.camera, self._placements.get(number, Placement())
+                if placement.camera is None or is_at(camera, placement.camera):
+                    kept[number] = KeptView(placement.view, None if placement.view else placement.camera)
+                    continue
+                vectors = camera.position, camera.look_at, camera.up_direction
+                (x, y, z), (u, v, w), (a, b, c) = ([float(number) for number in vector] for vector in vectors)
+                kept[number] = KeptView("", Camera((x, y, z), (u, v, w), (a, b, c), float(camera.fov), 1.0))
         return kept
 
     def request_kept(self, kept: Mapping[int, KeptView]) -> None:
@@ -181,12 +178,7 @@ class Cameras:
         `client`: the page; `view`: as in graphics.camera.VIEWS, or the camera itself.
         """
         with self._guarded(client):
-            if isinstance(view, Camera):
-                expert = client.client_id in self._experts
-                placed = Placement("", canvas(client.camera), self.room, expert, 0.0, view)
-                self._command(client, view, placed)
-            else:
-                self._place(client, view)
+            self._place(client, view)
 
     @contextlib.contextmanager
     def _guarded(self, client: viser.ClientHandle) -> Iterator[None]:
@@ -197,38 +189,32 @@ class Cameras:
             log.debug("a page reports an impossible camera", exc_info=True)
             self.forget(client)
 
-    def _place(self, client: viser.ClientHandle, view: str) -> None:
-        if self.picture is None:
+    def _place(self, client: viser.ClientHandle, view: str | Camera) -> None:
+        camera, expert = client.camera, client.client_id in self._experts
+        size = canvas(camera)
+        if isinstance(view, Camera):
+            wanted, placement = view, Placement("", size, self.around, expert, 0.0, view)
+        elif self.picture is None:
             return
-        camera = client.camera
-        size, room, expert = canvas(camera), self.room, client.client_id in self._experts
-        wanted = camera_for(
-            self.picture, size, view, _margins(size, room, expert), fov=TOP_FOV if view == "top" else None
-        )
-        x, y, z = self._server.initial_camera.position
-        before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
-        before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
-        positions = (*before, wanted.position)[-KEPT_POSITIONS:]
-        relief = self._relief(view)
-        self._command(client, wanted, Placement(view, size, room, expert, relief, wanted, positions))
-
-    def _relief(self, view: str) -> float:
-        """Return the height of the map in a view from the side, to the centimetre; it comes later than the view."""
-        floor = None if self.picture is None else self.picture.floor
-        return (
-            0.0
-            if view in ("top", "") or floor is None or floor.heights is None
-            else round(float(floor.heights.max()), 2)
-        )
-
-    def _command(self, client: viser.ClientHandle, wanted: Camera, placement: Placement) -> None:
-        self._placements[client.client_id] = placement
-        self._looks[client.client_id] = 0
-        camera = client.camera
+        else:
+            margins, fov = _margins(size, self.around, expert), TOP_FOV if view == "top" else None
+            wanted = camera_for(self.picture, size, view, margins, fov=fov)
+            x, y, z = self._server.initial_camera.position
+            before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
+            before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
+            positions = (*before, wanted.position)[-KEPT_POSITIONS:]
+            placement = Placement(view, size, self.around, expert, self._relief(view), wanted, positions)
+        self._placements[client.client_id], self._looks[client.client_id] = placement, 0
         with client.atomic():
             camera.near, camera.far = planes(wanted)
             camera.fov, camera.up_direction = wanted.fov, wanted.up
             camera.position, camera.look_at = wanted.position, wanted.look_at
+
+    def _relief(self, view: str) -> float:
+        """Return the height of the map in a view from the side, to the centimetre; it comes later than the view."""
+        floor = None if self.picture is None else self.picture.floor
+        heights = None if floor is None or view in ("top", "") else floor.heights
+        return 0.0 if heights is None else round(float(heights.max()), 2)
 
     def request_all(self, view: str) -> None:
         """`request` a view for every page."""
@@ -245,21 +231,19 @@ class Cameras:
         `client`: the page; `check`: number of the check at which the page is made to report its canvas, or None.
         """
         with self._guarded(client):
-            self._place_if_changed(client)
+            placement, camera = self._placements.get(client.client_id, Placement()), client.camera
+            if placement.camera is None:
+                self._place(client, placement.view)
+            else:
+                now = canvas(camera), self.around, client.client_id in self._experts, self._relief(placement.view)
+                fits = now == (placement.size, placement.around, placement.expert, placement.relief)
+                fits = fits and is_at(camera, placement.camera)
+                if not fits and any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):
+                    self._place(client, placement.view)
             if check is not None:
-                self._nudge(client, 1 + FOV_NUDGE if check % 2 else 1 / (1 + FOV_NUDGE))
-
-    def _place_if_changed(self, client: viser.ClientHandle) -> None:
-        placement, camera = self._placements.get(client.client_id, Placement()), client.camera
-        if placement.camera is None:
-            self._place(client, placement.view)
-            return
-        expert = client.client_id in self._experts
-        now = canvas(camera), self.room, expert, self._relief(placement.view)
-        fits = now == (placement.size, placement.room, placement.expert, placement.relief)
-        fits = fits and is_at(camera, placement.camera)
-        if not fits and any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):
-            self._place(client, placement.view)
+                # A page reports the size of its canvas while the panels move, when that may still be the size before:
+                # the picture then fits a canvas that does not exist. An invisible change makes it report again.
+                camera.fov *= 1 + FOV_NUDGE if check % 2 else 1 / (1 + FOV_NUDGE)
 
     def follow_all(self, clients) -> None:
         """`follow` pages whose canvas has changed without a report; called by the main loop now and then."""
@@ -267,14 +251,6 @@ class Cameras:
             if client.client_id in self._placements:
                 self._looks[client.client_id] = looks = self._looks.get(client.client_id, 0) + 1
                 self.follow(client, CHECKS.index(looks) if looks in CHECKS else None)
-
-    def _nudge(self, client: viser.ClientHandle, factor: float) -> None:
-        """Make a page report the size of its canvas by an invisible change of its camera.
-
-        By itself it reports the size while the panels move, when the canvas may still have the size before: the picture
-        then fits a canvas that does not exist, and clicks miss what they aim at.
-        """
-        client.camera.fov *= factor
 
     def forget(self, client: viser.ClientHandle) -> None:
         """Drop what belongs to a page that has closed."""
@@ -294,17 +270,17 @@ class Cameras:
         first.fov, first.up, first.position, first.look_at = wanted.fov, wanted.up, wanted.position, wanted.look_at
 
 
-def _margins(size: tuple[int, int], room: Room, expert: bool) -> tuple[int, int, int, int]:
+def _margins(size: tuple[int, int], around: Surroundings, expert: bool) -> tuple[int, int, int, int]:
     """Pixels left, bottom, right and top of what is looked at, for rulers, legend, bar and caption."""
     if size[0] > PHONE_WIDTH or size[1] < 1.6 * size[0]:
         broad = size[0] >= max(BROAD, BROAD_RATIO * size[1])
-        if expert and not room.lecture:  # whose caption lies over a panel
+        if expert and not around.lecture:  # whose caption lies over a panel
             return BROAD_EXPERT_MARGINS if broad else EXPERT_MARGINS
         usual, large = (BROAD_MARGINS, BROAD_LECTURE_MARGINS) if broad else (MARGINS, LECTURE_MARGINS)
-        left, bottom, right, top = large if room.lecture else usual
-        if room.caption and size[0] > WIDE:
-            right = (LECTURE_CAPTION if room.lecture else CAPTION) + min(right, MARGINS[2])
+        left, bottom, right, top = large if around.lecture else usual
+        if around.caption and size[0] > WIDE:
+            right = (LECTURE_CAPTION if around.lecture else CAPTION) + min(right, MARGINS[2])
         return left, bottom, right, top
     left, right, top = PHONE_MARGINS
-    panel = round((PHONE_CAPTION if room.caption and not expert else PHONE_PANEL) * size[1])
+    panel = round((PHONE_CAPTION if around.caption and not expert else PHONE_PANEL) * size[1])
     return (left, panel + PHONE_LEGEND, right, PHONE_BUTTONS) if expert else (left, panel, right, top)

@@ -61,12 +61,8 @@ class MicrophonePicker:
         z0, z1 = picture.z_range
         self._low, self._high = np.array([x0 + edge, y0 + edge, z0]), np.array([x1 - edge, y1 - edge, z1])
         self._corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
-        self._handles = self._add_handles(server, name)
-
-    def _add_handles(self, server: viser.ViserServer, name: str):
-        """Add one handle for each microphone."""
-        start = np.tile(self._corners[0], (self._binding.measurement.count, 1))
-        handles = add_handles(server, name, start, HANDLE_RADIUS * self._marker, self._corners)
+        start = np.tile(self._corners[0], (binding.measurement.count, 1))
+        self._handles = handles = add_handles(server, name, start, HANDLE_RADIUS * self._marker, self._corners)
         self._sized: np.ndarray | None = None  # the sizes that were sent last
 
         @handles.on_click
@@ -81,8 +77,6 @@ class MicrophonePicker:
         @handles.on_drag("left", modifier="shift")
         async def _(event) -> None:
             self._drag(event, self._place)
-
-        return handles
 
     def _exists(self, index) -> bool:
         return isinstance(index, int) and 0 <= index < self._binding.measurement.count
@@ -102,9 +96,7 @@ class MicrophonePicker:
             return
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
         here = self._corners[0] if self._shown is None else self._shown[index]
-        place = ground_point(eye, point, here[2])
-        if self._across != 2:
-            place = plane_point(eye, point, self._across, float(here[self._across]))
+        place = plane_point(eye, point, float(here[self._across]), self._across)
         if place is not None:
             place = np.clip(place, self._low[: len(place)], self._high[: len(place)])
             self._last[event.client_id] = move, index, place
@@ -164,27 +156,21 @@ def add_handles(server: viser.ViserServer, name: str, places: np.ndarray, radius
     )  # fmt: skip
 
 
-def ground_point(eye: np.ndarray, point: np.ndarray, level: float) -> np.ndarray | None:
-    """Return where the ray from the eye through `point` comes down to a height, (2,), metres; None if it does not."""
-    if point.shape != (3,):
+def plane_point(eye: np.ndarray, point: np.ndarray, level: float, axis: int = 2) -> np.ndarray | None:
+    """Return where the ray from the eye through `point` meets the plane at `level` across an axis, metres; or None.
+
+    On level ground, on which the eye looks down, (2,); in an upright plane (3,).
+    """
+    if point.shape != (3,) or not np.isfinite(point).all():
         return None
     along = point - eye
-    if not np.isfinite(along).all() or along[2] >= -1e-9 * np.linalg.norm(along):
-        return None
-    position = (eye + along * ((eye[2] - level) / -along[2]))[:2]
-    return position if eye[2] > level and np.isfinite(position).all() else None
-
-
-def plane_point(eye: np.ndarray, point: np.ndarray, axis: int, level: float) -> np.ndarray | None:
-    """Return where the ray from the eye through `point` meets a plane across an axis, (3,), metres; or None."""
-    if point.shape != (3,):
-        return None
-    along = point - eye
-    if not np.isfinite(along).all() or abs(along[axis]) < GRAZING * np.linalg.norm(along):
+    length = np.linalg.norm(along)
+    if along[2] >= -1e-9 * length if axis == 2 else abs(along[axis]) < GRAZING * length:
         return None
     place = eye + along * ((level - eye[axis]) / along[axis])
     place[axis] = level
-    return place if (level - eye[axis]) * along[axis] > 0 and np.isfinite(place).all() else None
+    ahead = (level - eye[axis]) * along[axis] > 0 and np.isfinite(place).all()
+    return (place[:2] if axis == 2 else place) if ahead else None
 
 
 GRAZING = 0.05  # sine of the angle to a plane below which a pointer meets it nowhere in particular
@@ -218,18 +204,16 @@ class LineHandles:
         ends = ends if ends.shape[1] == 3 else lift(ends, self._base)
         ends = ends + [0.0, 0.0, 2 * HANDLE_HEIGHT * self._marker]  # over the handles of the microphones
         if self._handles is None:
-            self._add(ends)
+            name, radius = f"{self._name}/{next(self._numbers)}", END_RADIUS * self._marker
+            self._handles = add_handles(self._server, name, ends, radius, self._corners)
+
+            @self._handles.on_drag("left")
+            async def _(event) -> None:
+                self._drag(event)
+
         elif not np.array_equal(ends, self._shown):
             self._handles.batched_positions = np.concatenate([ends, self._corners]).astype(np.float32)
         self._shown = ends
-
-    def _add(self, ends: np.ndarray) -> None:
-        name = f"{self._name}/{next(self._numbers)}"
-        self._handles = add_handles(self._server, name, ends, END_RADIUS * self._marker, self._corners)
-
-        @self._handles.on_drag("left")
-        async def _(event) -> None:
-            self._drag(event)
 
     def _drag(self, event) -> None:
         """Move one end to where the line of sight meets the map, inside the search domain."""
@@ -237,7 +221,7 @@ class LineHandles:
         if line is None or not isinstance(end, int) or end not in (0, 1) or len(self._shown) != 2:
             return
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
-        place = ground_point(eye, point, self._shown[end, 2])
+        place = plane_point(eye, point, float(self._shown[end, 2]))
         if place is not None:
             x, y = np.clip(place, self._low, self._high).tolist()
             self._binding.choose(cut=((x, y), line[1]) if end == 0 else (line[0], (x, y)))

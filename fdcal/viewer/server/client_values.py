@@ -90,7 +90,12 @@ def is_acceptable(message: dict[str, Any]) -> bool:
         return False
     if not all(isinstance(message.get(key, ""), str) for key in NAMES):  # viser looks them up in a dictionary
         return False
-    return _points_somewhere(message) and (message["type"] != CAMERA or _is_camera(message))
+    points = [message[key] for key in POINTS if key in message]
+    points += [message[key] for key in RAYS if message.get(key) is not None]
+    index = message.get("instance_index")  # of what a pointer hit
+    if not all(_is_vector(x, 3) for x in points) or not (index is None or type(index) is int):
+        return False
+    return message["type"] != CAMERA or _is_camera(message)
 
 
 def message_cost(message: dict[str, Any]) -> float:
@@ -115,14 +120,6 @@ def _is_plain(value, depth: int, items) -> bool:
     if isinstance(value, (list, tuple)):
         return all(_is_plain(inner, depth + 1, items) for inner in value)
     return value is None
-
-
-def _points_somewhere(message: dict[str, Any]) -> bool:
-    """Return whether what a message holds of a pointer can be used: points, rays, and the number of what it hit."""
-    points = [message[key] for key in POINTS if key in message]
-    points += [message[key] for key in RAYS if message.get(key) is not None]
-    index = message.get("instance_index")
-    return all(_is_vector(x, 3) for x in points) and (index is None or type(index) is int)
 
 
 def _is_camera(message: dict[str, Any]) -> bool:

@@ -204,10 +204,12 @@ def require_foreign_origin_refused(host: str, port: int) -> None:
             raise ForeignOriginAccepted(f"a page of {origin or 'no origin'} is not refused")
 
 
-def same_origin(respond: Respond) -> Respond:
+def own_page_only(respond: Respond) -> Respond:
     """Wrap the function that answers requests: a page connects only to the address that it comes from.
 
-    A browser sets both headers itself, and neither depends on a forwarded port. `allowed_origins` has the names.
+    A browser sets both headers itself, and neither depends on a forwarded port. `allowed_origins` has the names. The
+    page is sent uncompressed to loopback addresses (also through an SSH tunnel): compressing costs 30 ms before the
+    first byte.
     """
 
     def answer(connection, request) -> Response | None:
@@ -215,18 +217,6 @@ def same_origin(respond: Respond) -> Respond:
         connects = came_from or "Upgrade" in request.headers
         if connects and came_from != [host.lower() for host in request.headers.get_all("Host")]:
             return connection.respond(http.HTTPStatus.FORBIDDEN, "This page is for its own address only.\n")
-        return respond(connection, request)
-
-    return answer
-
-
-def uncompressed_here(respond: Respond) -> Respond:
-    """Send the page uncompressed to loopback addresses (also through an SSH tunnel).
-
-    Compressing costs 30 ms before the first byte. Other files are sent as viser sends them.
-    """
-
-    def answer(connection, request) -> Response | None:
         if request.path.partition("?")[0] == "/" and is_loopback(connection.remote_address[0]):
             request.headers.pop("Accept-Encoding", None)
         return respond(connection, request)
@@ -331,13 +321,6 @@ def encoded(
     return file.getvalue()
 
 
-def replace_private(module: Any, name: str, replacement: object) -> None:
-    """Have viser use something else from now on. Raises AttributeError: viser no longer has the name."""
-    if not hasattr(module, name):
-        raise AttributeError(f"viser has no {name}")
-    setattr(module, name, replacement)
-
-
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 MAX_MESSAGE_BYTES = 100_000  # of one message of a browser: a camera, a value, a click
 BLOCKED_MESSAGES = (  # messages that the page of fdcal never sends: public tunnel, uploads, forms, transform controls
@@ -387,7 +370,7 @@ def _restricted_listening(host: str, film: str, on_sent: Callable[[], None]) -> 
 
     def restricted(handler: Handler, *arguments, **given):
         if given.get("process_request") is not None:
-            given["process_request"] = same_origin(uncompressed_here(titled(given["process_request"], film, on_sent)))
+            given["process_request"] = own_page_only(titled(given["process_request"], film, on_sent))
         return serve(version_checked(handler), *arguments, **(given | options))
 
     module.serve = restricted
@@ -401,8 +384,13 @@ def _open_restricted(host: str, port: int, film: str, on_sent: Callable[[], None
     """Open a server, or refuse where viser or websockets no longer have what the restrictions hang on."""
     server = None
     try:
-        replace_private(_infra, "AsyncMessageBuffer", SafeMessageBuffer)  # for servers and clients created from now on
-        replace_private(_scene_api, "cv2_imencode_with_fallback", encoded)
+        for module, name, ours in (
+            (_infra, "AsyncMessageBuffer", SafeMessageBuffer),  # for servers and clients created from now on
+            (_scene_api, "cv2_imencode_with_fallback", encoded),
+        ):
+            if not hasattr(module, name):
+                raise AttributeError(f"viser has no {name}")
+            setattr(module, name, ours)
         with _restricted_listening(host, film, on_sent):
             server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
         for message in BLOCKED_MESSAGES:
@@ -428,7 +416,7 @@ def without_output(function: Callable[[], Result]) -> Result:
 def allowed_origins(host: str) -> list[re.Pattern[str]]:
     """Return the origins from which a page may connect to a server at `host`: a pattern for the names of this machine.
 
-    `host`: address at which the server listens. The port is that of the address asked (`same_origin`).
+    `host`: address at which the server listens. The port is that of the address asked (`own_page_only`).
     """
     names = {*LOOPBACK, host}
     if host not in LOOPBACK:

@@ -62,8 +62,15 @@ class CurvesTab(Tab):
             return
         if sought is not None and not np.array_equal(sought, self._sought):
             self._sought, self._states, self._rows, self._decades = sought, [], [], range(0)
-        if not self._update_rows(view.history) and view.costs.count == self._costs:
+        history, kept = view.history, min(len(self._states), len(view.history))
+        while kept and self._states[kept - 1] is not history[kept - 1]:
+            kept -= 1
+        new = not kept == len(history) == len(self._states)
+        if not new and view.costs.count == self._costs:
             return
+        if new:
+            self._decades = self._decades if kept else range(0)
+            self._states[kept:], self._rows[kept:] = history[kept:], [self._row(state) for state in history[kept:]]
         self._updated, self._costs = now, view.costs.count
         x, mean, largest, last, stage, restart = np.array(self._rows, float).T
         drawn = np.unique(np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int))
@@ -81,19 +88,6 @@ class CurvesTab(Tab):
         if len(known):  # between the costs that are known the curve is straight
             cost = np.interp(np.arange(len(cost)), known, cost[known])
             self.cost.show(_with_stages(x, (cost,), drawn, begins, restarted, stage))
-
-    def _update_rows(self, history) -> bool:
-        """Compute the rows of new states; return whether anything is new."""
-        kept = min(len(self._states), len(history))
-        while kept and self._states[kept - 1] is not history[kept - 1]:
-            kept -= 1
-        if kept == len(history) == len(self._states):
-            return False
-        if not kept:
-            self._decades = range(0)
-        new = history[kept:]
-        self._states[kept:], self._rows[kept:] = new, [self._row(state) for state in new]
-        return True
 
     def _row(self, state) -> tuple:
         errors = self._measurement.errors(state.positions, self._sought)

@@ -15,12 +15,11 @@ from ...cost.maps import eq7_cut
 from ...graphics.picture import row_word
 from ...model.measurement import Measurement
 from ...solvers.interface import RunState
-from ..background.cost_maps import count_label, map_modes, shown_modes
-from ..background.prepare import PreparedRun
-from ..display_frame import drawn_truth
+from ..cost_maps import count_label, map_modes, shown_modes
 from ..gui import html
 from ..gui.binding import Binding, Line, Tab, Tick
 from ..gui.plots import BLUE, GREY, RED, Plot, dots
+from ..prepare import PreparedRun
 
 POINTS = 121  # along the line
 MAX_MODES = 12  # that are drawn one by one
@@ -61,7 +60,7 @@ def cost_along(run: PreparedRun, request: CutRequest) -> Cut:
     points = np.concatenate([points, np.tile(positions[n, 2:], (POINTS, 1))], axis=1)
     costs = eq7_cut(run.problem, positions, n, modes, request.order_offset, points, state.channels)
     drawn = shown_modes(len(modes), MAX_MODES)
-    truth = drawn_truth(run, positions)
+    truth = run.drawn_truth(positions)
     return Cut(
         request,
         np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), POINTS),
@@ -175,21 +174,17 @@ class CutPanel(Tab):
         """Draw one of LINES."""
         if label == NO_LINE:
             self._binding.choose(cut=None)
-        elif self._binding.run.problem.search is not None:
-            self._binding.choose(cut=self._line(label))
-
-    def _line(self, label: str) -> Line:
-        """Return a line through the estimate, from edge to edge of the search domain."""
+            return
         binding, search = self._binding, self._binding.run.problem.search
-        if search is None:
-            raise ValueError("a cut needs a search domain")  # `place` has checked that there is one
-        low = np.array(search.origin[:2])
-        high = low + search.step * (np.array(search.shape[:2]) - 1)
-        here = np.clip(binding.positions[self._microphone, :2], low, high)
-        along = np.array({ALONG_X: (1.0, 0.0), ALONG_Y: (0.0, 1.0)}.get(label, (1.0, 0.0)))
-        if label == TO_LOWEST and self._lowest is not None and np.linalg.norm(self._lowest - here) > search.step / 10:
-            along = self._lowest - here
-        return line_across(here, along, low, high)
+        if search is not None:  # through the estimate, from edge to edge of the search domain
+            low = np.array(search.origin[:2])
+            high = low + search.step * (np.array(search.shape[:2]) - 1)
+            here = np.clip(binding.positions[self._microphone, :2], low, high)
+            along = np.array([0.0, 1.0] if label == ALONG_Y else [1.0, 0.0])
+            if label == TO_LOWEST and self._lowest is not None:
+                apart = self._lowest - here
+                along = apart if np.linalg.norm(apart) > search.step / 10 else along
+            binding.choose(cut=line_across(here, along, low, high))
 
     def show(self, tick: Tick) -> None:
         """Bring the plot up to date."""

@@ -24,8 +24,10 @@ class Key:
 
     key: HotkeyKey  # as viser names it
     label: str  # what it does
-    act: Callable  # function of the page and the client that pressed the key
+    act: Callable  # function of the tabs of the session, or with `of_page` of the page and the client that pressed it
     modifier: KeyModifier | None = None  # "shift" or None
+    command: str = ""  # of the button in Explore that does the same, or ""
+    of_page: bool = False
 
     @property
     def name(self) -> str:
@@ -33,42 +35,20 @@ class Key:
         return f"{self.modifier.capitalize()}+{self.key}" if self.modifier else self.key
 
 
-def _with_tabs(act: Callable) -> Callable:
-    """Return a function that calls `act(tabs)` if there is a session."""
-
-    def do(page, client) -> None:
-        if page.viewer is not None:
-            act(page.viewer.tabs)
-
-    return do
-
-
-def _press(name: str) -> Callable:
-    return _with_tabs(lambda tabs: tabs.run_bar.press(name))
-
-
-def _seek(shift: int) -> Callable:
+def _seek(tabs, shift: int) -> None:
     """Show another state of the history."""
-    return _with_tabs(lambda tabs: tabs.binding.session.seek(tabs.binding.session.view.index + shift))
+    tabs.binding.session.seek(tabs.binding.session.view.index + shift)
 
 
-def _next_microphone(shift: int) -> Callable:
-    def do(tabs) -> None:
-        count = tabs.binding.measurement.count
-        tabs.map.pick((int(tabs.map.microphone.value) + shift) % count)
-
-    return _with_tabs(do)
+def _next_microphone(tabs, shift: int) -> None:
+    tabs.map.pick((int(tabs.map.microphone.value) + shift) % tabs.binding.measurement.count)
 
 
-def _more_modes(shift: int) -> Callable:
+def _more_modes(tabs, shift: int) -> None:
     """Show the map of the modes from the lowest to one more, or one less."""
-
-    def do(tabs) -> None:
-        binding = tabs.binding
-        highest = (binding.choices.modes or (binding.session.view.state.last,))[-1]
-        tabs.map.choose_modes(range(1, min(max(highest + shift, 1), binding.modes) + 1))
-
-    return _with_tabs(do)
+    binding = tabs.binding
+    highest = (binding.choices.modes or (binding.session.view.state.last,))[-1]
+    tabs.map.choose_modes(range(1, min(max(highest + shift, 1), binding.modes) + 1))
 
 
 def _next_kind(tabs) -> None:
@@ -76,43 +56,45 @@ def _next_kind(tabs) -> None:
     tabs.map.show_as(kinds[(kinds.index(tabs.map.kind.value) + 1) % len(kinds)])
 
 
-def _look(view: str) -> Callable:
+def _look(page, client: viser.ClientHandle, view: str) -> None:
     """Place the camera, and let the map rise or lie down."""
-    return lambda page, client: page.viewer and page.viewer.tabs.look(client, view)
+    if page.viewer is not None:
+        page.viewer.tabs.look(client, view)
 
 
 KEYS = (
-    Key("R", "Run or pause", _with_tabs(lambda tabs: tabs.run_bar.toggle())),
-    Key("N", "One step", _press("Step")),
-    Key("G", "One sweep", _press("Sweep")),
-    Key("T", "One stage", _press("Stage")),
-    Key("X", "Reset", _press("Reset")),
-    Key("B", "Previous state", _seek(-1)),
-    Key("F", "Next state", _seek(1)),
-    Key("M", "Map of the next microphone", _next_microphone(1)),
-    Key("M", "Map of the previous microphone", _next_microphone(-1), "shift"),
-    Key("O", "One more mode in the map", _more_modes(1)),
-    Key("I", "One mode less in the map", _more_modes(-1)),
-    Key("P", "Play or pause the sweep of modes", _with_tabs(lambda tabs: tabs.sweep.toggle())),
-    Key("U", "Map of the modes in use", _with_tabs(lambda tabs: tabs.map.choose_modes(None))),
-    Key("V", "Flat map, relief, mode shape, basins, isosurfaces, no map", _with_tabs(_next_kind)),
+    Key("R", "Run or pause", lambda tabs: tabs.run_bar.toggle()),
+    Key("N", "One step", lambda tabs: tabs.run_bar.press("Step"), command="onestep"),
+    Key("G", "One sweep", lambda tabs: tabs.run_bar.press("Sweep")),
+    Key("T", "One stage", lambda tabs: tabs.run_bar.press("Stage")),
+    Key("X", "Reset", lambda tabs: tabs.run_bar.press("Reset"), command="restart"),
+    Key("B", "Previous state", lambda tabs: _seek(tabs, -1)),
+    Key("F", "Next state", lambda tabs: _seek(tabs, 1)),
+    Key("M", "Map of the next microphone", lambda tabs: _next_microphone(tabs, 1)),
+    Key("M", "Map of the previous microphone", lambda tabs: _next_microphone(tabs, -1), "shift"),
+    Key("O", "One more mode in the map", lambda tabs: _more_modes(tabs, 1)),
+    Key("I", "One mode less in the map", lambda tabs: _more_modes(tabs, -1)),
+    Key("P", "Play or pause the sweep of modes", lambda tabs: tabs.sweep.toggle(), command="sweep"),
+    Key("U", "Map of the modes in use", lambda tabs: tabs.map.choose_modes(None)),
+    Key("V", "Flat map, relief, mode shape, basins, isosurfaces, no map", _next_kind),
     Key(
         "L",
         "Logarithmic or linear scale",
-        _with_tabs(lambda tabs: tabs.map.scale_as(LINEAR if tabs.binding.choices.style.log else LOG)),
+        lambda tabs: tabs.map.scale_as(LINEAR if tabs.binding.choices.style.log else LOG),
     ),
-    Key("Y", "Trails", _with_tabs(lambda tabs: tabs.view.draw(trails=not tabs.binding.choices.trails))),
-    Key("K", "Dark or light page", _with_tabs(lambda tabs: tabs.view.darken(not tabs.binding.choices.style.dark))),
+    Key("Y", "Trails", lambda tabs: tabs.view.draw(trails=not tabs.binding.choices.trails)),
+    Key("K", "Dark or light page", lambda tabs: tabs.view.darken(not tabs.binding.choices.style.dark)),
     Key(
         "H",
         "Lecture mode: large type, panels folded away",
-        _with_tabs(lambda tabs: tabs.view.lecture_mode(not tabs.binding.choices.lecture)),
+        lambda tabs: tabs.view.lecture_mode(not tabs.binding.choices.lecture),
+        command="lecture",
     ),
-    Key("1", "Plan view", _look("top")),
-    Key("2", "Whole room", lambda page, client: page.nodes.cameras.request(client, "3d")),
-    Key("3", "3-D view of the array", _look("close")),
-    Key("J", "Next step of the lesson", lambda page, client: page.lessons.go(NEXT)),
-    Key("J", "Previous step of the lesson", lambda page, client: page.lessons.go(BACK), "shift"),
+    Key("1", "Plan view", lambda page, client: _look(page, client, "top"), of_page=True),
+    Key("2", "Whole room", lambda page, client: page.nodes.cameras.request(client, "3d"), of_page=True),
+    Key("3", "3-D view of the array", lambda page, client: _look(page, client, "close"), of_page=True),
+    Key("J", "Next step of the lesson", lambda page, client: page.lessons.go(NEXT), of_page=True),
+    Key("J", "Previous step of the lesson", lambda page, client: page.lessons.go(BACK), "shift", of_page=True),
 )
 
 
@@ -121,8 +103,10 @@ def add_keys(gui: viser.GuiApi, page) -> None:
 
     def act_on(key: Key) -> Callable:
         async def act(event) -> None:
-            if event.client is not None:
+            if event.client is not None and key.of_page:
                 key.act(page, event.client)
+            elif event.client is not None and page.viewer is not None:
+                key.act(page.viewer.tabs)
 
         return act
 
@@ -181,8 +165,3 @@ def _table(title: str, rows: dict[str, str]) -> str:
         for name, description in rows.items()
     )
     return f"{_head(title)}<div style='{CARD}'><table style='border-spacing: 0'>{cells}</table></div>"
-
-
-def add_help(gui: viser.GuiApi) -> None:
-    """Add the contents to the tab, in whose context this is called."""
-    gui.add_html(text())

@@ -2,30 +2,168 @@
 
 All browsers that have the page open follow the same lesson. A step that needs another scene opens it first
 (`Page.open`), and sets the controls as soon as the scene is ready. What the page showed before the first lesson comes
-back with its end (`lesson_settings`).
+back with its end.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
+
+import viser
 
 from ...model.scene import Scene
-from ...model.validation import InputError, StorageError, shown
-from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, LessonSetting, LessonStep
+from ...model.validation import InputError, StorageError, parse_modes, shown
+from ...session.lesson import (
+    IN_USE,
+    MAX_CHOICES,
+    Frame,
+    Lesson,
+    LessonProgress,
+    LessonSetting,
+    parse_frame,
+    run_target,
+)
+from ...session.session import Session
 from ...session.sources import OpenRequest
+from ..gui.binding import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
 from ..gui.html import complaint, error_message
 from ..gui.overlay import whole
-from ..lesson_settings import PageBefore, apply_setting, plain_choices
+from ..scene3d.cameras import Cameras, KeptView
+from ..server.client_values import fits
+from .map import EQ7, LINEAR, LOG, OBJECTIVE
 
 if TYPE_CHECKING:
-    from ..background.prepare import SessionSwitcher
-    from ..panels import Panels
+    from ...session.session import SessionView
+    from ..panels import Panels, Tabs
+    from ..prepare import PreparedRun, SessionSwitcher
     from ..scene3d.nodes import SceneNodes
     from ..session_view import Viewer
+
+KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "basins": BASINS, "volume": VOLUME, "none": NOTHING}
+QUANTITIES = {"eq7": EQ7, "objective": OBJECTIVE}
+OF_THE_PAGE = ("microphone", "dark", "lecture")  # choices that a lesson does not begin with
+SCALES = {"log": LOG, "linear": LINEAR}
+
+
+def plain_choices() -> dict[str, Any]:
+    """Return the choices that a page begins with, for an OpenRequest, without OF_THE_PAGE."""
+    return {key: value for key, value in Choices(microphone=0).to_save().items() if key not in OF_THE_PAGE}
+
+
+def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str], None], restarted: bool) -> None:
+    """Set the controls of a session that shows the scene of `setting` already.
+
+    `setting`: what it leaves out stays; `tabs`: of the session; `place_all`: function that moves
+    the cameras of all browsers to a view; `restarted`: whether the session is at its start, or will be when it has
+    executed its queued commands. Raises InputError: the setting names modes that were not measured.
+    """
+    setting, modes = setting.unfolded(), tabs.binding.modes
+    _drive(setting, tabs, restarted)
+    effects: dict[str, Callable[[Any], object]] = {
+        "microphone": tabs.map.pick,
+        "follow": tabs.map.follow_solver,
+        "map": lambda name: tabs.map.show_as(KINDS[name]),
+        "map_modes": lambda text: tabs.map.choose_modes(None if text == IN_USE else parse_modes(text, modes)),
+        "quantity": lambda name: tabs.map.show_quantity(QUANTITIES[name]),
+        "order_offset": tabs.map.set_order,
+        "scale": lambda name: tabs.map.scale_as(SCALES[name]),
+        "minima": tabs.map.mark_minima,
+        "trails": lambda drawn: tabs.view.draw(trails=drawn),
+        "ellipses": lambda drawn: tabs.view.draw(ellipses=drawn),
+        "view": place_all,
+    }
+    for name, act in effects.items():
+        if getattr(setting, name) is not None:
+            act(getattr(setting, name))
+
+
+def _drive(setting: LessonSetting, tabs: Tabs, restarted: bool) -> None:
+    """Apply what concerns the solver: the modes in use, and how far it runs."""
+    session = tabs.binding.session
+    state = session.view.history[0] if restarted else session.view.state
+    modes = range(state.first, state.last + 1)
+    if setting.modes is not None:
+        modes = parse_modes(setting.modes, tabs.binding.modes)
+    automatic = state.automatic if setting.automatic is None else setting.automatic
+    if setting.modes is not None or setting.automatic is not None:
+        session.use_modes(modes[0], modes[-1], automatic)
+    if setting.run is not None:
+        what, count = run_target(setting.run)
+        if what == "end":
+            session.play()
+        else:
+            {"step": session.step, "sweep": session.sweep, "stage": session.stage}[what](count)
+    if setting.frame is not None:
+        show_frame(session, parse_frame(setting.frame), session.view.history[: 1 if restarted else None])
+
+
+def show_frame(session: Session, frame: Frame, states: list) -> None:
+    """Show a frame of a run; one that the run has not come to is run to, from its last state.
+
+    `frame`: Frame; without a unit, the state that is shown stays; `states`: of the run so far.
+    """
+    if not frame.unit:
+        return
+    wanted = frame.number - (frame.unit == "stage")  # a state counts its stages from 0
+    reached = [getattr(state, frame.unit) for state in states]
+    session.pause()
+    if max(reached) >= wanted:
+        session.seek(next(index for index, number in enumerate(reached) if number >= wanted))
+        return
+    session.seek(len(states) - 1)
+    {"step": session.step, "sweep": session.sweep, "stage": session.stage}[frame.unit](wanted - reached[-1])
+
+
+@dataclass(frozen=True)
+class PageBefore:
+    """The page as it was before a lesson."""
+
+    run: PreparedRun
+    view: SessionView  # the states of its run
+    choices: Choices
+    # of the controls of each tab that a user can set, by the name of the tab and of the control
+    values: Mapping[str, Mapping[str, Any]]
+    cameras: Mapping[int, KeptView]  # KeptView of each browser
+
+    @classmethod
+    def of(cls, viewer: Viewer, cameras: Cameras) -> PageBefore:
+        """Return the page as it is, and pause its run."""
+        viewer.run.session.pause()
+        values = {
+            name: {own: handle.value for own, handle in handles.items()}
+            for name, handles in controls_of(viewer).items()
+        }
+        view = viewer.run.session.view
+        return cls(viewer.run, view, viewer.binding.choices, values, cameras.kept_views())
+
+    def put_back(self, viewer: Viewer, cameras: Cameras) -> None:
+        """Set the controls of the viewer that shows the session again; on viser's event loop."""
+        viewer.binding.choose(**vars(self.choices))
+        for name, handles in controls_of(viewer).items():
+            values = self.values.get(name, {})
+            if name == "scene" and "name" in values:
+                viewer.tabs.scene.choose(values["name"])
+            for control, handle in handles.items():
+                value = values.get(control, handle.value)
+                if handle.value != value and fits(handle, value):
+                    handle.value = value
+        viewer.tabs.refresh()
+        cameras.request_kept(self.cameras)
+
+
+def controls_of(viewer: Viewer) -> dict[str, dict[str, Any]]:
+    """Return the controls in the panels that keep a value, unlike buttons: by the name of the tab, and their own."""
+    owners = {**vars(viewer.tabs), "slice": viewer.tabs.map.slice}
+    found = {
+        name: {own: handle for own, handle in vars(owner).items() if isinstance(handle, viser.GuiInputHandle)}
+        for name, owner in owners.items()
+    }
+    return {name: handles for name, handles in found.items() if handles}
+
 
 INTRODUCTION = (
     "A lesson sets the controls for you, asks a question, and shows what happens. Everyone who has this page open"
@@ -70,7 +208,12 @@ class Caption:
             parts.append("<b>The map of this step is being prepared&nbsp;...</b>")
         elif step.question:
             parts.append(f"<b>{escape(step.question)}</b>")
-            parts += _answered(step, self.choice) if self.choice >= 0 else []
+            right = step.answer - 1
+            for i in sorted({self.choice, right} if self.choice >= 0 else ()):  # the other answers are left out
+                parts.append(f"<div>{'&#10003;' if i == right else '&#10007;'} <b>{escape(step.choices[i])}</b></div>")
+            if self.choice >= 0:
+                parts.append(f"<b>{'Right.' if self.choice == right else 'Not quite.'}</b>")
+                parts.append(f"<div class='text'>{_paragraphs(step.reveal)}</div>")
         buttons = [_button(f"answer={number}", text) for number, text in enumerate(self.answers)]
         parts += [f"<div class='choices'>{''.join(buttons)}</div>"] if buttons else []
         following = _button("follow", self.following, "first") if self.following else ""
@@ -78,17 +221,6 @@ class Caption:
         steps += _button("restore", RESTORE) + (_button("next", NEXT) if self.number < last and not following else "")
         steps += _button("end", "End lesson")
         return f"{''.join(parts)}{complaint(self.error)}<div class='steps' id='fdcal-steps'>{following}{steps}</div>"
-
-
-def _answered(step: LessonStep, choice: int) -> list[str]:
-    """Return the answer that was given, the right one, and why; the others are left out."""
-    right = step.answer - 1
-    parts = [
-        f"<div>{'&#10003;' if i == right else '&#10007;'} <b>{escape(step.choices[i])}</b></div>"
-        for i in sorted({choice, right})
-    ]
-    verdict = "Right." if choice == right else "Not quite."
-    return [*parts, f"<b>{verdict}</b>", f"<div class='text'>{_paragraphs(step.reveal)}</div>"]
 
 
 def _button(command: str, text: str, kind: str = "") -> str:
@@ -223,11 +355,17 @@ class LessonsTab:
         if before is not None and viewer is not None:
             idle, opening = self._page.switcher.idle, viewer.binding.run.opening
             if idle and viewer.binding.run is before.run:
-                self._put_back(before, viewer)
+                self._returning = None
+                before.put_back(viewer, self._page.nodes.cameras)
             elif not idle or any(opening is request for request in self._requests):
-                request, self._returning = before.request(), before
+                request, self._returning = before.run.request_of(before.view, before.choices.to_save()), before
                 self._page.open(request)
-                self._pending = request, lambda shown: self._put_back(before, shown)
+
+                def put_back(shown: Viewer) -> None:
+                    self._returning = None
+                    before.put_back(shown, self._page.nodes.cameras)
+
+                self._pending = request, put_back
         self._requests = []
         self._redraw()
 
@@ -244,10 +382,6 @@ class LessonsTab:
         self.progress, self._before, self._pending = LessonProgress(), None, None
         self._error, self._requests = "", []
         self._redraw()
-
-    def _put_back(self, before: PageBefore, viewer: Viewer) -> None:
-        self._returning = None
-        before.put_back(viewer, self._page.nodes.cameras)
 
     def follow(self) -> None:
         """Go to the next step; after the last one, start the next lesson, if there is one."""
@@ -305,28 +439,27 @@ class LessonsTab:
         """Apply the last of `settings`; if another scene has to be opened first, all settings of this step."""
         viewer, setting = self._page.viewer, settings[-1]
         first = fresh or (self.progress.number == 0 and len(settings) == 1)
-        if viewer is None or first or viewer.binding.run.scene != scene or self._is_before(viewer):
-            self._open(OpenRequest(scene, start_seed=seed, choices=plain_choices()), settings)
+        place_all = self._page.nodes.cameras.request_all
+        own = viewer is not None and (self._before is None or viewer.binding.run is not self._before.run)
+        if viewer is not None and own and not first and viewer.binding.run.scene == scene:
+            restarted = setting.begins or bool(setting.reset)
+            if restarted:
+                viewer.binding.session.reset(seed)
+            apply_setting(setting, viewer.tabs, place_all, restarted)
             return
-        restarted = setting.begins or bool(setting.reset)
-        if restarted:
-            viewer.binding.session.reset(seed)
-        self._apply(setting, viewer, restarted)
+        waiting = [setting] if setting.begins else settings
 
-    def _open(self, request: OpenRequest, settings: list[LessonSetting]) -> None:
-        """Open a scene with the controls that a page begins with, so that a lesson depends on nothing before it."""
+        def apply_all(shown: Viewer) -> None:
+            shown.tabs.run_bar.watch()  # a lesson does not depend on the speed chosen before
+            for one in waiting:
+                apply_setting(one, shown.tabs, place_all, restarted=one is waiting[0])
+
+        # With the controls that a page begins with, so that a lesson depends on nothing before it.
+        request = OpenRequest(scene, start_seed=seed, choices=plain_choices())
         self._page.open(request)
         self._requests.append(request)
-        waiting = settings[-1:] if settings[-1].begins else settings
-        self._pending = request, lambda shown: self._apply_all(waiting, shown)
+        self._pending = request, apply_all
         self._redraw()
-
-    def _is_before(self, viewer: Viewer) -> bool:
-        """Whether the page still shows the session from before the lesson, which no lesson changes."""
-        return self._before is not None and viewer.binding.run is self._before.run
-
-    def _apply(self, setting: LessonSetting, viewer: Viewer, restarted: bool) -> None:
-        apply_setting(setting, viewer.tabs, self._page.nodes.cameras.request_all, restarted)
 
     def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
         """Do what waits for a scene once it is shown; called by the main loop.
@@ -339,25 +472,16 @@ class LessonsTab:
         request, act = pending
         if viewer is not None and viewer.binding.run.opening is request:
             self._pending = None
-            call(lambda: self._guarded(lambda: self._act(act, viewer)))
-        elif self._page.switcher.idle:
-            self._pending = None
-            call(self._give_up)
 
-    def _give_up(self) -> None:
-        """Wait no longer: the scene was refused or cancelled, or the user has opened another one."""
-        self._returning = None
-        self._redraw()
+            def do() -> None:
+                if viewer is self._page.viewer:
+                    act(viewer)
+                self._redraw()
 
-    def _act(self, act: Callable[[Viewer], None], viewer: Viewer) -> None:
-        if viewer is self._page.viewer:
-            act(viewer)
-        self._redraw()
-
-    def _apply_all(self, settings: list[LessonSetting], viewer: Viewer) -> None:
-        viewer.tabs.run_bar.watch()  # a lesson does not depend on the speed chosen before
-        for setting in settings:
-            self._apply(setting, viewer, restarted=setting is settings[0])
+            call(lambda: self._guarded(do))
+        elif self._page.switcher.idle:  # the scene was refused or cancelled, or the user has opened another one
+            self._pending = self._returning = None
+            call(self._redraw)
 
     def _guarded(self, act: Callable[[], None]) -> None:
         """Call `act`; show an exception on the page, and log it unless it is the user's."""

@@ -13,9 +13,7 @@ from ...graphics.primitives import DARK, LIGHT, format_number
 from ...graphics.volume import AXES
 from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
-from ..background.cost_maps import CostMap, count_label, least_range, modes_label, of_take
-from ..background.prepare import PreparedRun, Same
-from ..display_frame import drawn_truth
+from ..cost_maps import CostMap, count_label, least_range, modes_label, of_take
 from ..gui import html
 from ..gui.binding import (
     BASINS,
@@ -34,6 +32,7 @@ from ..gui.binding import (
     kinds_of,
     style_of,
 )
+from ..prepare import PreparedRun, Same
 
 
 def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
@@ -95,7 +94,7 @@ class SliceControls:
         self._binding, style = binding, binding.choices.style
         self._shown: tuple[int, float] | None = None  # axis and place that the slider was set to last
         self.axis = binding.dropdown(
-            "Slice across", tuple(SLICES), AXIS_LABELS[style.slice_axis], self.cut_across,
+            "Slice across", tuple(SLICES), AXIS_LABELS[style.slice_axis], self._cut_across,
             hint="A plane through the isosurfaces, coloured by the cost; it begins at the estimate of the"
             " microphone",
         )  # fmt: skip
@@ -114,10 +113,9 @@ class SliceControls:
         low = search.origin[AXES.index(axis)]
         return float(low), float(low + search.size[AXES.index(axis)])
 
-    def cut_across(self, label: str) -> None:
+    def _cut_across(self, label: str) -> None:
         """Lay the slice across another axis, through the estimate of the microphone; or remove it."""
         self._binding.choose_style(slice_axis=SLICES[label], slice_position=None)
-        self.axis.value = label
         self.show_relevant(True)
 
     def show_relevant(self, volume: bool) -> None:
@@ -145,11 +143,6 @@ ALL_TAKES = "All takes"
 NO_SEARCH = f"No map: {html.NO_DOMAIN}"
 
 
-def take_label(take: int | None) -> str:
-    """Return what the list of takes calls one of them, or all."""
-    return ALL_TAKES if take is None else f"Take {take}"
-
-
 class MapTab(Tab):
     """Owns the controls of the tab."""
 
@@ -161,7 +154,19 @@ class MapTab(Tab):
         self._add_controls(binding, binding.choices, binding.row)
         self.caption = binding.gui.add_html("")
         with binding.gui.add_folder("Scale and quantity", expand_by_default=False):
-            self._add_quantity_and_scale(binding, binding.choices)
+            choices = binding.choices
+            self.quantity = binding.dropdown(
+                "Quantity", QUANTITIES, OBJECTIVE if choices.objective else EQ7, self.show_quantity,
+                hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
+            )  # fmt: skip
+            self.order = binding.slider(
+                "Extra orders", 0, MAX_ORDER_OFFSET, 1, choices.order_offset, self.set_order,
+                hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
+            )  # fmt: skip
+            self.scale = binding.dropdown("Scale", SCALES, LOG if choices.style.log else LINEAR, self.scale_as)
+            self.minima = binding.checkbox(
+                "Mark minima", choices.style.minima, self.mark_minima, hint="Mark and count the local minima"
+            )
         self.refresh()
 
     def _add_controls(self, binding: Binding, choices: Choices, row: str) -> None:
@@ -182,15 +187,16 @@ class MapTab(Tab):
         )  # fmt: skip
         self.take = None
         takes = np.unique(binding.measurement.takes).tolist()
-        self._takes: dict[str, int | None] = {take_label(take): take for take in (None, *takes)}
+        self._takes: dict[str, int | None] = {ALL_TAKES: None} | {f"Take {take}": take for take in takes}
         if binding.measurement.take_count > 1:
             self.take = binding.dropdown(
-                "Take", tuple(self._takes), take_label(choices.take), self.choose_take,
+                "Take", tuple(self._takes), ALL_TAKES if choices.take is None else f"Take {choices.take}",
+                lambda label: binding.choose(take=self._takes[label]),
                 hint="Whose rows the maps sum and whose spectrum is shown; a take is one place of the source",
             )  # fmt: skip
         self.which = binding.dropdown(
             f"{row.title()}s shown", (SAME_AS_SOLVER, CUSTOM), SAME_AS_SOLVER if choices.modes is None else CUSTOM,
-            lambda value: self.choose_modes(self._in_use() if value == CUSTOM else None),
+            self._choose_which,
             hint="Of the map; the solver keeps its own",
         )  # fmt: skip
         modes = choices.modes or (1,)
@@ -198,20 +204,8 @@ class MapTab(Tab):
             f"Up to {row}", 1, binding.modes, 1, modes[-1], lambda value: self.choose_modes(range(1, value + 1)),
             hint=f"From {row} 1 to this one",
         )  # fmt: skip
-        self.text = binding.text(f"{row.title()} numbers", modes_text(modes), self._read, hint="For example 1-3, 5")
-
-    def _add_quantity_and_scale(self, binding: Binding, choices: Choices) -> None:
-        self.quantity = binding.dropdown(
-            "Quantity", QUANTITIES, OBJECTIVE if choices.objective else EQ7, self.show_quantity,
-            hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
-        )  # fmt: skip
-        self.order = binding.slider(
-            "Extra orders", 0, MAX_ORDER_OFFSET, 1, choices.order_offset, self.set_order,
-            hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
-        )  # fmt: skip
-        self.scale = binding.dropdown("Scale", SCALES, LOG if choices.style.log else LINEAR, self.scale_as)
-        self.minima = binding.checkbox(
-            "Mark minima", choices.style.minima, self.mark_minima, hint="Mark and count the local minima"
+        self.text = binding.on(
+            binding.gui.add_text(f"{row.title()} numbers", modes_text(modes), hint="For example 1-3, 5"), self._read
         )
 
     def refresh(self) -> None:
@@ -238,12 +232,6 @@ class MapTab(Tab):
         self.choose_microphone(min(max(number, 0), self._binding.measurement.count - 1))
         self.microphone.value = self._binding.choices.microphone
 
-    def choose_take(self, label: str) -> None:
-        """Show the maps and the spectrum of a take, or of all takes."""
-        self._binding.choose(take=self._takes[label])
-        if self.take is not None:
-            self.take.value = label
-
     def follow_solver(self, follow: bool) -> None:
         """Show the microphone that the last step moved, or stay with the present one."""
         self._binding.choose(follow=follow, microphone=self.microphone.value)
@@ -258,9 +246,10 @@ class MapTab(Tab):
         if modes is not None:
             self.text.value, self.upto.value = modes_text(modes), modes[-1]
 
-    def _in_use(self) -> tuple[int, ...]:
+    def _choose_which(self, label: str) -> None:
+        """Show the modes that the solver uses, or begin with these to choose others."""
         state = self._binding.session.view.state
-        return tuple(range(state.first, state.last + 1))
+        self.choose_modes(range(state.first, state.last + 1) if label == CUSTOM else None)
 
     def _read(self, text) -> None:
         """Show the map of the modes that a text names; a text that cannot be read changes nothing but the error."""
@@ -347,7 +336,7 @@ def panel_image(run: PreparedRun, drawn: CostMap) -> np.ndarray | None:
         f"sum of {len(request.modes)}" if len(request.modes) > 1 else f"sum (one {row_word(run.measurement)})"
     )
     positions = np.asarray(request.state.positions)
-    truth = drawn_truth(run, positions)
+    truth = run.drawn_truth(positions)
     true = None if truth is None else tuple(truth[n][:2])
     marks = Marks(true, tuple(positions[n][:2]), request.style.minima and drawn.fine)
     return mosaic(

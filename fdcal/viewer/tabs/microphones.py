@@ -15,10 +15,10 @@ from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
 from ...session.session import SessionView
-from ..background.prepare import Same
 from ..gui.binding import Binding, Due, PositionUncertainty, Tab, Tick
 from ..gui.html import CARD, verdict_word
 from ..gui.plots import BLUE, RED, Plot, decades_of, dots
+from ..prepare import Same
 
 MAX_ROWS = 100  # of a table
 GIVEN_HEAD = ("mic", "difference<br>(mm)", "&sigma;<br>(mm)", "given<br>(m)", "found<br>(m)")
@@ -170,14 +170,7 @@ class ErrorByDistance:
         """Bring the plot up to date; called by the main loop. The run ends with the state that is shown."""
         if self.plot is None or not self._due(now, Same(view.state), view.index):
             return
-        self._update_sums(view.history)
-        mean = self._sums[view.index] / (view.index + 1)
-        here = self._sums[view.index] - (self._sums[view.index - 1] if view.index else 0.0)
-        errors = [_drawable(values[self._order]) for values in (mean, here)]
-        self.plot.show((self._x, *errors), decades_of(*errors))
-
-    def _update_sums(self, history) -> None:
-        kept = min(len(self._states), len(history))
+        history, kept = view.history, min(len(self._states), len(view.history))
         while kept and self._states[kept - 1] is not history[kept - 1]:
             kept -= 1
         self._states[kept:] = history[kept:]
@@ -185,8 +178,9 @@ class ErrorByDistance:
         for state in history[kept:]:
             errors = 1e3 * position_errors(state.positions, self._truth)
             self._sums.append(errors + (self._sums[-1] if self._sums else 0.0))
-
-
-def _drawable(values: np.ndarray) -> np.ndarray:
-    """Return finite numbers, as uPlot needs them."""
-    return np.clip(np.nan_to_num(values, nan=MAX_ERROR), MIN_ERROR, MAX_ERROR)
+        mean = self._sums[view.index] / (view.index + 1)
+        here = self._sums[view.index] - (self._sums[view.index - 1] if view.index else 0.0)
+        errors = [  # finite, as uPlot needs them
+            np.clip(np.nan_to_num(values[self._order], nan=MAX_ERROR), MIN_ERROR, MAX_ERROR) for values in (mean, here)
+        ]
+        self.plot.show((self._x, *errors), decades_of(*errors))

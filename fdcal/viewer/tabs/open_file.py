@@ -16,9 +16,9 @@ import viser
 
 from ...recordings.recording import KINDS
 from ...session.sources import OpenRequest, compared_with_file, is_recording, load_input, measurement_request
-from ..background.prepare import Threads
 from ..gui import html
 from ..gui.binding import Due, bind
+from ..prepare import Threads
 
 LISTED = 2.0  # s between two looks at the folder
 SETTLED = 5e9  # ns after a change of the folder for which each look lists it: times of files are coarse

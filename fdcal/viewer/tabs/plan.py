@@ -10,13 +10,12 @@ import numpy as np
 import viser
 
 from ...assessment.uncertainty import confidence_factor, ellipse_axes
-from ...model.scene import Scene
 from ...session.plan import Plan, make_plan, plan_sentences, plan_table
 from ...session.plan_request import Layout, PlanRequest
-from ..background.prepare import PreparedRun
 from ..gui import html
 from ..gui.binding import Binding, PlanChoices, Tab, Tick
 from ..gui.html import error_message
+from ..prepare import PreparedRun
 
 
 @dataclass(frozen=True)
@@ -31,21 +30,19 @@ class PlannedArray:
     error: str = ""  # why there is no bound, "" if there is
 
 
-def can_plan(run: PreparedRun) -> bool:
-    """Return whether a run has an array that can be planned: that of a scene, not of a recording."""
-    return run.known_scene is not None and run.measurement.positions is not None
-
-
 def plan_request(run: PreparedRun, choices: PlanChoices) -> PlanRequest:
     """Return what the tab asks for.
 
     Raises InputError: no calibration is possible under these circumstances.
     """
-    measurement = run.measurement
+    measurement, scene = run.measurement, run.scene
+    room = None if scene.room.size is None else tuple(scene.room.size)
+    if room is None and scene.room.dimension == 2:  # that is no rectangle: the box round it
+        room = tuple(np.ptp(scene.room.vertices, axis=0).tolist())
     layout = Layout(run.scene.name, measurement.names, choices.placed(measurement.positions), run.known_scene)
     return PlanRequest(
         layout,
-        room=_room(run.scene),
+        room=room,
         snr_db=choices.snr_db,
         known=choices.known,
         gain_sigma_db=choices.gain_sigma_db,
@@ -53,13 +50,6 @@ def plan_request(run: PreparedRun, choices: PlanChoices) -> PlanRequest:
         modes=choices.frequencies,
         takes=choices.takes,
     )
-
-
-def _room(scene: Scene) -> tuple[float, ...] | None:
-    """Return the lengths of the room, metres; of one in the plane that is no rectangle those of the box round it."""
-    if scene.room.size is not None:
-        return tuple(scene.room.size)
-    return tuple(np.ptp(scene.room.vertices, axis=0).tolist()) if scene.room.dimension == 2 else None
 
 
 def planned_array(run: PreparedRun, choices: PlanChoices) -> PlannedArray:
@@ -81,7 +71,7 @@ DRAGGED = "The scene shows the plan, not the solver. Dragged microphones change 
 
 
 @dataclass(frozen=True)
-class Ranges:
+class PlanRanges:
     """Between which bounds the controls can be set."""
 
     snr_db: tuple[int, int] = (1, 60)  # dB
@@ -90,19 +80,26 @@ class Ranges:
     takes: tuple[int, int] = (1, 16)  # places of the source
 
 
-RANGES = Ranges()
+RANGES = PlanRanges()
 
 
 class PlanTab(Tab):
     """Owns the controls of the tab, of which a measurement has none, and the thread of the bound."""
 
     def __init__(self, binding: Binding):
-        self._binding, self._max, self._possible = binding, 0, can_plan(binding.run)
+        self._binding, self._max, self._possible = binding, 0, binding.run.known_scene is not None
+        self._possible = self._possible and binding.measurement.positions is not None  # of a scene, not a recording
         if not self._possible:
             binding.gui.add_html(html.remark(MEASURED))
             return
         self._worker = binding.threads.start(lambda choices: planned_array(binding.run, choices), "fdcal-plan")
-        binding.choices = replace(binding.choices, plan=initial_plan(binding))
+        noise, known = binding.run.scene.measurement.snr_db, binding.measurement.known.tolist()
+        snr = float(np.clip(np.round(noise), *RANGES.snr_db)) if np.isfinite(noise) else PlanChoices().snr_db
+        takes = min(binding.measurement.take_count, RANGES.takes[1])
+        plan = PlanChoices(snr_db=snr, known=tuple(known), takes=takes)  # the circumstances of the scene itself
+        # the microphones whose positions are given: first those that the scene gives, then the others by their numbers
+        self._order = known + [n for n in range(binding.measurement.count) if n not in known]
+        binding.choices = replace(binding.choices, plan=plan)
         self._add_controls(binding.choices.plan)
 
     def _add_controls(self, plan: PlanChoices) -> None:
@@ -119,7 +116,7 @@ class PlanTab(Tab):
         )  # fmt: skip
         self.known = binding.slider(
             "Given positions", 0, binding.measurement.count - 1, 1, len(plan.known),
-            lambda value: choose(known=first_known(binding, value)),
+            lambda value: choose(known=tuple(sorted(self._order[:value]))),
             hint="Microphones whose positions will be measured",
         )  # fmt: skip
         self.gain = binding.slider(
@@ -155,32 +152,10 @@ class PlanTab(Tab):
             self.summary.content = ""
         elif planned is not None:
             self.summary.content = summary(planned)
-            self._limit_frequencies(planned.max_frequencies)
-
-    def _limit_frequencies(self, count: int) -> None:
-        """Let the slider end at the number of frequencies that the array can use."""
-        if count == self._max or count <= RANGES.min_frequencies:
-            return
-        self._max, chosen = count, self._binding.choices.plan.frequencies
-        self.frequencies.visible = True
-        self.frequencies.max = count
-        self.frequencies.value = count if chosen is None else min(chosen, count)
-
-
-def initial_plan(binding: Binding) -> PlanChoices:
-    """Return the circumstances of the scene itself."""
-    run = binding.run
-    noise = run.scene.measurement.snr_db
-    snr = float(np.clip(np.round(noise), *RANGES.snr_db)) if np.isfinite(noise) else PlanChoices().snr_db
-    takes = min(run.measurement.take_count, RANGES.takes[1])
-    return PlanChoices(snr_db=snr, known=tuple(run.measurement.known.tolist()), takes=takes)
-
-
-def first_known(binding: Binding, count: int) -> tuple[int, ...]:
-    """Return so many microphones: first those that the scene gives, then the others by their numbers."""
-    given = binding.measurement.known.tolist()
-    order = given + [n for n in range(binding.measurement.count) if n not in given]
-    return tuple(sorted(order[:count]))
+            count = planned.max_frequencies  # that the array can use, where the slider ends
+            if count != self._max and count > RANGES.min_frequencies:
+                self._max, self.frequencies.visible, self.frequencies.max = count, True, count
+                self.frequencies.value = count if plan.frequencies is None else min(plan.frequencies, count)
 
 
 def summary(planned: PlannedArray) -> str:

@@ -21,7 +21,7 @@ OPEN, APPLY = ("Open", "Open this measurement and restart"), ("Apply", "Simulate
 
 
 @dataclass(frozen=True)
-class Ranges:
+class SceneRanges:
     """Between which bounds the controls can be set."""
 
     microphones: tuple[int, int] = (4, 150)  # number of microphones
@@ -33,7 +33,7 @@ class Ranges:
     max_seed: int = 2**31 - 1  # of the scene
 
 
-RANGES = Ranges()
+RANGES = SceneRanges()
 MAX_TYPED = 1e5  # m: a radius in millimetres still arrives and gets a message; a larger number is dropped
 RADIUS = f"{RANGES.radius[0]:g} to {RANGES.radius[1]:g} m"
 # In place of keys of the scene's file, which the page does not have.
@@ -45,7 +45,11 @@ class SceneTab(Tab):
 
     def __init__(self, binding: Binding):
         self._binding, self._scene = binding, binding.run.scene
-        self._own_name = _own_name(self._scene)
+        name, self._own_name = self._scene.name, ""  # in the list, of a scene that does not come with fdcal
+        if name not in scene_names():
+            self._own_name = name
+        elif isinstance(self._scene, MeasuredScene) and not self._scene.file:
+            self._own_name = f"{name} (measured)"  # a measurement whose file has the name of a scene is another thing
         self._add_controls(binding, binding.gui, self._scene.room.walls)
         self.apply = binding.button(APPLY[0], lambda _: self.press(), icon=viser.Icon.CHECK, hint=APPLY[1])
         self.message = binding.gui.add_html("")
@@ -56,17 +60,17 @@ class SceneTab(Tab):
         self.name = binding.dropdown("Scene", names, self._own_name or self._scene.name, self.choose)
         self.title = gui.add_html("")
         low, high = RANGES.microphones
-        self.microphones = binding.slider("Microphones", low, high, 1, low, self._limit_known)
+        self.microphones = binding.slider("Microphones", low, high, 1, low, lambda _: self.refresh())
         self.radius = binding.number(
             "Array radius (m)", 1.0, lambda _: self._check_radius(), min=0.0, max=MAX_TYPED, step=0.01,
             hint=f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it",
         )  # fmt: skip
-        self.walls = binding.dropdown("Walls", WALLS, walls if walls in WALLS else WALLS[0], self._show_walls)
+        self.walls = binding.dropdown("Walls", WALLS, walls if walls in WALLS else WALLS[0], lambda _: self.refresh())
         low, high = RANGES.absorption
         self.absorption = gui.add_number(
             "Absorption (%)", 1.0, min=low, max=high, step=0.1, hint="Absorbed energy of a wave at normal incidence"
         )
-        self.noise = binding.checkbox("Noise", False, self._show_noise)
+        self.noise = binding.checkbox("Noise", False, lambda _: self.refresh())
         self.snr = gui.add_slider(
             "SNR (dB)", *RANGES.snr, 1, RANGES.default_snr, hint="Signal-to-noise ratio of each mode"
         )
@@ -94,12 +98,11 @@ class SceneTab(Tab):
         self.walls.visible = has_walls
         self.apply.visible = not isinstance(scene, MeasuredScene) or bool(scene.file)
         self.apply.label, self.apply.hint = OPEN if measured else APPLY
-        remark = _remark(scene)
-        self.message.content = html.remark(remark) if remark else ""
-        if not measured:
-            self._show_parameters(parameters_of(scene))
-
-    def _show_parameters(self, parameters: SceneParameters) -> None:
+        if isinstance(scene, MeasuredScene):
+            self.message.content = html.remark(f"{scene.remark} {MEASURED}".strip())
+            return
+        self.message.content = "" if scene.room.response is None else html.remark(MEASURED_AND_MODELLED)
+        parameters = parameters_of(scene)
         self.microphones.max = max(RANGES.microphones[1], parameters.microphones)
         self.microphones.value = parameters.microphones
         self.microphones.disabled = self._scene.array.positions is not None
@@ -112,30 +115,22 @@ class SceneTab(Tab):
         self.snr.value = round(_clipped(parameters.snr_db, RANGES.snr)) if noisy else default
         self.speed.value = _clipped(100 * parameters.sound_speed_error, RANGES.sound_speed_error)
         self.seed.value = min(parameters.seed, RANGES.max_seed)
-        self._limit_known(parameters.microphones)
+        self.refresh()
         self.known.value = parameters.known
-        self._show_walls(parameters.walls)
-        self._show_noise(noisy)
-
-    def _limit_known(self, microphones: int) -> None:
-        """Limit the known microphones: enough to fix the gauge, and at least one microphone that is not known."""
-        low = min_known(self._scene)
-        high = max(microphones - 1, low + 1)
-        self.known.value = min(max(self.known.value, low), high)
-        self.known.min, self.known.max = low, high
-
-    def _show_walls(self, walls: str) -> None:
-        self.absorption.visible = walls == "absorbing"
-
-    def _show_noise(self, noisy: bool) -> None:
-        self.snr.visible = noisy
 
     def refresh(self) -> None:
-        """Let visibility and limits follow the values of the controls."""
-        if not isinstance(self._scene, MeasuredScene):
-            self._show_walls(self.walls.value)
-            self._show_noise(self.noise.value)
-            self._limit_known(self.microphones.value)
+        """Let visibility and limits follow the values of the controls.
+
+        The known microphones are enough to fix the gauge, and leave at least one microphone that is not known.
+        """
+        if isinstance(self._scene, MeasuredScene):
+            return
+        self.absorption.visible = self.walls.visible and self.walls.value == "absorbing"
+        self.snr.visible = self.noise.value
+        low = min_known(self._scene)
+        high = max(self.microphones.value - 1, low + 1)
+        self.known.value = min(max(self.known.value, low), high)
+        self.known.min, self.known.max = low, high
 
     def choose(self, name: str) -> None:
         """Show the parameters of another scene; those of the page's own scene are as it is now, not as in its file."""
@@ -149,26 +144,17 @@ class SceneTab(Tab):
         """The parameters that the controls show; a control that was not touched gives the scene's own value, which it
         may show rounded."""
         old, count = parameters_of(self._scene), self.microphones.value
+        absorbing = self.walls.value == "absorbing" and self._scene.room.response is None
         return SceneParameters(
             microphones=old.microphones if self.microphones.disabled else count,
             radius=_unless_same(_clipped(self.radius.value, RANGES.radius), old.radius, 1e-4),
             walls=self.walls.value if self._scene.room.response is None else old.walls,
-            absorption=self._absorption(old.absorption),
-            snr_db=self._snr(old.snr_db),
+            absorption=_unless_same(self.absorption.value / 100, old.absorption, 1e-4) if absorbing else old.absorption,
+            snr_db=_unless_same(float(self.snr.value), old.snr_db, 0.5) if self.noise.value else math.inf,
             sound_speed_error=_unless_same(self.speed.value / 100, old.sound_speed_error, 1e-5),
             known=min(max(self.known.value, min_known(self._scene)), max(count - 1, 1)),
             seed=self.seed.value,
         )
-
-    def _absorption(self, old: float) -> float:
-        if self.walls.value != "absorbing" or self._scene.room.response is not None:
-            return old
-        return _unless_same(self.absorption.value / 100, old, 1e-4)
-
-    def _snr(self, old: float) -> float:
-        if not self.noise.value:
-            return math.inf
-        return _unless_same(float(self.snr.value), old, 0.5)
 
     def _check_radius(self) -> bool:
         """Whether the radius is possible; the message says so if it is not."""
@@ -195,21 +181,6 @@ class SceneTab(Tab):
             return
         self.message.content = ""
         self._binding.open(OpenRequest(scene, fewer_modes=True))
-
-
-def _own_name(scene: Scene) -> str | None:
-    """Return the name in the list of a scene that does not come with fdcal; None for one that does."""
-    if scene.name not in scene_names():
-        return scene.name
-    # A measurement whose file has the name of a scene is another thing.
-    return f"{scene.name} (measured)" if isinstance(scene, MeasuredScene) and not scene.file else None
-
-
-def _remark(scene: Scene) -> str:
-    """Return what is said of a measured scene, or of one in a measured room; "" for any other."""
-    if isinstance(scene, MeasuredScene):
-        return f"{scene.remark} {MEASURED}".strip()
-    return "" if scene.room.response is None else MEASURED_AND_MODELLED
 
 
 def _clipped(value: float, ends: tuple[float, float]) -> float:

@@ -22,45 +22,39 @@ class SolverTab(Tab):
     """Owns the controls, and restarts the solver with them."""
 
     def __init__(self, binding: Binding):
-        self._binding = binding
+        self._binding, state, settings = binding, binding.session.view.state, binding.run.scene.solver
+        names, row, modes = self._names(), binding.row, binding.modes
         with binding.gui.add_folder("Settings", expand_by_default=False):
-            self._add_modes()
-            self._add_method()
+            self.first = binding.slider(
+                f"First {row}", 1, modes, 1, state.first,
+                lambda value: self.use_modes(value, max(value, self.last.value)),
+            )  # fmt: skip
+            self.last = binding.slider(
+                f"Last {row}", 1, modes, 1, state.last,
+                lambda value: self.use_modes(min(self.first.value, value), value),
+            )  # fmt: skip
+            self.automatic = binding.checkbox(
+                f"Add {row}s automatically", state.automatic,
+                lambda value: self.use_modes(self.first.value, self.last.value, value),
+                visible=binding.run.solver.TRAITS.adds_modes,
+                hint=f"Add the next {row} when the present stage has converged",
+            )  # fmt: skip
+            self.refusal, self._refused = binding.gui.add_html(""), None
+            self.name = binding.dropdown(
+                "Method", names, settings.name, self._choose_solver, disabled=len(names) == 1,
+                hint="robust: all microphones at once, with their gains; joint: for matched channels; descent: one at a"
+                " time; room: shoebox room and sources together with the microphones",
+            )  # fmt: skip
+            self.start = binding.dropdown(
+                "Start", STARTS, settings.start or default_start(settings.name), lambda _: self.refresh(),
+                hint="affine: closed-form estimate from the lowest modes; random: anywhere in the search domain",
+            )  # fmt: skip
+            self.seed = binding.number(
+                "Seed", binding.choices.seed, lambda value: binding.choose(seed=value), min=0, max=MAX_SEED, step=1,
+                hint="Of the random start, and of the order in which descent moves the microphones",
+            )  # fmt: skip
             binding.gui.add_html(html.remark("The modes apply at once, the rest with Reset."))
         self.refresh()
-
-    def _add_method(self) -> None:
-        binding, names, settings = self._binding, self._names(), self._binding.run.scene.solver
-        self.name = binding.dropdown(
-            "Method", names, settings.name, self._choose_solver, disabled=len(names) == 1,
-            hint="robust: all microphones at once, with their gains; joint: for matched channels; descent: one at a"
-            " time; room: shoebox room and sources together with the microphones",
-        )  # fmt: skip
-        self.start = binding.dropdown(
-            "Start", STARTS, settings.start or default_start(settings.name), lambda _: self.refresh(),
-            hint="affine: closed-form estimate from the lowest modes; random: anywhere in the search domain",
-        )  # fmt: skip
-        self.seed = binding.number(
-            "Seed", binding.choices.seed, lambda value: binding.choose(seed=value), min=0, max=MAX_SEED, step=1,
-            hint="Of the random start, and of the order in which descent moves the microphones",
-        )  # fmt: skip
-
-    def _add_modes(self) -> None:
-        binding, state = self._binding, self._binding.session.view.state
-        row, modes = binding.row, binding.modes
-        self.first = binding.slider(
-            f"First {row}", 1, modes, 1, state.first, lambda value: self.use_modes(value, max(value, self.last.value))
-        )
-        self.last = binding.slider(
-            f"Last {row}", 1, modes, 1, state.last, lambda value: self.use_modes(min(self.first.value, value), value)
-        )
-        self.automatic = binding.checkbox(
-            f"Add {row}s automatically", state.automatic,
-            lambda value: self.use_modes(self.first.value, self.last.value, value),
-            visible=binding.run.solver.TRAITS.adds_modes,
-            hint=f"Add the next {row} when the present stage has converged",
-        )  # fmt: skip
-        self.refusal, self._refused = binding.gui.add_html(""), None
 
     def _names(self) -> tuple[str, ...]:
         """Return the names of the solvers that can solve this problem."""

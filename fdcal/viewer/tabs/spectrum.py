@@ -11,7 +11,7 @@ from ...acoustics.dictionary import array_f_max, max_order
 from ...graphics.picture import row_word
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
-from ..background.cost_maps import map_modes, row_label
+from ..cost_maps import map_modes, row_label
 from ..gui import html
 from ..gui.binding import Binding, Due, Tab, Tick
 from ..gui.html import spectrum_legend
@@ -49,10 +49,6 @@ class SpectrumPlot:
         self.has_spectrum = measurement.spectrum is not None
         self._curves: dict[int | None, TakeCurve] = {}
         self.handle = self._make(gui)
-
-    def show(self, used: tuple[int, ...], limit: float, take: int | None = None) -> None:
-        """Mark the modes `used` in the map, counted from 1, and the frequency `limit`, Hz, in a take or in all."""
-        self.handle.data = self.columns(used, limit, take)
 
     def _curve_of(self, take: int | None) -> TakeCurve:
         """Return the curve of a take; None for that of all."""
@@ -174,16 +170,12 @@ class SpectrumPanel(Tab):
         limit = round(limit) if np.isfinite(limit) else limit
         if not self._due(tick.now, used, limit, choices.take):
             return
-        self.spectrum.show(used, limit, choices.take)
-        self.text.content = caption(binding.measurement, used, limit, self._order(state, used[-1]))
-
-    def _order(self, state, mode: int) -> int | None:
-        """Return the order L of the expansion of a mode (Eq. 3); None where no radius is given."""
-        problem = self._binding.run.problem
-        if problem.search is None or problem.dimension != 2:
-            return None
-        radius, wavenumbers = problem.search.radius, problem.wavenumbers[mode - 1 : mode]
-        return int(max_order(wavenumbers, radius, state.order_offset)[0])
+        self.spectrum.handle.data = self.spectrum.columns(used, limit, choices.take)
+        order = None  # L of the expansion of the highest mode (Eq. 3), where a radius is given
+        if problem.search is not None and problem.dimension == 2:
+            k = problem.wavenumbers[used[-1] - 1 : used[-1]]
+            order = int(max_order(k, problem.search.radius, state.order_offset)[0])
+        self.text.content = caption(binding.measurement, used, limit, order)
 
 
 def caption(measurement: Measurement, used: tuple[int, ...], limit: float, order: int | None) -> str:

@@ -20,9 +20,8 @@ from ...graphics.basin_map import TABLE, table_numbers
 from ...graphics.heatmap import colour_limits, colour_numbers, normalise, of_colour_numbers
 from ...graphics.primitives import Floor
 from ...model.measurement import Measurement
-from ...session.session import SessionView
 from ...solvers.interface import RunState
-from ..background.cost_maps import (
+from ..cost_maps import (
     CostMap,
     CostMapRequest,
     MapStyle,
@@ -35,10 +34,10 @@ from ..background.cost_maps import (
     modes_label,
     of_take,
 )
-from ..background.prepare import Last, PreparedRun, Same, Threads
 from ..gui import html
 from ..gui.binding import FLOOR, Binding, Due, Tab, Tick
 from ..gui.plots import BLUE, RED, Plot, dots
+from ..prepare import Last, PreparedRun, Same, Threads
 from .map import MapTab
 
 NO_IMAGE = np.zeros((1, 1, 3), np.uint8)
@@ -128,15 +127,15 @@ class SweepWorker:
         if (of.revision, of.microphone, of.order_offset, of.log, of.basins) != asked:
             return None
         frame = sweep.frame(count)
-        return None if frame is None or sweep.of_first(count) != wanted.modes else self._image(frame, wanted)
+        if frame is None or sweep.of_first(count) != wanted.modes:
+            return None
 
-    def _image(self, frame: SweepFrame, wanted: CostMapRequest) -> CostMap:
         def draw() -> CostMap:
             image = TABLE[frame.numbers] if frame.floor.areas else of_colour_numbers(frame.numbers)
-            floor = replace(frame.floor, rgb=image, show_minima=wanted.style.minima)
+            floor = replace(frame.floor, rgb=image, show_minima=style.minima)
             return replace(frame.map, request=wanted, floor=floor, fine=True)
 
-        return self._drawn.of(draw, Same(frame), wanted.style.minima)
+        return self._drawn.of(draw, Same(frame), style.minima)
 
     def _compute(self, request: SweepRequest) -> None:
         """On the thread: map after map, until another sweep is requested."""
@@ -227,15 +226,6 @@ def curve(stops: tuple[int, ...], counts: tuple[int, ...], summed: int) -> tuple
     return x, line, np.where(x == summed, line, HIDDEN)
 
 
-def curve_series() -> tuple[uplot.Series, ...]:
-    """Return the series of the plot."""
-    return (
-        uplot.Series(label="modes"),
-        uplot.Series(label="local minima", stroke=BLUE, width=0, points=dots(4, BLUE, BLUE)),
-        uplot.Series(label="in the map", stroke=RED, width=0, points=dots(8, RED, RED)),
-    )
-
-
 UP, DOWN = "Lowest first", "Highest first"
 ORDERS: tuple[str, ...] = (UP, DOWN)
 RATE, MAX_RATE = 4, 20  # modes per second
@@ -255,7 +245,7 @@ class SweepTab(Tab):
     """
 
     def __init__(self, binding: Binding, map_tab: MapTab):
-        self._binding, self._map = binding, map_tab
+        self._binding, self._map, row, modes = binding, map_tab, binding.row, binding.modes
         self.worker = SweepWorker(binding.run, binding.threads)
         self._playing: Playback | None = None
         self._wanted: SweepRequest | None = None  # of the last sweep that was asked for
@@ -264,28 +254,31 @@ class SweepTab(Tab):
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
         self._last: CostMap | None = None  # the map that was shown last
         self._alone = False
+        series = (
+            uplot.Series(label="modes"),
+            uplot.Series(label="local minima", stroke=BLUE, width=0, points=dots(4, BLUE, BLUE)),
+            uplot.Series(label="in the map", stroke=RED, width=0, points=dots(8, RED, RED)),
+        )
         with binding.gui.add_folder(f"Add {binding.row}s"):
-            self._add_controls(binding, binding.modes, binding.row)
+            self.play = binding.button(
+                "Play", lambda _: self.toggle(), icon=viser.Icon.PLUS, hint=f"Add one {row} after the other to the map"
+            )
+            self.summed = binding.slider(
+                f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes,
+                hint=f"How many {row}s the map is the sum of",
+            )  # fmt: skip
+            with binding.gui.add_folder("Order and speed", expand_by_default=False):
+                hint = f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down"
+                self.order = binding.dropdown("Order", ORDERS, UP, lambda _: self._restart(), hint=hint)
+                self.highest = binding.slider(
+                    f"Highest {row}", 1, modes, 1, modes, lambda _: self._restart(), hint="Of the whole sum"
+                )
+                self.rate = binding.gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE)
+            self.text = binding.gui.add_html(html.remark(ADVICE.format(row)))
             self._plot = Plot(
-                binding.gui, "Local minima of the sum", curve_series(), f"{binding.row}s summed",
+                binding.gui, "Local minima of the sum", series, f"{binding.row}s summed",
                 height=140, whole=True, legend=False,
             )  # fmt: skip
-
-    def _add_controls(self, binding: Binding, modes: int, row: str) -> None:
-        self.play = binding.button(
-            "Play", lambda _: self.toggle(), icon=viser.Icon.PLUS, hint=f"Add one {row} after the other to the map"
-        )
-        self.summed = binding.slider(
-            f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes, hint=f"How many {row}s the map is the sum of"
-        )
-        with binding.gui.add_folder("Order and speed", expand_by_default=False):
-            hint = f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down"
-            self.order = binding.dropdown("Order", ORDERS, UP, lambda _: self._restart(), hint=hint)
-            self.highest = binding.slider(
-                f"Highest {row}", 1, modes, 1, modes, lambda _: self._restart(), hint="Of the whole sum"
-            )
-            self.rate = binding.slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE, self._set_rate)
-        self.text = binding.gui.add_html(html.remark(ADVICE.format(row)))
 
     @property
     def playing(self) -> bool:
@@ -297,8 +290,8 @@ class SweepTab(Tab):
         if self._playing is not None:
             self.pause()
             return
-        playing = Playback(self.rate.value)
         sequence = self._sequence()
+        playing = Playback(self.rate.value)
         playing.continue_from(self._summed_now(sequence), range(1, len(sequence) + 1))
         if not self._binding.choices.shown:
             self._map.show_as(FLOOR)
@@ -340,10 +333,6 @@ class SweepTab(Tab):
         if again:
             self.toggle()
 
-    def _set_rate(self, rate: float) -> None:
-        if self._playing is not None:
-            self._playing.rate = rate
-
     def _usable(self) -> tuple[int, ...]:
         """Return the modes that can be summed, ascending."""
         binding, choices = self._binding, self._binding.choices
@@ -358,13 +347,6 @@ class SweepTab(Tab):
     def _summed_now(self, sequence: tuple[int, ...]) -> int:
         """Return how many modes of the sweep the user has summed; 0 where the map is another sum."""
         return first_of(sequence, self._binding.choices.modes or ())
-
-    def _shown_now(self, sequence: tuple[int, ...]) -> int:
-        """Return how many modes of the sweep the map shows, the solver's where the user has chosen none; or 0."""
-        run, choices = self._binding.run, self._binding.choices
-        return first_of(
-            sequence, map_modes(run, run.session.view.state, choices.modes, choices.map_order, choices.take)
-        )
 
     # Below: the main loop alone.
 
@@ -393,38 +375,37 @@ class SweepTab(Tab):
             self._wanted = None  # its curve is of another state
             self.worker.worker.cancel()
         if (self.playing or self._revision == revision) and not view.running:
-            self._wanted = self._request(view, revision, tick.microphone)
+            choices = self._binding.choices
+            self._wanted = SweepRequest(
+                revision, tick.microphone, self._usable(), self.highest.value, self.order.value == DOWN,
+                choices.map_order, choices.style.log, choices.style.basins, view.state,
+            )  # fmt: skip
             self.worker.worker.newest(self._wanted)
         sweep = None if self._wanted is None else self.worker.sweep(self._wanted)
         self._step(sweep, now)
         self._update(sweep, now)
-
-    def _request(self, view: SessionView, revision: int, microphone: int) -> SweepRequest:
-        choices = self._binding.choices
-        return SweepRequest(
-            revision, microphone, self._usable(), self.highest.value, self.order.value == DOWN, choices.map_order,
-            choices.style.log, choices.style.basins, view.state,
-        )  # fmt: skip
 
     def _step(self, sweep: Sweep | None, now: float) -> None:
         """Show the next map of what plays, where it is due and ready."""
         playing = self._playing
         if playing is None or sweep is None:
             return
+        playing.rate = self.rate.value
         if self.worker.error is not None or playing.ended(sweep.stops, now):
             self._binding.call(lambda: self.pause() if playing is self._playing else None)
         elif (summed := playing.advance(sweep.stops, len(sweep.frames), now)) is not None:
-            self._binding.call(lambda: self._go(playing, sweep, summed))
 
-    def _go(self, playing: Playback, sweep: Sweep, summed: int) -> None:
-        """On viser's event loop: show the sum of so many modes, unless the user has paused or chosen meanwhile."""
-        if playing is not self._playing:
-            return
-        if playing.shown is not None and self._binding.choices.modes != playing.shown:
-            self.pause()
-            return
-        playing.shown = sweep.of_first(summed)
-        self._map.choose_modes(playing.shown)
+            def go() -> None:
+                """On viser's event loop, unless the user has paused or chosen other modes meanwhile."""
+                if playing is not self._playing:
+                    return
+                if playing.shown is not None and self._binding.choices.modes != playing.shown:
+                    self.pause()
+                    return
+                playing.shown = sweep.of_first(summed)
+                self._map.choose_modes(playing.shown)
+
+            self._binding.call(go)
 
     def _update(self, sweep: Sweep | None, now: float) -> None:
         binding, sequence = self._binding, self._sequence() if sweep is None else sweep.modes
@@ -432,20 +413,16 @@ class SweepTab(Tab):
         label = "Pause" if self.playing else "Play"
         if self.play.label != label:
             self.play.label, self.play.icon = label, viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLUS
-        binding.send(self.summed, self._shown_now(sequence) or len(sequence))
+        run, choices = binding.run, binding.choices
+        shown = map_modes(run, run.session.view.state, choices.modes, choices.map_order, choices.take)
+        binding.send(self.summed, first_of(sequence, shown) or len(sequence))
         self.text.content = self._caption()
         self._plot.settle()
         if now - self._updated > INTERVAL:
             self._updated = now
-            self._draw(sweep, summed)
-
-    def _draw(self, sweep: Sweep | None, summed: int) -> None:
-        """Draw the curve; a sweep of another state has none."""
-        self._plot.visible = sweep is not None
-        if sweep is None or not sweep.frames:
-            return
-        if self._due(0.0, Same(sweep), len(sweep.frames), summed):
-            self._plot.show(curve(sweep.stops, sweep.counts, summed), limits=(0.0, max(sweep.counts) + 1.0))
+            self._plot.visible = sweep is not None  # a sweep of another state has no curve
+            if sweep is not None and sweep.frames and self._due(0.0, Same(sweep), len(sweep.frames), summed):
+                self._plot.show(curve(sweep.stops, sweep.counts, summed), limits=(0.0, max(sweep.counts) + 1.0))
 
     def _caption(self) -> str:
         """Return how many local minima the present sum has, as HTML."""

@@ -24,8 +24,7 @@ from ...model.libraries import call
 from ...model.validation import InputError
 from ...session import session_file
 from ...session.session import SessionView
-from ...session.sources import OpenRequest
-from ..background.cost_maps import (
+from ..cost_maps import (
     CostMap,
     CostMapRequest,
     ModePanels,
@@ -35,10 +34,9 @@ from ..background.cost_maps import (
     shown_modes,
     terms_of,
 )
-from ..background.prepare import PreparedRun, Threads
-from ..display_frame import drawn_truth
 from ..gui import html
 from ..gui.binding import ELLIPSE_SCALES, PICTURE, VIEWS, Binding, Choices, Tab, Tick
+from ..prepare import PreparedRun, Threads
 
 ELLIPSES_LATER = "Ellipses appear when the solver has finished."
 
@@ -173,16 +171,13 @@ log = logging.getLogger(__name__)
 
 def _picture(snapshot: ViewSnapshot) -> bytes:
     """Rendered again in a child process."""
-    title = f"{snapshot.caption}\n{_errors(snapshot)}"
+    errors = error_summary(snapshot.run.measurement, snapshot.view.state.positions, snapshot.counted)
+    title = f"{snapshot.caption}\n{errors}"
     if snapshot.volume is not None:
         name = snapshot.run.measurement.names[snapshot.microphone]
         title += f"\n{'Basins of attraction' if snapshot.volume.areas else 'Cost'} of moving microphone {name}"
     choices = snapshot.choices
     return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
-
-
-def _errors(snapshot: ViewSnapshot) -> str:
-    return error_summary(snapshot.run.measurement, snapshot.view.state.positions, snapshot.counted)
 
 
 def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
@@ -199,7 +194,7 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
     def make(snapshot: ViewSnapshot) -> bytes:
         measurement, n = snapshot.run.measurement, snapshot.microphone
         positions = snapshot.view.state.positions
-        truth = drawn_truth(snapshot.run, positions)
+        truth = snapshot.run.drawn_truth(positions)
         truth = None if truth is None else truth[n][:2]
         request = snapshot.map_request
         what = "Basins of attraction" if request.style.basins else "Cost"
@@ -250,12 +245,7 @@ def _replay(snapshot: ViewSnapshot) -> bytes:
 
 
 def _session(snapshot: ViewSnapshot) -> bytes:
-    """The session, with the settings and the seed of the states, which a reset may have changed."""
-    run, view = snapshot.run, snapshot.view
-    scene = replace(run.scene, solver=view.state.settings)
-    choices = snapshot.choices.to_save()
-    opening = OpenRequest(scene, view.state.seed, run.measurement, tuple(view.history), view.index, choices)
-    return session_file.write(opening)
+    return session_file.write(snapshot.run.request_of(snapshot.view, snapshot.choices.to_save()))
 
 
 @dataclass(frozen=True)

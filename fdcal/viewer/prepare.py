@@ -3,32 +3,34 @@
 Threads           the threads of one session: whoever needs one starts it here, and all of them end together
 Warmup            compiles what `fdcal.solvers.warmup_calls` returns, beside the simulation and then beside the page
 prepare_run       simulates or takes the measurement, and starts a session
+DisplayFrame      in which the page draws the states of a session
 SessionSwitcher   takes requests from any thread; the main loop executes them and takes what is ready
 """
 
 import collections
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from ... import solvers
-from ...acoustics.measure import cached_measurement
-from ...cost.expansion import ReferenceCost, reference_cost_of
-from ...model.measurement import Measurement
-from ...model.problem import Problem
-from ...model.scene import MeasuredScene, Scene
-from ...model.settings import ALL_MODES, search_around
-from ...model.validation import InputError, StorageError
-from ...session.calibration_run import with_estimated_domain
-from ...session.session import Session
-from ...session.sources import OpenRequest, as_given
-from ...session.worker import Delivery, LatestWorker
-from ...solvers import warmup_calls
-from ...solvers.interface import RunState, Solver
+from .. import solvers
+from ..acoustics.measure import cached_measurement
+from ..cost.expansion import ReferenceCost, reference_cost_of
+from ..model.gauge import align, rigid_motion
+from ..model.measurement import Measurement
+from ..model.problem import Problem
+from ..model.scene import MeasuredScene, Scene
+from ..model.settings import ALL_MODES, search_around
+from ..model.validation import InputError, Reals, StorageError, frozen_array
+from ..session.calibration_run import with_estimated_domain
+from ..session.session import Session, SessionView
+from ..session.sources import OpenRequest, as_given
+from ..session.worker import Delivery, LatestWorker
+from ..solvers import warmup_calls
+from ..solvers.interface import RunState, Solver
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +68,6 @@ class Background(LatestWorker):
             self.requested = arguments
             self.request(*arguments)
         return self.latest
-
-    @property
-    def current(self) -> Delivery | None:
-        """The delivery of the newest request; None while it is computed, or where it was cancelled."""
-        latest = self.latest
-        return latest if latest is not None and latest.request == self.requested else None
 
     def wants(self, *arguments) -> bool:
         """Return whether a request still counts: what a long computation asks between its parts."""
@@ -229,6 +225,100 @@ class PreparedRun:
         """The scene, or None where it only stands in for an unknown room."""
         return None if isinstance(self.scene, MeasuredScene) else self.scene
 
+    def request_of(self, view: SessionView, choices: Mapping[str, Any]) -> OpenRequest:
+        """Return the request that opens the run again, with all its states.
+
+        Settings and seed are those of the states, which a reset may have changed.
+        """
+        scene, seed = replace(self.scene, solver=view.state.settings), view.state.seed
+        return OpenRequest(scene, seed, self.measurement, tuple(view.history), view.index, choices)
+
+    @property
+    def anchor(self) -> Reals | None:
+        """The true positions onto which the page moves each state (N, D), metres; None where it moves none."""
+        moves = self.measurement.blind and not self.solver.TRAITS.needs_room  # a known room determines the frame
+        return self.measurement.positions if moves else None
+
+    def drawn_truth(self, positions: Any) -> Reals | None:
+        """Return the true positions beside the `positions` that the page draws; None where they are unknown."""
+        return self.measurement.aligned_truth(positions) if self.anchor is None else self.anchor
+
+
+ROUNDS = 100  # at most, until a placed microphone is drawn where it was placed
+NEGLIGIBLE = 1e-12  # m
+
+
+class DisplayFrame:
+    """Moves positions (N, D), metres, into the frame in which the page draws, and back.
+
+    That is the frame of the true positions, which therefore stand still during a run. The pressures of a blind array
+    determine neither where it stands nor how it is turned nor which of two mirror images it is. Each state is therefore
+    moved as a whole onto the true positions before it is drawn, and what a user places is moved back before the session
+    gets it. Of every other array nothing is moved.
+
+    `by`: the microphones that determine the motion, all at first.
+    """
+
+    def __init__(self, run: PreparedRun):
+        self._run, self._anchor = run, run.anchor
+        self.by = np.arange(run.measurement.count)
+        self._moved = Last()
+
+    def move_by(self, microphones: np.ndarray) -> None:
+        """Let these microphones determine the motion: those whose errors count."""
+        if not np.array_equal(microphones, self.by):
+            self.by = microphones
+
+    def positions(self, positions: Any) -> Reals:
+        """Return positions as the page draws them."""
+        x = np.asarray(positions, float)
+        return x if self._anchor is None else align(x, self._anchor, self.by)
+
+    def truth(self, positions: Any) -> Reals | None:
+        """Return the true positions beside the `positions` that the page draws; None where they are unknown."""
+        return self._run.drawn_truth(positions)
+
+    def state(self, state: RunState) -> RunState:
+        """Return a state with its positions as the page draws them; the same one for the same as last time."""
+        if self._anchor is None:
+            return state
+        return self._moved.of(
+            lambda: replace(state, positions=frozen_array(self.positions(state.positions), float)),
+            Same(state), Same(self.by),
+        )  # fmt: skip
+
+    def view(self, view: SessionView) -> SessionView:
+        """Return the view of a session with the state that is shown as the page draws it; the history is as it was."""
+        return replace(view, state=self.state(view.state))
+
+    def axes(self, positions: Any, axes: Reals) -> Reals:
+        """Return half axes (N, D, D) of ellipses around positions, in rows, as the page draws them."""
+        return axes if self._anchor is None else axes @ self._motion(positions, self._anchor)[0]
+
+    def placed(self, positions: Any, microphone: int, place: Any) -> np.ndarray:
+        """Return where a session has to place a microphone so that the page draws it at a place, its last state known.
+
+        `positions`: of the state of the session; `place`: its first coordinates or all of them. The array turns a
+        little with each microphone, so that the place is found by repetition.
+        """
+        place = np.asarray(place, float)
+        if self._anchor is None:
+            return place
+        moved = np.array(positions, float)
+        wanted = self.positions(moved)[microphone]
+        wanted[: len(place)] = place
+        for _ in range(ROUNDS):
+            turn, centre, target = self._motion(moved, self._anchor)
+            back = (wanted - target) @ turn.T + centre
+            change = float(np.abs(back - moved[microphone]).max())
+            moved[microphone] = back
+            if change < NEGLIGIBLE:
+                break
+        return moved[microphone]
+
+    def _motion(self, positions: Any, anchor: Reals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return rigid_motion(np.asarray(positions)[self.by], anchor[self.by])
+
 
 SIMULATING, READING = "Simulating the room", "Reading the measurement"
 
@@ -293,13 +383,20 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
         opening = replace(opening, measurement=source)
     problem = source.problem(scene.solver.weights, scene.solver.known)
     if opening.fewer_modes:
-        scene = _with_available_modes(scene, problem)
+        count = solvers.load(scene.solver.name).usable_modes(problem, scene.solver)
+        if scene.solver.modes != ALL_MODES and 0 < count < scene.solver.modes:
+            first = min(scene.solver.first_modes, count)
+            scene = replace(scene, solver=replace(scene.solver, modes=count, first_modes=first))
     solver, settings = solvers.load(scene.solver.name), solvers.with_mode_count(problem, scene.solver)
     reference_cost = reference_cost_of(problem)
     cost = None if reference_cost is None else reference_cost.of
     session = Session(problem, settings, opening.seed, solver, opening.states, opening.index, cost)
     try:
-        _compile_step_and_map(problem, solver, session.view.history[0])
+        # Compile what a step and a map need, seconds the first time, so that the first click is answered at once.
+        state = session.view.history[0]
+        solver.step(problem, state)
+        if problem.search is not None:
+            solver.landscape(problem, state, int(problem.free[0]), slice(state.first - 1, state.first))
     except BaseException as error:
         session.close(0.5)
         if opening.states and isinstance(error, Exception) and not isinstance(error, InputError):
@@ -324,22 +421,6 @@ def _with_domain(opening: OpenRequest, source: Measurement, progress: Preparatio
     found = with_estimated_domain(source, opening.scene.solver, opening.seed, progress)
     progress(1.0)
     return found
-
-
-def _with_available_modes(scene: Scene, problem: Problem) -> Scene:
-    """Limit the modes of the scene to those that its solver can use."""
-    settings = scene.solver
-    count = solvers.load(settings.name).usable_modes(problem, settings)
-    if settings.modes == ALL_MODES or not 0 < count < settings.modes:
-        return scene
-    return replace(scene, solver=replace(settings, modes=count, first_modes=min(settings.first_modes, count)))
-
-
-def _compile_step_and_map(problem: Problem, solver: Solver, state: RunState) -> None:
-    """Compile what a step and a map need, seconds the first time, so that the first click is answered at once."""
-    solver.step(problem, state)
-    if problem.search is not None:
-        solver.landscape(problem, state, int(problem.free[0]), slice(state.first - 1, state.first))
 
 
 log = logging.getLogger(__name__)

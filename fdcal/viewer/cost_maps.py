@@ -15,22 +15,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...cost import maps
-from ...cost.basins import basins_of
-from ...cost.expansion import ORDER_OFFSET, expansion_of
-from ...cost.scale import LEAST_RANGE, Minima
-from ...graphics.basin_map import basin_floor, basin_slice, descent_text
-from ...graphics.heatmap import cost_floor, cost_label, field_floor
-from ...graphics.picture import row_word, z_range_of
-from ...graphics.primitives import Floor
-from ...graphics.volume import AXES, PIXELS, POINTS, SampledVolume, Volume, drawn_volume, sampled_volume, sliced
-from ...model.measurement import Measurement
-from ...model.problem import Problem
-from ...model.settings import Search
-from ...model.validation import InputError
-from ...solvers.interface import RunState
-from ..display_frame import drawn_truth
-from ..gui.html import error_message
+from ..cost import maps
+from ..cost.basins import basins_of
+from ..cost.expansion import ORDER_OFFSET, expansion_of
+from ..cost.scale import LEAST_RANGE, Minima
+from ..graphics.basin_map import basin_floor, basin_slice, descent_text
+from ..graphics.heatmap import cost_floor, cost_label, field_floor
+from ..graphics.picture import row_word, z_range_of
+from ..graphics.primitives import Floor
+from ..graphics.volume import AXES, PIXELS, POINTS, SampledVolume, Volume, drawn_volume, sampled_volume, sliced
+from ..model.measurement import Measurement
+from ..model.problem import Problem
+from ..model.settings import Search
+from ..model.validation import InputError
+from ..solvers.interface import RunState
+from .gui.html import error_message
 from .prepare import Last, PreparedRun, Threads
 
 
@@ -78,22 +77,15 @@ class CostMapRequest:
 
         return fixed(self) == fixed(wanted) and self.lineage is wanted.lineage
 
-    def differs_in_style(self, wanted: CostMapRequest) -> bool:
-        """Whether `wanted` is this map of costs or field in another style; its state may be newer."""
-        alike = self.style.shape == wanted.style.shape and replace(self, style=wanted.style).stands_for(wanted, True)
-        return alike and self.style != wanted.style
-
-    def differs_in_slider(self, wanted: CostMapRequest) -> bool:
-        """Whether `wanted` is this volume with another slice, or this relief of another height."""
-        moved = {name: getattr(wanted.style, name) for name in ("slice_axis", "slice_position", "relief_height")}
-        return replace(self, style=replace(self.style, **moved)) == wanted
-
     def differs_in_theme(self, wanted: CostMapRequest) -> bool:
         """Whether `wanted` is this map on a page of the other theme, whose colours of costs are the same."""
         return self != wanted and replace(self, style=replace(self.style, dark=wanted.style.dark)) == wanted
 
-    def differs_in_one_position(self, wanted: CostMapRequest) -> bool:
-        """Whether `wanted` is this map except for the position of one microphone, as during a drag."""
+    def differs_by_a_drag(self, wanted: CostMapRequest) -> bool:
+        """Whether `wanted` is this map with another slice, height of the relief or position of one microphone."""
+        moved = {name: getattr(wanted.style, name) for name in ("slice_axis", "slice_position", "relief_height")}
+        if replace(self, style=replace(self.style, **moved)) == wanted:
+            return True
         if replace(self, revision=wanted.revision) != wanted:
             return False
         mine, theirs = (np.asarray(one.state.positions) for one in (self, wanted))
@@ -265,7 +257,7 @@ def cost_map(
 def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarray, str]:
     """Return the place whose basin matters most, and its name: the true position if known, or the estimate."""
     positions = np.asarray(request.state.positions)
-    truth = drawn_truth(run, positions)
+    truth = run.drawn_truth(positions)
     places, name = (positions, "estimate") if truth is None else (truth, f"{run.measurement.reference} position")
     return places[request.microphone], name
 
@@ -308,7 +300,10 @@ class VolumeMaps:
 
     def _map(self, request: CostMapRequest, sampled: SampledVolume, fine: bool, pixels: int) -> CostMap:
         key, style, position = _key(request), request.style, request.state.positions[request.microphone]
-        place, note = place_of(style, position), ""
+        place, note = 0.0, ""  # where along its axis the slice lies: through the estimate unless it was moved
+        if style.slice_axis in AXES:
+            estimate = float(position[AXES.index(style.slice_axis)])
+            place = estimate if style.slice_position is None else style.slice_position
         if style.basins:  # a slice through them; another slice needs no new ones
             basins = self._found[fine].of(lambda: basins_of(sampled.cost), key)
             home, name = place_of_basin(self._run, request)
@@ -321,7 +316,10 @@ class VolumeMaps:
             )
             volume = sliced(drawn, sampled, style.slice_axis, place, style.log, pixels)
             fine = fine and pixels == PIXELS
-        return CostMap(request, None, None, *_figures(sampled, position), fine, volume, note, sampled)
+        found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
+        here = float("nan") if found is None else float(found[0, 0, 0])
+        lowest = float(np.nanmin([lowest, here]))  # a minimum may lie between lattice points
+        return CostMap(request, None, None, sampled.minima, here, lowest, fine, volume, note, sampled)
 
 
 def terms_of(
@@ -335,20 +333,6 @@ def terms_of(
     offset = ORDER_OFFSET if offset is None else offset
     n, modes = request.microphone, request.modes
     return maps.cost_volume(problem, state.positions, n, modes, offset, state.channels, cancelled, negligible)
-
-
-def place_of(style: MapStyle, position: np.ndarray) -> float:
-    """Return where along its axis a slice lies, metres: through `position` (3,) unless it was moved."""
-    if style.slice_axis not in AXES:
-        return 0.0
-    return float(position[AXES.index(style.slice_axis)]) if style.slice_position is None else style.slice_position
-
-
-def _figures(sampled: SampledVolume, position: np.ndarray) -> tuple[Minima, float, float]:
-    """Return the local minima, the cost at a position (3,), metres, and the lowest cost that is known."""
-    found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
-    here = float("nan") if found is None else float(found[0, 0, 0])
-    return sampled.minima, here, float(np.nanmin([lowest, here]))  # a minimum may lie between lattice points
 
 
 def _key(request: CostMapRequest) -> tuple:
@@ -387,8 +371,8 @@ class CostMapWorker:
         if latest is None:
             return None, ""
         last = latest.request[0]
-        moved = last.differs_in_one_position(wanted) or last.differs_in_slider(wanted)
-        dragged = not running and now - max(latest.ended, self._since) < DRAG_TIME and moved
+        recent = now - max(latest.ended, self._since) < DRAG_TIME
+        dragged = not running and recent and last.differs_by_a_drag(wanted)
         if dragged or last.differs_in_theme(wanted) or last.stands_for(wanted, running):
             return latest.result, error_message(latest.cause)
         return None, ""
@@ -403,7 +387,8 @@ class CostMapWorker:
             if wanted.follow and last.microphone != wanted.microphone:
                 pause = max(pause, FOLLOW_TIME)
             due = now - latest.ended > pause or not last.stands_for(wanted, running)  # the user wants another one
-            if last.differs_in_style(wanted):
+            alike = last.style.shape == wanted.style.shape and last.style != wanted.style
+            if alike and replace(last, style=wanted.style).stands_for(wanted, True):
                 wanted = replace(last, style=wanted.style)  # drawn again from the same costs
         if not self.worker.wants(wanted) and due and not (running and self.worker.busy):
             self._since = now
@@ -424,7 +409,11 @@ class CostMapWorker:
         if request.style.volume:
             return self._volumes.coarse(request)
         if request.style.shape:
-            return self._compute_shape(request)
+            mode, state = request.modes[-1], request.state
+            shape = maps.mode_shape(self._run.problem, state.positions, mode, state.order_offset, state.channels)
+            label = f"pressure of {row_label(self._run.measurement, mode)} (normalised to a peak of 1)"
+            height = z_range_of(self._run.known_scene, self._run.measurement)[0]
+            return CostMap(request, field_floor(shape, self._search(), label, height), None, None, 0.0, 0.0)
         run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
         # of basins on a lattice without false minima
         search = maps.lattice_of(run.problem, modes) if request.style.basins else self._search()
@@ -437,15 +426,6 @@ class CostMapWorker:
 
         panels, minima = self._costs.of(compute, _key(request), search)
         return cost_map(run, request, panels.total, search, minima, panels)
-
-    def _compute_shape(self, request: CostMapRequest) -> CostMap:
-        """On the fast thread: the sound field of a mode."""
-        run, mode = self._run, request.modes[-1]
-        state = request.state
-        shape = maps.mode_shape(run.problem, state.positions, mode, state.order_offset, state.channels)
-        label = f"pressure of {row_label(run.measurement, mode)} (normalised to a peak of 1)"
-        height = z_range_of(run.known_scene, run.measurement)[0]
-        return CostMap(request, field_floor(shape, self._search(), label, height), None, None, 0.0, 0.0)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
