@@ -20,6 +20,7 @@ from ..session.sources import OpenRequest
 from ..session.worker import WakeEvent
 from .address import AddressBar
 from .explore import Explore
+from .gui import html
 from .gui.binding import Binding
 from .gui.overlay import CanvasWords
 from .panels import Panels, SessionFolders, StatusBar
@@ -30,7 +31,7 @@ from .server.process import release_memory
 from .session_view import Viewer
 from .tabs import help
 from .tabs.lessons import LessonsTab
-from .tabs.open_file import OpenFile
+from .tabs.open_file import REMOTE, OpenFile
 
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
 COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
@@ -67,8 +68,10 @@ class Page:
         with self.panels.tabs["Help"]:
             server.gui.add_html(help.text())
         self._threads = Threads()
-        with self.panels.tabs["Scene"]:
+        with self.panels.tabs["File"]:
             self.open_file = None if folder is None else OpenFile(server.gui, self._threads, folder, self.open)
+            if folder is None:
+                server.gui.add_html(html.remark(REMOTE))
         help.add_keys(server.gui, self)
         self.explore = Explore(self, self.lessons, self.open_file is not None)
         self.address, self._dark = AddressBar(self, self.lessons), False

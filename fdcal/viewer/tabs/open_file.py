@@ -1,4 +1,4 @@
-"""A file of the folder in which fdcal was started, shown as a session: "Open a file" at the end of the tab Scene.
+"""The tab File: a file of the folder in which fdcal was started, shown as a session.
 
 It belongs to the page, not to a session, and is there only on a page that this machine alone can reach, because it
 reads files here: recordings, measurements (.npz) and sessions (.zip). The page reads no other folder.
@@ -25,6 +25,7 @@ SETTLED = 5e9  # ns after a change of the folder for which each look lists it: t
 MAX_FILES, MAX_NAME = 200, 200  # of each list, and characters of a name that is listed
 LISTS = (".csv", ".xml")  # tables of positions
 NONE = "None"
+REMOTE = "Other machines can reach this page, so that it opens no files. Start fdcal view for this machine alone."
 
 
 @dataclass(frozen=True)
@@ -47,16 +48,15 @@ class OpenFile:
         self._folder, self._show = folder, show
         self._list_due, self._report_due, self._modified = Due(LISTED), Due(), 0
         self.worker = threads.start(self._open, "fdcal-open", awaited=False)
-        with gui.add_folder("Open a file", expand_by_default=False, order=1e9):  # below the controls of any session
-            gui.add_html(html.remark(f"Recordings, measurements and sessions in {folder}"))
-            self.file = gui.add_dropdown("File", [NONE])
-            self.positions = gui.add_dropdown("List", [NONE], hint="Positions to compare the result with")
-            self.kind = gui.add_dropdown(
-                "Kind", ("auto", *KINDS), hint="Of a recording: an impulse response, or a continuous sound"
-            )
-            self.celsius = gui.add_number("Temperature (°C)", 20.0, min=-60.0, max=80.0, step=0.5, hint="Of the air")
-            self.button = bind(gui.add_button("Open file", icon=viser.Icon.FOLDER_OPEN), lambda _: self.press())
-            self.report = gui.add_html("")
+        gui.add_html(html.remark(f"Recordings, measurements and sessions in {folder}"))
+        self.file = gui.add_dropdown("File", [NONE])
+        self.positions = gui.add_dropdown("List", [NONE], hint="Positions to compare the result with")
+        self.kind = gui.add_dropdown(
+            "Kind", ("auto", *KINDS), hint="Of a recording: an impulse response, or a continuous sound"
+        )
+        self.celsius = gui.add_number("Temperature (°C)", 20.0, min=-60.0, max=80.0, step=0.5, hint="Of the air")
+        self.button = bind(gui.add_button("Open file", icon=viser.Icon.FOLDER_OPEN), lambda _: self.press())
+        self.report = gui.add_html("")
 
     def press(self) -> None:
         """Open the file that is chosen."""
