@@ -47,10 +47,21 @@ def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any
     numbers = [microphone_index(str(key), names, "known") for key in known]
     if len(set(numbers)) < len(numbers):
         raise InputError("known gives a microphone twice", "give each of <known> once", key="known")
-    if isinstance(known, Mapping):
-        places = [_place_of(name, place) for name, place in known.items()]
-    else:
-        places = [_position(measurement, n) for n in numbers]
+    places: list[np.ndarray] = []
+    for key, number in zip(known, numbers, strict=True):
+        if isinstance(known, Mapping):
+            try:
+                places.append(np.asarray(known[key], float))
+            except (TypeError, ValueError) as error:
+                problem = f"the position of known microphone {key} is {shown_literal(known[key])}"
+                raise InputError(problem, "give numbers, metres, in <known>", key="known", value=known[key]) from error
+        elif number in measurement.known:
+            places.append(measurement.known_positions[measurement.known.tolist().index(number)])
+        elif measurement.positions is not None:
+            places.append(measurement.positions[number])
+        else:
+            problem = f"the measurement holds no position of microphone {names[number]}"
+            raise InputError(problem, "give a mapping of names to positions as <known>", key="known")
     shape = (measurement.array_dimension,)
     for number, place in zip(numbers, places, strict=True):
         if place.shape != shape:
@@ -58,25 +69,6 @@ def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any
             raise InputError(problem, f"give {shape[0]} coordinates, metres, in <known>", key="known")
     rows = np.array(places, float).reshape(len(numbers), *shape)
     return replace(measurement, known=numbers, known_positions=rows)
-
-
-def _place_of(name: object, place: object) -> np.ndarray:
-    """Return the position that is given for a known microphone as an array, metres."""
-    try:
-        return np.asarray(place, float)
-    except (TypeError, ValueError) as error:
-        problem = f"the position of known microphone {name} is {shown_literal(place)}"
-        raise InputError(problem, "give numbers, metres, in <known>", key="known", value=place) from error
-
-
-def _position(measurement: Measurement, number: int) -> np.ndarray:
-    """Return the position (D,) of a microphone that the measurement has, metres."""
-    if number in measurement.known:
-        return measurement.known_positions[measurement.known.tolist().index(number)]
-    if measurement.positions is None:
-        problem = f"the measurement holds no position of microphone {measurement.names[number]}"
-        raise InputError(problem, "give a mapping of names to positions as <known>", key="known")
-    return measurement.positions[number]
 
 
 def with_positions(measurement: Measurement, placed: MicrophonePositions, excluded: int = 0) -> Measurement:

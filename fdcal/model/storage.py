@@ -91,7 +91,10 @@ def load_or_make(name: str, make: Callable[..., Any], read: Callable[..., Any], 
     path, value = cache_folder() / name, make()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, lambda temporary: _write_checked(temporary, value, write), force=True)
+        buffer = io.BytesIO()
+        write(buffer, value)
+        buffer.write(_checksum(buffer.getbuffer()))
+        write_atomically(path, lambda temporary: temporary.write_bytes(buffer.getbuffer()), force=True)
         _delete_least_recently_used(path.parent)
     except OSError as error:
         log.warning("nothing is stored in the cache: %s", error)
@@ -115,15 +118,6 @@ def load_cached(name: str, read: Callable[..., Any]):
     return None
 
 
-def _write_checked(path: Path, value: Any, write: Callable[..., Any]) -> None:
-    """Write a cache file: the value, then the checksum of its bytes."""
-    buffer = io.BytesIO()
-    write(buffer, value)
-    with open(path, "wb") as file:
-        file.write(buffer.getbuffer())
-        file.write(_checksum(buffer.getbuffer()))
-
-
 def _checksum(content: Any) -> bytes:
     return hashlib.blake2b(content, digest_size=CHECKSUM).digest()
 
@@ -145,7 +139,13 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
     may hold files. Those of the same names are replaced, the others stay.
     """
     path = Path(path)
-    _require_free(path, force)
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file", "name a folder", key="output", value=str(path))
+    if not path.parent.is_dir():
+        raise StorageError(f"{path} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
+    if path.is_dir() and not force and any(path.iterdir()):
+        remedy = "add <force> to replace what it has of the same names, or choose another folder"
+        raise InputError(f"{path} is not empty", remedy, key="output", value=str(path))
     temporary = path.resolve().parent / f"{TEMPORARY}{secrets.token_hex(8)}"
     try:
         if path.is_dir():  # raises OSError where no file can be written into it
@@ -161,16 +161,6 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
         raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-
-
-def _require_free(path: Path, force: bool) -> None:
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path} is a file", "name a folder", key="output", value=str(path))
-    if not path.parent.is_dir():
-        raise StorageError(f"{path} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
-    if path.is_dir() and not force and any(path.iterdir()):
-        remedy = "add <force> to replace what it has of the same names, or choose another folder"
-        raise InputError(f"{path} is not empty", remedy, key="output", value=str(path))
 
 
 MAX_DOTS = 500  # before the "=" of a line: the parser's time grows with the square of the parts of a key

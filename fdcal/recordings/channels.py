@@ -178,35 +178,26 @@ def select_plane(recording: Recording, plane: str) -> Recording:
 
 def select_subset(recording: Recording, text: str, seed: int) -> Recording:
     """Return the recording of some microphones: a list as "0,3,8:12", or how many are drawn at random, as "200"."""
+    numbers: list[int] = []
     try:
-        numbers = _listed(text, recording.count)
+        for part in text.split(","):
+            first, colon, end = part.partition(":")
+            numbers += range(int(first), min(int(end), recording.count + 1)) if colon else [int(part)]
     except ValueError:
         problem = f'subset = "{text}" is no number and no list'
         raise InputError(problem, "write <subset> as 200, or 0,3,8:12", key="subset", value=text) from None
     if len(numbers) == 1 and "," not in text and ":" not in text:
-        return _drawn(recording, numbers[0], seed)
+        number = numbers[0]
+        if not 1 <= number <= recording.count:
+            problem = f"subset = {number} cannot be drawn from {recording.count} microphones"
+            raise InputError(problem, "give a smaller <subset>", key="subset", value=number)
+        drawn = np.random.default_rng(seed).choice(recording.count, number, replace=False)
+        return select_channels(recording, np.sort(drawn))
     wrong = [n for n in numbers if not 0 <= n < recording.count]
     if wrong or len(set(numbers)) < len(numbers) or not numbers:
         problem = f"subset = {text} must name microphones of 0 to {recording.count - 1}, each at most once"
         raise InputError(problem, key="subset", value=text)
     return select_channels(recording, numbers)
-
-
-def _listed(text: str, count: int) -> list[int]:
-    """Return the numbers of a list such as "0,3,8:12"; a range ends at most one after `count`."""
-    numbers: list[int] = []
-    for part in text.split(","):
-        first, colon, end = part.partition(":")
-        numbers += range(int(first), min(int(end), count + 1)) if colon else [int(part)]
-    return numbers
-
-
-def _drawn(recording: Recording, number: int, seed: int) -> Recording:
-    if not 1 <= number <= recording.count:
-        problem = f"subset = {number} cannot be drawn from {recording.count} microphones"
-        raise InputError(problem, "give a smaller <subset>", key="subset", value=number)
-    drawn = np.random.default_rng(seed).choice(recording.count, number, replace=False)
-    return select_channels(recording, np.sort(drawn))
 
 
 def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Recording:

@@ -294,9 +294,9 @@ def write_corrected(path: str | Path, recording: Recording, correction: Correcti
 def correction_summary(correction: Correction, names: tuple[str, ...]) -> str:
     """Return what is done to the channels, in a few lines."""
     decibels = -20 * np.log10(np.abs(correction.gain))
-    lines = [
-        f"gains   {decibels.min():+.2f} to {decibels.max():+.2f} dB, phases up to {_turn(correction.gain):.1f} degrees"
-    ]
+    phases = np.abs(np.angle(correction.gain))
+    turn = np.degrees(np.minimum(phases, np.pi - phases).max())  # 180 degrees count as a change of sign
+    lines = [f"gains   {decibels.min():+.2f} to {decibels.max():+.2f} dB, phases up to {turn:.1f} degrees"]
     inverted = [name for name, gain in zip(names, correction.gain, strict=True) if gain.real < 0]
     changed = [f"{name} from {names[n]}" for n, name in zip(correction.source, names, strict=True) if names[n] != name]
     delayed = [f"{name} by {1e3 * d:.3g} ms" for name, d in zip(names, correction.delay, strict=True) if d]
@@ -308,9 +308,3 @@ def correction_summary(correction: Correction, names: tuple[str, ...]) -> str:
         if listed:
             lines.append(f"{word:7s} {', '.join(listed)}")
     return "\n".join(lines)
-
-
-def _turn(gains: np.ndarray) -> float:
-    """Return the largest phase of some gains, degrees; 180 counts as a change of sign."""
-    phases = np.abs(np.angle(gains))
-    return float(np.degrees(np.minimum(phases, np.pi - phases).max()))

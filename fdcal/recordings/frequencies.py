@@ -218,8 +218,16 @@ def frequency_band(
     """Return the lowest and the highest frequency, Hz, that are given or usual; InputError if they cannot be held."""
     top = min(IMPORT_LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
     if options.frequencies == "auto":
-        low = max(_usual_bottom(found, speed), IMPORT_LIMITS.min_periods / recording.duration)
-        high = min(_usual_top(found, options, speed), top)
+        low, high = IMPORT_LIMITS.low, IMPORT_LIMITS.high
+        if found.limit is not None:  # both ends follow 1 / R for small arrays
+            # The gradient of a pressure is about k times it. Where k R is 0.13, a difference of 0.1 dB between two
+            # channels is a tenth of the radius, and more below; a high-pass differs by that at low frequencies, while
+            # the gains of the likelihood are the same at all frequencies.
+            radian = 2 * np.pi * found.radius
+            low = max(low, IMPORT_LIMITS.min_phase * speed / radian)
+            wide = max(high, IMPORT_LIMITS.phase * speed / radian)
+            high = found.limit if options.array_radius is not None else min(found.limit, wide)
+        low, high = max(low, IMPORT_LIMITS.min_periods / recording.duration), min(high, top)
     else:
         try:
             low, high = (float(part) for part in options.frequencies.split(":"))
@@ -239,24 +247,3 @@ def frequency_band(
         problem = f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold"
         raise refused_option(options, "frequencies", problem, f"use 0 < LO < HI <= {top:g} Hz")
     return low, high
-
-
-def _usual_bottom(found: FrequencyLimit, speed: float) -> float:
-    """Return the default lower end of the band, Hz: it follows 1 / R for small arrays.
-
-    The gradient of a pressure is about k times it. Where k R is 0.13, a difference of 0.1 dB between two channels is a
-    tenth of the radius, and more below; a high-pass differs by that at low frequencies, while the gains of the
-    likelihood are the same at all frequencies.
-    """
-    if found.limit is None or not found.radius:
-        return IMPORT_LIMITS.low
-    return max(IMPORT_LIMITS.low, IMPORT_LIMITS.min_phase * speed / (2 * np.pi * found.radius))
-
-
-def _usual_top(found: FrequencyLimit, options: ImportOptions, speed: float) -> float:
-    """Return the default upper end of the band, Hz: it follows 1 / R for small arrays."""
-    if found.limit is None:
-        return IMPORT_LIMITS.high
-    if options.array_radius is not None:
-        return found.limit
-    return min(found.limit, max(IMPORT_LIMITS.high, IMPORT_LIMITS.phase * speed / (2 * np.pi * found.radius)))

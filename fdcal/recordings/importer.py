@@ -287,18 +287,15 @@ def _classified(
     if options.reference_microphone is not None:
         return recording, "stationary", None
     kind = recording.kind if options.kind == "auto" or options.split is not None else options.kind
-    kind = kind or ("impulse" if _decays(recording, band) else "stationary")
+    if kind is None:  # of an impulse response the sound is gone, or nearly so, at the end
+        kind = "stationary"
+        if recording.samples <= MAX_SAMPLES:
+            level = segment_levels(recording, band)
+            decayed = level[-2:].mean() <= level.max() * 10 ** (-DECAYED_DB / 10)
+            kind = "impulse" if decayed else "stationary"
     if kind == "impulse" and recording.samples <= MAX_SAMPLES and not recording.modelled:
         require_quiet_end(recording, band)
     return recording, kind, None
-
-
-def _decays(recording: Recording, band: tuple[float, float]) -> bool:
-    """Return whether the sound is gone, or nearly so, at the end, as in an impulse response."""
-    if recording.samples > MAX_SAMPLES:
-        return False
-    level = segment_levels(recording, band)
-    return bool(level[-2:].mean() <= level.max() * 10 ** (-DECAYED_DB / 10))
 
 
 def _reference_channel(recording: Recording, options: ImportOptions) -> int | None:

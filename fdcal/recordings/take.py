@@ -220,7 +220,10 @@ def record_take(
                     file.write(block.T)
                     channels.add(block)
                     done, gaps = done + block.shape[1], gaps + lost
-                    stopped = not watch(_moment(stream, done, block, channels))
+                    level = np.sqrt(np.mean(block**2, axis=1)) / (stream.full_scale or 1.0)
+                    decibels = 20 * np.log10(np.maximum(level, FLOOR))
+                    health = channels.health(stream.full_scale)
+                    stopped = not watch(Moment(done / stream.sample_rate, block, decibels, health))
                     if stopped or done >= wanted:
                         break
             except KeyboardInterrupt:
@@ -236,9 +239,3 @@ def record_take(
         path, done / stream.sample_rate, stream.sample_rate, stream.names, channels.health(stream.full_scale), gaps,
         stopped and done < wanted, fault,
     )  # fmt: skip
-
-
-def _moment(stream: SoundStream, done: int, block: np.ndarray, channels: ChannelWatch) -> Moment:
-    level = np.sqrt(np.mean(block**2, axis=1)) / (stream.full_scale or 1.0)
-    level_db = 20 * np.log10(np.maximum(level, FLOOR))
-    return Moment(done / stream.sample_rate, block, level_db, channels.health(stream.full_scale))

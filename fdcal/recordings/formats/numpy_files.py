@@ -78,11 +78,6 @@ def _read_npz(path: Path, source: int | None = None) -> Recording:
     )
 
 
-def _is_meshrir(path: Path) -> bool:
-    """Return whether `path` is a folder with microphone positions."""
-    return path.is_dir() and ((path / "pos_mic.npy").exists() or (path / "ir_0.npy").exists())
-
-
 def _read_meshrir(path: Path, source: int | None = None) -> Recording:
     """Return the responses to one source, the first by default; raise InputError for a damaged folder."""
     places, sources = (_positions(path / name) for name in ("pos_mic.npy", "pos_src.npy"))
@@ -128,6 +123,11 @@ def _mapped(path: Path) -> np.ndarray:
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu" or values.ndim == 0:
         raise InputError(f"{path} holds no array of real numbers", "copy it again")
     return values
+
+
+def _is_meshrir(path: Path) -> bool:
+    """Return whether `path` is a folder with microphone positions."""
+    return path.is_dir() and ((path / "pos_mic.npy").exists() or (path / "ir_0.npy").exists())
 
 
 FORMATS = (
