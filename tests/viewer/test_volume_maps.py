@@ -67,7 +67,8 @@ def first(worker, wanted, fine):
     pytest.fail("there is no volume")
 
 
-def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(worker, snapshot):
+def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, snapshot):
+    worker = CostMapWorker(run, threads)  # of its own: one that has the fine volume already shows no coarse one
     coarse = first(worker, snapshot.map_request, False)
     fine = first(worker, snapshot.map_request, True)
     assert coarse.floor is None and fine.floor is None
