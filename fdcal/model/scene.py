@@ -323,12 +323,18 @@ def placeholder_scene(
     search = measurement.search or (None if boxed else Search(tuple(low.tolist()), (CELLS * step,) * 2, step))
     corners = low + size * np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) if not boxed else None
     c = measurement.sound_speed
+    if boxed and d == 2:
+        array = Array("plane", center=(4.5, 4.0, 3.5), shape=(measurement.count, 1), size=(1.0, 0.1))
+    else:
+        placed = measurement.positions
+        placed = 0.1 * np.arange(measurement.count)[:, None] * np.ones(d) if placed is None else placed
+        array = Array("positions", positions=_rows(placed))
     return MeasuredScene(
         name=name,
         title=title or f"{name}, as measured",
         room=Room(size=(9.0, 8.0, 7.0), sound_speed=c) if boxed else Room(outline=_rows(corners), sound_speed=c),
         source=Source(position=(0.1,) * 3 if boxed else tuple((low + 0.1).tolist())),
-        array=_array(measurement, boxed, d),
+        array=array,
         gauge=Gauge(known=tuple(measurement.known.tolist())),
         search=search,
         measurement=Sensing(wavenumber="continuous"),
@@ -337,16 +343,6 @@ def placeholder_scene(
         file=file,
         remark=remark,
     )
-
-
-def _array(measurement: Measurement, boxed: bool, d: int) -> Array:
-    """Return an array with as many microphones and coordinates as the measurement."""
-    if boxed and d == 2:
-        return Array("plane", center=(4.5, 4.0, 3.5), shape=(measurement.count, 1), size=(1.0, 0.1))
-    places = measurement.positions
-    if places is None:
-        places = 0.1 * np.arange(measurement.count)[:, None] * np.ones(d)
-    return Array("positions", positions=_rows(places))
 
 
 def _rows(values: Any) -> tuple[tuple[float, ...], ...]:

@@ -140,7 +140,15 @@ def measurement_of_takes(
         raise InputError(problem, "give the files of all channels")
     takes = [_flattened(one, options) for one in recordings]
     if options.split is not None:
-        takes = [part for one in takes for part in _split(one, options.split, options)]
+        low = number_in(options.frequencies.partition(":")[0])  # NaN for "auto"; `frequency_band` reports a mistake
+        for one in takes:
+            if one.kind == "impulse":
+                problem = (
+                    f"split = {options.split:.3g} s cuts a stationary recording, and {one.path} holds impulse responses"
+                )
+                raise InputError(problem, "leave out <split>", key="split", value=options.split)
+        shortest = min_duration(low if low > 0 else IMPORT_LIMITS.low)
+        takes = [part for one in takes for part in split(one, options.split, shortest)]
     max_rows = max(1, options.most // len(takes)) if options.most else default_max_rows(takes[0].count, len(takes))
     done, skipped = [], []
     for one in takes:
@@ -154,15 +162,6 @@ def measurement_of_takes(
         return done[0][0], replace(done[0][1], skipped=tuple(skipped))
     report = replace(done[0][1], takes=tuple(one for _, one in done), skipped=tuple(skipped))
     return Measurement.from_takes([one for one, _ in done]), report
-
-
-def _split(recording: Recording, seconds: float, options: ImportOptions) -> list[Recording]:
-    """Return the parts of a recording of a stationary source."""
-    if recording.kind == "impulse":
-        problem = f"split = {seconds:.3g} s cuts a stationary recording, and {recording.path} holds impulse responses"
-        raise InputError(problem, "leave out <split>", key="split", value=seconds)
-    low = number_in(options.frequencies.partition(":")[0])  # NaN for "auto"; `frequency_band` reports a mistake
-    return split(recording, seconds, min_duration(low if low > 0 else IMPORT_LIMITS.low))
 
 
 def _measurement_of_take(
@@ -218,7 +217,15 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
     parts = [part.strip() for part in (options.leave_out or "").split(",")]
     listed = [name for name in parts if name not in ("", "bad")]
     left_out = dict.fromkeys(listed, "as asked")
-    chosen = [_chosen(one, options, listed) for one in recordings]
+    chosen = []
+    for one in recordings:
+        if options.plane is not None:
+            one = select.select_plane(one, options.plane)
+        if options.subset is not None:
+            one = select.select_subset(one, options.subset, options.seed)
+        if listed:  # before the samples are read, since these channels may hold what cannot be read
+            one = select.exclude_channels(one, ",".join(listed), np.zeros(0, int))
+        chosen.append(one)
     health = [select.inspect_channels(one) for one in chosen]
     if "bad" not in parts:
         for one, state in zip(chosen, health, strict=True):
@@ -228,17 +235,6 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
         left_out |= {one.names[n]: state.fault(n, one.names) for n in state.bad}
     bad = np.unique(np.concatenate([state.bad for state in health]))
     return [select.exclude_channels(one, "bad", bad) for one in chosen], left_out
-
-
-def _chosen(recording: Recording, options: ImportOptions, listed: list[str]) -> Recording:
-    """Return the channels in the plane or subset that is asked for, without those listed."""
-    if options.plane is not None:
-        recording = select.select_plane(recording, options.plane)
-    if options.subset is not None:
-        recording = select.select_subset(recording, options.subset, options.seed)
-    if listed:  # before the samples are read, since these channels may hold what cannot be read
-        recording = select.exclude_channels(recording, ",".join(listed), np.zeros(0, int))
-    return recording
 
 
 def _flattened(recording: Recording, options: ImportOptions) -> Recording:

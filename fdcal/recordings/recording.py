@@ -176,6 +176,12 @@ def join_channels(files: Sequence[Recording]) -> Recording:
         values = [getattr(one, key) for one in files]
         return values[0] if all(value == values[0] for value in values) else None
 
+    # Each channel is named after its file, with its folder where files have the same name.
+    stems = [Path(one.path).stem for one in files]
+    if len(set(stems)) < len(stems):
+        stems = [f"{Path(one.path).parent.name}/{stem}" for one, stem in zip(files, stems, strict=True)]
+    pairs = zip(files, stems, strict=True)
+    names = tuple(stem if one.count == 1 else f"{stem}.{name}" for one, stem in pairs for name in one.names)
     placed = [one.positions for one in files if one.positions is not None]
     rest = f" and {len(files) - 1} other {'file' if len(files) == 2 else 'files'}"
     return Recording(
@@ -185,21 +191,12 @@ def join_channels(files: Sequence[Recording]) -> Recording:
         len(owner),
         shortest.samples,
         block,
-        names=_names(files),
+        names=names,
         positions=np.concatenate(placed) if len(placed) == len(files) else None,
         sound_speed=common("sound_speed"),
         full_scale=common("full_scale"),
         highest=min((one.highest for one in files if one.highest is not None), default=None),
     )
-
-
-def _names(files: Sequence[Recording]) -> tuple[str, ...]:
-    """Return a name for every channel: that of its file, with its folder where files have the same name."""
-    stems = [Path(one.path).stem for one in files]
-    if len(set(stems)) < len(stems):
-        stems = [f"{Path(one.path).parent.name}/{stem}" for one, stem in zip(files, stems, strict=True)]
-    pairs = zip(files, stems, strict=True)
-    return tuple(stem if one.count == 1 else f"{stem}.{name}" for one, stem in pairs for name in one.names)
 
 
 def split(recording: Recording, seconds: float, min_seconds: float) -> list[Recording]:
