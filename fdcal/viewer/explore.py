@@ -92,7 +92,7 @@ def shown_modes(viewer: Viewer) -> tuple[int, ...]:
 class Explore:
     """Fills the regions `bar` and `sheet`, and carries out what is pressed there.
 
-    `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: whether the tab File opens files.
+    `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: whether the tab Open opens files.
     """
 
     def __init__(self, page: LessonPage, lessons: LessonsTab, own_files: bool):
@@ -241,7 +241,7 @@ class Explore:
             title = escape(request.scene.title)
             scenes += f"<button data-do='opened' aria-pressed='{pressed}'>{dots}<span>{title}</span></button>"
         if self._own_files:
-            scenes += f"<button data-local='tab:File'>{OWN}<span>Your own recording ...</span></button>"
+            scenes += f"<button data-local='tab:Open'>{OWN}<span>Your own recording ...</span></button>"
         lessons = self._lessons.list_html()
         if not viewer.binding.choices.lecture:
             lessons += f"<button data-do='lecture'>{LECTURE}</button>"

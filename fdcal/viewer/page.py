@@ -68,7 +68,7 @@ class Page:
         with self.panels.tabs["Help"]:
             server.gui.add_html(help.text())
         self._threads = Threads()
-        with self.panels.tabs["File"]:
+        with self.panels.tabs["Open"]:
             self.open_file = None if folder is None else OpenFile(server.gui, self._threads, folder, self.open)
             if folder is None:
                 server.gui.add_html(html.remark(REMOTE))

@@ -1,4 +1,4 @@
-"""The tab File: a file of the folder in which fdcal was started, shown as a session.
+"""The tab Open: a file of the folder in which fdcal was started, shown as a session.
 
 It belongs to the page, not to a session, and is there only on a page that this machine alone can reach, because it
 reads files here: recordings, measurements (.npz) and sessions (.zip). The page reads no other folder.
@@ -49,7 +49,7 @@ class OpenFile:
         self._list_due, self._report_due, self._modified = Due(LISTED), Due(), 0
         self.worker = threads.start(self._open, "fdcal-open", awaited=False)
         gui.add_html(html.remark(f"Recordings, measurements and sessions in {folder}"))
-        self.file = gui.add_dropdown("File", [NONE])
+        self.file = gui.add_dropdown("File name", [NONE])
         self.positions = gui.add_dropdown("List", [NONE], hint="Positions to compare the result with")
         self.kind = gui.add_dropdown(
             "Kind", ("auto", *KINDS), hint="Of a recording: an impulse response, or a continuous sound"

@@ -152,7 +152,7 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
     page.locator("[data-do=alone][aria-pressed=false]").wait_for()
     page.get_by_role("button", name="Choose a scene").click()
     page.locator(".scenes button").first.wait_for()
-    page.locator("[data-local='tab:File']").wait_for(state="hidden")  # there are no panels that it could lead to
+    page.locator("[data-local='tab:Open']").wait_for(state="hidden")  # there are no panels that it could lead to
     page.keyboard.press("Escape")
     uncut(page)
     press(page, "End lecture mode")
@@ -197,7 +197,7 @@ def test_ones_own_recording_is_the_last_of_the_scenes_on_a_phone_too(page):
         page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
         page.get_by_role("button", name="Choose a scene").click()
         page.locator(".scenes button").last.get_by_text("Your own recording").click()
-        page.get_by_role("tab", name="File", selected=True).wait_for()
+        page.get_by_role("tab", name="Open", selected=True).wait_for()
         page.wait_for_function(BUTTON_SEEN, arg="Open file")
         press(page, "Explore")
     page.set_viewport_size({"width": 1280, "height": 720})
