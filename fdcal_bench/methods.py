@@ -26,7 +26,7 @@ def cross_spectra(recorded, rate: float, segment: int, decays: bool = False) -> 
 
     decays : whether the recordings are responses; each segment then counts alike, down to 15 dB below the first
     """
-    f, _, X = stft(recorded, fs=rate, nperseg=segment, boundary=None, padded=False, axis=1)
+    f, _, X = stft(recorded, fs=rate, nperseg=segment, boundary=None, padded=False, axis=1)  # pyright: ignore[reportArgumentType]
     if decays:
         power = np.mean(np.abs(X) ** 2, axis=0)
         loud = power.sum(axis=0) > DECAYED * power[:, 0].sum()
@@ -93,7 +93,7 @@ def time_differences(recorded, rate: float, longest: float, segment: int = 2048)
 
     longest : s, the greatest delay that is tried
     """
-    _, cross = csd(recorded[:1], recorded, fs=rate, nperseg=segment, detrend=False)
+    _, cross = csd(recorded[:1], recorded, fs=rate, nperseg=segment, detrend=False)  # pyright: ignore[reportArgumentType]
     whitened = cross / np.maximum(np.abs(cross), np.finfo(float).tiny)
     correlation = np.fft.irfft(whitened, FINE * segment, axis=1)
     reach = int(np.ceil(longest * rate * FINE))
@@ -197,7 +197,7 @@ def diffuse_bound(case) -> float:
         return float("nan")
     found = _measurement(case.recordings, case.rate, case.kind, case.speed)
     noise = float(np.median(found.noise_power / mode_power(found.pressures)))
-    return 1e3 * position_bound(diffuse_information(case.truth, found.wavenumbers.real, noise, 3), Prior()).rms
+    return 1e3 * position_bound(diffuse_information(case.truth, np.real(found.wavenumbers), noise, 3), Prior()).rms
 
 
 TAPE = 0.005  # m, of each coordinate

@@ -41,7 +41,7 @@ def responses(places, source, reverberation: float, order: int, size, facing=Non
     room.add_source(source, directivity=None if facing is None else _cardioid(facing))
     room.add_microphone_array(places.T)
     room.compute_rir()
-    rows = [np.asarray(row[0], float) for row in room.rir]
+    rows = [np.asarray(row[0], float) for row in room.rir or ()]
     out = np.zeros((len(rows), max(map(len, rows)) + RATE // 2))  # stopped half a second after it is silent
     for row, h in zip(out, rows, strict=True):
         row[: len(h)] = h

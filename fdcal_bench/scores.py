@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,8 @@ def method_of(text: str) -> Method:
 def read_reference() -> list[Score]:
     """Return the reference results."""
     with REFERENCE.open(newline="") as file:
-        return [Score(**{one.name: one.type(row[one.name]) for one in fields(Score)}) for row in csv.DictReader(file)]
+        kinds: dict[str, Any] = {one.name: one.type for one in fields(Score)}
+        return [Score(**{name: kind(row[name]) for name, kind in kinds.items()}) for row in csv.DictReader(file)]
 
 
 def write_reference(scores: Iterable[Score]) -> None:
@@ -103,7 +105,7 @@ def table(scores: Iterable[Score]) -> str:
     seconds = np.zeros(len(methods))
     for case in (name for name in NAMES if any(one.case == name for one in every)):
         row = [[one for one in every if (one.case, one.method) == (case, method)] for method in methods]
-        seconds += [np.mean([one.seconds for one in cell]) if cell else 0.0 for cell in row]
+        seconds += np.array([np.mean([one.seconds for one in cell]) if cell else 0.0 for cell in row])
         lines.append(f"| {case} | {max(map(len, row))} | {' | '.join(map(_cell, row))} |")
     lines.append("| all: seconds | | " + " | ".join(f"{s:.0f}" if np.isfinite(s) else "" for s in seconds) + " |")
     return "\n".join(lines)
