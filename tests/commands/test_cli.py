@@ -158,11 +158,6 @@ def test_the_noise_is_estimated_where_none_is_reported(calibrated, altered, solv
     assert reported["positions"] == calibrated("--solver", solver, "--noise", "auto")[1]["positions"]
 
 
-def test_another_word_for_a_kind_is_refused_with_the_choices(refused):
-    line = refused("import", "nothing.wav", "-o", "n.npz", "--kind", "music")
-    assert "'auto', 'impulse', 'stationary'" in line
-
-
 def test_known_microphones_that_do_not_span_the_array_are_refused(altered, refused):
     """An array and its mirror image fit two known microphones equally well, whatever the solver."""
     table = load_measurement(altered())
