@@ -38,15 +38,19 @@ def room_frequencies(highest, sound_speed=343.0, size=(6.0, 5.0), apart=1.5):
     return np.array(chosen)
 
 
+def with_noise(pressures, snr_db, rng):
+    """Pressures (M, N) and complex noise so far below the mean power of each mode, and the power of the noise (M,)."""
+    noise = np.mean(np.abs(pressures) ** 2, axis=1) * 10 ** (-snr_db / 10)
+    draws = rng.standard_normal((2, *pressures.shape))
+    return pressures + np.sqrt(noise / 2)[:, None] * (draws[0] + 1j * draws[1]), noise
+
+
 def measured(positions, known, highest=300.0, snr_db=np.inf, seed=0, search=None, source=(5.47, 4.53), modes=None):
     """Measurement of the modes of the 6 x 5 m rigid room at `positions`, c = 343 m/s, windowed with 3 / s."""
     frequencies = room_frequencies(highest)[:modes]
     wavenumbers = (2 * np.pi * frequencies - 3j) / 343.0
     pressures = rigid_room(positions, source, wavenumbers)
-    noise = np.mean(np.abs(pressures) ** 2, axis=1) * 10 ** (-snr_db / 10)
-    rng = np.random.default_rng(seed)
-    draws = rng.standard_normal((2, *pressures.shape))
-    pressures = pressures + np.sqrt(noise / 2)[:, None] * (draws[0] + 1j * draws[1])
+    pressures, noise = with_noise(pressures, snr_db, np.random.default_rng(seed))
     return Measurement(
         frequencies=frequencies,
         pressures=pressures,

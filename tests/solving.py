@@ -16,6 +16,7 @@ from fdcal.model.problem import Problem
 from fdcal.model.settings import SolverSettings
 from fdcal.session.session_file import read_states, write_states
 from fdcal.solvers.estimate import Estimate
+from fdcal.solvers.robust.result import estimate_at
 from fdcal.viewer import opening
 
 
@@ -51,6 +52,12 @@ def solved_anew(problem: Problem, settings: SolverSettings) -> Solved:
     *_, state = solvers.run(problem, settings, 0)
     estimate = solvers.load(settings.name).result(problem, state)
     return Solved(problem, state, estimate, assess(estimate))
+
+
+def estimated_at(measurement, positions, modes: int | None = None, **settings) -> Estimate:
+    """What a solver reports of an end at `positions`, whoever found them."""
+    chosen, used = SolverSettings(name="descent", **settings), slice(0, modes or len(measurement.frequencies))
+    return estimate_at(measurement.problem("unit", "all"), chosen, positions, used, True)
 
 
 def simulated_square() -> Measurement:

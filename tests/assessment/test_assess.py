@@ -8,7 +8,9 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from fields import measured, rigid_room, room_frequencies
+import solving
+from fields import measured, with_noise
+from solving import estimated_at, run_from, solved_anew
 from test_faulty_channels import KNOWN, MODES, array, estimated
 
 import fdcal
@@ -22,7 +24,6 @@ from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load, run
 from fdcal.solvers.estimate import Estimate, GivenHypothesis, RoomEstimate, TriedOptimum
 from fdcal.solvers.robust import solver as robust
-from fdcal.solvers.robust.result import estimate_at
 
 GRID = np.linspace(-0.5, 0.5, 5)
 TRUTH = np.array([(x, y) for x in GRID for y in GRID]) + [2.6, 2.3]
@@ -36,8 +37,7 @@ def room(known=CORNERS, snr_db=30.0, seed=0, **kind) -> Measurement:
 
 def at(measurement: Measurement, positions=TRUTH, modes: int | None = None) -> Estimate:
     """What descent would report if it had ended at `positions`."""
-    settings, used = SolverSettings(name="descent"), slice(0, modes or len(measurement.frequencies))
-    return estimate_at(measurement.problem("unit", "all"), settings, positions, used, True)
+    return estimated_at(measurement, positions, modes)
 
 
 def without_noise_given(measurement: Measurement, noise_given: bool) -> Measurement:
@@ -452,9 +452,8 @@ def test_the_true_positions_are_good_whoever_found_them(known, snr_db):
 
 
 def test_positions_have_the_same_verdict_and_sigma_whichever_solver_reports_them(healthy):
-    problem = healthy.problem("unit", "all")
-    *_, state = run(problem, SolverSettings(name="joint", modes=MODES), 0)
-    joint, descent = assess(load("joint").result(problem, state)), assess(at(healthy, state.positions))
+    end = solving.solved(healthy, "joint")
+    joint, descent = end.assessment, assess(at(healthy, end.state.positions))
     assert joint.verdict == descent.verdict == "good"
     np.testing.assert_allclose(descent.uncertainty, joint.uncertainty, rtol=0.1)
 
@@ -569,9 +568,7 @@ def test_the_scale_of_a_plane_in_space_is_not_determined_blind(count):
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
     waves = np.exp(-1j * k[:, None, None] * np.einsum("mda,na->mdn", directions[..., :2], TRUTH))
     pressures = ((rng.normal(size=(count, 1, 60)) + 1j * rng.normal(size=(count, 1, 60))) @ waves)[:, 0]
-    noise = 1e-4 * np.mean(np.abs(pressures) ** 2, axis=1)
-    draws = rng.normal(size=(2, *pressures.shape))
-    pressures = pressures + np.sqrt(noise / 2)[:, None] * (draws[0] + 1j * draws[1])
+    pressures, noise = with_noise(pressures, 40, rng)
     blind = Measurement(
         k * 343 / (2 * np.pi), pressures, 343.0, dimension=3, array_dimension=2, noise_power=noise
     )  # fmt: skip
@@ -613,19 +610,10 @@ SIZE = (6.0, 5.0)
 @pytest.fixture(scope="module")
 def in_room() -> RoomEstimate:
     """Eight microphones in the rigid room, at 40 dB."""
-    frequencies = room_frequencies(300.0)[:24]
-    k = (2 * np.pi * frequencies - 3j) / 343.0
-    p = rigid_room(IN_ROOM, (3.1, 4.4), k)
-    noise = 1e-4 * np.mean(np.abs(p) ** 2, axis=1)
-    parts = np.random.default_rng(2).standard_normal((2, *p.shape))
-    p = p + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
-    measurement = Measurement(
-        frequencies, p, 343.0, wavenumbers=k, noise_power=noise, positions=IN_ROOM, known=np.array([0, 3])
-    )
-    problem = measurement.problem("unit", "all")
-    settings = SolverSettings(name="room", modes=len(measurement.frequencies), room=SIZE)
-    *_, state = run(problem, settings, 0)
-    return load("room").result(problem, state)
+    measurement = measured(IN_ROOM, np.array([0, 3]), snr_db=40, seed=2, source=(3.1, 4.4), modes=24)
+    return solved_anew(
+        replace(measurement, search=None).problem(), SolverSettings(name="room", modes=24, room=SIZE)
+    ).estimate
 
 
 def with_worst(e: RoomEstimate) -> RoomEstimate:
@@ -703,9 +691,7 @@ def test_the_same_end_has_the_same_sigma(known, snr_db):
     measurement = fdcal.simulate(fdcal.load_scene("tiny"))
     p, rng = measurement.pressures, np.random.default_rng(1)
     if np.isfinite(snr_db):
-        noise = np.mean(np.abs(p) ** 2, axis=1) * 10 ** (-snr_db / 10)
-        draws = rng.normal(size=(2, *p.shape))
-        p = p + np.sqrt(noise / 2)[:, None] * (draws[0] + 1j * draws[1])
+        p, noise = with_noise(p, snr_db, rng)
         measurement = replace(measurement, pressures=p, noise_power=noise)
     problem, settings = measurement.problem("unit", known), SolverSettings(name="robust", modes=len(p))
     *_, first = run(problem, settings, 0)
@@ -713,10 +699,7 @@ def test_the_same_end_has_the_same_sigma(known, snr_db):
     for metres in (0.03, 0.4):
         start = np.array(first.positions)
         start[int(problem.free[3])] += metres * np.array([0.6, 0.8])
-        state = robust.init(problem, settings, 0, positions=start)
-        while not state.finished:
-            state = robust.step(problem, state)
-        ends.append(state)
+        ends.append(run_from(robust, problem, robust.init(problem, settings, 0, positions=start))[-1])
     agreeing = 0
     for one, other in combinations(ends, 2):
         x = other.positions if len(problem.known) else align(other.positions, one.positions)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fields import with_noise
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
 import fdcal
@@ -73,12 +74,8 @@ def rigid_sphere(count=24, radius=0.1):
 
 def measured(field, known=KNOWN, snr_db=40.0):
     x, f, p = field
-    noise = np.mean(np.abs(p) ** 2, axis=1) * 10 ** (-snr_db / 10)
-    draws = np.random.default_rng(4).normal(size=(2, *p.shape))
-    return Measurement(
-        frequencies=f, pressures=p + np.sqrt(noise / 2)[:, None] * (draws[0] + 1j * draws[1]), sound_speed=SPEED,
-        positions=x, known=known, noise_power=noise, dimension=x.shape[1],
-    )  # fmt: skip
+    p, noise = with_noise(p, snr_db, np.random.default_rng(4))
+    return Measurement(f, p, SPEED, x.shape[1], positions=x, known=known, noise_power=noise)
 
 
 def odd(found):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fields import measured
 from scipy.special import j0, jv
+from solving import estimated_at, run_from
 
 from fdcal.acoustics.room_modes import independent_frequencies, mode_count
 from fdcal.assessment.assess import assess
@@ -57,20 +58,15 @@ def diffuse(rng, known=NONE, noise=NOISE, positions=TRUTH, wavenumbers=K) -> Mea
 
 def at(measurement: Measurement, positions=TRUTH, **settings) -> Estimate:
     """The estimate of positions, whoever found them."""
-    chosen = SolverSettings(name="descent", **settings)
-    return estimate_at(
-        measurement.problem("unit", "all"), chosen, positions, slice(0, len(measurement.frequencies)), True
-    )
+    return estimated_at(measurement, positions, **settings)
 
 
 def ended(measurement: Measurement) -> Estimate:
     """Where solver joint ends that begins at the truth."""
     solver, problem = load("joint"), measurement.problem("unit", "all")
     settings = SolverSettings(name="joint", modes=len(measurement.frequencies))
-    state = solver.init(problem, settings, 0, positions=measurement.positions)
-    while not state.finished:
-        state = solver.step(problem, state)
-    return solver.result(problem, state)
+    begun = solver.init(problem, settings, 0, positions=measurement.positions)
+    return solver.result(problem, run_from(solver, problem, begun)[-1])
 
 
 @pytest.fixture(scope="module")

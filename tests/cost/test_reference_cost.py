@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from solving import run_from
 
 from fdcal import solvers
 from fdcal.acoustics.dictionary import max_order, spherical_bessel
@@ -81,10 +82,11 @@ def run():
     scene = edited(load_scene("tiny"), {f"faults.{key}": value for key, value in faults.items()})
     measurement, solver = cached_measurement(scene), solvers.load(scene.solver.name)
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
-    states = [solver.init(problem, scene.solver, scene.seed)]
-    while not states[-1].finished:
-        states.append(solver.step(problem, states[-1]))
-    return np.array(measurement.positions), problem, states
+    return (
+        np.array(measurement.positions),
+        problem,
+        run_from(solver, problem, solver.init(problem, scene.solver, scene.seed)),
+    )
 
 
 def test_moving_any_healthy_microphone_from_the_truth_raises_it(run):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from solving import run_from
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -122,13 +123,6 @@ def box():
     return scene, measurement, problem, descent, begun, at_once[-1], staged
 
 
-def to_the_end(solver, problem, state):
-    states = [state]
-    while not states[-1].finished:
-        states.append(solver.step(problem, states[-1]))
-    return states
-
-
 def mean_error(measurement, state) -> float:
     """Mean error of the microphones sought, mm, as in the status."""
     free = measurement.problem().free
@@ -231,7 +225,7 @@ def test_moving_all_microphones_at_once_gets_beyond_the_grid(box, lesson_text):
     scene, seed = load_lesson("4_frozen_grid").start(2)
     joint = solvers.load(scene.solver.name)
     begun = joint.init(problem, scene.solver, seed)
-    last, text = to_the_end(joint, problem, begun)[-1], lesson_text("4_frozen_grid")
+    last, text = run_from(joint, problem, begun)[-1], lesson_text("4_frozen_grid")
     assert mean_error(measurement, last) == pytest.approx(0.9, abs=0.05) and "0.9 mm on average" in text
     assert f"at {cost(measurement, last.positions):.1f} dB" in text
 
@@ -242,7 +236,7 @@ def test_the_error_grows_with_distance_from_a_corner_and_not_from_the_centre(les
         scene, seed = lesson.start(number)
         measurement, descent = cached_measurement(scene), solvers.load("descent")
         problem = measurement.problem(scene.solver.weights)
-        states = to_the_end(descent, problem, descent.init(problem, scene.solver, seed))
+        states = run_from(descent, problem, descent.init(problem, scene.solver, seed))
         truth, free = measurement.positions, problem.free
         error = 1e3 * np.mean([position_errors(state.positions, truth) for state in states], axis=0)[free]
         distance = np.hypot(*(truth[free] - truth[measurement.known[0]]).T)
@@ -276,7 +270,7 @@ class End:
         self.measurement, solver = cached_measurement(scene), solvers.load(scene.solver.name)
         problem = self.measurement.problem(scene.solver.weights)
         with one_blas_thread():
-            state = to_the_end(solver, problem, solver.init(problem, scene.solver, seed))[-1]
+            state = run_from(solver, problem, solver.init(problem, scene.solver, seed))[-1]
             inputs = CalibrationInput(scene.name, scene, self.measurement, state.settings, seed)
             self.found = assess_state(inputs, problem, state)
         self.free, self.positions, self.converged = problem.free, state.positions, state.converged

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from fields import measured
-from solving import same_state
+from solving import run_from, same_state
 
 from fdcal import solvers
 from fdcal.cost.lattice import search_lattice
@@ -92,9 +92,7 @@ def test_trapped_means_a_whole_sweep_with_the_modes_in_use():
     state = all_states()[-1]
     for turn in range(1, len(PROBLEM.free)):
         midway = replace(state, turn=turn, finished=False, last=6)
-        end = descent.use_modes(PROBLEM, midway, 1, 8, automatic=False)
-        while not end.finished:
-            end = descent.step(PROBLEM, end)
+        *_, end = run_from(descent, PROBLEM, descent.use_modes(PROBLEM, midway, 1, 8, automatic=False))
         assert end.converged and end.step - midway.step >= len(PROBLEM.free)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fields import rigid_room, room_frequencies
+from fields import measured
 from running import exit_code
 
 from fdcal.acoustics.room_modes import room_symmetries
@@ -25,14 +25,8 @@ SOURCE, SIZE, MODES = (3.1, 4.4), (6.0, 5.0), 24
 
 def measurement(known=(), noise_reported: bool = True) -> Measurement:
     """Eight microphones in the rigid room, at 40 dB."""
-    frequencies = room_frequencies(300.0)[:MODES]
-    k = (2 * np.pi * frequencies - 3j) / 343.0
-    p = rigid_room(TRUTH, SOURCE, k)
-    noise = 1e-4 * np.mean(np.abs(p) ** 2, axis=1)
-    parts = np.random.default_rng(2).standard_normal((2, *p.shape))
-    p = p + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
-    noise = noise if noise_reported else None
-    return Measurement(frequencies, p, 343.0, wavenumbers=k, noise_power=noise, positions=TRUTH, known=known)
+    found = measured(TRUTH, known, snr_db=40, seed=2, source=SOURCE, modes=MODES)
+    return replace(found, search=None, noise_power=found.noise_power if noise_reported else None)
 
 
 @pytest.fixture

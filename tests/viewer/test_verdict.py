@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from browsing import WAIT
 from doubles import State, assessment, view_of
+from solving import run_from
 
 import fdcal
 from fdcal import solvers
@@ -42,8 +43,7 @@ def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
     inputs = scene_input(scene)
     state = solver.init(problem, inputs.settings, scene.seed)
     assert made.of(state, False, 0.0) is None and made.of(state, False, 1e3) is None
-    while not state.finished:
-        state = solver.step(problem, state)
+    *_, state = run_from(solver, problem, state)
     assert made.of(state, True, 2e3) is None, "it runs"
     end, found, now = time.monotonic() + WAIT, None, 3e3
     while found is None and time.monotonic() < end:
