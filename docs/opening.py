@@ -16,7 +16,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.basins import basins_of, descent_path
 from fdcal.cost.expansion import ORDER_OFFSET
 from fdcal.cost.maps import map_minima, partial_sums
-from fdcal.graphics import camera, heatmap, markers
+from fdcal.graphics import camera, heatmap, marks
 from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import DARK, LIGHT
 from fdcal.model.measurement import save_measurement
@@ -113,8 +113,8 @@ def look(measurement, floor) -> dict:
         "after": [cameras.BROAD_MARGINS, cameras.MARGINS, [*cameras.PHONE_MARGINS, cameras.PHONE_PANEL]],
         "broad": [cameras.BROAD, cameras.BROAD_RATIO, cameras.PHONE_WIDTH],
         "light": heatmap.TOWARDS_LIGHT.tolist(), "darkest": heatmap.DARKEST,
-        "brightest": heatmap.BRIGHTEST, "known_colour": markers.KNOWN, "minimum_colour": markers.LOWEST,
-        "ball_colour": markers.ESTIMATE,
+        "brightest": heatmap.BRIGHTEST, "known_colour": marks.KNOWN, "minimum_colour": marks.LOWEST,
+        "ball_colour": marks.ESTIMATE,
         "themes": [
             {
                 "background": theme.background, "foreground": theme.foreground,

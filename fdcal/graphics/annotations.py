@@ -1,13 +1,13 @@
 """Title, labels, legend and colour bar of a picture, written over the image of its scene.
 
 The legend has exactly the marks that are drawn, in one order, for every renderer: the page, the PNG and the test of
-both read the same entries. A symbol is drawn in a square from -1 to 1, y upwards.
+both read the same entries.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -15,112 +15,38 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, lifted, project
-from .glyphs import stars
-from .markers import CUT, ELLIPSE, ESTIMATE, FAULTY, KNOWN, LOWEST, TRAIL, TRUE
-from .overlays import ELLIPSE_TEXT
-from .primitives import Colour, ColourBar, Label, Lines, Mesh, Picture, Theme, by_rank, halo_of
+from .marks import MARKS, Mark, symbol
+from .primitives import Colour, ColourBar, Label, Picture, Theme, by_rank, halo_of
 
-CIRCLE_SIDES = 24
 OUTLINE: Colour = (128, 128, 128)  # of an area, which may be as light as the page
-LOW_COST: Colour = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
-
-HALO_WIDTH = 0.3  # by how much a halo is wider than its line, in halves of a symbol's edge
-Curve = tuple[tuple[float, float], ...]
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One mark of a legend."""
-
-    name: str  # of the part of the picture that it explains
-    text: str  # what the mark stands for
-    paths: tuple[Curve, ...]  # its lines, each a sequence of corners from -1 to 1
-    colour: Colour
-    width: float = 0.26  # of its lines, in halves of the symbol's edge
-    filled: bool = False  # whether the first path is filled
-    halo: bool = True  # whether it has a halo, as in the scene
-    halo_colour: Colour = (255, 255, 255)
-    halo_width: float = HALO_WIDTH
-    below: Entry | None = None  # another mark that it stands on
-
-
-def _path(points: np.ndarray) -> Curve:
-    return tuple((float(x), float(y)) for x, y in points[:, :2])
-
-
-def _ring(radius: float, squeezed: float = 1.0) -> Curve:
-    angles = 2 * np.pi * np.arange(CIRCLE_SIDES + 1) / CIRCLE_SIDES
-    return _path(radius * np.column_stack([np.cos(angles), squeezed * np.sin(angles)]))
-
-
-def _star(radius: float) -> tuple[Curve, ...]:
-    return tuple(_path(pair) for pair in stars(np.zeros((1, 3)), radius))
-
-
-def _diamond(radius: float) -> Curve:
-    return ((radius, 0.0), (0.0, radius), (-radius, 0.0), (0.0, -radius), (radius, 0.0))
-
-
-def _square(half: float) -> Curve:
-    return ((-half, -half), (half, -half), (half, half), (-half, half), (-half, -half))
-
-
-LEVEL: Curve = ((-0.9, 0.0), (0.9, 0.0))
-MARKS = {
-    entry.name: entry
-    for entry in (
-        Entry("microphones/ball", "this microphone", (_ring(0.5),), ESTIMATE, 0.1, filled=True),
-        Entry("microphones/true", "true", (_ring(0.58),), TRUE, 0.22),
-        Entry("microphones/estimate", "estimate", _star(0.75), ESTIMATE, 0.28),
-        Entry("microphones/known", "known", (_square(0.5),), KNOWN, 0.1, filled=True),
-        Entry("microphones/error", "error", (LEVEL,), TRUE, 0.14),
-        Entry("lowest", "lowest cost", (_diamond(0.7),), LOWEST, 0.16, halo_width=0.16),
-        Entry("minima", "other minimum", (_diamond(0.55),), LOWEST, 0.16, halo_width=0.16),
-        # their halo shows on a dark page
-        Entry("isosurfaces", "isosurface", (_ring(0.66), _ring(0.28)), LOW_COST, 0.2),
-        Entry("slice", "slice", (_square(0.6),), LOW_COST, 0.1, filled=True),
-        Entry("trails", "trail", (LEVEL,), TRAIL, 0.24, halo=False),
-        Entry("ellipses", ELLIPSE_TEXT, (_ring(0.8, 0.5),), ELLIPSE, 0.24, halo=False),
-        Entry("cut", "cut from A to B", (LEVEL,), CUT, 0.24, halo=False),
-        Entry("microphones/faulty", "faulty channel", (_ring(0.66), ((-0.47, 0.47), (0.47, -0.47))), FAULTY, 0.2),
-    )
-}
-
-
-def legend_of(picture: Picture) -> tuple[Entry, ...]:
-    """Return the entries of a picture: areas of its map, the marks that can be seen in the order of MARKS."""
-    seen = {part.name for part in (*picture.meshes, *picture.lines) if _is_visible(part)}
+def legend_of(picture: Picture) -> tuple[Mark, ...]:
+    """Return the marks of a legend: areas of the map, and the marks that can be seen in the order of MARKS."""
+    seen = {part.name for part in picture.lines if len(part.segments)}
+    seen |= {part.name for part in picture.meshes if len(part.faces)}
     seen |= {"isosurfaces"} if picture.surfaces else set()
     seen |= {plate.name for plate in picture.plates}
-    captions = dict(picture.captions)
-    entries = [entry for name, entry in MARKS.items() if name in seen]
-    if picture.areas:  # the slice has the colours of the areas
-        entries = [replace(entry, filled=False) if entry.name == "slice" else entry for entry in entries]
-    if "microphones/true" in seen:  # a known microphone has its square in the circle
-        known, circle = "microphones/known", MARKS["microphones/true"]
-        entries = [
-            replace(entry, paths=(_square(0.29),), below=circle) if entry.name == known else entry for entry in entries
-        ]
-    named = tuple(replace(entry, text=captions.get(entry.name, entry.text)) for entry in entries)
-    square = (_square(0.75),)  # an area has a colour and no mark
-    areas = (Entry(a.name, a.text, square, a.colour, 0.1, True, halo_colour=OUTLINE) for a in picture.areas)
-    return (*areas, *named)
-
-
-def _is_visible(part: Mesh | Lines) -> bool:
-    """Whether a part has anything to be seen."""
-    return bool(len(part.segments if isinstance(part, Lines) else part.faces))
+    captions, circle = dict(picture.captions), MARKS["microphones/true"]
+    marks = [
+        replace(mark, text=captions.get(name, mark.text)) for name, mark in MARKS.items() if name in seen and mark.text
+    ]
+    changes: dict[str, dict] = {"slice": {"filled": False}} if picture.areas else {}  # it has the colours of the areas
+    if circle.name in seen:  # a known microphone has its square in the circle
+        changes["microphones/known"] = {"size": 0.29, "below": circle}
+    areas = (  # which have a colour and no mark
+        Mark(a.name, a.text, "square", a.colour, size=0.75, line=0.1, filled=True, halo_colour=OUTLINE)
+        for a in picture.areas
+    )
+    return (*areas, *(replace(mark, **changes.get(mark.name, {})) for mark in marks))
 
 
 SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
-FINER = 4  # times finer than the image, for smooth edges
 
 
-def legend_rows(
-    entries: Sequence[Entry], width: float, letters: ImageFont.FreeTypeFont
-) -> tuple[tuple[Entry, ...], ...]:
+def legend_rows(entries: Sequence[Mark], width: float, letters: ImageFont.FreeTypeFont) -> tuple[tuple[Mark, ...], ...]:
     """Return the entries in rows that fit into `width` pixels."""
-    rows: list[list[Entry]] = []
+    rows: list[list[Mark]] = []
     used = 0.0
     for entry in entries:
         length = entry_width(entry, letters)
@@ -132,14 +58,14 @@ def legend_rows(
     return tuple(tuple(row) for row in rows)
 
 
-def entry_width(entry: Entry, letters: ImageFont.FreeTypeFont) -> float:
+def entry_width(entry: Mark, letters: ImageFont.FreeTypeFont) -> float:
     """Return the pixels that an entry takes, with the space to the next one."""
     return (SYMBOL * 1.35 + GAP) * letters.size / 16 + letters.getlength(entry.text)
 
 
 def draw_legend(
     image: Image.Image,
-    rows: Sequence[Sequence[Entry]],
+    rows: Sequence[Sequence[Mark]],
     corner: tuple[float, float],
     letters: ImageFont.FreeTypeFont,
     theme: Theme,
@@ -155,27 +81,6 @@ def draw_legend(
             image.paste(stamp, (round(x), round(middle - edge / 2)), stamp)
             draw.text((x + 1.35 * edge, middle), entry.text, fill=theme.foreground, font=letters, anchor="lm")
             x += entry_width(entry, letters)
-
-
-def symbol(entry: Entry, edge: int) -> Image.Image:
-    """Return the symbol of an entry on a transparent square of `edge` pixels."""
-    size = FINER * edge
-    image = Image.new("RGBA", (size, size))
-    draw = ImageDraw.Draw(image)
-    for one in (entry.below, entry):
-        if one is not None and one.halo:
-            _draw_paths(draw, one, one.halo_colour, one.width + one.halo_width, size)
-        if one is not None:
-            _draw_paths(draw, one, one.colour, one.width, size)
-    return image.resize((edge, edge), Image.Resampling.LANCZOS)
-
-
-def _draw_paths(draw: ImageDraw.ImageDraw, entry: Entry, colour: Colour, width: float, size: int) -> None:
-    for i, path in enumerate(entry.paths):
-        pixels = [(float(x), float(y)) for x, y in size / 2 * (1 + np.array(path) * [1.0, -1.0])]
-        if entry.filled and i == 0:
-            draw.polygon(pixels, fill=colour)
-        draw.line(pixels, fill=colour, width=max(round(width * size / 2), 1), joint="curve")
 
 
 ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label, to Pillow's
@@ -205,7 +110,7 @@ def legend_height(picture: Picture, size: tuple[int, int]) -> float:
     return len(_legend(picture, size)) * ROW * text_scale(size)
 
 
-def _legend(picture: Picture, size: tuple[int, int]) -> tuple[tuple[Entry, ...], ...]:
+def _legend(picture: Picture, size: tuple[int, int]) -> tuple[tuple[Mark, ...], ...]:
     scale = text_scale(size)
     return legend_rows(legend_of(picture), size[0] - 2 * LEGEND_EDGE * scale, font(16 * scale))
 

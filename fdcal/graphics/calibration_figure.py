@@ -16,12 +16,13 @@ from ..cost.expansion import reference_cost_of
 from ..model.settings import search_around
 from ..model.validation import InputError, length_text
 from .landscape import figure_bytes
-from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
+from .marks import ELLIPSE, plot_marks
 from .overlays import enlargement
 from .primitives import fractions
 from .replay import replay_html
 
 SIDES = 60  # of the polygon that is drawn for an ellipse
+MARK_SCALE = 2 / 3  # of marks, of those on a map: there are many
 
 
 def draw_calibration(self: Calibration, truth=None) -> Figure:
@@ -76,10 +77,9 @@ def _draw_view(panel: Any, result: Calibration, truth: np.ndarray | None, view: 
     if result.covariance is not None:
         enlarged_ellipses(panel, places, result.covariance[:, view][:, :, view], result.positions)
     if truth is not None:
-        panel.plot(*truth[:, view].T, "o", color=fractions(TRUE), fillstyle="none", markersize=10, label="true")
-    panel.plot(*places[~known].T, "x", color=fractions(ESTIMATE), markersize=7, markeredgewidth=1.8, label="estimated")
-    if known.any():
-        panel.plot(*places[known].T, "s", color=fractions(KNOWN), fillstyle="none", markersize=9, label="known")
+        plot_marks(panel, "microphones/true", truth[:, view], scale=MARK_SCALE)
+    plot_marks(panel, "microphones/estimate", places[~known], scale=MARK_SCALE)
+    plot_marks(panel, "microphones/known", places[known], scale=MARK_SCALE)
     panel.set_aspect("equal", adjustable="datalim")
     panel.set(xlabel=f"{'xyz'[view[0]]} (m)", ylabel=f"{'xyz'[view[1]]} (m)")
     panel.grid(alpha=0.3)

@@ -22,8 +22,8 @@ from ..session.api import mode_numbers, require_measurement, require_settings
 from ..session.process import one_blas_thread
 from .basin_map import TABLE, basin_image
 from .heatmap import colour_limits
-from .markers import ESTIMATE, LOWEST
-from .primitives import COLOUR_MAP, fractions
+from .marks import plot_marks
+from .primitives import COLOUR_MAP
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,18 +78,10 @@ def label_axes(axes, count: int, columns: int) -> None:
 
 def draw_marks(panel: Any, minima: Minima, truth, estimate) -> None:
     """Draw the marks of the page on one map, each with a white halo."""
-    from matplotlib import patheffects
-
-    orange, red = fractions(LOWEST), fractions(ESTIMATE)
-    marks = [("true", truth, "o", "black", 15, 2.0), ("other minimum", minima.others, "D", orange, 5, 1.5)]
-    marks += [("lowest cost", minima.lowest, "D", orange, 11, 2.0), ("estimate", estimate, "x", red, 11, 2.5)]
-    for name, places, shape, colour, size, width in marks:
-        if places is None or not len(places):
-            continue
-        x, y = np.reshape(places, (-1, 2)).T
-        style = {"markersize": size, "markeredgewidth": width, "fillstyle": "none", "linestyle": "none"}
-        halo = [patheffects.withStroke(linewidth=width + 2, foreground="white")]
-        panel.plot(x, y, shape, color=colour, label=name, path_effects=halo, **style)
+    plot_marks(panel, "microphones/true", None if truth is None else [truth])
+    plot_marks(panel, "minima", minima.others)
+    plot_marks(panel, "lowest", minima.lowest)
+    plot_marks(panel, "microphones/estimate", None if estimate is None else [estimate])
 
 
 MAX_TICKS = 5  # of a colour bar in decibels

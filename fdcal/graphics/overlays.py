@@ -9,17 +9,18 @@ import numpy as np
 
 from ..model.validation import Reals, frozen_array
 from . import glyphs
-from .markers import (
+from .marks import (
+    CIRCLE_SIDES,
     CUT,
     ELLIPSE,
     ESTIMATE,
-    FAULTY,
-    LOWEST,
+    MARKS,
     TRAIL,
     Layer,
     drape,
     layer_height,
     lines,
+    marked,
     mesh,
     on_layer,
     strokes,
@@ -29,12 +30,13 @@ from .volume import AXES, Volume
 
 _DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
 ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
-ELLIPSE_TEXT = "error ellipse (95 %)"  # in the legend
 NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn
 SMALL_ELLIPSE = 0.5  # of the radius of a marker: half axis below which an ellipse is hidden by the marks
 VISIBLE = 0.03  # of the extent: half axis to which the median ellipse is enlarged
-CUT_RADIUS, CUT_PIECES = 1.3, 80  # of the ring at an end, radii of a marker; pieces of the line over a relief
-FAULTY_RADIUS, FAULTY_SIDES = 2.4, 24  # of the circle around an faulty channel, radii of a marker
+CUT_RADIUS, CUT_PIECES = (
+    MARKS["cut"].reach,
+    80,
+)  # of the ring at an end, radii of a marker; pieces of the line over a relief
 
 
 def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
@@ -97,7 +99,7 @@ def with_ellipses(
     pad = ((0, 0), (0, 3 - axes.shape[2]))
     long, middle = np.pad(long[seen], pad), np.pad(middle[seen], pad)
     pieces = _rims(long, middle, centres)
-    text = ELLIPSE_TEXT
+    text = MARKS["ellipses"].text
     if scale > 1:
         text += f", drawn {scale:g} times larger"
     elif lengths.max() < SMALL_ELLIPSE * picture.marker_radius:
@@ -113,10 +115,7 @@ def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | Non
     radius = picture.marker_radius
     places = drape(np.asarray(positions, float)[list(faulty)], floor, radius)
     centres = on_layer(places, picture.z_range[0], radius, Layer.FAULTY)
-    reach = FAULTY_RADIUS * radius * np.sqrt(0.5) * np.array([1.0, -1.0, 0.0])
-    bars = np.stack([centres - reach, centres + reach], axis=1)
-    segments = np.concatenate([glyphs.polygons(centres, FAULTY_RADIUS * radius, FAULTY_SIDES), bars])
-    return picture.plus(*strokes("microphones/faulty", segments, radius, FAULTY, 0.34))
+    return picture.plus(*marked("microphones/faulty", centres, radius))
 
 
 def with_volume(picture: Picture, volume: Volume | None) -> Picture:
@@ -133,7 +132,7 @@ def with_volume(picture: Picture, volume: Volume | None) -> Picture:
             loops = [glyphs.loop(np.roll(_DIAMOND, turn, axis=1), 0.0) for turn in (0, 1)]
             shape = reach * radius * np.concatenate(loops)
             segments = (np.array(places)[:, None, None, :] + shape).reshape(-1, 2, 3)
-            picture = picture.plus(*strokes(name, segments, radius, LOWEST, width, halo=0.25))
+            picture = picture.plus(*strokes(name, segments, radius, width))
     plates = () if volume.plate is None else (volume.plate,)
     surfaces = (volume.surface,) if len(volume.surface.faces) else ()
     places = [("slice", f"slice at {AXES[plate.axis]} = {plate.position:z.2f} m") for plate in plates]
@@ -148,13 +147,13 @@ def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:
     first, last = np.asarray(ends, float)
     points = drape(np.linspace(first, last, pieces + 1), floor)
     points = on_layer(points, picture.z_range[0], radius, Layer.CUT)
-    rings = glyphs.polygons(points[[0, -1]], CUT_RADIUS * radius, FAULTY_SIDES)
+    rings = glyphs.polygons(points[[0, -1]], CUT_RADIUS * radius, CIRCLE_SIDES)
     segments = np.concatenate([np.stack([points[:-1], points[1:]], axis=1), rings])
     labels = (
         Label(f"cut_ends/{name}", name, (x, y + 2.2 * CUT_RADIUS * radius, z), CUT)
         for name, (x, y, z) in zip("AB", points[[0, -1]].tolist(), strict=True)
     )
-    return picture.plus(*strokes("cut", segments, radius, CUT, 0.3, halo=0.3), *labels)
+    return picture.plus(*strokes("cut", segments, radius), *labels)
 
 
 BOUND_TEXT = "least error (95 %)"  # in the legend
@@ -183,7 +182,7 @@ def with_bound(picture: Picture, positions, axes) -> Picture:
     return picture.plus(lines("ellipses", np.concatenate(pieces), ELLIPSE, 2.0))
 
 
-BALL_RADIUS = 1.7  # of the ball, in radii of a marker
+BALL_RADIUS = MARKS["microphones/ball"].reach  # of the ball, in radii of a marker
 BALL_SIDES = 20  # around the ball
 BALL_BRIGHT: Colour = (236, 74, 88)  # of its side that faces the light
 WHITE: Colour = (255, 255, 255)

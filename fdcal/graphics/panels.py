@@ -11,13 +11,13 @@ from ..cost.scale import LEAST_RANGE, Minima
 from ..model.settings import Search
 from .annotations import font
 from .heatmap import colour_limits, normalise, to_rgb
-from .markers import ESTIMATE, HALO, LOWEST, TRUE
-from .primitives import DARK, Colour, Theme
+from .marks import MARKS, symbol
+from .primitives import DARK, Theme
 
 CELL, GAP, CAPTION = 252, 18, 34  # pixels: longer edge of a map, between maps, above each
 FONT_SIZE = 21  # pixels, of the captions over two columns
 DARK_PANEL = (36, 36, 36)  # behind the controls of a dark page
-HALO_STROKE, STROKE = 7, 3  # pixels, widths of a mark and its halo
+EDGES = {"microphones/true": 31, "minima": 26, "lowest": 37, "microphones/estimate": 31}  # pixels, of symbols
 
 Point = tuple[float, float]
 NONE = Minima(np.zeros((0, 2)), np.zeros((0, 2)), 0, None)
@@ -64,7 +64,7 @@ def mosaic(
         rgb = to_rgb(normalise(cost, low, high, log))[::-1]  # an image's first row is its highest
         tile = Image.fromarray(rgb).resize((width, height), Image.Resampling.NEAREST)
         image.paste(tile, (left, top + CAPTION))
-        _draw_marks(_Tile(draw, (left, top + CAPTION), (width, height), search, cost), marks)
+        _draw_marks(_Tile(image, (left, top + CAPTION), (width, height), search, cost), marks)
     return np.asarray(image)
 
 
@@ -72,7 +72,7 @@ def mosaic(
 class _Tile:
     """One map in the image: its corner and size in pixels."""
 
-    draw: ImageDraw.ImageDraw
+    image: Image.Image
     corner: tuple[int, int]
     size: tuple[int, int]
     search: Search
@@ -89,28 +89,10 @@ class _Tile:
 def _draw_marks(tile: _Tile, marks: Marks) -> None:
     """Draw a circle at the truth, diamonds at the minima, the lowest large, and a cross at the estimate."""
     minima = minima_of(tile.cost, tile.search) if marks.minima else NONE
-    for place, shape, colour, radius in (
-        (marks.true, _circle, TRUE, 9),
-        *((place, _diamond, LOWEST, 6) for place in minima.others),
-        *((place, _diamond, LOWEST, 13) for place in minima.lowest),
-        (marks.estimate, _cross, ESTIMATE, 8),
-    ):
-        pixel = None if place is None else tile.pixel(place)
-        if pixel is not None:
-            shape(tile.draw, *pixel, radius, HALO, HALO_STROKE)
-            shape(tile.draw, *pixel, radius, colour, STROKE)
-
-
-def _circle(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float, colour: Colour, width: int) -> None:
-    edge = radius + width / 2
-    draw.ellipse([x - edge, y - edge, x + edge, y + edge], outline=colour, width=width)
-
-
-def _diamond(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float, colour: Colour, width: int) -> None:
-    corners = [(x + radius, y), (x, y + radius), (x - radius, y), (x, y - radius)]
-    draw.line([*corners, *corners[:2]], fill=colour, width=width, joint="curve")
-
-
-def _cross(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float, colour: Colour, width: int) -> None:
-    draw.line([x - radius, y - radius, x + radius, y + radius], fill=colour, width=width + 1)
-    draw.line([x - radius, y + radius, x + radius, y - radius], fill=colour, width=width + 1)
+    groups = ([marks.true], minima.others, minima.lowest, [marks.estimate])
+    for (name, edge), places in zip(EDGES.items(), groups, strict=True):
+        stamp = symbol(MARKS[name], edge)
+        for place in places:
+            pixel = None if place is None else tile.pixel(place)
+            if pixel is not None:
+                tile.image.paste(stamp, (round(pixel[0] - edge / 2), round(pixel[1] - edge / 2)), stamp)

@@ -2,7 +2,7 @@
 
 First what surrounds the microphones: room and source, the search domain with its rulers, or a box around all. Then the
 microphones and the map; last the texts of a title. Lengths are metres, colours RGB from 0 to 255.
-`fdcal.graphics.markers` says what the marks look like.
+`fdcal.graphics.marks` says what the marks look like.
 """
 
 from dataclasses import replace
@@ -14,21 +14,7 @@ from ..model.scene import Scene
 from ..model.validation import Reals, format_mm
 from . import glyphs
 from .heatmap import relief_shadow, relief_sides
-from .markers import (
-    ESTIMATE,
-    LOWEST,
-    TRUE,
-    Layer,
-    circles,
-    drape,
-    known_microphones,
-    layer_height,
-    lines,
-    mesh,
-    on_layer,
-    strokes,
-    true_microphones,
-)
+from .marks import ESTIMATE, MARKS, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes, true_microphones
 from .primitives import Anchor, Floor, Label, Lines, Mesh, Picture, Theme, theme_of
 
 Box = tuple[float, float, float, float]
@@ -138,7 +124,7 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme, take: int 
         chosen = take in (None, number)
         size, colour = (radius, theme.foreground) if chosen else (QUIET_SOURCE * radius, theme.quiet)
         name, text = (f"source/{number}", f"take {number}") if several else ("source", "source")
-        parts += strokes(name, glyphs.stars(place[None], 2 * size, arms=4), size, TRUE, 0.4)
+        parts += strokes(name, glyphs.stars(place[None], 2 * size, arms=4), size, 0.4, "microphones/true")
         if several and scene.room.dimension == 3:
             parts.append(lines(f"{name}/stem", glyphs.stems(place[None], 0.0), colour, 2.0 if chosen else 1.0))
         x, y, z = place.tolist()
@@ -275,7 +261,8 @@ def static_picture(
     if measurement.positions is not None:
         parts += true_microphones(drape(measurement.positions, floor, radius), z_range, radius, theme)
     if len(measurement.known):
-        parts += known_microphones(drape(measurement.known_positions, floor, radius), base, radius)
+        places = on_layer(drape(measurement.known_positions, floor, radius), base, radius, Layer.KNOWN)
+        parts += marked("microphones/known", places, radius)
     captions = NOMINAL if measurement.nominal else ()
     return Picture(theme, focus, bounds, radius, captions=captions, z_range=z_range).plus(*parts)
 
@@ -294,18 +281,19 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     if not floor.show_minima:
         return picture
     radius = picture.marker_radius
-    diamond = radius * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-    for name, places, reach in (("minima", floor.minima, 2.2), ("lowest", floor.lowest, 2.8)):
+    for name, places in (("minima", floor.minima), ("lowest", floor.lowest)):
         if places:
-            loops = np.concatenate([_loop_on(floor, reach * diamond + place, radius) for place in places])
-            picture = picture.plus(*strokes(name, loops, radius, LOWEST, 0.45, halo=0.25))
+            picture = picture.plus(*marked(name, _above(floor, np.array(places), name, radius), radius))
     return picture
 
 
-def _loop_on(floor: Floor, corners: np.ndarray, marker_radius: float) -> np.ndarray:
-    """A level closed line through `corners` (V, 2), metres, that touches the map with its highest corner."""
-    top = float(drape(corners, floor)[:, 2].max()) if floor.heights is not None else floor.height
-    return glyphs.loop(corners, layer_height(Layer.MINIMUM, marker_radius) + top)
+def _above(floor: Floor, places: np.ndarray, name: str, marker_radius: float) -> np.ndarray:
+    """Return places (P, 2) at the height (P, 3) at which a mark touches the map with its highest corner, metres."""
+    heights = np.full(len(places), floor.height)
+    if floor.heights is not None:
+        corners = MARKS[name].reach * marker_radius * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+        heights = drape((places[:, None] + corners).reshape(-1, 2), floor)[:, 2].reshape(-1, 4).max(axis=1)
+    return np.column_stack([places, heights + layer_height(Layer.MINIMUM, marker_radius)])
 
 
 def with_estimate(
@@ -335,12 +323,13 @@ def with_estimate(
         moved = true_microphones(truth, picture.z_range, radius, picture.theme)
         picture = _without(picture, "microphones/true", "microphones/stems").plus(*moved)
     if len(known):
-        squares = known_microphones(drape(measurement.known_positions, floor, radius), base, radius)
+        places = on_layer(drape(measurement.known_positions, floor, radius), base, radius, Layer.KNOWN)
+        squares = marked("microphones/known", places, radius)
         picture = _without(picture, "microphones/known").plus(*squares)
     if len(errors):
-        picture = picture.plus(*strokes("microphones/error", errors, radius, TRUE, 0.13, halo=0.2))
-    crosses = glyphs.stars(on_layer(positions[crossed], base, radius, Layer.ESTIMATE), radius)
-    picture = picture.plus(*strokes("microphones/estimate", crosses, radius, ESTIMATE, 0.34))
+        picture = picture.plus(*strokes("microphones/error", errors, radius))
+    places = on_layer(positions[crossed], base, radius, Layer.ESTIMATE)
+    picture = picture.plus(*marked("microphones/estimate", places, radius))
     if microphone is None or not 0 <= microphone < len(positions):
         return picture
     name = f"microphone {measurement.names[microphone]}"
@@ -389,8 +378,8 @@ def _with_selected(
     cross = on_layer(position[None], base, radius, Layer.SELECTED)
     if truth is not None:
         circle = on_layer(truth[None], base, radius, Layer.SELECTED_TRUE)
-        picture = picture.plus(*circles("selected/true", circle, radius, 0.44, radius=1.9))
-    picture = picture.plus(*strokes("selected/estimate", glyphs.stars(cross, 1.9 * radius), radius, ESTIMATE, 0.54))
+        picture = picture.plus(*marked("selected/true", circle, radius))
+    picture = picture.plus(*marked("selected/estimate", cross, radius))
     if picture.z_range[1] > base:  # ties the microphone to the map below it
         picture = picture.plus(lines("selected/stem", glyphs.stems(cross, base), ESTIMATE, 2.0))
     (x, y), anchor = name_place(name, position[:2], marks, picture.focus, radius)

@@ -36,6 +36,7 @@ from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.settings import SolverSettings, search_around
 from .heatmap import colour_limits, normalise, to_rgb
+from .marks import MARKS, css, marks_json
 from .picture import focus_of, wall_height, z_range_of
 
 
@@ -142,6 +143,11 @@ MAX_COSTS = 400  # states whose cost is computed, evenly spaced
 BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
 POSITION_LEVELS = 2**28  # of a coordinate, of the largest distance from the middle of the array
 PAGE = Path(__file__).with_name("replay_page")
+PAGE_MARKS = {  # of the table of marks, by how the page calls them
+    "true": "microphones/true", "estimate": "microphones/estimate", "known": "microphones/known",
+    "error": "microphones/error", "ball": "microphones/ball", "selected": "selected/true", "moved": "selected/estimate",
+    "lowest": "lowest", "minima": "minima", "trail": "trails",
+}  # fmt: skip
 SCRIPTS = ("unpack.js", "eq7.js", "view.js", "map.js", "play.js", "lesson.js", "address.js", "start.js")
 
 
@@ -249,6 +255,7 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
         "frequencies": np.round(measurement.frequencies, 3).tolist(),
         "focus": focus_of(measurement),
         "heights": z_range_of(scene, measurement),
+        "marks": marks_json(PAGE_MARKS),
         "maps": None,
         "outline": None,
         "sources": [],
@@ -351,13 +358,14 @@ def picture_of(
         places = (np.asarray(positions, float)[:, :2] - corner) / lattice.step
         return np.column_stack([places[:, 0], height - places[:, 1]])
 
+    true, estimate = css(MARKS["microphones/true"].colour), css(MARKS["microphones/estimate"].colour)
     marks = ""
     if truth is not None:
         circles = (f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.7"/>' for x, y in pixels(truth))
-        marks = f'<g fill="none" stroke="#000" stroke-width="0.7">{"".join(circles)}</g>'
+        marks = f'<g fill="none" stroke="{true}" stroke-width="0.7">{"".join(circles)}</g>'
     path = "".join(f"M{x - 1:.1f} {y - 1:.1f}l2 2m0-2l-2 2" for x, y in pixels(state.positions))
     marks += f'<path d="{path}" stroke="#fff" stroke-width="1.3"/>'
-    marks += f'<path d="{path}" stroke="#d61828" stroke-width="0.7"/>'
+    marks += f'<path d="{path}" stroke="{estimate}" stroke-width="0.7"/>'
     coded = base64.b64encode(file.getvalue()).decode("ascii")
     return (
         f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="Map with the microphones">'

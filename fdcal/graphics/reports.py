@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from ..model.validation import length_text
 from ..session.doctor import Answer, Chart
 from ..session.plan import Plan, plan_sentences, plan_table
-from .calibration_figure import enlarged_ellipses, html_page, html_table, png_uri, position_table
-from .markers import KNOWN, TRUE
+from .calibration_figure import MARK_SCALE, enlarged_ellipses, html_page, html_table, png_uri, position_table
+from .marks import TRUE, plot_marks
 from .primitives import fractions
 
 TITLES = {
@@ -76,9 +76,7 @@ def draw_plan(plan: Plan) -> Figure:
     x = positions[:, :2]
     enlarged_ellipses(panel, x, bound.covariance[:, :2, :2], positions)
     panel.plot(*x[bound.free].T, "o", color=fractions(TRUE), markersize=5, label="microphone")
-    if not bound.free.all():
-        given = {"color": fractions(KNOWN), "fillstyle": "none", "markersize": 9, "label": "position given"}
-        panel.plot(*x[~bound.free].T, "s", **given)
+    plot_marks(panel, "microphones/known", x[~bound.free], "position given", MARK_SCALE)
     panel.set_aspect("equal", adjustable="datalim")
     panel.set(xlabel="x (m)", ylabel="y (m)", title=f"Least error: {length_text(bound.rms)} rms")
     panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize="small", frameon=False)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fdcal.cost.scale import LEAST_RANGE
-from fdcal.graphics import annotations, basin_map, markers
+from fdcal.graphics import basin_map, marks
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.picture import with_floor
 from fdcal.graphics.primitives import (
@@ -164,14 +164,14 @@ def rgb(text):
 
 
 MARKS = {
-    "true": markers.TRUE,
-    "estimate": markers.ESTIMATE,
-    "known": markers.KNOWN,
-    "lowest": markers.LOWEST,
-    "halo": markers.HALO,
+    "true": marks.TRUE,
+    "estimate": marks.ESTIMATE,
+    "known": marks.KNOWN,
+    "lowest": marks.LOWEST,
+    "halo": marks.HALO,
 }
-TRACES = {"trail": markers.TRAIL, "ellipse": markers.ELLIPSE, "estimate": markers.ESTIMATE, "known": markers.KNOWN}
-TRACES["cut"] = markers.CUT
+TRACES = {"trail": marks.TRAIL, "ellipse": marks.ELLIPSE, "estimate": marks.ESTIMATE, "known": marks.KNOWN}
+TRACES["cut"] = marks.CUT
 BASINS = {f"basin {i}": tuple(colour) for i, colour in enumerate(basin_map.TABLE.tolist())}
 CURVES = {"mean": rgb(plots.RED), "largest": rgb(plots.ORANGE), "cost": rgb(plots.BLUE)}
 MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectrum_plot.GREY)}
@@ -190,7 +190,7 @@ def test_colours_of_one_picture_are_distinguishable(palette, eye):
 @pytest.mark.parametrize("eye", ["all cones", *EYES_OF_MACHADO])
 def test_marks_stay_apart_from_each_other_and_from_the_map(eye):
     ends = 255 * matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0])[:, :3]
-    seen = {**MARKS, "faulty": markers.FAULTY, "cut": markers.CUT, "low": ends[0], "high": ends[1]}
+    seen = {**MARKS, "faulty": marks.FAULTY, "cut": marks.CUT, "low": ends[0], "high": ends[1]}
     del seen["halo"]
     places = dict(zip(seen, lab(list(seen.values()), eye), strict=True))
     for one, other in itertools.combinations(seen, 2):
@@ -226,5 +226,5 @@ def test_texts_stand_out_from_their_ground(theme):
 
 
 def test_every_mark_has_a_shape_of_its_own():
-    shapes = [(entry.paths, entry.filled) for entry in annotations.MARKS.values() if entry.halo]
+    shapes = [(entry.paths, entry.filled) for entry in marks.MARKS.values() if entry.text and entry.line_halo]
     assert len(shapes) == len(set(shapes)) == 10

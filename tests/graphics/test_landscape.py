@@ -14,7 +14,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
 from fdcal.graphics.heatmap import colour_limits, cost_floor, field_floor, normalise, relief_grid, shaded, to_rgb
 from fdcal.graphics.landscape import draw_landscape, landscape_panels
-from fdcal.graphics.markers import LOWEST, drape
+from fdcal.graphics.marks import LOWEST, drape
 from fdcal.graphics.panels import CAPTION, CELL, GAP, Marks, mosaic
 from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT, ColourBar
 from fdcal.model.scene import load_scene

@@ -9,8 +9,9 @@ import pytest
 from PIL import Image
 
 from fdcal.cost.scale import Minima
-from fdcal.graphics.annotations import MARKS, annotate, legend_height, legend_of, margins, symbol
+from fdcal.graphics.annotations import annotate, legend_height, legend_of, margins
 from fdcal.graphics.heatmap import cost_floor
+from fdcal.graphics.marks import MARKS, symbol
 from fdcal.graphics.overlays import (
     ellipse_scale,
     with_ball,
@@ -29,7 +30,9 @@ from fdcal.model.settings import Search
 from fdcal.viewer.gui.html import canvas_legend
 
 SIZE = (1280, 800)
-PLANE = [name for name in MARKS if name not in ("isosurfaces", "slice")]  # marks of a plane array
+PLANE = [
+    name for name, mark in MARKS.items() if mark.text and name not in ("isosurfaces", "slice")
+]  # marks of a plane array
 SCENERY = (
     "room/",
     "frame",

@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw
 from fdcal.graphics import annotations, glyphs
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, TRUE, drape
+from fdcal.graphics.marks import ESTIMATE, HALO, KNOWN, TRUE, drape
 from fdcal.graphics.overlays import with_ball, with_ellipses, with_trails
 from fdcal.graphics.picture import (
     HEIGHT,

@@ -11,7 +11,7 @@ from PIL import Image
 from fdcal.graphics import snapshot
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.markers import ESTIMATE, KNOWN, TRUE, Layer, layer_height
+from fdcal.graphics.marks import ESTIMATE, KNOWN, TRUE, Layer, layer_height
 from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import COLOUR_MAP
 from fdcal.model.measurement import Measurement

@@ -17,7 +17,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.maps import map_positions, minima_of
 from fdcal.graphics.landscape import draw_landscape
-from fdcal.graphics.markers import ESTIMATE, LOWEST
+from fdcal.graphics.marks import ESTIMATE, LOWEST
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare

@@ -1,5 +1,4 @@
 // The map on the floor: the cost of moving one microphone at the state that is shown, from the modes that are chosen.
-const MINIMUM = "#ff8400";
 const free = [...Array(N).keys()].filter(n => !known.has(n));
 let objective = false, marked = true;  // whether the map is of what descent minimises; whether its minima are marked
 let map = null, wanted = null, working = false, modeMaps = {key: "", found: new Map()};
@@ -129,10 +128,10 @@ function floorMap(pen, project) {
 }
 
 function drawMinima(pen, project, r) {
-  for (const [places, reach, wide] of [[map.minima.others, 1.1, 1.6], [map.minima.lowest, 2, 2.4]]) for (const [x, y] of places) {
+  for (const [places, {reach, colour}, wide] of [[map.minima.others, marks.minima, 1.6], [map.minima.lowest, marks.lowest, 2.4]]) for (const [x, y] of places) {
     const [u, v] = project([x, y, z0 + depth([x, y])]), size = reach * r;
     const corners = [[u + size, v], [u, v + size], [u - size, v], [u, v - size]];
-    faintly(pen, [x, y], () => withHalo((c, width) => stroke(pen, corners, c, width, true), MINIMUM, wide, 2.2));
+    faintly(pen, [x, y], () => withHalo((c, width) => stroke(pen, corners, c, width, true), colour, wide, 2.2));
   }
 }
 

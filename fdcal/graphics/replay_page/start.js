@@ -8,12 +8,8 @@ $("caption").hidden = !lesson;
 $("restarted").hidden = !restarts(0, T - 1).length;
 document.documentElement.classList.toggle("lesson", Boolean(lesson));
 for (const rate of [2, 5, 10, 20, 50, 100]) $("speed").add(new Option(`${rate} states/s`, rate, rate == 20, rate == 20));
-$("legend").innerHTML = [[data.reference, "<circle cx='9' cy='9' r='5.5' fill='none' stroke='#fff' stroke-width='5'/><circle cx='9' cy='9' r='5.5' fill='none' stroke='#000' stroke-width='2'/>"],
-  ["this microphone", "<circle cx='9' cy='9' r='6' fill='#d61828'/>"],
-  ["estimate", "<path d='M4 4L14 14M14 4L4 14' stroke='#fff' stroke-width='5.5'/><path d='M4 4L14 14M14 4L4 14' stroke='#d61828' stroke-width='2.6'/>"],
-  ["known", "<rect x='3' y='3' width='12' height='12' fill='#fff'/><rect x='5' y='5' width='8' height='8' fill='#1f78c8'/>"],
-  ...(maps ? [["minimum of the map (large: lowest)", "<path d='M9 2L16 9L9 16L2 9Z' fill='none' stroke='#fff' stroke-width='4.5'/><path d='M9 2L16 9L9 16L2 9Z' fill='none' stroke='#ff8400' stroke-width='2.2'/>"]] : [])]
-  .map(([name, mark]) => `<span class="key"><svg width="18" height="18">${mark}</svg> ${name}</span>`).join("") +
+const shown = {[data.reference]: "true", "this microphone": "ball", estimate: "estimate", known: "known", ...(maps && {"minimum of the map (large: lowest)": "lowest"})};
+$("legend").innerHTML = Object.entries(shown).map(([name, mark]) => `<span class="key"><svg width="18" height="18">${data.marks[mark].symbol}</svg> ${name}</span>`).join("") +
   (T < data.taken ? `<span class="key dim">showing ${T} of ${data.taken} states</span>` : "");
 $("play").onclick = () => play(!playing);
 $("time").oninput = e => { playing = false; go(Number(e.target.value)); };

@@ -7,7 +7,8 @@ const N = data.names.length, D = data.dimension, T = data.count, known = new Set
 const places = Float64Array.from(arrays.positions, v => v * data.unit);
 const landscapes = maps && new Landscapes(maps, arrays, N, D);
 const fineLandscapes = maps && new Landscapes(maps, arrays, N, D, Landscapes.FINE);
-const RED = "#d61828", BLUE = "#1f78c8", ORANGE = "#e08a1e", TRAIL = "#8c5ab4";
+const marks = data.marks, RED = marks.estimate.colour;  // the table of fdcal/graphics/marks.py: reach and width in radii of a marker
+const BLUE = "#1f78c8", ORANGE = "#e08a1e", VIOLET = "#8c5ab4";  // of curves and of ticks on them
 const STRIP = maps ? 56 : 0;  // above the scene, for the scale
 // Angles of the view 3-D, from which one looks into the holes of a relief.
 const TURNED = 35 * Math.PI / 180, RAISED = maps && D == 2 ? 52 * Math.PI / 180 : TURNED;
@@ -79,7 +80,7 @@ function ball(pen, [x, y], r) {
 }
 function square(pen, [x, y], r) {
   pen.fillStyle = "#fff"; pen.fillRect(x - r - 1.5, y - r - 1.5, 2 * r + 3, 2 * r + 3);
-  pen.fillStyle = BLUE; pen.fillRect(x - r, y - r, 2 * r, 2 * r);
+  pen.fillStyle = marks.known.colour; pen.fillRect(x - r, y - r, 2 * r, 2 * r);
 }
 
 // A mark that a hill of the relief hides is drawn faint.
@@ -156,22 +157,22 @@ function scene() {
     if (known.has(n)) continue;
     const path = [];
     for (let t = Math.max(range[0], at - 200); t <= at; t++) path.push(on(recorded(t, n)));
-    stroke(pen, path, TRAIL, 1.4);
+    stroke(pen, path, marks.trail.colour, 1.4);
   }
   if (truth) for (let n = 0; n < N; n++) {
     const p = on(truthOf(n));
-    if (!covered(n)) withHalo((c, width) => stroke(pen, between(truthOf(n), placeOf(at, n)).map(on), c, width), "#000", 1.3, 1.6);
-    faintly(pen, truthOf(n), () => ring(pen, p, r, "#000", Math.max(1.6, r * 0.28)));
+    if (!covered(n)) withHalo((c, width) => stroke(pen, between(truthOf(n), placeOf(at, n)).map(on), c, width), marks.error.colour, 1.3, 1.6);
+    faintly(pen, truthOf(n), () => ring(pen, p, r * marks.true.reach, marks.true.colour, Math.max(1.6, r * marks.true.width)));
   }
-  data.known.forEach((n, i) => faintly(pen, givenOf(i), () => square(pen, held.get(n), r * 0.8)));
-  for (let n = 0; n < N; n++) if (!covered(n)) faintly(pen, placeOf(at, n), () => cross(pen, now[n], r * 0.75, RED, Math.max(1.8, r * 0.34)));
+  data.known.forEach((n, i) => faintly(pen, givenOf(i), () => square(pen, held.get(n), Math.max(3, r * marks.known.reach))));
+  for (let n = 0; n < N; n++) if (!covered(n)) faintly(pen, placeOf(at, n), () => cross(pen, now[n], r * marks.estimate.reach * Math.SQRT1_2, RED, Math.max(1.8, r * marks.estimate.width)));
   if (mapShown() && marked) drawMinima(pen, project, r);
   const n = subject();
   if (n >= 0) {
     if (D == 3 && !flat) stroke(pen, [now[n], project([...placeOf(at, n).slice(0, 2), z0])], RED, 1.6);  // down to the map
-    if (truth) faintly(pen, truthOf(n), () => ring(pen, on(truthOf(n)), 1.9 * r, "#000", Math.max(2, r * 0.4)));
+    if (truth) faintly(pen, truthOf(n), () => ring(pen, on(truthOf(n)), marks.selected.reach * r, marks.true.colour, Math.max(2, r * marks.selected.width)));
     faintly(pen, placeOf(at, n), () => {
-      if (covered(n)) square(pen, held.get(n), 1.3 * r); else if (known.has(n)) cross(pen, now[n], 1.45 * r, RED, Math.max(2.4, r * 0.5)); else ball(pen, now[n], 1.5 * r);
+      if (covered(n)) square(pen, held.get(n), Math.max(5, 2 * r * marks.known.reach)); else if (known.has(n)) cross(pen, now[n], r * marks.moved.reach * Math.SQRT1_2, RED, Math.max(2.4, r * marks.moved.width)); else ball(pen, now[n], marks.ball.reach * r);
     });
     pen.font = "600 13px system-ui, sans-serif";
     pen.lineWidth = 4; pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
@@ -211,7 +212,7 @@ function curve(id, series, log) {
   const added = Array.from({length: finish - begin}, (_, i) => begin + 1 + i).filter(t => last[t] > last[t - 1]);
   for (const t of added.length > 30 ? [] : added) stroke(pen, [[X(step[t]), top], [X(step[t]), h - bottom]], "#8a8f98", 1);
   pen.setLineDash([]);
-  for (const t of restarts(begin, finish)) stroke(pen, [[X(step[t]), top], [X(step[t]), top + 0.25 * (h - top - bottom)]], TRAIL, 2.5);
+  for (const t of restarts(begin, finish)) stroke(pen, [[X(step[t]), top], [X(step[t]), top + 0.25 * (h - top - bottom)]], VIOLET, 2.5);
   for (const [values, colour, width] of series) {
     let line = [];
     for (let t = begin; t <= finish + 1; t++) if (t <= finish && usable(values[t])) line.push([X(step[t]), Y(values[t])]); else { stroke(pen, line, colour, width); line = []; }

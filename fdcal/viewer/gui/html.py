@@ -8,8 +8,8 @@ from html import escape
 import numpy as np
 
 from ...assessment.words import STEP_LEFT, end_word, prediction_words
-from ...graphics.annotations import Entry
 from ...graphics.heatmap import to_rgb
+from ...graphics.marks import EDGE, Mark, css, symbol_svg
 from ...graphics.picture import row_word
 from ...graphics.primitives import ColourBar, format_number
 from ...model.measurement import Measurement
@@ -220,31 +220,14 @@ def verdict_word(code: str) -> str:
     return code.replace("_", " ")
 
 
-EDGE = 18  # pixels, of a symbol
+def legend(marks: Iterable[Mark]) -> str:
+    """Return the marks of a legend, each with its symbol and its word."""
+    return f"<div style='{CARD}'>{_marks({escape(mark.text): symbol(mark) for mark in marks})}</div>"
 
 
-def legend(entries: Iterable[Entry]) -> str:
-    """Return the entries of a legend, each with its symbol."""
-    return f"<div style='{CARD}'>{_marks({escape(entry.text): symbol(entry) for entry in entries})}</div>"
-
-
-def symbol(entry: Entry) -> str:
-    """Return the symbol of an entry as SVG."""
-    return _svg(("" if entry.below is None else _drawn(entry.below)) + _drawn(entry))
-
-
-def _drawn(entry: Entry) -> str:
-    """Return the lines of a symbol, and their halo below them."""
-    half, corners = EDGE / 2, [(np.array(path) * [1.0, -1.0] + 1) * EDGE / 2 for path in entry.paths]
-    paths = ["M" + "L".join(f"{x:.3g} {y:.3g}" for x, y in path) for path in corners]
-    layers = [(_css(entry.halo_colour), entry.width + entry.halo_width)] if entry.halo else []
-    drawn = ""
-    for colour, width in (*layers, (_css(entry.colour), entry.width)):
-        for i, path in enumerate(paths):
-            fill = colour if entry.filled and i == 0 else "none"
-            style = f"fill='{fill}' stroke='{colour}' stroke-width='{width * half:.3g}' stroke-linejoin='round'"
-            drawn += f"<path d='{path}' {style}/>"
-    return drawn
+def symbol(mark: Mark) -> str:
+    """Return the symbol of a mark as SVG."""
+    return _svg(symbol_svg(mark))
 
 
 def _svg(mark: str) -> str:
@@ -276,15 +259,11 @@ def _marks(marks: dict[str, str]) -> str:
     )
 
 
-def _css(colour) -> str:
-    return f"rgb({int(colour[0])},{int(colour[1])},{int(colour[2])})"
-
-
-def canvas_legend(bar: ColourBar | None, entries: Iterable[Entry], hint: str = "") -> str:
+def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = "") -> str:
     """Return what stands on the canvas: how to read the map, its colour bar, if there is one, and the marks drawn."""
     scale, words = "", f"<p>{escape(hint)}</p>" if hint else ""
     if bar is not None:
-        gradient = ", ".join(_css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
+        gradient = ", ".join(css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
         ticks = "".join(
             f"<div style='position: absolute; left: {100 * share:.2f}%; transform: translateX(-50%);"
             " text-align: center; line-height: 1.1'><div style='width: 1px; height: 5px; margin: 0 auto;"

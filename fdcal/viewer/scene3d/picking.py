@@ -15,7 +15,7 @@ import numpy as np
 import viser
 
 from ...graphics.glyphs import annuli, lift
-from ...graphics.markers import drape
+from ...graphics.marks import drape
 from ...graphics.overlays import CUT_RADIUS, ball_centre
 from ...graphics.primitives import Floor, Picture
 from ..gui.binding import Binding, Line

@@ -11,7 +11,7 @@ from html import escape
 import viser
 from viser._messages import HotkeyKey, KeyModifier
 
-from ...graphics.annotations import MARKS as DRAWN
+from ...graphics.marks import MARKS as DRAWN
 from ...model.room import MEASURED_AND_MODELLED
 from ..gui.html import CARD, legend
 from .lessons import BACK, NEXT
@@ -148,7 +148,7 @@ def text() -> str:
     keys = {key.name: escape(key.label) for key in KEYS}
     return (
         f"{_table('Keys', keys)}{_table('Mouse', MOUSE)}{_head('Marks')}"
-        f"{legend(DRAWN.values())}<div style='{CARD}'>{MARKS}</div>"
+        f"{legend(mark for mark in DRAWN.values() if mark.text)}<div style='{CARD}'>{MARKS}</div>"
         f"{_table('Numbers', NUMBERS)}{_head('Measured rooms')}<div style='{CARD}'>{MEASURED_AND_MODELLED}</div>"
         f"{_head('More')}<div style='{CARD}'>{MORE}</div>"
     )
