@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .assessment.calibration import Calibration
     from .assessment.position_check import compare_positions
-    from .graphics.landscape import landscape
     from .model.measurement import Measurement
     from .model.scene import Scene, load_scene
     from .model.validation import InputError, StorageError
     from .session.api import calibrate, load, simulate
+    from .session.landscape import landscape
 
 # Where each public name is defined: "package.module:attribute".
 PUBLIC = {
@@ -34,7 +34,7 @@ PUBLIC = {
     "StorageError": "model.validation:StorageError",
     "calibrate": "session.api:calibrate",
     "compare_positions": "assessment.position_check:compare_positions",
-    "landscape": "graphics.landscape:landscape",
+    "landscape": "session.landscape:landscape",
     "load": "session.api:load",
     "load_scene": "model.scene:load_scene",
     "simulate": "session.api:simulate",
@@ -54,6 +54,7 @@ METHODS = {
         "to_json": "assessment.result_file:result_text",
         "to_pyfar": "recordings.export:pyfar_coordinates",
     },
+    "cost.landscape:LandscapePanels": {"plot": "graphics.landscape:plot_panels"},
     "model.measurement:Measurement": {"from_pyfar": "recordings.export:measurement_of_pyfar"},
 }
 STATIC = {"from_json", "from_pyfar", "load"}  # of these: without an instance

@@ -144,9 +144,9 @@ def test_no_module_asks_the_package_root():
 )
 def test_a_method_that_is_bound_at_the_root_is_there(owner, name, target):
     """And its module comes after that of its class, or it would stand in the class."""
-    assert fdcal.Calibration and fdcal.Measurement
+    assert fdcal.Calibration and fdcal.Measurement and fdcal.landscape
     module, _, kind = owner.partition(":")
-    own = getattr(getattr(fdcal, kind), name)
+    own = getattr(pkgutil.resolve_name(f"fdcal.{owner}"), name)
     assert (own.__module__, own.__name__) == (f"fdcal.{target.partition(':')[0]}", target.partition(":")[2])
     assert PACKAGES.index(package_of(target)) >= PACKAGES.index(package_of(module))
 
@@ -160,6 +160,17 @@ def test_assessment_reads_what_every_solver_reports():
     for path in of_packages("assessment"):
         inside = {name.split(".")[1] for name in modules_of(path) if name.startswith("solvers.")}
         assert inside <= {"estimate", "requirements"}, f"{name_of(path)} imports {sorted(inside)}"
+
+
+def test_pictures_are_drawn_of_what_is_passed_in():
+    """Graphics imports no solver and no session, apart from what annotations alone need."""
+    for path in of_packages("graphics"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        checked = [node for node in tree.body if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)]
+        skipped = {id(inner) for node in checked for inner in ast.walk(node)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import | ast.ImportFrom) and id(node) not in skipped:
+                assert not re.search(r"\b(solvers|session)\b", ast.unparse(node)), f"{name_of(path)}:{node.lineno}"
 
 
 READERS = {"open", "read_text", "read_bytes", "loadtxt", "fromfile", "memmap", "genfromtxt"}

@@ -6,7 +6,7 @@ Methods that other modules carry out (files, tables, pictures, other programs' f
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -260,13 +260,14 @@ class Channels:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a result is computed from: the solver run again with it takes the same steps, up to `step`."""
+    """What a result is computed from; `states` runs the solver again, and takes the same steps up to `step`."""
 
     measurement: Measurement
     problem: Problem
     settings: SolverSettings
     seed: int
     step: int
+    states: Callable[[], Iterator[Any]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -112,13 +112,17 @@ def _write(path, found, force: bool) -> None:
     from ..graphics.landscape import figure_bytes
     from ..graphics.reports import draw_plan, plan_html
     from ..model.storage import write_atomically
-    from ..session.plan import plan_dict
+    from ..session.plan import plan_dict, plan_sentences, plan_table
 
     suffix = path.suffix.lower()
     if suffix == ".png":
         content = figure_bytes(draw_plan(found), "png")
     else:
-        text = plan_html(found) if suffix == ".html" else json.dumps(plan_dict(found), indent=1) + "\n"
+        text = (
+            plan_html(found, plan_sentences(found), plan_table(found))
+            if suffix == ".html"
+            else json.dumps(plan_dict(found), indent=1) + "\n"
+        )
         content = text.encode()
     write_atomically(path, lambda file: file.write_bytes(content), force)
 

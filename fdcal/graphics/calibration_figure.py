@@ -190,14 +190,11 @@ def show_calibration(self: Calibration) -> Replay:
     >>> page.html[:15]
     '<!DOCTYPE html>'
     """
-    from .. import solvers  # which a picture does without
-
     if self.run is None:
         remedy = "show what fdcal.calibrate returns, or write a page with the command fdcal replay"
         raise InputError("this result was read from a file, which holds no measurement", remedy, key="run")
     run = self.run
-    steps = solvers.run(run.problem, run.settings, run.seed)
-    states = list(takewhile(lambda state: state.step <= run.step, steps))  # a run that was stopped had no more
+    states = list(takewhile(lambda state: state.step <= run.step, run.states()))  # a run that was stopped had no more
     search = search_around(states[-1].positions, run.measurement.search)
     measurement = replace(run.measurement, search=search)
     sought = self.counted([n for n, name in enumerate(self.names) if name in (self.known or ())])

@@ -18,10 +18,10 @@ import numpy as np
 
 from ..assessment.field import FieldMap
 from ..cost.basins import basins_of
+from ..cost.landscape import LandscapePanels
 from ..model.measurement import Measurement
 from ..model.settings import Search
 from ..model.validation import InputError
-from .landscape import LandscapePanels
 from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP
 
 ESTIMATED, TRUE, KNOWN = 0, 1, 2  # `kind` of a point

@@ -1,25 +1,16 @@
-"""The cost landscape of one microphone of a measurement, mode by mode and summed: the paper's Fig. 1."""
+"""The cost landscape of one microphone, mode by mode and summed, drawn by matplotlib: the paper's Fig. 1."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..assessment.calibration import Calibration
 from ..cost.basins import OUTSIDE, basins_of
-from ..cost.expansion import require_modes, require_plane_field, search_domain
-from ..cost.maps import descent_maps, map_positions, minima_of, refined
+from ..cost.landscape import LandscapePanels
 from ..cost.scale import LEAST_RANGE, Minima
-from ..model.measurement import Measurement, microphone_index
-from ..model.problem import Problem
-from ..model.settings import Search, SolverSettings
-from ..model.validation import InputError, frozen_array, shown_literal
-from ..session.api import mode_numbers, require_measurement, require_settings
-from ..session.process import one_blas_thread
+from ..model.settings import Search
 from .basin_map import TABLE, basin_image
 from .heatmap import colour_limits
 from .marks import plot_marks
@@ -87,94 +78,21 @@ def draw_marks(panel: Any, minima: Minima, truth, estimate) -> None:
 MAX_TICKS = 5  # of a colour bar in decibels
 
 
-@dataclass(frozen=True)
-class LandscapePanels:
-    """Landscapes of one microphone.
+def plot_panels(self: LandscapePanels, truth=None, basins: bool = False) -> Figure:
+    """Return a matplotlib figure of the maps.
 
-    Attributes
+    Parameters
     ----------
-    microphone : int
-        Counted from 0.
-    modes : (P,) int64
-        Counted from 1.
-    frequencies : (P,) float64
-        Hz.
-    maps : (P + 1, ny, nx) float64
-        Dimensionless; one for each mode, the last their sum; row 0 at low y.
-    minima : (P + 1, 2) float64
-        Metres, the minimum of each map.
-    search : Search
-    mode_count : int
-        Modes in the sum, not all of which need a map here.
-    marks : tuple of Minima
-        Of each map, the lowest costs and the other local minima.
+    truth : (2,) array_like, optional
+        True position of the microphone, metres, drawn as a circle.
+    basins : bool, optional
+        Draw the basins of attraction, in place of the cost: from each place, the minimum where descent ends.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
-
-    microphone: int
-    modes: np.ndarray
-    frequencies: np.ndarray
-    maps: np.ndarray
-    minima: np.ndarray
-    search: Search
-    mode_count: int
-    marks: tuple[Minima, ...]
-
-    def plot(self, truth=None, basins: bool = False) -> Figure:
-        """Return a matplotlib figure of the maps.
-
-        Parameters
-        ----------
-        truth : (2,) array_like, optional
-            True position of the microphone, metres, drawn as a circle.
-        basins : bool, optional
-            Draw the basins of attraction, in place of the cost: from each place, the minimum where descent ends.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        return draw_landscape(self, truth, basins=basins)
-
-
-def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int) -> LandscapePanels:
-    """Return the cost of Eq. 7 over the search lattice with microphone `n` moved and the others at `positions`.
-
-    `modes` count from 1; `order_offset` is added to the order of Eq. 3.
-    """
-    require_plane_field(problem)
-    if problem.search is not None:
-        require_modes(problem, order_offset, max(modes))
-    maps, search = descent_maps(problem, positions, n, modes, order_offset), search_domain(problem)
-    fine, marks, total = refined(search), [], np.zeros(1)
-    for mode in modes:  # a mode alone has its minima on a fine lattice: `fdcal.cost.scale`
-        cost = descent_maps(problem, positions, n, (mode,), order_offset, search=fine)[0]
-        marks.append(minima_of(cost, fine))
-        total = total + cost
-    marks.append(minima_of(total, fine))
-    return panels_of(maps, maps.sum(axis=0), modes, problem.frequencies, n, search, len(modes), marks)
-
-
-def panels_of(
-    maps, total, modes: Sequence[int], frequencies, n: int, search: Search, count: int,
-    marks: Sequence[Minima] | None = None,
-) -> LandscapePanels:  # fmt: skip
-    """Return panels of maps that exist, the last of the sum.
-
-    `maps` (P, ny, nx), of `modes`, counted from 1; `total` (ny, nx), the sum over `count` modes; `marks`: of the maps
-    and the sum, found on their lattice unless given.
-    """
-    drawn = np.concatenate([np.asarray(maps, float), np.asarray(total, float)[None]])
-    lowest = np.column_stack(np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), drawn.shape[2]))
-    return LandscapePanels(
-        microphone=n,
-        modes=frozen_array(modes, np.int64),
-        frequencies=frozen_array(np.asarray(frequencies)[np.asarray(modes) - 1], float),
-        maps=frozen_array(drawn, float),
-        minima=frozen_array(map_positions(lowest, search), float),
-        search=search,
-        mode_count=count,
-        marks=tuple(minima_of(cost, search) for cost in drawn) if marks is None else tuple(marks),
-    )
+    return draw_landscape(self, truth, basins=basins)
 
 
 def draw_landscape(
@@ -234,61 +152,3 @@ def figure_bytes(figure: Figure, file_format: str) -> bytes:
 def landscape_bytes(file_format: str, *drawn) -> bytes:
     """Return `figure_bytes` of `draw_landscape`."""
     return figure_bytes(draw_landscape(*drawn), file_format)
-
-
-def landscape(
-    measurement: Measurement,
-    microphone: str | int,
-    modes: Sequence[int] = (1, 5, 9),
-    *,
-    calibration: Calibration | None = None,
-    settings: SolverSettings | None = None,
-) -> LandscapePanels:
-    """Return the cost of moving one microphone, mode by mode and summed.
-
-    The cost is Eq. 7; drawn, it is the paper's Fig. 1.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        Of a two-dimensional field, with a search domain.
-    microphone : str or int
-        Name, or number counted from 0.
-    modes : sequence of int
-        Counted from 1.
-    calibration : Calibration, optional
-        Where the other microphones are; at their true positions unless given.
-    settings : SolverSettings, optional
-        For `weights` and `order_offset`, such as those of a scene (`scene.solver`).
-
-    Returns
-    -------
-    LandscapePanels
-        `maps` (P + 1, ny, nx), the last their sum; `minima` (P + 1, 2), metres; `plot()` draws them.
-
-    Raises
-    ------
-    InputError
-        A microphone or mode does not exist, no positions are known, or there is no search domain.
-
-    Examples
-    --------
-    >>> import fdcal
-    >>> panels = fdcal.landscape(fdcal.load("tiny"), 3, modes=[1, 2, 3])
-    >>> panels.maps.shape
-    (4, 25, 25)
-    """
-    require_measurement(measurement, "landscape")
-    require_settings(settings)
-    settings, used = settings or SolverSettings(), mode_numbers(modes, len(measurement.frequencies))
-    n = microphone_index(str(microphone), measurement.names, "microphone")
-    if calibration is not None and not isinstance(calibration, Calibration):
-        problem = f"calibration = {shown_literal(calibration)} is none"
-        raise InputError(problem, "give what fdcal.calibrate returns", key="calibration", value=calibration)
-    positions = measurement.positions if calibration is None else calibration.positions_for(measurement)
-    if positions is None:
-        raise InputError(
-            "the measurement holds no true positions", "give the calibration that found the others", key="calibration"
-        )
-    with one_blas_thread():
-        return landscape_panels(measurement.problem(settings.weights), positions, n, used, settings.order_offset)

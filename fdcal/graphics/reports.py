@@ -1,16 +1,21 @@
 """One page of HTML each: the findings about a recording, and a plan; with tables and figures, without network."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
 from ..model.validation import length_text
-from ..session.doctor import Answer, Chart
-from ..session.plan import Plan, plan_sentences, plan_table
 from .calibration_figure import MARK_SCALE, enlarged_ellipses, html_page, html_table, png_uri, position_table
 from .marks import TRUE, plot_marks
 from .primitives import fractions
+
+if TYPE_CHECKING:
+    from ..session.doctor import Answer, Chart
+    from ..session.plan import Plan
 
 TITLES = {
     "samples": "Samples of each channel",
@@ -90,13 +95,13 @@ PLAN_STYLE = (
 )
 
 
-def plan_html(plan: Plan) -> str:
-    """Return the page; it needs no network."""
-    layout, bound, (before, (caption, advice)) = plan.request.layout, plan.bound, plan_sentences(plan)
+def plan_html(plan: Plan, sentences: tuple[Sequence[str], Sequence[str]], table: Sequence[Sequence[str]]) -> str:
+    """Return the page; it needs no network. `sentences`, `table`: what `fdcal.session.plan` says of the plan."""
+    layout, bound, (before, (caption, advice)) = plan.request.layout, plan.bound, sentences
     listed = "".join(f"<li>{escape(line)}</li>" for line in before)
     picture = f'<img alt="least error of each microphone" src="{png_uri(draw_plan(plan))}">'
     sigma = [f"{1e3 * one:.2f}" if free else "given" for one, free in zip(bound.sigma, bound.free, strict=True)]
-    head, *rows = plan_table(plan)
-    table = f"<p>{escape(caption)}</p>{html_table(head, rows)}<p>{escape(advice)}</p>"
+    head, *rows = table
+    promised = f"<p>{escape(caption)}</p>{html_table(head, rows)}<p>{escape(advice)}</p>"
     places = position_table(layout.names, layout.positions, {"least one sigma (mm)": sigma})
-    return html_page(f"Plan: {layout.name}", PLAN_STYLE, f"<ul>{listed}</ul>{table}{picture}{places}")
+    return html_page(f"Plan: {layout.name}", PLAN_STYLE, f"<ul>{listed}</ul>{promised}{picture}{places}")

@@ -1,4 +1,4 @@
-"""The functions of the Python API: `fdcal.load`, `fdcal.simulate`, `fdcal.calibrate`, and checks of their arguments."""
+"""The functions of the Python API, such as `fdcal.load` and `fdcal.calibrate`, and checks of their arguments."""
 
 from __future__ import annotations
 

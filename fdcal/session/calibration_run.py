@@ -6,6 +6,7 @@ First what is to be calibrated is checked, then the solver runs, then its last s
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -197,6 +198,7 @@ def solve(
     if blind and np.isfinite(positions).all():  # nothing but the array itself fixes a frame: see `Calibration.frame`
         axes = principal_axes(positions)
         positions, covariance = (positions - positions.mean(axis=0)) @ axes, axes.T @ covariance @ axes
+    again = partial(run, problem, inputs.settings, inputs.seed)
     return Calibration(
         positions=positions,
         names=tuple(measurement.names),
@@ -220,7 +222,7 @@ def solve(
         evidence=found.evidence,
         room=found.room,
         channels=found.channels,
-        run=Run(measurement, problem, inputs.settings, inputs.seed, int(state.step)) if keep else None,
+        run=Run(measurement, problem, inputs.settings, inputs.seed, int(state.step), again) if keep else None,
     ).compared_with(measurement, inputs.given)
 
 

@@ -9,7 +9,16 @@ import pytest
 from fdcal.graphics.reports import draw_plan, plan_html
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings.frequencies import default_max_rows
-from fdcal.session.plan import FORECAST, arrival_matrix, make_plan, places_in_room, plan_dict, plan_lines, plan_table
+from fdcal.session.plan import (
+    FORECAST,
+    arrival_matrix,
+    make_plan,
+    places_in_room,
+    plan_dict,
+    plan_lines,
+    plan_sentences,
+    plan_table,
+)
 from fdcal.session.plan_request import Layout, PlanRequest, read_layout
 from fdcal.solvers.robust.arrivals import Arrivals, Source
 from fdcal_bench.cases import FAMILIES, SNR_DB, TAKES
@@ -139,7 +148,7 @@ def test_json_figure_and_page_hold_the_plan():
     assert table["text"] == plan_lines(plan)
     assert len(draw_plan(plan).axes) == 1
     assert table["table"]["expected_rms_m"][0][0] == plan.forecast.rms
-    page = plan_html(plan)
+    page = plan_html(plan, plan_sentences(plan), plan_table(plan))
     assert page.startswith("<!doctype html>")
     assert "http" not in page.replace("http-equiv", "")
     assert page.count("<tr>") == 17 + len(plan.takes) + 1

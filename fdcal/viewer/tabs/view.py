@@ -13,8 +13,9 @@ import numpy as np
 import viser
 
 from ...assessment.result_file import position_table
+from ...cost.landscape import LandscapePanels, panels_of
 from ...graphics import exports
-from ...graphics.landscape import LandscapePanels, landscape_bytes, panels_of
+from ...graphics.landscape import landscape_bytes
 from ...graphics.picture import error_summary, z_range_of
 from ...graphics.primitives import Picture
 from ...graphics.replay import replay_html
