@@ -67,22 +67,11 @@ class TakesResult:
         return [fault.text for fault in (channels.faults if channels else ())] + self.of_list
 
     @property
-    def to_mend(self) -> bool:
-        """Whether a cable, a channel or a row of the list is to be corrected before the next take."""
-        channels = self.result.channels
-        return bool(self.of_list) or any(FAULTS[fault.kind].mend for fault in (channels.faults if channels else ()))
-
-    @property
     def sigma(self) -> float:
         """One sigma of a position: root mean square over the healthy microphones, metres; NaN without."""
         if self.result.uncertainty is None:
             return float("nan")
         return float(np.sqrt(np.mean(self.result.uncertainty[self.result.healthy] ** 2)))
-
-    @property
-    def after_another(self) -> float:
-        """One sigma to be expected with one more take that says as much as each of these does on average, metres."""
-        return self.sigma * float(np.sqrt(self.takes / (self.takes + 1)))
 
     @property
     def lines(self) -> list[str]:
@@ -95,9 +84,11 @@ class TakesResult:
             if self.check is not None and not self.check.fits:
                 lines.append("list    it fits the array found in no order")
         lines += [f"verdict {said['verdict']}", f"faults  {'; '.join(self.faults) or 'none found'}"]
-        if self.to_mend:
+        channels = result.channels
+        if self.of_list or any(FAULTS[fault.kind].mend for fault in (channels.faults if channels else ())):
             return [*lines, "next    correct the channels, and record this take again"]
-        return [*lines, f"next    {NEXT}: another take brings one sigma to about {length_text(self.after_another, 2)}"]
+        after = self.sigma * float(np.sqrt(self.takes / (self.takes + 1)))  # it says as much as each of these does
+        return [*lines, f"next    {NEXT}: another take brings one sigma to about {length_text(after, 2)}"]
 
     @property
     def table(self) -> list[str]:
