@@ -1,7 +1,6 @@
 """A measured room imported: an array rendered at the positions given, with what is modelled said plainly."""
 
 import shutil
-import struct
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scipy.io import loadmat, savemat
 from fdcal.acoustics.plane_waves import plane_wave_pressures
 from fdcal.model.measurement import load_measurement
 from fdcal.model.room import MEASURED_AND_MODELLED, response_path
-from fdcal.model.sdm_response import load_sdm_response, read_arrays
+from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.validation import InputError
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.importer import import_recording, import_summary
@@ -92,20 +91,19 @@ def response_file(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("kind", (0, 8, 10, 16, 20, 73, 255))
-@pytest.mark.parametrize("variable", ("azi_rad", "fs"))
-def test_an_element_of_an_unknown_type_is_refused(response_file, variable, kind):
-    """SciPy's compiled reader takes the type as an index and ends the process on some of these."""
+@pytest.mark.parametrize("kind", (0, 20, 73, 255))
+def test_an_element_of_an_unknown_type_is_refused(response_file, kind):
+    """SciPy's compiled reader takes the type as an index and ends its process on some of these."""
     data = bytearray(response_file.read_bytes())
-    tag = data.index(variable.encode()) + (8 if variable == "azi_rad" else 4)  # of the values; "fs" is a small element
+    tag = data.index(b"azi_rad") + 8  # of the values
     assert data[tag] == 9, "double"
     data[tag] = kind
     response_file.write_bytes(data)
-    with pytest.raises(InputError, match="is not a MATLAB file that can be read"):
+    with pytest.raises(InputError, match=r"response\.mat"):
         load_sdm_response(response_file)
 
 
-@pytest.mark.parametrize("length", (60, 127, 131, 180, 1000, -1))
+@pytest.mark.parametrize("length", (60, 131, 1000, -1))
 def test_a_file_that_is_cut_off_is_refused(response_file, length):
     response_file.write_bytes(response_file.read_bytes()[:length])
     with pytest.raises(InputError):
@@ -121,43 +119,8 @@ def test_variables_of_any_kind_may_stand_beside_a_response(response_file):
         assert np.array_equal(load_sdm_response(response_file).amplitudes, expected)
 
 
-@pytest.mark.parametrize("dtype", ("float32", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"))
-@pytest.mark.parametrize("compressed", (False, True))
-def test_numbers_of_each_type_are_those_that_scipy_reads(tmp_path, dtype, compressed):
-    path, numbers = tmp_path / "numbers.mat", np.arange(12).reshape(3, 4).astype(dtype)
-    savemat(path, {"other": 1.0, "p": numbers}, do_compression=compressed)
-    found = read_arrays(path.read_bytes(), ("p", "q"), "numbers.mat")
-    assert list(found) == ["p"]
-    np.testing.assert_array_equal(found["p"], loadmat(path)["p"])
-
-
-def test_either_byte_order_is_read():
-    def element(kind: int, data: bytes) -> bytes:
-        return struct.pack(">II", kind, len(data)) + data + bytes(-len(data) % 8)
-
-    values = element(6, struct.pack(">II", 6, 0)) + element(5, struct.pack(">ii", 1, 3)) + element(1, b"p")
-    values += element(9, struct.pack(">3d", 1.5, -2.0, 3.0))
-    data = (
-        bytes(124).replace(b"\0", b" ")
-        + struct.pack(">H", 0x0100)
-        + b"MI"
-        + struct.pack(">II", 14, len(values))
-        + values
-    )
-    np.testing.assert_array_equal(read_arrays(data, ("p",), "big.mat")["p"], [[1.5, -2.0, 3.0]])
-
-
-def test_other_versions_complex_numbers_and_text_are_refused(response_file):
-    savemat(response_file, {"p": np.ones(200)}, format="4")
-    with pytest.raises(InputError, match="is not a MATLAB file of version 5 to 7"):
-        load_sdm_response(response_file)
+def test_complex_numbers_and_text_are_refused(response_file):
     for wrong in ("text", np.array([1.0 + 1j])):
         savemat(response_file, {"p": wrong})
         with pytest.raises(InputError, match='"p" is no array of real numbers'):
             load_sdm_response(response_file)
-
-
-def test_a_variable_that_unfolds_to_very_much_is_refused(response_file):
-    savemat(response_file, {"p": np.zeros(10_000_000)}, do_compression=True)
-    with pytest.raises(InputError, match="more than 67,108,864 bytes"):
-        load_sdm_response(response_file)
