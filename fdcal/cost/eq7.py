@@ -40,7 +40,7 @@ def residual(
 
 def coefficients(W: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Return alpha = W^+ p (Eq. 5) : (2L + 1,) complex128, of W (N, 2L + 1) and p (N,)."""
-    return np.linalg.pinv(W, rcond=RANK_TOLERANCE) @ p
+    return fit(W[None], p[None])[1][0]
 
 
 def cost(positions: Reals, pressures: Complexes, wavenumbers: Numbers, orders: Integers, centre: Reals) -> np.ndarray:
@@ -106,37 +106,37 @@ def leave_one_out_fits(
     for width in np.unique(widths):  # modes of equal order in one batch
         modes = np.flatnonzero(widths == width)
         W = np.stack([dictionaries[m][others] for m in modes.tolist()]) * scale[:, None]
-        parts = _fit(W, pressures[modes][:, others] * scale)
+        if W.shape[1] < width:
+            problem = f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones"
+            raise InputError(problem, "use a smaller search.radius or solver.order_offset")
+        parts = fit(W, pressures[modes][:, others] * scale)
         for m, Z, alpha, r0 in zip(modes.tolist(), *parts, strict=True):
             fits[m] = LeaveOneOutFit(Z, alpha, float(r0), complex(pressures[m, n]))
     return [fits[m] for m in range(len(dictionaries))]
 
 
-def _fit(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return Z, alpha and r0 of a batch of modes: W (B, N-1, K), p (B, N-1)."""
-    width = W.shape[2]
-    if W.shape[1] < width:
-        problem = f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones"
-        raise InputError(problem, "use a smaller search.radius or solver.order_offset")
-    S = np.asarray(np.linalg.qr(W, mode="r"))
-    diagonal = np.abs(np.diagonal(S, axis1=1, axis2=2))
-    deficient = diagonal.min(axis=1) <= RANK_TOLERANCE * diagonal.max(axis=1)
-    S[deficient] = np.eye(width)
+def fit(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return Z (B, K, K), alpha (B, K) and r0 (B,) of a batch of modes: W (B, N, K), p (B, N).
+
+    [W p] = Q R, and R holds S, S alpha and, in its last diagonal, the root of r0. Where the rank of W is below K, they
+    are those of its column space, from its singular values: the columns of Z beyond the rank are zero.
+    """
+    N, K = W.shape[1:]
+    R = np.asarray(np.linalg.qr(np.concatenate([W, p[..., None]], axis=2), mode="r"))
+    diagonal = np.abs(np.diagonal(R[:, :K, :K], axis1=1, axis2=2))
+    deficient = (diagonal.min(axis=1) <= RANK_TOLERANCE * diagonal.max(axis=1)) | (N < K)
+    S = np.where(deficient[:, None, None], np.eye(K), R[:, :K, :K] if N >= K else 0.0)
     Z = np.linalg.inv(S)
-    alpha = _solve(W, Z, p)
-    alpha += _solve(W, Z, p - (W @ alpha[..., None])[..., 0])  # refines: forming Q would cost more than S
+    alpha = (Z @ R[:, :K, K:])[..., 0] if N >= K else np.zeros((len(W), K), complex)
+    r0 = np.abs(R[:, K, K]) ** 2 if N > K else np.zeros(len(W))
     for b in np.flatnonzero(deficient):
         U, s, Vh = np.linalg.svd(W[b], full_matrices=False)
         rank = s > RANK_TOLERANCE * s[0]
-        Z[b] = Vh.conj().T * np.where(rank, 1 / np.where(rank, s, 1.0), 0.0)  # columns beyond the rank are zero
-        alpha[b] = Z[b] @ (U.conj().T @ p[b])
-    r0 = np.sum(np.abs(p - (W @ alpha[..., None])[..., 0]) ** 2, axis=1)
+        Z[b] = 0.0
+        Z[b, :, : len(s)] = Vh.conj().T * np.where(rank, 1 / np.where(rank, s, 1.0), 0.0)
+        alpha[b] = Z[b, :, : len(s)] @ (U.conj().T @ p[b])
+        r0[b] = np.sum(np.abs(p[b] - W[b] @ alpha[b]) ** 2)
     return Z, alpha, r0
-
-
-def _solve(W: np.ndarray, Z: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Return (W^H W)^-1 W^H p of a batch, Z Z^H being the inverse."""
-    return (Z @ (Z.conj().swapaxes(1, 2) @ (W.conj().swapaxes(1, 2) @ p[..., None])))[..., 0]
 
 
 def known_weights(problem: Problem, known_weight: float) -> np.ndarray:

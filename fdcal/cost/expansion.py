@@ -39,6 +39,7 @@ from ..acoustics.dictionary import bessel, degrees, max_order
 from ..model.problem import ChannelCorrection, Problem, SolverState, equalised
 from ..model.settings import Search
 from ..model.validation import InputError, Integers
+from .eq7 import fit
 
 TABLE_RADIUS = 2.0  # of the tables, in search radii; points further from the centre are evaluated one by one
 TERMS = 48  # of the Chebyshev series before the negligible ones are dropped
@@ -261,10 +262,9 @@ class ReferenceCost:
             return float("nan")
         pressures, scale = equalised(self._pressures, channels)
         left, centre = 0.0, positions.mean(axis=0)
-        for group in self._groups:  # |W W^+ p - p|^2 over modes of one order is the last diagonal of R in [W p] = Q R
+        for group in self._groups:
             W = scale[:, None] * self._expansion.rows(positions, centre, group)
-            R = np.asarray(np.linalg.qr(np.concatenate([W, pressures[group][:, :, None]], axis=2), mode="r"))
-            left += float(np.sum(np.abs(R[:, -1, -1]) ** 2))
+            left += float(np.sum(fit(W, pressures[group])[2]))
         return decibels(left / float(np.sum(np.abs(pressures) ** 2)))
 
     def of(self, state: SolverState) -> float:

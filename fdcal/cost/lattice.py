@@ -66,16 +66,13 @@ def best_candidate(
     """
     from . import lattice_kernels  # compiled code, loaded with the first step
 
-    weights, pressures = known_weights(problem, known_weight), problem.pressures[modes]
-    radial, orders = lattice.radial(modes), lattice.orders[modes]
-    unit, row, others = lattice.microphones(positions, centre)
-    roots = np.sqrt(weights)
-    roots[n] = 0.0
-    columns, r0, whole = lattice_kernels.fits(unit, row, others[modes], radial, orders, pressures, roots)
-    for m in np.flatnonzero(~whole).tolist():  # a rank-deficient W is rare, and not compiled
-        W = lattice.dictionary(positions, centre, [range(len(lattice.orders))[modes][m]])
-        fit, K = leave_one_out_fits(W, pressures[m : m + 1], n, weights)[0], 2 * orders[m] + 1
-        columns[m, :K, :K], columns[m, K, :K], r0[m] = fit.Z.T, fit.alpha, fit.r0
+    pressures, radial, orders = problem.pressures[modes], lattice.radial(modes), lattice.orders[modes]
+    W = lattice.dictionary(positions, centre, range(len(lattice.orders))[modes])
+    fits, K = leave_one_out_fits(W, pressures, n, known_weights(problem, known_weight)), 2 * orders + 1
+    columns, r0 = np.zeros((len(K), K.max() + 1, K.max()), complex), np.array([fit.r0 for fit in fits])
+    for m, fit in enumerate(fits):
+        columns[m, : K[m], : K[m]], columns[m, K[m], : K[m]] = fit.Z.T, fit.alpha
+    whole = ~np.any(np.triu(columns[:, :-1], 1), axis=(1, 2))
     here, p_n = lattice.index(positions[n]), pressures[:, n].copy()
     best, least = lattice_kernels.pruned_search(*lattice.phases(centre), radial, orders, columns, whole, r0, p_n, here)
     return lattice.points[best], least
