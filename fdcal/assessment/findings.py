@@ -180,8 +180,8 @@ class Judged:
 
     def starts_disagree(self) -> int:
         """Return how many starts of the search ended each at another array; 0 if two agree or they are few."""
-        starts = sum(not one.regrouped for one in self.estimate.tried)
-        return starts if starts > 2 and all(away for away, one in self._apart() if not one.regrouped) else 0
+        starts = len(self.estimate.tried)
+        return starts if starts > 2 and all(away for away, _ in self._apart()) else 0
 
 
 # Noise of a healthy channel over that of the median channel. In living rooms one or two of 16 or 32 have more, with a

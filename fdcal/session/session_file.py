@@ -172,7 +172,7 @@ def _finite(value):
 LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
 NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold
 INFINITE = ("inf", "-inf")
-PLACES = ("positions", "poses", "shape", "origin", "centre", "place")  # arrays of coordinates, metres
+PLACES = ("positions", "shape", "origin", "centre", "place")  # arrays of coordinates, metres
 
 
 class StateReader:
@@ -185,7 +185,7 @@ class StateReader:
         modes, count = problem.pressures.shape
         D = problem.array_dimension
         self._shapes = {
-            "positions": (count, D), "poses": (count, D), "origin": (count, D), "shape": (count, D),
+            "positions": (count, D), "origin": (count, D), "shape": (count, D),
             "centre": (D,), "place": (D,), "walls": (D + 2,), "gains": (count, 2), "offsets": (count, 2),
             "noise": (modes,), "noise_power": (modes,), "power": (modes,), "channel_noise": (count,),
             "filters": (count, 2), "places": problem.known_positions.shape, "contradicted": problem.known.shape,

@@ -116,7 +116,6 @@ class TriedOptimum:
 
     positions: Reals  # (N, D) float64, metres
     score: float  # -log evidence, up to a constant
-    regrouped: bool  # whether its restart began from another optimum
     same_frame: bool  # whether the same given positions hold it as the estimate
 
 

@@ -25,12 +25,12 @@ class NewtonTerms:
 
 
 @dataclass(frozen=True)
-class Step:
+class DampedStep:
     """Result of a damped step."""
 
     unknowns: np.ndarray  # float64 array, as given if no step lowers the cost
     cost: float
-    fall: float  # by how much the cost has fallen
+    decrease: float  # of the cost
     damping: float  # of the next step
     moved: float  # metres, greatest change of a coordinate; 0 without a step
 
@@ -41,7 +41,7 @@ MAX_DAMPING = 1e6
 INCREASE = 6.0  # factor after a trial that does not lower the cost
 DECREASE = 10.0  # divisor after a step
 # relative fall of the cost that is lost in rounding: a trial that promises less is the last
-MIN_FALL = 1e-12
+MIN_DECREASE = 1e-12
 
 
 def damped_step(
@@ -53,7 +53,7 @@ def damped_step(
     damping: float,
     max_step: float = np.inf,
     shortest: float = 0.0,
-) -> Step:
+) -> DampedStep:
     """Return the Gauss-Newton step with the least damping that lowers the cost; no step if none does.
 
     `advance`: unknowns after a step (P,) of the parameters; `length`: how far they have moved, metres; `max_step`:
@@ -76,8 +76,8 @@ def damped_step(
         except np.linalg.LinAlgError:  # a covariance is singular, as of two microphones at one place without noise
             lower = np.inf
         if lower < terms.cost:
-            return Step(tried, lower, terms.cost - lower, max(damping / DECREASE, MIN_DAMPING), moved)
-        if moved < shortest or -(g @ y) < MIN_FALL * abs(terms.cost):
+            return DampedStep(tried, lower, terms.cost - lower, max(damping / DECREASE, MIN_DAMPING), moved)
+        if moved < shortest or -(g @ y) < MIN_DECREASE * abs(terms.cost):
             break
         damping = max(damping, FIRST_DAMPING) * INCREASE
-    return Step(unknowns, terms.cost, 0.0, FIRST_DAMPING, 0.0)
+    return DampedStep(unknowns, terms.cost, 0.0, FIRST_DAMPING, 0.0)

@@ -193,7 +193,7 @@ def _fitted(positions: Reals, pressures: Complexes, field: FieldModel, basis: Re
             max_step,
         )
         x, damping = step.unknowns, step.damping
-        if step.moved < METRIC_TOLERANCE or step.fall < 1.0:
+        if step.moved < METRIC_TOLERANCE or step.decrease < 1.0:
             break
     return x
 

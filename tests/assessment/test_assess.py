@@ -61,13 +61,13 @@ def solved(healthy):
 def estimate(solved) -> Estimate:
     """A healthy array, with the likeliest of its optima alone, so that nothing but what a test changes is found."""
     found = robust.result(*solved)
-    return replace(found, tried=(TriedOptimum(found.positions, 0.0, False, True),))
+    return replace(found, tried=(TriedOptimum(found.positions, 0.0, True),))
 
 
 @pytest.fixture(scope="module")
 def blind(healthy) -> Estimate:
     found = estimated(replace(healthy, known=np.zeros(0, int), known_positions=None))
-    return replace(found, tried=(TriedOptimum(found.positions, 0.0, False, False),))
+    return replace(found, tried=(TriedOptimum(found.positions, 0.0, False),))
 
 
 # --- every row of FINDINGS: what makes it apply ----------------------------------------------------------------------
@@ -130,12 +130,12 @@ def with_stretching(e: Estimate, sigma: float) -> Estimate:
     return replace(e, spread=replace(e.spread, newton=e.spread.newton + sigma**2 * np.outer(x, x)))
 
 
-def with_tried(e: Estimate, *scores: float, apart: float = 0.1, regrouped: bool = False) -> Estimate:
+def with_tried(e: Estimate, *scores: float, apart: float = 0.1) -> Estimate:
     """The likeliest optimum and others, `apart` metres from it and from each other, by so much less likely."""
     rng = np.random.default_rng(0)
     others = [e.positions + apart * rng.normal(size=e.positions.shape) for _ in scores]
-    tried = [TriedOptimum(x, score, regrouped, True) for x, score in zip(others, scores, strict=True)]
-    return replace(e, tried=(TriedOptimum(e.positions, 0.0, False, True), *tried))
+    tried = [TriedOptimum(x, score, True) for x, score in zip(others, scores, strict=True)]
+    return replace(e, tried=(TriedOptimum(e.positions, 0.0, True), *tried))
 
 
 def with_newton(e: Estimate, factor: float) -> Estimate:
@@ -285,19 +285,10 @@ def test_noise_given_of_modes_that_are_not_in_use_decides_nothing(estimate):
         assert (given == pytest.approx(float(np.median(noise[half])))) == bool(count)
 
 
-def test_an_optimum_that_began_at_another_one_confirms_and_contradicts_nothing(estimate):
-    """A start that agrees with the likeliest one, but grew out of it, is no confirmation."""
-    apart = with_tried(estimate, 50.0, 60.0)
-    assert first_row(with_tried(estimate, 50.0, 60.0, regrouped=True)) == len(FINDINGS) - 1
-    same = TriedOptimum(estimate.positions, 1.0, True, True)
-    assert first_row(replace(apart, tried=(*apart.tried, same))) == 15
-    assert first_row(replace(apart, tried=(*apart.tried, replace(same, regrouped=False)))) == len(FINDINGS) - 1
-
-
 def test_two_starts_are_too_few_to_disagree_and_rivals_count_by_their_evidence(estimate):
     assert first_row(with_tried(estimate, 50.0)) == len(FINDINGS) - 1
     assert first_row(with_tried(estimate, 1.0, apart=1e-4)) == len(FINDINGS) - 1, "the same optimum"
-    rival = TriedOptimum(estimate.positions @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + 3.0, 1.0, False, False)
+    rival = TriedOptimum(estimate.positions @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + 3.0, 1.0, False)
     assert first_row(replace(estimate, tried=(*estimate.tried, rival))) == len(FINDINGS) - 1, "moved as a whole"
 
 

@@ -244,8 +244,8 @@ def test_the_dispersion_of_a_linear_gaussian_model_is_that_of_its_noise(scale):
 
 
 def test_the_spread_of_the_search_is_weighted_by_likelihood(known):
-    best = TriedOptimum(known.positions, 0.0, False, True)
-    aside = TriedOptimum(known.positions + [0.006, 0.0], 1.0, False, True)
+    best = TriedOptimum(known.positions, 0.0, True)
+    aside = TriedOptimum(known.positions + [0.006, 0.0], 1.0, True)
     healthy, weight = np.ones(len(TRUTH), bool), np.exp(-1) / (1 + np.exp(-1))
     found = search_spread_of(replace(known, tried=(best, aside)), healthy)
     np.testing.assert_allclose(found, np.sqrt(weight) * 0.006)
@@ -264,7 +264,7 @@ def test_a_faulty_channel_does_not_place_the_arrays_on_each_other(known):
     moved = known.positions @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + 2.0
     moved[5] += [0.3, 0.4]
     healthy = np.arange(len(TRUTH)) != 5
-    tried = (TriedOptimum(known.positions, 0.0, False, False), TriedOptimum(moved, 0.0, False, False))
+    tried = (TriedOptimum(known.positions, 0.0, False), TriedOptimum(moved, 0.0, False))
     found = search_spread_of(replace(known, tried=tried), healthy)
     np.testing.assert_allclose(found, np.where(healthy, 0.0, 0.5 / np.sqrt(2)), atol=1e-12)
 

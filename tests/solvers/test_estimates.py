@@ -96,7 +96,7 @@ def test_a_position_that_the_pressures_contradict_holds_nothing(ended):
 def test_a_channel_that_is_only_noisy_stays_where_it_is(ended):
     """Its own noise explains it better than any other place or gain; one that is elsewhere moves."""
     problem, state = ended
-    share, rng = state.model.share, np.random.default_rng(3)
+    share, rng = state.model.noise_fraction, np.random.default_rng(3)
     tau = np.where(np.arange(COUNT) == 7, 60.0, 1.0)
     p = np.array(problem.pressures)
     draws = rng.normal(size=(2, MODES)) * np.sqrt(60 * share / 2)
@@ -168,7 +168,7 @@ def test_a_channel_of_noise_alone_stands_in_the_middle_of_the_others_unless_its_
     away = WIDE + 9.0 * np.isin(np.arange(len(WIDE)), [1, 5])[:, None]
     state = load("robust").init(problem, replace(SETTINGS, name="robust"), 0, away)
     loud = np.where(np.isin(np.arange(len(WIDE)), [1, 5]), 1e6, 1.0)
-    state = replace(state, positions=away, model=replace(state.model, share=1e-4, channel_noise=loud))
+    state = replace(state, positions=away, model=replace(state.model, noise_fraction=1e-4, channel_noise=loud))
     placed = with_silent_inside(problem, state).positions
     np.testing.assert_allclose(placed[5], np.delete(WIDE, [1, 5], axis=0).mean(axis=0))
     others = np.arange(len(WIDE)) != 5

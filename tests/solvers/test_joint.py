@@ -102,7 +102,7 @@ def test_unreported_noise_is_estimated():
         (replace(reported, noise_power=30 * reported.noise_power), replace(SETTINGS, noise="auto")),
     ):
         last = solve(measurement, settings)[-1]
-        assert last.model.share == pytest.approx(1e-2, rel=0.4)
+        assert last.model.noise_fraction == pytest.approx(1e-2, rel=0.4)
         assert np.sqrt(np.mean(position_errors(last.positions, TRUTH) ** 2)) < 0.04
 
 

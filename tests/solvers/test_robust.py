@@ -148,7 +148,7 @@ def test_few_microphones_in_space_keep_the_noise_that_there_is():
     sought = np.setdiff1d(np.arange(16), measurement.known)
     assert end.assessment.verdict == "good" and end.state.model.kernel in DIRECTIONAL
     assert rms(end.assessment.positions, measurement.positions, sought) < 0.005
-    assert 3e-7 < end.state.model.share < 3e-6
+    assert 3e-7 < end.state.model.noise_fraction < 3e-6
 
 
 def at_another_speed(measurement, factor):

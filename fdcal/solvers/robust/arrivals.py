@@ -29,7 +29,7 @@ NU = 3.0  # degrees of freedom of a residual
 
 
 @dataclass(frozen=True)
-class Source:
+class TakeSources:
     """Direction u (T, dimension), inverse distance q (T,), 1/m, and path b (T,), m, of the source of each take."""
 
     direction: np.ndarray
@@ -52,7 +52,7 @@ class ArrivalTerms:
     # (T, N, F) float64, of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
     slopes: Reals
     count: Reals  # (T,) float64, arrivals beyond those that fix the source
-    source: Source  # the likeliest
+    source: TakeSources  # the likeliest
 
 
 # Levenberg-Marquardt steps at most, and nats that another promises when it ends
@@ -78,7 +78,7 @@ class Arrivals:
     stated: Reals
     dimension: int  # of the space of the sources
     # from which the fit begins: positions near by have one near by; None to begin without one, far slower
-    start: Source | None = None
+    start: TakeSources | None = None
 
     def terms(
         self, positions: Reals, log_speed: float = 0.0, derivatives: bool = True, delays: Reals | None = None
@@ -141,7 +141,7 @@ class Arrivals:
     def _weights(self, r: Reals) -> np.ndarray:
         return self.used * ((NU + 1) / (NU * self.sigma[:, None] ** 2 + r**2))
 
-    def _residuals(self, paths: Reals, z: Reals, source: Source) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _residuals(self, paths: Reals, z: Reals, source: TakeSources) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals r, 0 where there is no arrival, path differences g, both metres, and s : (T, N) each."""
         q, b = source.inverse[:, None], source.direction @ z.T
         a = q * (z**2).sum(axis=1)
@@ -149,7 +149,7 @@ class Arrivals:
         g = (a - 2 * b) / (1 + s)
         return self.used * (paths - source.emission[:, None] - g), g, s
 
-    def _jacobian(self, z: Reals, source: Source, g: Reals, s: Reals) -> np.ndarray:
+    def _jacobian(self, z: Reals, source: TakeSources, g: Reals, s: Reals) -> np.ndarray:
         """Derivative (T, N, K) of the residuals by the tangents of u, by q and by b, of all microphones."""
         J = np.empty((*s.shape, z.shape[1] + 1))
         np.divide(z @ _tangents(source.direction), s[..., None], out=J[..., :-2])
@@ -162,7 +162,7 @@ class Arrivals:
         gradient = (slope * r).sum(axis=1)
         return ((inverse <= 0) & (gradient > 0)) | ((inverse >= 1 / NEAREST) & (gradient < 0))
 
-    def _sources(self, paths: Reals, z: Reals) -> Source:
+    def _sources(self, paths: Reals, z: Reals) -> TakeSources:
         """The likeliest source of each take, from several distances."""
         radius = float(np.sqrt(np.sum(z**2, axis=1).mean())) or 1.0
         direction, emission = self._plane_waves(paths, z)
@@ -170,9 +170,9 @@ class Arrivals:
         take = np.tile(np.arange(T), len(starts))
         every = replace(self, used=self.used[take], sigma=self.sigma[take], stated=self.stated[take])
         inverse = np.minimum(np.repeat(starts, T) / radius, 1 / NEAREST)
-        found, cost = every._fitted(paths[take], z, Source(direction[take], inverse, emission[take]))
+        found, cost = every._fitted(paths[take], z, TakeSources(direction[take], inverse, emission[take]))
         best = np.argmin(cost.reshape(-1, T) + 1e-9 * np.arange(len(starts))[:, None], axis=0) * T + np.arange(T)
-        return Source(found.direction[best], found.inverse[best], found.emission[best])
+        return TakeSources(found.direction[best], found.inverse[best], found.emission[best])
 
     def _plane_waves(self, paths: Reals, z: Reals) -> tuple[np.ndarray, np.ndarray]:
         """Directions (T, dimension) and emissions (T,), metres, by least squares that weigh outliers down."""
@@ -209,7 +209,7 @@ class Arrivals:
         middle = np.sort(size, axis=-1)[:, np.arange(len(paths)), np.sum(self.used, axis=1) // 2]
         return fits[np.argmin(middle, axis=0), np.arange(len(paths))]
 
-    def _fitted(self, paths: Reals, z: Reals, source: Source) -> tuple[Source, np.ndarray]:
+    def _fitted(self, paths: Reals, z: Reals, source: TakeSources) -> tuple[TakeSources, np.ndarray]:
         """The source of each take at the nearest minimum, and its cost (T,), by damped Gauss-Newton steps."""
         damping, diagonal = np.full(len(paths), DAMPING), np.arange(z.shape[1] + 1)
         r, g, s = self._residuals(paths, z, source)
@@ -228,7 +228,7 @@ class Arrivals:
             if np.all(-(step * slope).sum(axis=1) < MIN_DECREASE):
                 break
             u = source.direction + (_tangents(source.direction) @ step[:, :-2, None])[..., 0]
-            tried = Source(
+            tried = TakeSources(
                 u / np.sqrt((u**2).sum(axis=1, keepdims=True)),
                 np.clip(source.inverse + step[:, -2], 0.0, 1 / NEAREST),
                 source.emission + step[:, -1],
@@ -237,7 +237,7 @@ class Arrivals:
             there = self._costs(tried_r)
             better = there <= cost
             row = better[:, None]
-            source = Source(
+            source = TakeSources(
                 np.where(row, tried.direction, source.direction),
                 np.where(better, tried.inverse, source.inverse),
                 np.where(better, tried.emission, source.emission),

@@ -33,11 +33,11 @@ from .. import starts
 from ..estimate import GivenHypothesis
 from . import noise
 from . import objective as objectives
-from .outliers import relocated
+from .channels import relocated
 from .state import (
     FREE_STEPS,
     GIVEN_SIGMA,
-    NEGLIGIBLE_FALL,
+    NEGLIGIBLE_DECREASE,
     STAGE_DAMPING,
     SUSPICIOUS,
     LocalOptimum,
@@ -126,7 +126,7 @@ def _let_go(problem: Problem, state: State) -> State:
             break
         state = noise.with_power(objectives.with_unknowns(state, trial.unknowns), used, objective.field, trial.terms)
         damping = trial.damping
-        if trial.fall < NEGLIGIBLE_FALL:
+        if trial.decrease < NEGLIGIBLE_DECREASE:
             break
     return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
 
@@ -253,53 +253,38 @@ class Hypothesis:
     positions: Reals  # (N, D) float64, metres, the array in the frame of the given positions
 
 
+# given positions that are examined, each as wrong and each two as exchanged; of more, those that fit worst
+EXAMINED = 7
+
+
 def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float | None, sized: bool) -> list[Hypothesis]:
     """Return the hypotheses on `places` (A, D), metres, given of `known` (A,), the likeliest first.
 
+    All are right, one is wrong, two are exchanged, or the sound speed is wrong; each as it is or mirrored.
     `stated`: sigma of a given coordinate that the user states, metres; `sized`: whether the sound speed may be wrong.
     """
     A, D = places.shape
-    as_given, all_right = np.arange(A), np.ones(A, bool)
-    tried = [(right, as_given, False) for right in _subsets(found, known, places)]
-    tried += [(all_right, order, False) for order in _exchanges(found, known, places)]
+    as_given, all_right = np.arange(A, dtype=np.int64), np.ones(A, bool)
+    x = found.unknowns.positions[known]
+    away = np.linalg.norm(align(x, places, starts.best_subset(x, places)) - places, axis=1)
+    suspects: list[int] = sorted(np.argsort(-away)[:EXAMINED].tolist()) if A > D else []
+    tried: list[tuple[Bools, Integers, bool]] = [(all_right, as_given, False)]
+    tried += [(np.arange(A) != n, as_given, False) for n in suspects]
+    for i, j in combinations(suspects, 2):
+        order = as_given.copy()
+        order[[i, j]] = j, i
+        tried.append((all_right, order, False))
     if sized and A * D > D * (D + 1) // 2 + 1:
         tried.append((all_right, as_given, True))
     weighed = [_weighed(found, known, places, *one, stated) for one in tried]
     return sorted(weighed, key=lambda one: -one.log_evidence)
 
 
-# given positions of which every subset and pair is examined; of more, those that fit worst. If only those that fit
-# worst are, the error of 1 of 52 arrays grows from 32 to 540 mm.
-EXAMINED = 7
-
-
-def _subsets(found: FreeArray, known: Integers, places: Reals) -> list[np.ndarray]:
-    """Which given positions may be right: any of few; of many, those that fit best and ever fewer of them."""
-    A, D = places.shape
-    if A <= EXAMINED:
-        wrong = [one for count in range(A - D + 1) for one in combinations(range(A), count)]
-        return [~np.isin(np.arange(A), one) for one in wrong]
-    worst = np.argsort(-_away(found, known, places))
-    return [~np.isin(np.arange(A), worst[:count]) for count in range(A - D + 1)]
-
-
-def _exchanges(found: FreeArray, known: Integers, places: Reals) -> list[np.ndarray]:
-    """Orders with two positions exchanged; of many, of those that fit least."""
-    A, orders = len(known), list[np.ndarray]()
-    if A <= places.shape[1]:
-        return orders
-    suspects = np.sort(np.argsort(-_away(found, known, places))[:EXAMINED]) if A > EXAMINED else range(A)
-    for i, j in combinations(suspects, 2):
-        order = np.arange(A)
-        order[[i, j]] = j, i
-        orders.append(order)
-    return orders
-
-
-def _away(found: FreeArray, known: Integers, places: Reals) -> np.ndarray:
-    """Distance (A,) of the given positions from an array that lies on the subset of least median error."""
-    x = found.unknowns.positions[known]
-    return np.linalg.norm(align(x, places, starts.best_subset(x, places)) - places, axis=1)
+# probability that a given position is wrong, that two are exchanged, or that the sound speed is wrong; with 0.2 the
+# errors of 2 of 32 arrays grow from 5 to 11 mm
+WRONG = 0.05
+# range of relative errors of the sound speed; with 1 the error of one array grows from 34 to 55 mm
+SIZES = 0.1
 
 
 def _weighed(
@@ -316,24 +301,12 @@ def _weighed(
     placed = partial(_placed, found, known, ordered, right, columns, index, spectrum, stated)
     evidence, sigma, positions, sized = max((placed(mirror) for mirror in (False, True)), key=lambda one: one[0])
     size, size_sigma = (1 + sized[0], sized[1]) if scale else (1.0, 0.0)
-    evidence += _log_prior(right, order, scale)
-    return Hypothesis(evidence, right, order, scale, size, size_sigma, sigma, positions)
-
-
-# probability that a given position is wrong, that two are exchanged, or that the sound speed is wrong; with 0.2 the
-# errors of 2 of 32 arrays grow from 5 to 11 mm
-WRONG = 0.05
-# range of relative errors of the sound speed; with 1 the error of one array grows from 34 to 55 mm
-SIZES = 0.1
-
-
-def _log_prior(right: Bools, order: Integers, scale: bool) -> float:
-    """Logarithm of the probability that these given positions are wrong or exchanged, or the sound speed."""
     A, wrong = len(right), np.sum(~right)
-    prior = wrong * np.log(WRONG) + (A - wrong) * np.log1p(-WRONG)
+    evidence += wrong * np.log(WRONG) + (A - wrong) * np.log1p(-WRONG)
     if np.any(order != np.arange(A)):
-        prior += np.log(WRONG / (A * (A - 1) / 2))
-    return float(prior + (np.log(WRONG / SIZES) if scale else 0.0))
+        evidence += np.log(WRONG / (A * (A - 1) / 2))
+    evidence += np.log(WRONG / SIZES) if scale else 0.0
+    return Hypothesis(float(evidence), right, order, scale, size, size_sigma, sigma, positions)
 
 
 def _placed(
@@ -382,7 +355,7 @@ def _of_wrong(away: Reals, sigma: float) -> float:
 
 
 # spread, nepers, of the log-normal prior of one sigma of a given coordinate about GIVEN_SIGMA, and its greatest
-# value, metres; with a spread of 1 the error of an array in space grows from 11 to 18 mm
+# value, metres, where the grid of sigmas ends; with a spread of 1 the error of an array in space grows from 11 to 18 mm
 SIGMA_SPREAD = 0.6
 MAX_SIGMA = 0.04
 

@@ -35,15 +35,15 @@ from ...cost.likelihood import FieldModel, Terms, likelihood_terms, log_response
 from ...model.gauge import align, rigid_motions
 from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
-from ...model.validation import Bools, Integers, Reals, frozen_array
+from ...model.validation import Integers, Reals, frozen_array
 from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
-from .arrivals import Arrivals, ArrivalTerms, Source, arrivals_of
+from .arrivals import Arrivals, TakeSources, arrivals_of
 from .state import (
     CORNER_SIGMA,
     DELAY_SIGMA,
     DIRECTIONAL,
     GIVEN_SIGMA,
-    NEGLIGIBLE_FALL,
+    NEGLIGIBLE_DECREASE,
     STAGE_DAMPING,
     STAGES,
     SUSPICIOUS,
@@ -153,7 +153,7 @@ class Evaluation:
     gradient: np.ndarray
     matrix: np.ndarray
     terms: Terms
-    source: Source | None = None
+    source: TakeSources | None = None
 
 
 @dataclass(frozen=True)
@@ -183,8 +183,13 @@ class Objective:
         gradient, matrix = _with_speed(unknowns, terms) if derivatives else (np.zeros(0), np.zeros((0, 0)))
         cost, source = terms.cost + _add_priors(unknowns, self.priors, gradient, matrix), None
         if self.arrivals is not None:
-            of_arrivals = _add_arrivals(unknowns, self.arrivals, gradient, matrix)
+            delays = unknowns.delays
+            of_arrivals = self.arrivals.terms(unknowns.positions, unknowns.log_speed, derivatives, delays)
             cost, source = cost + of_arrivals.cost, of_arrivals.source
+            if derivatives:
+                index = arrival_index(unknowns)
+                gradient[index] += of_arrivals.gradient.sum(axis=0)
+                matrix[np.ix_(index, index)] += of_arrivals.matrix
         return Evaluation(cost, gradient, matrix, terms, source)
 
     def likelihood(self, unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
@@ -208,7 +213,7 @@ class Objective:
         """Return the objective with a stronger field, which weakens the prior that the field is isotropic."""
         return replace(self, field=replace(self.field, power=WEAKER_FIELD * self.field.power))
 
-    def beside(self, source: Source | None) -> Objective:
+    def beside(self, source: TakeSources | None) -> Objective:
         """Return the same objective for unknowns beside those whose arrivals have this source."""
         if self.arrivals is None or source is None:
             return self
@@ -269,16 +274,6 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient: Reals, matrix: Rea
     return float(cost)
 
 
-def _add_arrivals(unknowns: Unknowns, arrivals: Arrivals, gradient: Reals, matrix: Reals) -> ArrivalTerms:
-    """Terms of the arrivals; gradient and matrix, where they are not empty, are added to in place."""
-    terms = arrivals.terms(unknowns.positions, unknowns.log_speed, len(gradient) > 0, unknowns.delays)
-    if len(gradient):
-        index = arrival_index(unknowns)
-        gradient[index] += terms.gradient.sum(axis=0)
-        matrix[np.ix_(index, index)] += terms.matrix
-    return terms
-
-
 def arrival_index(unknowns: Unknowns) -> np.ndarray:
     """Return which of the unknowns arrivals depend on : int64, coordinates, delays if there are any, sound speed."""
     size, (N, D) = unknowns.vector.size, unknowns.positions.shape
@@ -309,7 +304,7 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
         power=np.ones(int(M)),
         noise=0.1 * np.ones(M),
         channel_noise=np.ones(int(N)),
-        share=0.1,
+        noise_fraction=0.1,
         spread=0.0,
         gain_sigma=GAIN_SIGMA if gain is None else gain * np.log(10) / 20,
         phase_sigma=PHASE_SIGMA if phase is None else float(np.radians(phase)),
@@ -452,13 +447,13 @@ class ChannelStep:
 
     unknowns: Unknowns
     cost: float  # infinite where a covariance is singular
-    fall: float  # by how much the cost has fallen
+    decrease: float  # of the cost
     damping: float  # of the next step
     moved: float  # metres, greatest change of a coordinate
     free: np.ndarray  # see `free_directions`
     terms: Terms | None = None  # Terms at the point from which the step was taken; None where a covariance is singular
     matrix: Reals | None = None  # (F, F) float64, Gauss-Newton matrix in the free directions; None with `terms`
-    source: Source | None = None  # Source of the arrivals there; None without any
+    source: TakeSources | None = None  # TakeSources of the arrivals there; None without any
 
 
 def free_directions(
@@ -554,7 +549,7 @@ def channel_step(
         max_step,
     )
     moved = unknowns.at(step.unknowns)
-    return ChannelStep(moved, step.cost, step.fall, step.damping, step.moved, free, here.terms, H, here.source)
+    return ChannelStep(moved, step.cost, step.decrease, step.damping, step.moved, free, here.terms, H, here.source)
 
 
 def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -626,7 +621,7 @@ class Quadratic:
         return whole.reshape(self.unknowns.positions.shape)
 
     @property
-    def fall(self) -> float:
+    def decrease(self) -> float:
         """By how much the cost falls to the minimum, nats."""
         return float(self.gradient @ self.inverse @ self.gradient) / 2
 
@@ -642,13 +637,13 @@ def quadratic(unknowns: Unknowns, objective: Objective, here: Evaluation | None 
 
 def descend(unknowns: Unknowns, objective: Objective, steps: int) -> tuple[Unknowns, float]:
     """Return the minimum near some unknowns, after `steps` at most, and by how much the cost has fallen."""
-    damping, fall, free = STAGE_DAMPING, 0.0, objective.free(unknowns)
+    damping, decrease, free = STAGE_DAMPING, 0.0, objective.free(unknowns)
     for _ in range(steps):
         trial = channel_step(unknowns, objective, free, damping)
-        unknowns, damping, fall = trial.unknowns, trial.damping, fall + trial.fall
-        if trial.fall < NEGLIGIBLE_FALL:
+        unknowns, damping, decrease = trial.unknowns, trial.damping, decrease + trial.decrease
+        if trial.decrease < NEGLIGIBLE_DECREASE:
             break
-    return unknowns, fall
+    return unknowns, decrease
 
 
 def sigmas_moved(before: Unknowns, trial: ChannelStep, healthy: np.ndarray) -> float:
@@ -667,21 +662,18 @@ CONVERGED_SIGMAS = 0.2
 
 
 def is_converged(problem: Problem, state: State) -> bool:
-    """Return whether no healthy channel is farther from the minimum than a small part of its sigma."""
+    """Return whether no healthy channel is farther from the minimum than a small part of its sigma.
+
+    The motion of the array as a whole does not count where given positions fix it (`given.anchored`): they say more of
+    it than the pressures do. Where they are exact they leave no such motion.
+    """
     objective = objective_of(problem, state, used_modes(problem, state))
     try:
         there = quadratic(unknowns_of(state), objective)
     except np.linalg.LinAlgError:
         return False
     healthy = state.model.channel_noise < SUSPICIOUS
-    step = without_motion(problem, state.positions, there.step, healthy, objective.priors)
+    step, anchored = there.step, len(problem.known) and problem.frame is None
+    if anchored and not len(objective.priors.constrained) and np.any(healthy):
+        step = align(state.positions + step, state.positions, healthy) - state.positions
     return bool(np.all(np.abs(step[healthy]) <= CONVERGED_SIGMAS * there.sigma[healthy]))
-
-
-def without_motion(problem: Problem, positions: Reals, step: Reals, healthy: Bools, priors: Priors) -> np.ndarray:
-    """Return a step without the motion of the array as a whole, which given positions have settled (`given.anchored`).
-
-    They say more of it than the pressures do; where they are exact they leave no such motion.
-    """
-    anchored = len(problem.known) and problem.frame is None and not len(priors.constrained)
-    return align(positions + step, positions, healthy) - positions if anchored and np.any(healthy) else step

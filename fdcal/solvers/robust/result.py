@@ -104,7 +104,7 @@ def result(problem: Problem, state: State) -> Estimate:
             np.array([model.gain_sigma, model.phase_sigma]),
             model.channel_noise,
         ),
-        field=FieldEstimate(model.share, model.power[state.modes], undeflated, weakened.terms),
+        field=FieldEstimate(model.noise_fraction, model.power[state.modes], undeflated, weakened.terms),
         spread=spread,
         given=_given(problem, state, objective, here, evaluated.terms, weakened.terms, excess),
         log_speed=model.log_speed,
@@ -256,10 +256,7 @@ def _frame_rows(frame: GaugeFrame, positions: Reals) -> np.ndarray:
 def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
     constrained = bool(len(problem.known)) and not given.inaccurate(state)
     ended = sorted((one for one in state.optima if np.isfinite(one.score)), key=lambda one: one.score)
-    return tuple(
-        TriedOptimum(one.positions, one.score, one.regrouped, constrained and given.same_given(state, one))
-        for one in ended
-    )
+    return tuple(TriedOptimum(one.positions, one.score, constrained and given.same_given(state, one)) for one in ended)
 
 
 def _given(
@@ -304,17 +301,17 @@ def _agreement(constrained: Objective, here: Unknowns, at_objective: Terms, exce
     D = here.positions.shape[1]
     freedom = len(constrained.priors.known) * D - D * (D + 1) // 2
 
-    def chance(prior: float, rest: float, margin: float = 1.0) -> float:
+    def probability(prior: float, rest: float, margin: float = 1.0) -> float:
         S = margin * (prior + rest) ** 2 / max(prior + excess * rest, 1e-300)
         return float(chdtrc(freedom, 2 * S))
 
     alone = replace(constrained, priors=constrained.priors.without_given())
-    falls = (quadratic(here, one, one.with_priors(here, at_objective)).fall for one in (alone, constrained))
-    prior, rest = constrained.priors.of_known(here.positions)[0], max(0.0, next(falls) - next(falls))
-    if chance(prior, rest, MARGIN) > CLEAR:
-        return chance(prior, rest)
+    decreases = (quadratic(here, one, one.with_priors(here, at_objective)).decrease for one in (alone, constrained))
+    prior, rest = constrained.priors.of_known(here.positions)[0], max(0.0, next(decreases) - next(decreases))
+    if probability(prior, rest, MARGIN) > CLEAR:
+        return probability(prior, rest)
     there, _ = descend(here, constrained, FREE_STEPS)
-    prior, linear = constrained.priors.of_known(there.positions)[0], quadratic(there, alone).fall
-    if chance(prior, linear, MARGIN) > CLEAR:
-        return chance(prior, linear)
-    return chance(prior, descend(there, alone, FREE_STEPS)[1])
+    prior, linear = constrained.priors.of_known(there.positions)[0], quadratic(there, alone).decrease
+    if probability(prior, linear, MARGIN) > CLEAR:
+        return probability(prior, linear)
+    return probability(prior, descend(there, alone, FREE_STEPS)[1])

@@ -14,7 +14,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ...cost.likelihood import FieldModel
 from ...model.gauge import align, move_to_frame
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
@@ -22,7 +21,7 @@ from ...model.validation import InputError, frozen_array
 from .. import starts
 from . import given, noise
 from . import objective as objectives
-from .outliers import other_poses, relocated
+from .channels import relocated
 from .state import (
     DIRECTION_UPDATES,
     FINAL,
@@ -32,7 +31,7 @@ from .state import (
     STAGES,
     SUSPICIOUS,
     LocalOptimum,
-    Progress,
+    StageProgress,
     State,
 )
 
@@ -54,7 +53,7 @@ def begin(
         gains=np.zeros((N, 2)),
         offsets=np.zeros((N, 2)),
         model=objectives.first_model(problem, settings),
-        progress=Progress(restart=BEFORE_PLAN, stage=0, rounds=0, steps=0, damping=0.0),
+        progress=StageProgress(restart=BEFORE_PLAN, stage=0, rounds=0, steps=0, damping=0.0),
         shape=here,
         optima=(),
     )
@@ -72,15 +71,15 @@ def begin_stage(problem: Problem, state: State, stage: int) -> State:
 def begin_restart(problem: Problem, state: State, positions: np.ndarray, restart: int) -> State:
     """Return `state` at the beginning of a restart at `positions` (N, D), metres."""
     placed = positions if problem.frame is None else move_to_frame(positions, problem.frame)
-    placed = bent_to_exact(problem, state.settings, placed)
+    placed = with_exact_in_place(problem, state.settings, placed)
     x, zero = frozen_array(placed, float), frozen_array(np.zeros((len(positions), 2)), float)
     model = objectives.first_model(problem, state.settings)
-    progress = Progress(restart=restart, stage=0, rounds=0, steps=0, damping=0.0)
+    progress = StageProgress(restart=restart, stage=0, rounds=0, steps=0, damping=0.0)
     begun = replace(state, positions=x, shape=x, gains=zero, offsets=zero, model=model, progress=progress)
     return begin_stage(problem, noise.with_noise(problem, begun), 0)
 
 
-def bent_to_exact(problem: Problem, settings: SolverSettings, positions: np.ndarray) -> np.ndarray:
+def with_exact_in_place(problem: Problem, settings: SolverSettings, positions: np.ndarray) -> np.ndarray:
     """Return positions (N, D), metres, with those that are given exactly in place, and the others moved along."""
     known, places = problem.known, problem.known_positions
     if not len(known) or objectives.first_known_sigma(problem, settings) > 0:
@@ -117,44 +116,18 @@ def likeliest(state: State) -> LocalOptimum:
     return min(state.optima, key=lambda one: one.score)
 
 
-def _poses(problem: Problem, state: State) -> tuple[np.ndarray, ...]:
-    """The array with a group of microphones in other poses, aligned with given positions: each (N, D), metres."""
-    if problem.array_dimension != 2 or not np.isfinite(state.optima[-1].score):
-        return ()
-    model, used = state.model, objectives.used_modes(problem, state)
-    k = np.real(objectives.wavenumbers(problem, state)[used])
-    field = FieldModel(k, model.power[used], model.noise[used], model.channel_noise, problem.dimension)
-    try:
-        found = other_poses(state.positions, objectives.corrected(problem, state, used), field)
-    except np.linalg.LinAlgError:
-        return ()
-    placed = [starts.aligned(problem, one) for one in found] if len(problem.known) else found
-    return tuple(frozen_array(one, float) for one in placed)
-
-
-def next_pose(problem: Problem, state: State) -> State:
-    """Return the restart from the first of the other poses."""
-    first, *others = state.progress.poses
-    begun = begin_restart(problem, state, first, state.progress.restart)
-    return replace(begun, progress=replace(begun.progress, regrouped=True, poses=tuple(others)))
-
-
 # distance of every microphone in one optimum from its place in another, over the shortest wavelength, within which
 # the two agree
 SAME_PLACE = 0.03
 
 
 def optima_agree(problem: Problem, state: State) -> bool:
-    """Return whether another restart has ended where the likeliest did; without noise their scores differ by rounding.
-
-    A restart that began from another optimum with a group in another pose does not count: it may return to that
-    optimum even if that is wrong.
-    """
+    """Return whether another restart has ended where the likeliest did; their scores may differ by rounding."""
     best, *others = sorted(state.optima, key=lambda one: one.score)
     wavelength = 2 * np.pi / float(np.real(problem.wavenumbers[state.modes]).max())
     healthy = noise.healthy(best.model)
     for other in others:
-        if np.isfinite(other.score) and not other.regrouped:
+        if np.isfinite(other.score):
             away = np.linalg.norm(align(other.positions, best.positions) - best.positions, axis=1)
             if away[healthy].max(initial=0.0) < SAME_PLACE * wavelength:
                 return True
@@ -185,20 +158,20 @@ def explains_all(problem: Problem, state: State) -> bool:
     Of a measurement without noise, in a wrong basin no array does so. With noise some do, so that this is evidence
     only where the model has nothing else to bend: channels are matched, and exact given positions hold the size.
     """
-    share, worst = state.model.share, float(state.model.channel_noise.max())
+    fraction, worst = state.model.noise_fraction, float(state.model.channel_noise.max())
     if is_noiseless(problem, state):
         floor = 1.01 * MIN_NOISE_FRACTION[state.model.kernel]
-        return share <= max(LOW_NOISE, floor) and share * worst <= LOW_CHANNEL_NOISE
+        return fraction <= max(LOW_NOISE, floor) and fraction * worst <= LOW_CHANNEL_NOISE
     reported = noise.given_noise(problem, state)
     if reported is None or not state.quick or not len(problem.known):
         return False
-    return share <= REPORTED_NOISE * float(np.median(reported[state.modes])) and worst < SUSPICIOUS
+    return fraction <= REPORTED_NOISE * float(np.median(reported[state.modes])) and worst < SUSPICIOUS
 
 
 def begin_final(problem: Problem, state: State) -> State:
     """Go on from the likeliest optimum; only now, with all in place, can the directions of the field be learned."""
     best = likeliest(state)
-    progress = replace(state.progress, rounds=0, stage=FINAL, regrouped=False, poses=())
+    progress = replace(state.progress, rounds=0, stage=FINAL)
     at_best = replace(state, positions=best.positions, shape=best.positions, gains=best.gains, offsets=best.offsets)
     state = replace(at_best, model=best.model, progress=progress)
     if is_noiseless(problem, state) and explains_all(problem, state):
@@ -220,7 +193,8 @@ def after_noiseless(problem: Problem, state: State) -> State:
 # residual of the near-field kernel over the noise that is assumed with it; without it an array with an error of 3.4
 # mm and a claim of 0.9 mm is good
 NEAR_DEFLATION = 3.0
-# fraction of noise by dimension of the field, at or below which a source near the array counts
+# fraction of noise by dimension of the field, at or below which a source near the array counts; if it never does, an
+# array near the source goes from 0.4 to 2.0 mm
 NEAR_NOISE = {2: 1e-5, 3: 2e-6}
 
 
@@ -233,7 +207,7 @@ def refined(problem: Problem, state: State) -> State:
     near = state.model.kernel == "near"
     here = replace(state, shape=state.positions)
     fresh = noise.with_noise(problem, here, NEAR_DEFLATION if near else 1.0, rough=False)
-    if not near and fresh.model.share <= NEAR_NOISE[problem.dimension]:
+    if not near and fresh.model.noise_fraction <= NEAR_NOISE[problem.dimension]:
         other = replace(here, model=replace(here.model, kernel="near"))
         other = noise.with_noise(problem, other, NEAR_DEFLATION, rough=False)
         fresh = other if noise.misfit(problem, other) < noise.misfit(problem, fresh) else fresh
@@ -292,10 +266,6 @@ def _singular(turn: Turn) -> bool:
     return turn.trial.terms is None
 
 
-def _modes_chosen(turn: Turn) -> bool:
-    return not turn.state.automatic
-
-
 NOISE_TOLERANCE = 0.15  # change of the logarithm of the noise after which a round is the last
 
 
@@ -303,31 +273,26 @@ def _noise_within_tolerance(turn: Turn) -> bool:
     """The noise has hardly changed and explains more than the error of the positions, and no outlier was moved."""
     state, moved = turn.searched
     k = float(np.real(turn.problem.wavenumbers[state.modes]).max())
-    rough = (k * state.model.spread) ** 2 / turn.problem.dimension > state.model.share
-    change = abs(np.log(state.model.share / turn.state.model.share))
+    rough = (k * state.model.spread) ** 2 / turn.problem.dimension > state.model.noise_fraction
+    change = abs(np.log(state.model.noise_fraction / turn.state.model.noise_fraction))
     return not moved and not rough and bool(change < NOISE_TOLERANCE)
 
 
 MAX_ROUNDS = 8  # of stage "gains" at most in one restart, and of stage "final"
 
 
-def _last_round(turn: Turn) -> bool:
-    return turn.state.progress.rounds + 1 >= MAX_ROUNDS
-
-
-def _confirmed(turn: Turn) -> bool:
-    return optima_agree(turn.problem, turn.state) or explains_all(turn.problem, turn.state)
-
-
-def _other_pose(turn: Turn) -> bool:
-    tried = sum(one.regrouped for one in turn.state.optima)
-    return bool(turn.state.progress.poses) and tried < MAX_RESTARTS
-
-
 def _nothing_else_free(turn: Turn) -> bool:
     """Channels are matched and given positions exact, or there are none."""
     soft = len(turn.problem.known) and turn.state.model.known_sigma > 0
     return turn.state.settings.gains == "fixed" and not soft
+
+
+def _modes_chosen(turn: Turn) -> bool:
+    return not turn.state.automatic
+
+
+def _begin_final(turn: Turn) -> State:
+    return begin_final(turn.problem, turn.state)
 
 
 def _stop(turn: Turn) -> State:
@@ -368,18 +333,12 @@ def _next_final(turn: Turn) -> State:
 
 
 def _ended(turn: Turn, state: State) -> Turn:
-    """End a restart: add its optimum to `state`, and what of it may be tried in other poses if it is the likeliest.
-
-    Its score ranks it; one whose covariance is singular ranks last.
-    """
-    lost, model, regrouped = turn.trial.terms is None, state.model, state.progress.regrouped
+    """End a restart: add its optimum to `state`. Its score ranks it; one whose covariance is singular ranks last."""
+    lost = turn.trial.terms is None
     reached = np.inf if lost else float(noise.score(turn.problem, state, turn.objective, turn.trial))
     converged = bool(turn.within_tolerance and np.isfinite(reached))
-    found = LocalOptimum(state.positions, state.gains, state.offsets, model, reached, converged, regrouped)
-    state = replace(state, optima=(*state.optima, found))
-    if likeliest(state) is found:
-        state = replace(state, progress=replace(state.progress, poses=_poses(turn.problem, state)))
-    return replace(turn, place="restart", state=state)
+    found = LocalOptimum(state.positions, state.gains, state.offsets, state.model, reached, converged)
+    return replace(turn, place="restart", state=replace(state, optima=(*state.optima, found)))
 
 
 def _explained(turn: Turn) -> Turn:
@@ -392,9 +351,8 @@ def _explained(turn: Turn) -> Turn:
 
 TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | State]], ...] = (
     # where          when                     then
-    ("restart", _confirmed, lambda turn: begin_final(turn.problem, turn.state)),
-    ("restart", _other_pose, lambda turn: next_pose(turn.problem, turn.state)),
-    ("restart", lambda turn: likeliest(turn.state).regrouped, lambda turn: begin_final(turn.problem, turn.state)),
+    ("restart", lambda turn: optima_agree(turn.problem, turn.state), _begin_final),
+    ("restart", lambda turn: explains_all(turn.problem, turn.state), _begin_final),
     ("restart", _always, lambda turn: next_restart(turn.problem, turn.state, turn.state.progress.restart + 1)),
     ("final", _singular, _stop),
     ("any", _singular, lambda turn: _ended(turn, turn.state)),
@@ -404,7 +362,7 @@ TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | St
     ("free", _always, lambda turn: begin_stage(turn.problem, turn.searched[0], turn.state.progress.stage + 1)),
     ("gains", lambda turn: explains_all(turn.problem, turn.estimated), _explained),
     ("gains", _noise_within_tolerance, lambda turn: _ended(turn, turn.searched[0])),
-    ("gains", _last_round, lambda turn: _ended(turn, turn.searched[0])),
+    ("gains", lambda turn: turn.state.progress.rounds + 1 >= MAX_ROUNDS, lambda turn: _ended(turn, turn.searched[0])),
     ("gains", _always, _next_round),
     ("noiseless", _nothing_else_free, lambda turn: finished(turn.problem, turn.state)),
     ("noiseless", _always, lambda turn: after_noiseless(turn.problem, turn.state)),

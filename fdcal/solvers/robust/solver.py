@@ -86,7 +86,7 @@ def step(problem: Problem, state: State) -> State:
     within_sigmas = (
         directional and problem.dimension == 3 and objectives.sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
     )
-    ended = within_sigmas or trial.moved < stage.tolerance or trial.fall < stage.negligible
+    ended = within_sigmas or trial.moved < stage.tolerance or trial.decrease < stage.negligible
     if stage.learns and trial.terms is not None:
         moved = noise.with_power(moved, used, objective.field, trial.terms)
         moved = noise.with_directions(problem, moved, used, DIRECTION_UPDATES)
@@ -109,7 +109,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     require_range(problem, first, last)
     require_modes(problem, last)
     problem = objectives.in_unit_power(problem)
-    progress = replace(state.progress, stage=FREE, rounds=0, regrouped=False, poses=())
+    progress = replace(state.progress, stage=FREE, rounds=0)
     changed = replace(state, first=first, last=last, automatic=automatic, optima=(), finished=False, converged=False)
     return begin_stage(problem, noise.with_noise(problem, replace(changed, progress=progress)), FREE)
 

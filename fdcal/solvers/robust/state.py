@@ -1,12 +1,8 @@
 """State of the likelihood solver, the stages of its schedule, and the numbers that several of its modules use.
 
 The other numbers stand above the functions that use them, with what gets worse without them, as an ablation on the
-field suite shows (482 cases, or those of the families that the number serves). Without a figure are
-
-- numbers without which 10 to 27 arrays were the same, too few to remove them: CONVERGED_SIGMAS, MAX_RESTARTS,
-  MAX_ROUNDS, SAME_PLACE, LOW_NOISE, NOISE_TOLERANCE, NEAR_NOISE, DAMPED, SUSPICIOUS, GROSS_GAIN_SIGMA, MAX_SIGMA;
-- numbers that were not ablated alone: STAGE_DAMPING, MIN_EIGENVALUE, MAX_DIRECTION_PRODUCTS, SPACING, CANDIDATES,
-  GIVEN_SIGMA, those of delays and corners, and the columns max_steps, lowest, gains and learns of STAGES.
+field suite shows (482 cases, or those of the families that the number serves; 75 where it says so). Those without a
+figure are bounds on memory, steps or units, without which a run would not end, or would not be the same in all units.
 """
 
 from dataclasses import dataclass
@@ -21,7 +17,7 @@ from ..interface import RunState
 # of the search for the array without given positions: steps at most, and nats after which it ends. Without either
 # every result is the same; without the second these arrays take 1.2 times the time.
 FREE_STEPS = 8
-NEGLIGIBLE_FALL = 0.05
+NEGLIGIBLE_DECREASE = 0.05
 
 # factor on the power of the field for the covariance, as of the verdict: rooms are less isotropic than their model;
 # without it ellipses cover 87.8 instead of 92.7 %
@@ -87,7 +83,7 @@ class Model:
     power: Reals  # (M,) float64, of the field; every mode of the problem has a mean power of 1
     noise: Reals  # (M,) float64, of a healthy channel, likewise
     channel_noise: Reals  # (N,) float64, noise of each channel over that, tau
-    share: float  # noise as a part of the mean power
+    noise_fraction: float  # noise as a part of the mean power
     spread: float  # metres, error of the positions that, with the noise, explains the residual
     # gain_sigma, phase_sigma: nepers and radians
     gain_sigma: float
@@ -113,10 +109,7 @@ class Model:
 
 @dataclass(frozen=True)
 class LocalOptimum:
-    """Where a restart ended: positions (N, D), metres, gains and offsets (N, 2), model, and the score that ranks it.
-
-    `regrouped` tells that the restart began from another optimum: the two do not confirm each other.
-    """
+    """Where a restart ended: positions (N, D), metres, gains and offsets (N, 2), model, and the score that ranks it."""
 
     positions: np.ndarray
     gains: np.ndarray
@@ -124,11 +117,10 @@ class LocalOptimum:
     model: Model
     score: float
     converged: bool
-    regrouped: bool = False
 
 
 @dataclass(frozen=True)
-class Progress:
+class StageProgress:
     """Where the solver is."""
 
     restart: int  # number of the start in `fdcal.solvers.starts.plan`; -1 for positions that the run was begun with
@@ -136,10 +128,6 @@ class Progress:
     rounds: int  # of this stage so far
     steps: int  # in this stage
     damping: float  # of the next step
-    # whether the restart began where another ended, with a group of microphones in another pose
-    regrouped: bool = False
-    # (N, D) float64 each, metres, arrays of such restarts that are still to be tried
-    poses: tuple[np.ndarray, ...] = ()
 
     def __post_init__(self):
         if not 0 <= self.stage < len(STAGES):  # of a session file that somebody has changed
@@ -159,7 +147,7 @@ class State(RunState):
     # (N, 2) float64, likewise, about which the gains scatter: 0 but for a channel with a gross fault
     offsets: Reals
     model: Model
-    progress: Progress
+    progress: StageProgress
     # (N, D) float64, metres, positions at the beginning of the stage, which fix the deformations and the centre
     shape: Reals
     optima: tuple[LocalOptimum, ...]  # of the restarts so far

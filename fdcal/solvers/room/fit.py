@@ -29,7 +29,7 @@ from ...model.problem import mode_power
 from ...model.validation import Complexes, Numbers, Reals, frozen_array
 from ..estimate import SizeFit
 from ..interface import check_deadline
-from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, Step, damped_step
+from ..levenberg_marquardt import FIRST_DAMPING, DampedStep, NewtonTerms, damped_step
 
 Cost = Callable[[np.ndarray], float]  # of given unknowns
 
@@ -157,7 +157,7 @@ def bounded_step(
     coordinates: int,
     damping: float,
     max_step: float,
-) -> Step:
+) -> DampedStep:
     """Return one damped Gauss-Newton step of unknowns `theta` (P,), clipped to their lower and upper `bounds`.
 
     No coordinate of a microphone, the first `coordinates` of the unknowns, moves further than `max_step`, metres.

@@ -81,13 +81,13 @@ class Phase:
 
 
 @dataclass(frozen=True)
-class LocalOptimum:
+class RoomOptimum:
     """Where a restart has ended."""
 
     positions: Reals  # (N, D) float64, metres
     walls: Reals  # (D + 2,) float64, as of `State`
     cost: float
-    settled: bool  # whether it ended because no microphone moved
+    converged: bool  # whether it ended because no microphone moved
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ class Restarts:
 
     arrays: tuple[ArrayCandidate, ...] = ()  # candidates of the array search, the next first
     sources: tuple[SourceCandidate, ...] = ()  # candidates of the source search for the present array, the next first
-    best: LocalOptimum | None = None  # the best local optimum of phase "exact"
-    rejected: LocalOptimum | None = None  # the best of those before phase "exact", which left too much unexplained
+    best: RoomOptimum | None = None  # the best local optimum of phase "exact"
+    rejected: RoomOptimum | None = None  # the best of those before phase "exact", which left too much unexplained
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class State(RunState):
     solver: ClassVar[str] = "room"
 
     phase: Phase
-    attempts: Restarts
+    restarts: Restarts
     noise: MeasurementNoise
     walls: Reals  # (D + 2,) float64, source, metres, and admittance of the walls, real and imaginary part
     width: float  # rad/m, half the width of a resonance, of the diffuse model
@@ -145,7 +145,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
         seed=seed,
         last=settings.modes,
         phase=Phase("search" if positions is None else "diffuse", 0, 0, FIRST_DAMPING),
-        attempts=Restarts(),
+        restarts=Restarts(),
         noise=_noise(problem, settings),
         walls=frozen_array(np.zeros(D + 2), float),
         width=WIDTHS[0],
@@ -186,10 +186,10 @@ def step(problem: Problem, state: State) -> State:
     state = replace(state, step=state.step + 1, sweep=state.sweep + 1, phase=phase)
     if phase.name == "search":
         arrays = tuple(find_arrays(p, noise, k, state.size))
-        return _following(problem, replace(state, attempts=replace(state.attempts, arrays=arrays)), True)
+        return _following(problem, replace(state, restarts=replace(state.restarts, arrays=arrays)), True)
     if phase.name == "source":
         sources = tuple(find_sources(state.positions, p, k, state.size))
-        return _following(problem, replace(state, attempts=replace(state.attempts, sources=sources)), True)
+        return _following(problem, replace(state, restarts=replace(state.restarts, sources=sources)), True)
     state, moved = _fitted(state, p, noise, k)
     converged = moved < PHASES[phase.name].tolerance
     if converged or phase.steps >= PHASES[phase.name].max_steps:
@@ -250,7 +250,7 @@ def _following(problem: Problem, state: State, converged: bool) -> State:
     restart    rough from the next place of the source; if none is left, diffuse from the next array
     """
     state = replace(state, stage=state.stage + 1, phase=replace(state.phase, steps=0))
-    name, spread, tried = state.phase.name, state.phase.spread, state.attempts
+    name, spread, tried = state.phase.name, state.phase.spread, state.restarts
     freedom = degrees_of_freedom(state.last - state.first + 1, *state.positions.shape)
     if name == "diffuse":
         more = spread + 1 < len(LATTICE_ERRORS)
@@ -263,11 +263,11 @@ def _following(problem: Problem, state: State, converged: bool) -> State:
         return _begin(replace(state, positions=positions), "relocated", spread, EXACT_DAMPING)
     if name == "relocated":
         best, agreed = _best(tried.rejected, state, False)
-        state = replace(state, attempts=replace(tried, rejected=best, sources=() if agreed else tried.sources))
+        state = replace(state, restarts=replace(tried, rejected=best, sources=() if agreed else tried.sources))
         return _restart(state) or _begin(replace(state, positions=best.positions, walls=best.walls), "exact", spread)
     if name == "exact":
         best, agreed = _best(tried.best, state, converged)
-        state = replace(state, attempts=replace(tried, best=best))
+        state = replace(state, restarts=replace(tried, best=best))
         left = best.cost / freedom
         unexplained = left > CONFIRMED and (state.noise.given or left * NOISE_GUESS > ROUGH_NOISE)
         following = _restart(state) if unexplained and not agreed and state.automatic else None
@@ -283,32 +283,32 @@ def _begin(state: State, name: PhaseName, spread: int, damping: float = FIRST_DA
 
 def _restart(state: State) -> State | None:
     """Return the next restart; None if none is left."""
-    tried = state.attempts
+    tried = state.restarts
     if tried.sources:
         source, *others = tried.sources
         walls = frozen_array([*source.place, source.admittance, 0.0], float)
-        state = replace(state, walls=walls, attempts=replace(tried, sources=tuple(others)))
+        state = replace(state, walls=walls, restarts=replace(tried, sources=tuple(others)))
         return _begin(state, "rough", state.phase.spread, EXACT_DAMPING)
     if tried.arrays:
         array, *others = tried.arrays
-        attempts = replace(tried, arrays=tuple(others))
-        return _begin(replace(state, positions=array.positions, width=array.width, attempts=attempts), "diffuse", 0)
+        restarts = replace(tried, arrays=tuple(others))
+        return _begin(replace(state, positions=array.positions, width=array.width, restarts=restarts), "diffuse", 0)
     return None
 
 
 SAME_COST = 0.02  # relative difference of the costs of two restarts that have found the same optimum
 
 
-def _best(before: LocalOptimum | None, state: State, converged: bool) -> tuple[LocalOptimum, bool]:
+def _best(before: RoomOptimum | None, state: State, converged: bool) -> tuple[RoomOptimum, bool]:
     """Return the better of two local optima, one of them that of the state, and whether their costs are the same."""
-    here = LocalOptimum(state.positions, state.walls, state.cost, converged)
+    here = RoomOptimum(state.positions, state.walls, state.cost, converged)
     if before is None:
         return here, False
     same = abs(here.cost - before.cost) < SAME_COST * before.cost
     return here if here.cost < before.cost else before, same
 
 
-def _finished(problem: Problem, state: State, best: LocalOptimum, left: float) -> State:
+def _finished(problem: Problem, state: State, best: RoomOptimum, left: float) -> State:
     """Return the end of a run, in the symmetry nearest to the known microphones or in the corner at the origin.
 
     Noise that was not reported is estimated: `left` is the squared residual over the noise and the freedom.
@@ -326,7 +326,7 @@ def _finished(problem: Problem, state: State, best: LocalOptimum, left: float) -
         cost=best.cost,
         noise=replace(state.noise, power=frozen_array(noise, float)),
         finished=True,
-        converged=best.settled,
+        converged=best.converged,
     )
 
 
@@ -338,7 +338,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     state = replace(state, first=first, last=last, automatic=automatic, finished=False, converged=False)
     noise = _noise(problem, state.settings)  # a finished state has its own estimate
     again = _begin(state, "search" if state.phase.name == "search" else "diffuse", 0)
-    return replace(again, attempts=Restarts(), noise=noise)
+    return replace(again, restarts=Restarts(), noise=noise)
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, domain: Search | None = None) -> np.ndarray:
