@@ -20,7 +20,7 @@ from fdcal.session.plan import (
     plan_table,
 )
 from fdcal.session.plan_request import Layout, PlanRequest, read_layout
-from fdcal.solvers.robust.arrivals import Arrivals, Source
+from fdcal.solvers.robust.arrivals import Arrivals, TakeSources
 from fdcal_bench.cases import FAMILIES, SNR_DB, TAKES
 from fdcal_bench.scores import read_reference
 
@@ -347,7 +347,7 @@ def test_arrival_times_say_what_the_solver_takes_them_to_say():
     away, sigma = source - places.mean(axis=0), np.array([FORECAST.arrival_sigma_m])
     distance = np.linalg.norm(away)
     path = np.linalg.norm(places - source, axis=1)
-    start = Source(away[None] / distance, np.array([1 / distance]), np.zeros(1))
+    start = TakeSources(away[None] / distance, np.array([1 / distance]), np.zeros(1))
     term = Arrivals((path - np.median(path))[None], np.ones((1, 16), bool), sigma, sigma, 3, start).terms(x)
     found = arrival_matrix(places, source, 3)
     np.testing.assert_allclose(found, term.matrix, atol=1e-6 * np.abs(term.matrix).max())

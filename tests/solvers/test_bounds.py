@@ -16,7 +16,7 @@ from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import interface as bounds
 from fdcal.solvers.interface import OutOfTime, check_deadline, deadline
-from fdcal.solvers.robust import outliers
+from fdcal.solvers.robust import channels
 from fdcal.solvers.robust.objective import in_unit_power
 from fdcal.solvers.room import fit
 
@@ -304,12 +304,12 @@ def test_the_candidates_of_a_relocation_are_bounded_whatever_the_wavenumber(monk
     positions = np.random.default_rng(0).uniform(-4, 4, (COUNT, 2))
     state = solver.init(problem, SolverSettings(name="robust", modes=MODES), 0, positions)
     noisy = np.where(np.arange(COUNT) == 5, 100.0, 1.0)
-    sizes, predicted = [], outliers._predicted
+    sizes, predicted = [], channels._predicted
 
     def count(x, q, candidates, *others):
         sizes.append(len(candidates))
         return predicted(x, q, candidates, *others)
 
-    monkeypatch.setattr(outliers, "_predicted", count)
-    outliers.relocated(problem, replace(state, model=replace(state.model, channel_noise=noisy)))
-    assert sizes and 100 < max(sizes) < 1.2 * outliers.CANDIDATES
+    monkeypatch.setattr(channels, "_predicted", count)
+    channels.relocated(problem, replace(state, model=replace(state.model, channel_noise=noisy)))
+    assert sizes and 100 < max(sizes) < 1.2 * channels.CANDIDATES

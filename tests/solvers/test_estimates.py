@@ -11,7 +11,7 @@ from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load
-from fdcal.solvers.robust import noise, objective, outliers, result
+from fdcal.solvers.robust import channels, noise, objective, result
 from fdcal.solvers.robust.noise import with_silent_inside
 from fdcal.solvers.robust.objective import (
     channel_step,
@@ -102,10 +102,10 @@ def test_a_channel_that_is_only_noisy_stays_where_it_is(ended):
     draws = rng.normal(size=(2, MODES)) * np.sqrt(60 * share / 2)
     p[:, 7] += draws[0] + 1j * draws[1]
     noisy = replace(state, model=replace(state.model, channel_noise=tau))
-    assert not outliers.relocated(replace(problem, pressures=p), noisy)[1]
+    assert not channels.relocated(replace(problem, pressures=p), noisy)[1]
     away = np.array(state.positions)
     away[7] += 0.25, -0.3
-    found, moved = outliers.relocated(problem, replace(noisy, positions=away))
+    found, moved = channels.relocated(problem, replace(noisy, positions=away))
     assert moved and np.linalg.norm(found.positions[7] - state.positions[7]) < 0.1
 
 
