@@ -28,7 +28,6 @@ ARGUMENTS = [
     "--no-first-run",
 ]
 ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
-ARGUMENTS += ["--host-resolver-rules=MAP evil.example 127.0.0.1"]  # a foreign name that leads to this machine
 
 
 @contextlib.contextmanager
@@ -107,7 +106,7 @@ def slider(page, label):
 
 
 def choose(page, label, option):
-    number = page.get_by_text(label, exact=True).get_attribute("for")
+    number = page.locator(f"//label[.='{label}']").get_attribute("for")
     page.locator(f"[id='{number}']").click()
     page.get_by_role("option", name=option, exact=True).click()
 

@@ -109,9 +109,16 @@ def page_of(server, scene, kernels, progress_texts):
 
 
 @pytest.fixture
-def opened(page_of, scene):
-    """What the page shows of `tiny`, and the function that ticks it until something happens."""
+def tiny_page(page_of, scene):
+    """The page with a session of `tiny`, and the function that ticks it until something happens."""
     page, turn_until = page_of
     page.open(OpenRequest(scene))
     turn_until(lambda: page.viewer is not None)
+    return page, turn_until
+
+
+@pytest.fixture
+def opened(tiny_page):
+    """What that page shows, and the function that ticks it until something happens."""
+    page, turn_until = tiny_page
     return page.viewer, turn_until

@@ -2,6 +2,7 @@
 
 import dataclasses
 import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +23,15 @@ def finish(coroutine):
     """Run a coroutine that waits for nothing; the browser's driver occupies this thread's event loop."""
     with pytest.raises(StopIteration):
         coroutine.send(None)
+
+
+def wait_until(happened):
+    """Wait until something happens on another thread."""
+    for _ in range(round(WAIT / 0.02)):
+        if happened():
+            return
+        time.sleep(0.02)
+    pytest.fail("it does not happen")
 
 
 @dataclasses.dataclass(frozen=True)

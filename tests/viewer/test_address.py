@@ -2,13 +2,11 @@
 
 from types import SimpleNamespace
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fdcal.model.validation import InputError
 from fdcal.session.lesson import load_lesson
-from fdcal.session.sources import OpenRequest
 from fdcal.viewer import address
 from fdcal.viewer.address import address_of, parse_address
 from fdcal.viewer.gui.binding import MAP_KINDS
@@ -33,20 +31,12 @@ def command(page, text, client=None):
     page.panels.overlay.receive(client or Client(), f"stamp {text}")
 
 
-@pytest.fixture
-def shown(page_of, scene):
-    page, turn_until = page_of
-    page.open(OpenRequest(scene))
-    turn_until(lambda: page.viewer is not None)
-    return page, turn_until
-
-
 def address_bar(page):
     return page.panels.overlay._regions["address"].content.partition("-->")[2].replace("&amp;", "&")
 
 
-def test_an_address_leaves_out_modes_that_it_has_no_room_for(shown, monkeypatch):
-    page, _ = shown
+def test_an_address_leaves_out_modes_that_it_has_no_room_for(tiny_page, monkeypatch):
+    page, _ = tiny_page
     monkeypatch.setattr(address, "MAX_MODES_TEXT", 20)  # `tiny` has few modes
     page.viewer.tabs.map.choose_modes(range(1, page.viewer.binding.modes + 1, 2))
     written = address_of(page.viewer)
@@ -56,8 +46,8 @@ def test_an_address_leaves_out_modes_that_it_has_no_room_for(shown, monkeypatch)
     page.viewer.tabs.map.choose_modes(None)
 
 
-def test_an_address_that_the_page_writes_leads_to_the_same_view(shown):
-    page, _ = shown
+def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page):
+    page, _ = tiny_page
     tabs = page.viewer.tabs
     tabs.map.pick(5)
     tabs.map.choose_modes([2, 3, 4, 6])
@@ -76,15 +66,15 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(shown):
     assert page.viewer.binding.choices is before, "a page that is loaded again changes nothing"
 
 
-def test_a_link_to_another_scene_opens_it_and_then_sets_the_map(shown):
-    page, turn_until = shown
+def test_a_link_to_another_scene_opens_it_and_then_sets_the_map(tiny_page):
+    page, turn_until = tiny_page
     command(page, "open=scene=lshape&microphone=3&modes=1-4&map=none")
     turn_until(lambda: page.viewer.run.scene.name == "lshape" and not page.viewer.binding.choices.shown)
     turn_until(lambda: address_bar(page) == "scene=lshape&microphone=3&modes=1-4&map=none")
 
 
-def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(server, shown):
-    page, turn_until = shown
+def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(server, tiny_page):
+    page, turn_until = tiny_page
     lesson = load_lesson("1_many_minima")
     page.lessons._lessons[lesson.title] = lesson
     command(page, "open=lesson=1_many_minima&step=2")
@@ -106,27 +96,24 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
     assert "there is no step 99" in client.told[0]
 
 
-@pytest.mark.parametrize(
-    "part",
-    [
-        "scene=../../etc/passwd", "scene=none_such", "microphone=-1", "microphone=99", "modes=1-9999", "modes=x",
-        "map=up", "step=1&step=2", "view=1,2,3", "view=0,0,1,0,0,1,0,1,0,0.5", "view=0,0,nan,0,0,1,0,1,0,0.5",
-        "other=1", "lesson=x",
-    ],
+NOT_THERE = (
+    "scene=../../etc/passwd", "scene=none_such", "microphone=-1", "microphone=99", "modes=1-9999", "modes=x", "map=up",
+    "step=1&step=2", "view=1,2,3", "view=0,0,1,0,0,1,0,1,0,0.5", "view=0,0,nan,0,0,1,0,1,0,0.5", "other=1", "lesson=x",
+    "scene=100%2525",
 )  # fmt: skip
-def test_what_no_address_has_is_refused_in_one_line(shown, part):
-    page, _ = shown
-    before, client = page.viewer.binding.choices, Client()
-    command(page, f"open={part}", client)
-    assert len(client.told) == 1 and "\n" not in client.told[0]
+
+
+def test_what_no_address_has_is_refused_in_one_line_and_what_is_no_command_does_nothing(tiny_page):
+    page, _ = tiny_page
+    before = page.viewer.binding.choices
+    for part in NOT_THERE:
+        client = Client()
+        command(page, f"open={part}", client)
+        assert len(client.told) == 1 and "\n" not in client.told[0], part
+    assert "100%25" in client.told[0] and "100%2525" not in client.told[0], "decoded once"
+    for value in ("many", "", " ", "x", "1 =", "1 none=1"):
+        page.panels.overlay.receive(SimpleNamespace(), value)  # a client that could not even be told
     assert page.viewer.binding.choices is before and page.switcher.idle
-
-
-def test_an_address_is_decoded_once(shown):
-    page, _ = shown
-    client = Client()
-    command(page, "open=scene=100%2525", client)
-    assert "100%25" in client.told[0] and "100%2525" not in client.told[0]
 
 
 @given(st.text(max_size=190))
@@ -137,15 +124,8 @@ def test_any_text_is_an_address_or_is_refused(text):
         assert "address" in str(error)
 
 
-@pytest.mark.parametrize("value", ["many", "", " ", "x", "1 =", "1 none=1"])
-def test_a_command_that_there_is_not_does_nothing(shown, value):
-    page, _ = shown
-    client = SimpleNamespace()  # one that could not even be told
-    page.panels.overlay.receive(client, value)
-
-
-def test_the_page_follows_a_browser_until_a_user_chooses(shown):
-    page, _ = shown
+def test_the_page_follows_a_browser_until_a_user_chooses(tiny_page):
+    page, _ = tiny_page
     dark = lambda: page.viewer.binding.choices.style.dark  # noqa: E731
     command(page, "dark=on")
     assert dark()

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from doubles import INVALID_VALUES, CallRecorder, State, finish, set_by_client, view_of
+from doubles import CallRecorder, State, finish, set_by_client, view_of
 from viser import _messages
 
 from fdcal.graphics.picture import static_picture
@@ -106,14 +106,15 @@ def test_a_control_pressed_as_its_session_is_replaced_does_nothing(server, work,
     server.gui.reset()
 
 
-def test_one_button_runs_and_pauses(controls):
+def test_one_button_runs_and_pauses_and_a_slider_rewinds(controls):
     panel, session = controls
     set_by_client(panel.run_bar.run, True)
     session.view = dataclasses.replace(session.view, running=True)
     panel.show(Tick(session.view, microphone=3))
     assert panel.run_bar.run.label == "Pause"
     set_by_client(panel.run_bar.run, True)
-    assert session.commands == [("play",), ("pause",)]
+    set_by_client(panel.run_bar.time, 1)
+    assert session.commands == [("play",), ("pause",), ("seek", 1)]
 
 
 def test_choosing_a_microphone_stops_following_the_solver(controls):
@@ -142,9 +143,6 @@ def test_only_a_picture_has_a_size_and_a_view(controls):
         panel.binding.choices.export_kind == "Replay (HTML)" and "without a server" in panel.export.description.content
     )
     assert not panel.export.size.visible and not panel.export.view.visible
-    for value in INVALID_VALUES:
-        set_by_client(panel.export.kind, value)
-        assert panel.binding.choices.export_kind == "Replay (HTML)"
 
 
 def test_mode_numbers_that_cannot_be_read_change_nothing_but_the_error(controls):
@@ -322,11 +320,19 @@ def test_apply_opens_the_scene_with_the_chosen_parameters(controls, scene):
     assert parameters.absorption == pytest.approx(0.1) and changed.room.size == scene.room.size
 
 
-def test_an_impossible_scene_is_refused_in_one_line(controls):
+def test_an_impossible_scene_is_refused_in_one_line_that_names_controls_of_the_page(controls):
     panel, session = controls
-    set_by_client(panel.scene.radius, 2.5)
+    for radius in (350.0, 0.0):
+        set_by_client(panel.scene.radius, radius)
+        assert f"{radius:g} m is not possible; use 0.05 to 3 m" in panel.scene.message.content
+        assert panel.scene.radius.value == radius, "no other number takes its place"
+        set_by_client(panel.scene.apply, True)
+    set_by_client(panel.scene.radius, 2.5)  # larger than the room
+    assert panel.scene.message.content == ""
     set_by_client(panel.scene.apply, True)
-    assert session.opened == [] and "outside the room" in panel.scene.message.content
+    message = panel.scene.message.content
+    assert session.opened == [] and "outside the room" in message
+    assert "Array radius (m)" in message and "array." not in message
     set_by_client(panel.scene.name, "array1_circle")
     assert panel.scene.microphones.value == 65 and panel.scene.message.content == ""
     set_by_client(panel.scene.apply, True)

@@ -1,23 +1,29 @@
 """Files that the page saves: they show what is on the screen, and each page gets its own."""
 
+import csv
 import dataclasses
+import io
 import os
 import re
 import threading
 import time
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from browsing import WAIT
 from doubles import State, view_of
 from matplotlib.colors import to_rgb
+from PIL import Image
+from replays import contents
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.maps import map_positions, minima_of
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.marks import ESTIMATE, LOWEST
+from fdcal.graphics.picture import compose
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare
@@ -161,6 +167,28 @@ def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
     assert np.allclose(
         {line.get_label(): line for line in panels[-1].lines}["lowest cost"].get_xydata()[0], drawn.floor.lowest[0]
     )
+
+
+def test_every_file_shows_the_state_of_the_page(snapshot, drawn, tmp_path, one_painter):
+    import pyvista
+
+    state, measurement = snapshot.view.state, snapshot.run.measurement
+    picture = compose(snapshot.run.scene, measurement, state.positions, MICROPHONE)
+    shown = dataclasses.replace(snapshot, drawn=drawn, picture=picture)
+    wanted = (".png", "-maps.svg", "-microphones.csv", "-microphones.vtp", "-replay.html")
+    made = {kind.ending: kind.make(shown) for kind in exports.KINDS.values() if kind.ending in wanted}
+    image = Image.open(io.BytesIO(made[".png"]))
+    assert image.size == shown.choices.export_size and len(image.convert("RGB").getcolors(10**6)) > 100
+    assert ElementTree.fromstring(made["-maps.svg"]).tag.endswith("svg")
+    rows = list(csv.DictReader(io.StringIO(made["-microphones.csv"].decode())))
+    assert np.array_equal([[float(row["x_m"]), float(row["y_m"])] for row in rows], state.positions)
+    (tmp_path / "cloud.vtp").write_bytes(made["-microphones.vtp"])
+    cloud = pyvista.read(tmp_path / "cloud.vtp")
+    assert np.array_equal(cloud.points[cloud["kind"] == 0][:, :2], state.positions)
+    assert np.array_equal(cloud.points[cloud["kind"] == 1][:, :2], measurement.positions)
+    data, arrays, places = contents(made["-replay.html"].decode())
+    assert np.abs(places - [one.positions for one in snapshot.view.history]).max() < 1e-8
+    assert data["maps"]["modes"] and "pressures" in arrays, "the replay of the page maps the cost, too"
 
 
 def test_files_leave_nothing_open(snapshot, drawn, kernels):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from doubles import INVALID_VALUES, Recorder, Solver, State, set_by_client
+from doubles import Recorder, Solver, State, set_by_client
 
 from fdcal import solvers
 from fdcal.assessment.result_file import position_table
@@ -218,13 +218,6 @@ def test_the_list_of_takes_changes_rows_and_spectrum(tabs):
     assert "take 1" in shown.text.content and len(shown.spectrum.handle.data[0]) < every
     set_by_client(map_.take, "All takes")
     assert binding.choices.take is None
-
-
-@pytest.mark.parametrize("value", INVALID_VALUES)
-def test_no_value_of_a_client_harms_the_list(tabs, value):
-    binding, map_, _ = tabs
-    set_by_client(map_.take, value)
-    assert binding.choices.take is None and map_.take.value == "All takes"
 
 
 def test_one_take_has_no_list_and_the_words_of_before(controls):

@@ -16,10 +16,11 @@ from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, de
 from fdcal.graphics.heatmap import cost_floor, marks_of
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.picture import static_picture, with_floor
+from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.settings import Search
 from fdcal.session.session import History
 from fdcal.viewer.cost_maps import map_modes
-from fdcal.viewer.gui.binding import BASINS, FLOOR, Binding
+from fdcal.viewer.gui.binding import BASINS, FLOOR, SHAPE, Binding
 from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import view as exports
@@ -155,6 +156,15 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
     session.view = view_of([State(positions + 0.02)])
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of the run before the reset"
+
+
+def test_the_field_of_the_last_mode_takes_the_place_of_the_map(opened):
+    viewer, turn_until = opened
+    viewer.tabs.map.choose_modes(range(1, 6))
+    viewer.tabs.map.show_as(SHAPE)
+    turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and "pressure of mode 5" in floor.bar.label)
+    assert viewer.snapshot.picture.floor.bar.colour_map == DIVERGING_COLOUR_MAP
+    turn_until(lambda: "highest in the map: mode 5" in viewer.tabs.spectrum.text.content)
 
 
 def test_an_exception_on_the_page_is_shown_and_the_page_continues(viewer, monkeypatch, caplog):

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from doubles import State, set_by_client, view_of
+from doubles import State, view_of
 from viser import uplot
 
 from fdcal.acoustics.dictionary import array_f_max
@@ -24,9 +24,15 @@ from fdcal.viewer.tabs.curves import NO_RESTART, CurvesTab
 from fdcal.viewer.tabs.microphones import ErrorByDistance
 
 
-def test_plots_hold_finite_numbers_only(server, measurement):
+@pytest.fixture
+def curves(server, measurement, monkeypatch):
+    """The curves of a run in which all ten microphones are sought; new axes are sent at once."""
+    monkeypatch.setattr(plots, "APART", 0.0)
+    return CurvesTab(server.gui, measurement, np.arange(10))
+
+
+def test_plots_hold_finite_numbers_only(curves, measurement):
     """uPlot never stops looking for axis ticks if it meets a NaN."""
-    curves = CurvesTab(server.gui, measurement, np.arange(10))
     worse = measurement.positions + 0.1
     states = [State(worse), State(measurement.positions, 1), State(worse, 2, last=4)]
     curves.show(Tick(view_of(states, costs=costs_of(states, [np.nan, -160.0, 2.0])), 0.0))
@@ -48,8 +54,8 @@ def costs_of(states, values):
     return costs
 
 
-def test_stages_are_marked_and_the_cost_is_that_of_the_reference_cost(server, measurement):
-    curves, place = CurvesTab(server.gui, measurement, np.arange(10)), measurement.positions
+def test_stages_are_marked_and_the_cost_is_that_of_the_reference_cost(curves, measurement):
+    place = measurement.positions
     states = [State(place.copy(), i, i, stage=i // 2, last=6, cost=1e5) for i in range(4)]
     costs = costs_of(states, [-1.0, -3.0, np.nan, -9.0])
     curves.show(Tick(view_of(states[:2], costs=costs), 0.0))
@@ -65,8 +71,8 @@ def test_stages_are_marked_and_the_cost_is_that_of_the_reference_cost(server, me
     assert stage[x < 2].tolist() == [1, 1] and stage[x > 2].tolist() == [2]
 
 
-def test_restarts_are_marked_apart_from_stages_and_named_once_there_is_one(server, measurement):
-    curves, shift = CurvesTab(server.gui, measurement, np.arange(10)), np.full((10, 2), 0.01)
+def test_restarts_are_marked_apart_from_stages_and_named_once_there_is_one(curves, measurement):
+    shift = np.full((10, 2), 0.01)
     states = [
         State(measurement.positions + shift, i, i, stage=stage, last=6, restart=restart)
         for i, (stage, restart) in enumerate([(0, 0), (1, 0), (2, 1), (2, 1), (3, 2)])
@@ -83,8 +89,8 @@ def test_restarts_are_marked_apart_from_stages_and_named_once_there_is_one(serve
         assert "restart" in [one["label"] for one in plot.handle.series]
 
 
-def test_errors_are_those_of_the_microphones_that_count(server, measurement):
-    curves, shift = CurvesTab(server.gui, measurement, np.arange(10)), np.zeros((10, 2))
+def test_errors_are_those_of_the_microphones_that_count(curves, measurement):
+    shift = np.zeros((10, 2))
     shift[4] = [0.3, 0.4]  # m
     views = [view_of([State(measurement.positions + shift), State(measurement.positions + shift / 2, 1)])] * 2
     curves.show(Tick(views[0], 0.0))
@@ -94,8 +100,7 @@ def test_errors_are_those_of_the_microphones_that_count(server, measurement):
 
 
 @pytest.mark.parametrize("count", [3, 12, 57])
-def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(server, measurement, count):
-    curves = CurvesTab(server.gui, measurement, np.arange(10))
+def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(curves, measurement, count):
     states = [State(measurement.positions, i, i, stage=i, last=6) for i in range(count)]
     curves.show(Tick(view_of(states, costs=costs_of(states, np.full(count, -20.0))), 0.0))
     x, _, _, marks, stage = curves.cost.data
@@ -104,8 +109,7 @@ def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(server, measure
     assert stage.max() == count and curves.cost.handle.scales["stage"]["range"] == (0.0, 1.0)
 
 
-def test_the_ticks_of_the_abscissa_are_whole_sweeps(server, measurement):
-    curves = CurvesTab(server.gui, measurement, np.arange(10))
+def test_the_ticks_of_the_abscissa_are_whole_sweeps(curves, measurement):
     states = [State(measurement.positions, i) for i in range(3)]
     curves.show(Tick(view_of(states, costs=costs_of(states, np.full(3, -20.0))), 0.0))
     for plot in (curves.error, curves.cost):
@@ -113,9 +117,7 @@ def test_the_ticks_of_the_abscissa_are_whole_sweeps(server, measurement):
         assert steps[0] == 1 and all(step == round(step) for step in steps) and steps[-1] > 1e5
 
 
-def test_errors_are_drawn_over_whole_decades(server, measurement, monkeypatch):
-    monkeypatch.setattr(plots, "APART", 0.0)
-    curves = CurvesTab(server.gui, measurement, np.arange(10))
+def test_errors_are_drawn_over_whole_decades(curves, measurement):
     for now, shift, wanted in ((0.0, 0.2, (100, 1000)), (1.0, 0.0002, (0.1, 1000))):
         curves.show(Tick(view_of([State(measurement.positions + 0.2), State(measurement.positions + shift, 1)]), now))
         curves.error.settle()
@@ -126,14 +128,16 @@ def test_errors_are_drawn_over_whole_decades(server, measurement, monkeypatch):
         assert len(numbers) == len(handle.axes[1]["splits"]) == 1 + round(np.log10(wanted[1] / wanted[0]))
 
 
-def test_after_a_drag_the_errors_keep_their_axis_until_another_run(server, measurement, monkeypatch):
-    monkeypatch.setattr(plots, "APART", 0.0)
-    curves = CurvesTab(server.gui, measurement, np.arange(10))
+def test_after_a_drag_the_errors_keep_their_axis_and_their_plot_until_another_run(curves, measurement):
+    """A plot that is added again has no width at first, and pushes the one below it off the screen."""
+    handles = []
     first, good, dragged = (State(measurement.positions + shift, i) for i, shift in enumerate((0.2, 2e-5, 0.1)))
     for now, states, low in ((0.0, [first, good], 0.01), (1.0, [first, dragged], 0.01), (2.0, [dragged], 100.0)):
         curves.show(Tick(view_of(states), now))
         curves.error.settle()
         assert 10.0 ** min(curves.error.decades) == pytest.approx(low)
+        handles.append(curves.error.handle)
+    assert handles[0] is handles[1] is handles[2]
 
 
 def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monkeypatch):
@@ -171,8 +175,7 @@ def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monk
     plot.remove()
 
 
-def test_plots_follow_a_rewound_history(server, measurement):
-    curves = CurvesTab(server.gui, measurement, np.arange(10))
+def test_plots_follow_a_rewound_history(curves, measurement):
     states = [State(measurement.positions + 0.1 / (i + 1), i) for i in range(6)]
     curves.show(Tick(view_of(states), 0.0))
     another = [*states[:3], State(measurement.positions + 0.5, 3)]
@@ -235,39 +238,6 @@ def test_errors_are_averaged_over_the_microphones_sought(server, measurement):
     assert "<b>1 mm</b>" in html.status(view_of([state]), measurement, sought=np.array([4]))
 
 
-def test_a_plot_stays_in_its_place_when_its_axis_changes(server, measurement, monkeypatch):
-    """A plot that is added again has no width at first, and pushes the one below it off the screen."""
-    monkeypatch.setattr(plots, "APART", 0.0)
-    curves = CurvesTab(server.gui, measurement, np.arange(10))
-    far, near = State(measurement.positions + 0.2), State(measurement.positions + 2e-4, 1)
-    curves.show(Tick(view_of([far]), 0.0))
-    before, decades = curves.error.handle, curves.error.decades
-    curves.show(Tick(view_of([far, near]), 1.0))
-    curves.error.settle()
-    assert curves.error.decades != decades and curves.error.handle is before
-
-
-@pytest.mark.parametrize("value", [350.0, 0.0])
-def test_an_impossible_radius_is_refused_with_its_limits(controls, value):
-    panel, session = controls
-    set_by_client(panel.scene.radius, value)
-    assert f"{value:g} m is not possible; use 0.05 to 3 m" in panel.scene.message.content
-    assert panel.scene.radius.value == value, "no other number takes its place"
-    set_by_client(panel.scene.apply, True)
-    assert session.opened == []
-    set_by_client(panel.scene.radius, 0.2)
-    assert panel.scene.message.content == ""
-
-
-def test_an_error_of_a_changed_scene_names_controls_of_the_page(controls):
-    panel, session = controls
-    set_by_client(panel.scene.radius, 2.5)  # larger than the room
-    set_by_client(panel.scene.apply, True)
-    message = panel.scene.message.content
-    assert "outside the room" in message and "Array radius (m)" in message and "array." not in message
-    assert session.opened == []
-
-
 def test_the_legend_of_a_map_names_its_modes(measurement):
     assert modes_label(measurement, (38,)) == "mode 38" and modes_label(measurement, (1, 2, 3)) == "modes 1 to 3"
     assert modes_label(measurement, (2, 5, 9)) == "3 modes from 2 to 9"
@@ -284,10 +254,8 @@ def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurem
     server.gui.reset()
 
 
-def test_no_old_status_stands_beside_the_progress_of_the_next_session(page_of):
-    page, turn_until = page_of
-    page.open(OpenRequest(load_scene("tiny")))
-    turn_until(lambda: page.viewer is not None)
+def test_no_old_status_stands_beside_the_progress_of_the_next_session(tiny_page):
+    page, turn_until = tiny_page
     first = page.viewer.tabs.run_bar
     assert first.status.visible
     page.open(OpenRequest(edited(load_scene("tiny"), {"seed": 3})))

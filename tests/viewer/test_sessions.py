@@ -14,16 +14,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from browsing import WAIT
-from doubles import finish
+from doubles import finish, wait_until
 from running import exit_code
 
-from benchmarks.bench_switches import MAX_GROWTH, soak
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import OpenRequest
+from fdcal.solvers import descent
 from fdcal.viewer import page as page_module
 from fdcal.viewer import prepare as preparing
 from fdcal.viewer.prepare import SessionSwitcher
@@ -79,10 +79,8 @@ def test_a_start_with_all_microphones_at_one_position_is_shown(page_of, scene):
     assert "all estimates coincide" in page.viewer.tabs.spectrum.text.content
 
 
-def test_a_part_of_the_page_that_fails_is_logged_once_and_the_page_goes_on(page_of, scene, monkeypatch, caplog):
-    page, turn_until = page_of
-    page.open(OpenRequest(scene))
-    turn_until(lambda: page.viewer is not None)
+def test_a_part_of_the_page_that_fails_is_logged_once_and_the_page_goes_on(tiny_page, monkeypatch, caplog):
+    page, turn_until = tiny_page
 
     def failing(*_):
         raise ZeroDivisionError("of this test")
@@ -95,6 +93,27 @@ def test_a_part_of_the_page_that_fails_is_logged_once_and_the_page_goes_on(page_
     assert said == [f"the {part} could not be updated" for part in ("lessons", "address", "canvas")]
 
 
+def test_an_error_of_the_solver_is_shown_as_text_and_the_page_works_on(page_of, scene, monkeypatch):
+    page, turn_until = page_of
+    step = descent.step
+
+    def failing(problem, state):
+        if state.step == 4:
+            raise ZeroDivisionError("the floor <b>opens</b>")
+        return step(problem, state)
+
+    monkeypatch.setattr(descent, "step", failing)
+    page.open(OpenRequest(edited(scene, {"solver.name": "descent"}), play=True))
+    turn_until(lambda: page.viewer is not None)
+    status = page.viewer.tabs.run_bar.status
+    turn_until(lambda: "ZeroDivisionError: the floor &lt;b&gt;opens&lt;/b&gt;; details in" in status.content)
+    assert "step 4, sweep 0" in status.content and page.viewer.tabs.run_bar.run.label == "Run"
+    page.binding.session.reset()
+    turn_until(lambda: "ZeroDivisionError" not in status.content)
+    page.binding.session.step()
+    turn_until(lambda: "step 1, sweep 0" in status.content)
+
+
 def test_a_cached_measurement_is_shown_at_once(server, scene):
     nodes = SceneNodes(server)
     nodes.show_cached(OpenRequest(edited(scene, {"seed": 987654})))
@@ -105,11 +124,9 @@ def test_a_cached_measurement_is_shown_at_once(server, scene):
     server.scene.reset()
 
 
-def test_another_scene_replaces_the_first(page_of, scene):
+def test_another_scene_replaces_the_first(tiny_page, scene):
     """The first runs until the second is ready; the style of the page and the tabs stay."""
-    page, turn_until = page_of
-    page.open(OpenRequest(scene))
-    turn_until(lambda: page.viewer is not None)
+    page, turn_until = tiny_page
     first, tabs = page.binding, dict(page.panels.tabs)
     first.choose_style(dark=True, log=False)
     first.choose(trails=True)
@@ -136,10 +153,8 @@ def test_another_scene_replaces_the_first(page_of, scene):
         ({}, {"colour": 1}, "choices.colour"),
     ],
 )
-def test_a_refused_request_is_explained_and_the_old_session_stays(page_of, scene, changes, choices, words):
-    page, turn_until = page_of
-    page.open(OpenRequest(scene))
-    turn_until(lambda: page.viewer is not None)
+def test_a_refused_request_is_explained_and_the_old_session_stays(tiny_page, scene, changes, choices, words):
+    page, turn_until = tiny_page
     before = page.binding
     page.open(OpenRequest(edited(scene, changes), choices=choices))
     turn_until(lambda: page.switcher.error)
@@ -152,10 +167,8 @@ def test_a_refused_request_is_explained_and_the_old_session_stays(page_of, scene
     assert not page.status_bar.line.visible and not page.status_bar.button.visible
 
 
-def test_cancel_keeps_the_old_session(page_of, scene, monkeypatch):
-    page, turn_until = page_of
-    page.open(OpenRequest(scene))
-    turn_until(lambda: page.viewer is not None)
+def test_cancel_keeps_the_old_session(tiny_page, scene, monkeypatch):
+    page, turn_until = tiny_page
     before, ended = page.binding, threading.Event()
 
     def endless(scene, progress):
@@ -256,18 +269,8 @@ def names():
     return collections.Counter(t.name for t in threading.enumerate() if t.name.startswith("fdcal"))
 
 
-def until(happened):
-    for _ in range(round(WAIT / 0.02)):
-        if happened():
-            return
-        time.sleep(0.02)
-    pytest.fail("it does not happen")
-
-
-def test_scene_switches_leave_no_thread(page_of, scene):
-    page, turn_until = page_of
-    page.open(OpenRequest(scene))
-    turn_until(lambda: page.viewer is not None)
+def test_scene_switches_leave_no_thread(tiny_page, scene):
+    page, turn_until = tiny_page
     start = names()
     for n in range(8):
         old = page.viewer
@@ -302,7 +305,7 @@ def test_a_compilation_is_waited_for(scene, monkeypatch, stop):
             switcher.poll()  # as the main loop of the page does
             return names()["fdcal-warmup"] <= before
 
-        until(ended)
+        wait_until(ended)
         switcher.close()
     else:
         threading.Timer(1.5, go_on.set).start()
@@ -319,7 +322,7 @@ def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
     monkeypatch.setattr(preparing, "cached_measurement", failing)
     with pytest.raises(OSError):
         preparing.prepare_run(OpenRequest(scene), preparing.PreparationProgress())
-    until(lambda: names()["fdcal-warmup"] <= before)
+    wait_until(lambda: names()["fdcal-warmup"] <= before)
 
 
 ENDING = """
@@ -351,12 +354,10 @@ def test_ctrl_c_leaves_no_thread(edited):
     assert not [name for name in left if name.startswith("fdcal")], left
 
 
-def test_a_session_that_was_replaced_is_released(page_of, scene, server, monkeypatch):
+def test_a_session_that_was_replaced_is_released(tiny_page, scene, server, monkeypatch):
     """Without waiting for Python's own collector, and with no message left about controls that were removed."""
     monkeypatch.setattr(page_module, "RELEASE_DELAY", 0.1)
-    page, turn_until = page_of
-    page.open(OpenRequest(scene))
-    turn_until(lambda: page.viewer is not None)
+    page, turn_until = tiny_page
     messages, sizes = server._websock_server._broadcast_buffer.message_from_id, []
     gc.disable()
     try:
@@ -399,8 +400,3 @@ def turn_until_ready(page):
     while not current.done:
         assert time.perf_counter() < end
         time.sleep(0.01)
-
-
-def test_the_memory_of_a_server_does_not_grow_by_scene_switches():
-    seen = soak(5, ["tiny"], settle_time=3.0)
-    assert seen.end - seen.start <= MAX_GROWTH and seen.threads_left <= 0 and not seen.errors

@@ -20,17 +20,24 @@ from fdcal.viewer.scene3d.nodes import SceneNodes, labels_html
 from fdcal.viewer.server import hardening
 
 
-def placing(server, scene, measurement) -> cameras.Cameras:
+@pytest.fixture
+def placed(server, scene, measurement) -> cameras.Cameras:
+    """The cameras of all browsers, before a picture of `tiny`."""
     made = cameras.Cameras(server)
     made.picture = compose(scene, measurement)
     return made
 
 
-def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(server, scene, measurement):
+def browser(width, height=900):
+    """A browser whose canvas has a size, pixels."""
+    camera = SimpleNamespace(image_width=width, image_height=height)
+    return SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+
+
+def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(placed):
     """It tells of its camera between two of our orders, and what it tells is then taken for what it has."""
-    placed = placing(server, scene, measurement)
-    camera = SimpleNamespace(image_width=900, image_height=900)
-    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+    client = browser(900)
+    camera = client.camera
     placed.place(client, "top")
     old_opening, aim = camera.fov, camera.look_at
     camera.look_at = (aim[0] + 3e-5 * camera.position[2], *aim[1:])  # turned by 17 degrees about the vertical
@@ -52,10 +59,9 @@ def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(s
     assert camera.look_at == (1.0, 1.0, 0.0), "the user has shifted it"
 
 
-def test_the_camera_follows_the_canvas_until_the_user_moves_it(server, scene, measurement):
-    placed = placing(server, scene, measurement)
-    camera = SimpleNamespace(image_width=900, image_height=900)
-    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+def test_the_camera_follows_the_canvas_until_the_user_moves_it(server, placed):
+    client = browser(900)
+    camera = client.camera
     placed.place(client, "top")
     near = camera.position
     camera.image_width = 450
@@ -78,10 +84,11 @@ def test_a_page_that_reports_late_where_viser_starts_was_moved_by_nobody(scene, 
     fresh = hardening.open_server("127.0.0.1", 0)  # where its cameras start is viser's own choice
     try:
         start = tuple(fresh.initial_camera.position)
-        placed = placing(fresh, scene, measurement)
+        placed = cameras.Cameras(fresh)
+        placed.picture = compose(scene, measurement)
         placed.set_initial(placed.picture)
-        camera = SimpleNamespace(image_width=900, image_height=900)
-        client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+        client = browser(900)
+        camera = client.camera
         placed.place(client, "top")
         commanded = camera.position
         placed.follow(client)
@@ -92,10 +99,9 @@ def test_a_page_that_reports_late_where_viser_starts_was_moved_by_nobody(scene, 
         fresh.stop()
 
 
-def test_beside_the_panels_the_map_takes_the_room_of_the_bar(server, scene, measurement):
-    placed = placing(server, scene, measurement)
-    camera = SimpleNamespace(image_width=780, image_height=720)
-    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+def test_beside_the_panels_the_map_takes_the_room_of_the_bar(placed):
+    client = browser(780, 720)
+    camera = client.camera
     placed.place(client, "top")
     heights = [camera.position[2]]
     for expert in (True, True, False):
@@ -110,11 +116,11 @@ def test_beside_the_panels_the_map_takes_the_room_of_the_bar(server, scene, meas
     assert camera.position == before, "the user has moved it"
 
 
-def test_on_a_telephone_the_panel_covers_nothing(server, scene, measurement):
-    placed = placing(server, scene, measurement)
+def test_on_a_telephone_the_panel_covers_nothing(placed):
     picture = placed.picture
-    camera = SimpleNamespace(image_width=390, image_height=844)
-    placed.place(SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext), "top")
+    client = browser(390, 844)
+    camera = client.camera
+    placed.place(client, "top")
     distance = camera.position[2]
     height = 2 * distance * np.tan(camera.fov / 2)  # metres, of all that is seen
     lowest = 844 * (0.5 - (picture.focus[1] - camera.look_at[1]) / height)
@@ -122,7 +128,7 @@ def test_on_a_telephone_the_panel_covers_nothing(server, scene, measurement):
     assert 0 < highest < lowest < 0.5 * 844
 
 
-def test_a_page_is_asked_for_the_size_of_its_canvas(server, scene, measurement):
+def test_a_page_is_asked_for_the_size_of_its_canvas(placed):
     """What it tells while panels move may be the size before; later it tells nothing of its own accord."""
 
     class Browser:
@@ -146,7 +152,7 @@ def test_a_page_is_asked_for_the_size_of_its_canvas(server, scene, measurement):
                 value,
             )
 
-    placed, client = placing(server, scene, measurement), Browser()
+    client = Browser()
     placed.request(client, "top")
     placed.process_requests([])
     assert not hasattr(client, "position"), "a page that has closed meanwhile is left alone"
@@ -250,8 +256,9 @@ def test_each_view_of_the_array_fills_the_window(server, name, size, view):
     )  # fmt: skip
     placed = cameras.Cameras(server)
     placed.picture = picture = compose(scene, measurement)
-    camera = SimpleNamespace(image_width=size[0], image_height=size[1])
-    placed.place(SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext), view)
+    client = browser(*size)
+    camera = client.camera
+    placed.place(client, view)
     there = Camera(camera.position, camera.look_at, camera.up_direction, camera.fov, 1.0)
     x0, y0, x1, y1 = picture.focus
     corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range]
@@ -261,10 +268,9 @@ def test_each_view_of_the_array_fills_the_window(server, name, size, view):
     assert (pixels > 0).all() and (pixels < size).all()
 
 
-def test_a_view_from_the_side_makes_room_for_a_relief_that_comes_later(server, scene, measurement):
-    placed = placing(server, scene, measurement)
-    camera = SimpleNamespace(image_width=900, image_height=700)
-    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+def test_a_view_from_the_side_makes_room_for_a_relief_that_comes_later(placed, scene, measurement):
+    client = browser(900, 700)
+    camera = client.camera
     floor = cost_floor(np.random.default_rng(1).uniform(1, 2, (20, 20)), scene.search, relief=True, relief_height=0.6)
     for view, follows in (("top", False), ("close", True)):
         placed.picture = compose(scene, measurement)

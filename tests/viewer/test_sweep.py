@@ -50,6 +50,12 @@ def map_on_page(viewer):
     return viewer.snapshot.picture.floor
 
 
+def computed(sweep):
+    """How many maps of the sweep that the page wants there are."""
+    made = sweep.worker.sweep(sweep._wanted)
+    return 0 if made is None else len(made.frames)
+
+
 def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opened, monkeypatch):
     viewer, turn_until = opened
     sweep, binding, seen = viewer.tabs.sweep, viewer.binding, []
@@ -80,7 +86,7 @@ def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
     set_by_client(sweep.highest, 9)
     set_by_client(sweep.summed, 4)
     assert viewer.binding.choices.modes == (6, 7, 8, 9)
-    turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) == 9)
+    turn_until(lambda: computed(sweep) == 9)
     turn_until(lambda: map_on_page(viewer) is not None and "sum of 4 modes" in tab.caption.content)
     swept, caption = map_on_page(viewer), tab.caption.content
     sweep.worker._sweep = None  # so the page computes the map itself
@@ -96,7 +102,7 @@ def test_a_highest_mode_below_all_that_can_be_summed_leaves_the_lowest(opened, m
     sweep = viewer.tabs.sweep
     monkeypatch.setattr(sweep, "_usable", lambda: (3, 4, 5))
     set_by_client(sweep.highest, 2)
-    turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) == 1)
+    turn_until(lambda: computed(sweep) == 1)
     assert sweep.worker.sweep(sweep._wanted).modes == (3,) == viewer.binding.choices.modes
     set_by_client(sweep.order, DOWN)
     assert viewer.binding.choices.modes == (3,)
@@ -120,7 +126,9 @@ def test_the_slider_shows_how_many_modes_the_map_has(opened):
     turn_until(lambda: sweep.summed.value == state.last)
     set_by_client(sweep.play, True)
     turn_until(lambda: viewer.binding.choices.modes == (1,))  # and Play begins with the first one
+    assert sweep.play.label == "Pause"
     set_by_client(sweep.play, True)
+    turn_until(lambda: sweep.play.label == "Play")
 
 
 def test_another_state_makes_the_counts_invalid(opened):
@@ -139,7 +147,7 @@ def test_a_sweep_of_another_state_stops(opened, monkeypatch):
     sweep, slow = viewer.tabs.sweep, SweepWorker._frame
     monkeypatch.setattr(SweepWorker, "_frame", lambda *args: (time.sleep(0.2), slow(*args))[1])
     set_by_client(sweep.highest, 19)
-    turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) >= 2)
+    turn_until(lambda: computed(sweep) >= 2)
     made = sweep.worker.sweep(sweep._wanted)
     viewer.run.session.step()
     turn_until(lambda: sweep._wanted is None and not sweep.worker.worker.busy)
@@ -175,10 +183,11 @@ def handles():
     def choose(cut):
         binding.choices.cut = cut
 
-    def add(name, *_, **__):
+    def add(name, vertices, faces, turned, places, **_):
         return SimpleNamespace(
-            on_drag=lambda _: lambda call: callbacks.update(drag=call), remove=lambda: removed.append(name)
-        )
+            on_drag=lambda _: lambda call: callbacks.update(drag=call), remove=lambda: removed.append(name),
+            batched_positions=places,
+        )  # fmt: skip
 
     binding.choose = choose
     server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=add))
@@ -193,42 +202,44 @@ def handles():
     return SimpleNamespace(made=made, choices=binding.choices, drag=drag, removed=removed)
 
 
+LINE = ((1.1, 2.1), (1.3, 2.5))
+
+
 def shown(handles, line):
     handles.choices.cut = line
     handles.made.show(line, None)
 
 
 def test_a_drag_moves_one_end_and_leaves_the_other(handles):
-    shown(handles, ((1.1, 2.1), (1.3, 2.5)))
+    shown(handles, LINE)
     handles.drag(0, (1.2, 2.4, 0.0), eye=(1.2, 2.4, 5.0))
     (ax, ay), b = handles.choices.cut
     assert (ax, ay) == pytest.approx((1.2, 2.4)) and b == (1.3, 2.5)
+    handles.made.show(handles.choices.cut, None)
+    np.testing.assert_allclose(handles.made._handles.batched_positions[:2, :2], handles.choices.cut)
     handles.drag(1, (9.0, -9.0, 0.0))
     assert handles.choices.cut[1] == pytest.approx((1.4, 2.0)), "it stays inside the search domain"
 
 
-@pytest.mark.parametrize("index", [None, -1, 2, 10**9, 1.0, "0"])
-def test_an_end_that_is_not_there_is_not_moved(handles, index):
-    line = ((1.1, 2.1), (1.3, 2.5))
-    shown(handles, line)
-    handles.drag(index, (1.2, 2.4, 0.0))
-    assert handles.choices.cut == line
-
-
-@pytest.mark.parametrize("point", [(1.2, 2.4, 9.0), (np.nan, 0, 0), (1.2, 2.4), (np.inf, 0, 0)])
-def test_a_pointer_that_meets_no_map_moves_nothing(handles, point):
-    line = ((1.1, 2.1), (1.3, 2.5))
-    shown(handles, line)
-    handles.drag(0, point)
-    assert handles.choices.cut == line
+@pytest.mark.parametrize(
+    ("index", "point"),
+    [
+        *((index, (1.2, 2.4, 0.0)) for index in (None, -1, 2, 10**9, 1.0, "0")),
+        *((0, point) for point in ((1.2, 2.4, 9.0), (np.nan, 0, 0), (1.2, 2.4), (np.inf, 0, 0))),
+    ],
+)
+def test_no_end_that_is_not_there_and_no_pointer_beside_the_map_moves_anything(handles, index, point):
+    shown(handles, LINE)
+    handles.drag(index, point)
+    assert handles.choices.cut == LINE
 
 
 def test_without_a_line_there_are_no_handles_and_a_late_drag_moves_nothing(handles):
-    shown(handles, ((1.1, 2.1), (1.3, 2.5)))
+    shown(handles, LINE)
     shown(handles, None)
     handles.drag(0, (1.2, 2.4, 0.0))
     assert handles.choices.cut is None and len(handles.removed) == 1
-    shown(handles, ((1.1, 2.1), (1.3, 2.5)))
+    shown(handles, LINE)
     shown(handles, None)
     assert len(set(handles.removed)) == 2, "a new name each time"
 
