@@ -1,7 +1,6 @@
 """The dictionaries in a plane and in space: Jacobi-Anger, Rayleigh, the diffuse kernel, and special functions."""
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
@@ -92,12 +91,11 @@ def test_lattice_table_is_the_dictionary_of_its_points():
 CENTRE_3D = np.array([2.1, 0.9, 1.2])
 POINTS_3D = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 3)) + CENTRE_3D + [0.1, -0.05, 0.02]
 PLANE = POINTS_3D[:, :2]
-WAVENUMBERS_3D = [0.5, 5.0, 7.3 - 0.02j]
 DIRECTION = np.array([0.36, -0.48, 0.8])
 
 
-def plane_wave_3d(points, k, direction=DIRECTION):
-    return np.exp(-1j * k * (points @ direction))
+def plane_wave_3d(points, k):
+    return np.exp(-1j * k * (points @ DIRECTION))
 
 
 def plane_wave_coefficients_3d(k, order, centre):
@@ -107,7 +105,7 @@ def plane_wave_coefficients_3d(k, order, centre):
     return (-1j) ** l * Y.conj() * plane_wave_3d(centre, k)
 
 
-@pytest.mark.parametrize("k", WAVENUMBERS_3D)
+@pytest.mark.parametrize("k", WAVENUMBERS)
 def test_a_plane_wave_is_rayleighs_sum(k):
     W = spherical_bessel(POINTS_3D, k, 22, CENTRE_3D)
     np.testing.assert_allclose(
@@ -130,7 +128,7 @@ def test_gram_matrix_in_space_is_the_diffuse_field_kernel_whatever_the_centre(ce
     np.testing.assert_allclose(W @ W.conj().T, np.sinc(7.0 * distance / np.pi), atol=1e-12)
 
 
-@pytest.mark.parametrize("k", WAVENUMBERS_3D)
+@pytest.mark.parametrize("k", WAVENUMBERS)
 def test_on_a_plane_the_even_functions_are_all_there_is(k):
     flat = np.column_stack([PLANE, np.full(len(PLANE), CENTRE_3D[2])])
     W = spherical_bessel(flat, k, 7, CENTRE_3D)
@@ -200,18 +198,6 @@ def waves(count: int, seed: int = 1) -> SdmResponse:
     return SdmResponse(rng.standard_normal(count), directions, np.arange(count) / FS, FS)
 
 
-def test_one_plane_wave_has_one_magnitude_and_the_gradient_of_its_direction():
-    wave = waves(1)
-    p = plane_wave_pressures(wave, PLACES, FREQUENCIES, C)
-    assert np.allclose(np.abs(p), np.abs(wave.amplitudes))
-    h = 1e-4
-    for axis, step in enumerate(h * np.eye(3)):
-        there, back = (plane_wave_pressures(wave, PLACES + sign * step, FREQUENCIES, C) for sign in (1, -1))
-        gradient = (there - back) / (2 * h)
-        k = 2 * np.pi * FREQUENCIES / C
-        assert np.allclose(gradient / p, 1j * k[:, None] * wave.directions[0, axis], rtol=1e-5, atol=1e-6)
-
-
 def test_a_wave_reaches_the_side_that_it_comes_from_first():
     wave = SdmResponse(np.ones(1), np.array([[0.0, 1.0, 0.0]]), np.zeros(1), FS)
     towards, away = plane_wave_responses(wave, [[0.0, 0.4, 0.0], [0.0, -0.4, 0.0]], C)
@@ -256,25 +242,14 @@ def test_the_licence_is_beside_the_response():
     assert "Chalmers University of Technology" in notice and "MIT License" in notice
 
 
-def write(path, **changes):
-    """A copy of the listening lab with other variables; None removes one."""
-    table = {key: value for key, value in loadmat(response_path("listening_lab")).items() if key[0] != "_"}
-    savemat(path, {key: value for key, value in (table | changes).items() if value is not None})
-    return path
-
-
-@pytest.mark.parametrize("samples", [-24, -100, -3000])
-def test_a_response_that_wraps_round_is_refused(tmp_path, samples):
-    rolled = {
-        key: np.roll(loadmat(response_path("listening_lab"))[key], samples) for key in ("p", "azi_rad", "ele_rad")
-    }
-    with pytest.raises(InputError, match=r"wraps round.*shift it"):
-        load_sdm_response(write(tmp_path / "wrapped.mat", **rolled))
+WHOLE = {key: value for key, value in loadmat(response_path("listening_lab")).items() if key[0] != "_"}
+ROLLED = [{key: np.roll(WHOLE[key], n) for key in ("p", "azi_rad", "ele_rad")} for n in (-24, -100, -3000)]
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        *((rolled, r"wraps round.*shift it") for rolled in ROLLED),
         ({"p": None}, 'no "p"'),
         ({"fs": None}, 'no "fs"'),
         ({"p": np.zeros(6000)}, "silent"),
@@ -282,27 +257,23 @@ def test_a_response_that_wraps_round_is_refused(tmp_path, samples):
         ({"azi_rad": np.zeros(10)}, "azi_rad has 10 samples and p has 6000"),
         ({"fs": [48000.0, 44100.0]}, "no sampling rate"),
         ({"fs": 0.0}, "no sampling rate"),
-        ({"fs": np.arange(6000.0)}, "no sampling rate"),
-        ({"p": np.r_[np.zeros(5995), np.ones(5)]}, "wraps round"),
         ({"p": "loud"}, '"p" is no array of real numbers'),
     ],
 )
 def test_a_file_that_is_no_response_is_refused(tmp_path, changes, words):
-    with pytest.raises(InputError) as caught:
-        load_sdm_response(write(tmp_path / "bad.mat", **changes))
-    assert re.search(words, str(caught.value)) and len(str(caught.value)) < 1000 + len(str(tmp_path))
+    savemat(tmp_path / "bad.mat", {key: value for key, value in (WHOLE | changes).items() if value is not None})
+    with pytest.raises(InputError, match=words) as caught:
+        load_sdm_response(tmp_path / "bad.mat")
+    assert len(str(caught.value)) < 1000 + len(str(tmp_path))
 
 
-def test_a_damaged_file_is_refused(tmp_path):
+@pytest.mark.parametrize("content", [response_path("listening_lab").read_bytes()[:5000], b"no MATLAB file", None])
+def test_a_damaged_or_missing_file_is_refused(tmp_path, content):
     path = tmp_path / "damaged.mat"
-    path.write_bytes(response_path("listening_lab").read_bytes()[:5000])
-    with pytest.raises(InputError, match=r"damaged\.mat"):
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(StorageError if content is None else InputError, match=r"damaged\.mat"):
         load_sdm_response(path)
-    path.write_bytes(b"no MATLAB file")
-    with pytest.raises(InputError, match=r"damaged\.mat"):
-        load_sdm_response(path)
-    with pytest.raises(StorageError, match="cannot read"):
-        load_sdm_response(tmp_path / "missing.mat")
 
 
 def test_a_scene_in_a_measured_room_has_the_pressures_of_its_response():

@@ -35,6 +35,7 @@ ROOMS = {
     "rigid": Room(size=SIZE),
     "pressure-release": Room(size=SIZE, walls="pressure-release"),
     "absorbing": Room(size=SIZE, walls="absorbing", admittance=0.08),
+    "soft": Room(size=SIZE, walls="absorbing", admittance=0.4),
 }
 
 
@@ -74,11 +75,9 @@ def test_every_wall_has_its_condition(room):
                 np.testing.assert_allclose(outwards, -1j * K * room.admittance * p[:, 0], atol=1e-6 * np.abs(p).max())
 
 
-@pytest.mark.parametrize("admittance", [0.0, 0.02, 0.4])
 @pytest.mark.parametrize("axis", range(3))
-def test_the_axis_of_the_closed_form_makes_no_difference(axis, admittance):
+def test_the_axis_of_the_closed_form_makes_no_difference(axis, room):
     """Three sums over other eigenfunctions: none may be missing or stand twice, and the reflections must be theirs."""
-    room = Room(size=SIZE, walls="absorbing" if admittance else "rigid", admittance=admittance)
     order = [(axis + 1) % 3, (axis + 2) % 3, axis]
     lengths, source, places = np.array(SIZE)[order], SOURCE[order], PLACES[:, order]
     terms = box_field.eigenfunction_numbers(
@@ -146,39 +145,6 @@ def test_unresolved_lines_and_sums_that_do_not_converge_are_refused():
         point_source_pressures(dataclasses.replace(ROOMS["absorbing"], admittance=30.0), SOURCE, PLACES, K)
 
 
-def test_the_omitted_terms_are_negligible(room):
-    few, many = (
-        point_source_pressures(room, SOURCE, PLACES, K, nepers) for nepers in (box_field.EXACT, 1.5 * box_field.EXACT)
-    )
-    np.testing.assert_allclose(few, many, rtol=1e-11)
-
-
-def test_pyroomacoustics_agrees(monkeypatch):
-    """Its impulse response, weighted with exp(-s t) and transformed, is the field at k = (w - j s) / c.
-
-    Its point source has the strength 4 pi. It is sampled: the delays of the echoes are interpolated between samples,
-    and cut off after 0.1 s, where exp(-s t) is 2e-5.
-    """
-    import pyroomacoustics as pra
-
-    size, fs, s, duration, c = (4.0, 3.5, 2.7), 8000, 110.0, 0.1, 343.0
-    source, places = np.array([3.6, 3.1, 2.3]), np.array([[1.2, 1.0, 1.1], [2.2, 0.7, 1.4]])
-    monkeypatch.setattr(pra.parameters, "_constants", {"rir_hpf_enable": False, "c": c})
-    room = pra.ShoeBox(size, fs=fs, max_order=34, materials=pra.Material(0.0), air_absorption=False)
-    room.add_source(source)
-    room.add_microphone_array(places.T)
-    room.compute_rir()
-    frequencies = np.array([30.0, 61.0, 104.0, 151.0])
-    late = pra.constants.get("frac_delay_length") // 2  # samples by which all of its responses come late
-    expected = np.empty((len(frequencies), len(places)), complex)
-    for n in range(len(places)):
-        response = np.asarray(room.rir[n][0])[: int(duration * fs)]
-        t = (np.arange(len(response)) - late) / fs
-        expected[:, n] = np.exp(-(s + 2j * np.pi * frequencies[:, None]) * t) @ response / (4 * np.pi)
-    found = point_source_pressures(Room(size=size), source, places, (2 * np.pi * frequencies - 1j * s) / c)
-    np.testing.assert_allclose(found, expected, rtol=0.005)
-
-
 @pytest.fixture
 def ball():
     return load_scene("ball3d")
@@ -188,16 +154,11 @@ def ball():
 def test_a_duration_of_days_is_refused_at_once(call, ball):
     scene = replace(ball, source=replace(ball.source, duration=1e6))
     began = time.process_time()
-    with pytest.raises(InputError, match=r"source\.duration = 1e\+06 s .* use at most [\d.]+ s"):
+    with pytest.raises(InputError, match=r"source\.duration = 1e\+06 s .* use at most [\d.]+ s") as caught:
         call(scene)
     assert time.process_time() - began < 0.1
-
-
-def test_the_longest_duration_that_is_named_is_accepted(ball):
-    with pytest.raises(InputError) as caught:
-        check_scene(replace(ball, source=replace(ball.source, duration=1e6)))
-    most = float(str(caught.value).split("use at most ")[1].split(" s")[0])
-    check_scene(replace(ball, source=replace(ball.source, duration=0.99 * most)))
+    longest = float(str(caught.value).split("use at most ")[1].split(" s")[0])
+    check_scene(replace(ball, source=replace(ball.source, duration=0.99 * longest)))
 
 
 def test_ten_thousand_microphones_are_refused_at_once(tmp_path):
@@ -229,13 +190,8 @@ def differs(values, truth) -> float:
 
 def test_the_sum_is_the_closed_form_in_a_rigid_plane():
     room = point_source_model(RECTANGLE, WAVENUMBERS, 0)
-    assert (
-        differs(
-            room_pressures(room.excitation(SOURCE_IN_RECTANGLE), room.shapes(IN_RECTANGLE)),
-            rigid_room(IN_RECTANGLE, SOURCE_IN_RECTANGLE, WAVENUMBERS),
-        )
-        < 1e-4
-    )
+    truth = rigid_room(IN_RECTANGLE, SOURCE_IN_RECTANGLE, WAVENUMBERS)
+    assert differs(room_pressures(room.excitation(SOURCE_IN_RECTANGLE), room.shapes(IN_RECTANGLE)), truth) < 1e-4
 
 
 @pytest.mark.parametrize("admittance", [0.0, 0.02, 0.1])

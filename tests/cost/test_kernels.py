@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from fields import plane_wave
 from scipy.special import hankel2, jv, spherical_jn, spherical_yn, yv
 
 from fdcal.acoustics.dictionary import degrees, fourier_bessel, spherical_bessel
@@ -19,11 +18,9 @@ from fdcal.cost.batches import (
     whole_curvature,
 )
 from fdcal.cost.kernels import (
-    DEGREES,
     EXTRA_ORDERS,
     NEAR_FIELD_ORDERS,
     SOURCE_DISTANCE,
-    circular_dictionary,
     circular_waves,
     diffuse_correlation,
     diffuse_kernel,
@@ -295,15 +292,6 @@ def test_the_order_is_k_times_the_farthest_microphone_and_some(near, extra, size
     np.testing.assert_array_equal(orders, np.ceil(K * farthest) + extra)
 
 
-@pytest.mark.parametrize("D", [2, 3])
-def test_positions_that_are_not_finite_have_no_expansion(D):
-    for value in (np.nan, np.inf):
-        x = array(D)
-        x[3, 1] = value
-        with pytest.raises(np.linalg.LinAlgError, match="not finite"), np.errstate(invalid="ignore"):
-            expansion_about(x, K, D, False)
-
-
 @pytest.mark.parametrize("damping", [0.0, 0.2])
 def test_circular_waves_are_the_dictionary_of_the_paper_after_a_unitary_map(damping):
     """Also with gains, and with an order that is lower than the highest: its other columns are zero."""
@@ -321,27 +309,6 @@ def test_circular_waves_are_the_dictionary_of_the_paper_after_a_unitary_map(damp
         assert not W[m, ~used].any() and W[m, used].any(axis=1).all()
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.2])
-def test_slopes_of_circular_waves_are_the_limit_of_differences(damping):
-    x, k = array(), K - 1j * damping if damping else K
-    orders, gains = np.array([4, 2, 6]), np.random.default_rng(1).uniform(1, 3, (3, 7))
-    centre = x.mean(axis=0)
-    slopes = circular_waves(x, centre, k, orders, gains, True)[1]
-    for along, step in zip(slopes, STEP * np.eye(2), strict=True):
-        high, low = (circular_waves(x + way * step, centre, k, orders, gains, False)[0] for way in (1, -1))
-        np.testing.assert_allclose(along, (high - low) / (2 * STEP), atol=1e-8)
-
-
-def test_a_plane_wave_is_a_sum_of_circular_waves_by_jacobi_and_anger():
-    """exp(-j z cos t) = J_0(z) + 2 sum_l (-j)^l J_l(z) cos(l t)."""
-    x, k, angle, L = array(), K[1], 0.7, 20
-    centre, l = x.mean(axis=0), np.arange(1, L + 1)  # noqa: E741
-    factor = np.sqrt(2) * (-1j) ** l
-    alpha = np.concatenate([[1.0], np.stack([factor * np.cos(l * angle), factor * np.sin(l * angle)], axis=1).ravel()])
-    found = circular_dictionary(x, k, L, centre) @ alpha
-    np.testing.assert_allclose(found * plane_wave(centre[None], k, angle), plane_wave(x, k, angle), atol=1e-12)
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("order", [2, 6, 11, 18])
 def test_the_mean_over_the_directions_is_exact_up_to_twice_the_order(dimension, order):
@@ -353,15 +320,6 @@ def test_the_mean_over_the_directions_is_exact_up_to_twice_the_order(dimension, 
         half = np.arange(power // 2)
         exact = 1 / (power + 1) if dimension == 3 else np.prod((half + 0.5) / (half + 1))
         assert np.isclose(w @ (towards @ u) ** power, exact)
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("order", [2, 5, *(degree // 2 for degree in DEGREES[3:12])])
-def test_the_second_half_of_the_directions_is_opposite_to_the_first(dimension, order):
-    u, w = wave_directions(dimension, direction_count(dimension, order))
-    half = len(w) // 2
-    np.testing.assert_allclose(u[:, half:], -u[:, :half], atol=1e-15)
-    np.testing.assert_allclose(w[half:], w[:half])
 
 
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
@@ -385,15 +343,3 @@ def test_a_plane_wave_has_its_power_and_weight_and_falls_along_its_direction(dim
     W, _ = plane_waves(x, k, powers, False, dimension)
     phase = np.exp(-1j * np.multiply.outer(k, u[:D].T @ x.T))
     np.testing.assert_allclose(W, np.sqrt(w * powers)[..., None] * phase, rtol=1e-10)
-
-
-@pytest.mark.parametrize("damping", [0.0, 0.3])
-@pytest.mark.parametrize(("dimension", "D"), ARRAYS)
-def test_slopes_of_plane_waves_are_the_limit_of_differences(dimension, D, damping):
-    x, k = from_centre(D, damping)
-    powers = np.ones((len(K), direction_count(dimension, 5)))
-    slopes = plane_waves(x, k, powers, True, dimension)[1]
-    assert len(slopes) == D
-    for along, step in zip(slopes, STEP * np.eye(D), strict=True):
-        high, low = (plane_waves(x + way * step, k, powers, False, dimension)[0] for way in (1, -1))
-        np.testing.assert_allclose(along, (high - low) / (2 * STEP), atol=1e-7)

@@ -104,12 +104,6 @@ def test_the_gradient_is_the_limit_of_differences(kernel, dimension, D, count, p
     assert slope == pytest.approx(np.sum(gradient * direction), rel=1e-5)
 
 
-def test_terms_without_derivatives_have_no_newton_step():
-    x, p, _ = drawn(2)
-    with pytest.raises(ValueError, match="without derivatives"):
-        likelihood_terms(x, p, assumed("diffuse", x, 2), derivatives=False).newton()
-
-
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (20, 2)) + [2.61, 2.31]
 
 

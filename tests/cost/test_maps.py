@@ -1,6 +1,5 @@
 """Maps of Eq. 7 and of the likelihood."""
 
-import dataclasses
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from fdcal.acoustics.dictionary import fourier_bessel, max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
 from fdcal.cost.basins import local_minima
-from fdcal.cost.expansion import ORDER_OFFSET, ReferenceCost, decibels
+from fdcal.cost.expansion import ORDER_OFFSET
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.maps import (
     cost_maps,
@@ -73,26 +72,15 @@ def test_a_map_is_equation_7_with_the_microphone_at_each_point(offset):
     np.testing.assert_allclose(maps.reshape(3, -1), expected, rtol=1e-6, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["tiny", "plane3d", "ball3d"])
-def test_at_the_estimate_all_modes_give_the_number_of_the_status(name):
-    problem, x = case(name)
-    reference_cost = ReferenceCost(problem)
-    n, search = int(problem.free[0]), problem.search
-    there = dataclasses.replace(search, origin=tuple(map(float, x[n])), size=(search.step,) * len(search.size))
-    total = eq7_maps(problem, x, n, range(1, reference_cost.count + 1), 2, there).sum(axis=0)
-    assert reference_cost.count == len(problem.frequencies)
-    assert decibels(total[0, 0]) == pytest.approx(reference_cost(x), abs=1e-6)
-
-
 def test_a_map_does_not_depend_on_the_modes_in_use_or_on_the_solver():
     scene = load_scene("tiny")
     problem = cached_measurement(scene).problem()
     maps = []
     for name, last in (("descent", 1), ("descent", 20), ("joint", 20)):
         solver = solvers.load(name)
-        state = solver.init(problem, dataclasses.replace(scene.solver, name=name), 0)
+        state = solver.init(problem, replace(scene.solver, name=name), 0)
         state = solver.use_modes(problem, state, 1, last, False)
-        state = dataclasses.replace(state, positions=cached_measurement(scene).positions)
+        state = replace(state, positions=cached_measurement(scene).positions)
         maps.append(cost_maps(problem, solver, state, 9, (17,), 2))
     np.testing.assert_array_equal(maps[0], maps[1])
     np.testing.assert_array_equal(maps[0], maps[2])
@@ -100,17 +88,17 @@ def test_a_map_does_not_depend_on_the_modes_in_use_or_on_the_solver():
 
 def test_what_has_no_map_is_refused(waves):
     problem, x = case("tiny")
-    few = dataclasses.replace(problem, pressures=problem.pressures[:, :9])
+    few = replace(problem, pressures=problem.pressures[:, :9])
     with pytest.raises(InputError, match=r"mode 20 .* 9 microphones"):
         eq7_maps(few, x[:9], 5, (1, 20), 2)
     with pytest.raises(InputError, match="search"):
-        eq7_maps(dataclasses.replace(problem, search=None), x, 5, (1,), 2)
+        eq7_maps(replace(problem, search=None), x, 5, (1,), 2)
     with pytest.raises(InputError, match="order"):
         eq7_cut(PLANE, GUESS, 9, (14,), 12, GUESS[:1])
     with pytest.raises(InputError, match="in a plane"):
         cost_volume(*case("plane3d"), 10, (1, 2), 2)
     with pytest.raises(InputError, match="two-dimensional"):
-        mode_shape(dataclasses.replace(waves, search=None), np.zeros((24, 2)), 1, 2)
+        mode_shape(replace(waves, search=None), np.zeros((24, 2)), 1, 2)
     displaced = np.where(np.arange(24)[:, None] == 3, np.nan, ROUGH)
     with pytest.raises(np.linalg.LinAlgError, match="finite"):
         likelihood_maps(MEASURED.problem(), displaced, N, MODES, noise_of(MEASURED.problem(), 1e-3))
@@ -160,45 +148,28 @@ def test_positions_of_a_volume_s_points():
     np.testing.assert_allclose(map_positions([[2, 1, 5]], lattice), [[1.05, 2.01, 3.02]])
 
 
+CHANNELS = ChannelCorrection(np.exp(1j * np.linspace(0, 1, 24)), np.linspace(1, 2, 24))
+
+
+@pytest.mark.parametrize("channels", [None, CHANNELS])
 @pytest.mark.parametrize("modes", [(1,), (2, 5, 9), tuple(range(1, 13))])
-def test_a_cut_along_a_row_of_the_lattice_is_that_row_of_the_maps(modes):
+def test_a_cut_along_a_row_of_the_lattice_is_that_row_of_the_maps(modes, channels):
     search, row = PLANE.search, 11
-    maps = eq7_maps(PLANE, GUESS, 9, modes, 2)
+    maps = eq7_maps(PLANE, GUESS, 9, modes, 2, None, channels)
     x = search.origin[0] + search.step * np.arange(search.shape[0])
     points = np.column_stack([x, np.full(len(x), search.origin[1] + row * search.step)])
-    cut = eq7_cut(PLANE, GUESS, 9, modes, 2, points)
+    cut = eq7_cut(PLANE, GUESS, 9, modes, 2, points, channels)
     np.testing.assert_allclose(cut, maps[:, row], rtol=1e-6, atol=1e-12)
 
 
-def test_gains_and_noise_that_the_solver_estimates_count():
-    gains = np.exp(1j * np.linspace(0, 1, len(GUESS)))
-    channels = ChannelCorrection(gains, np.linspace(1, 2, len(GUESS)))
-    search = PLANE.search
-    maps = eq7_maps(PLANE, GUESS, 9, (1, 2), 2, None, channels)
-    x = search.origin[0] + search.step * np.arange(search.shape[0])
-    points = np.column_stack([x, np.full(len(x), search.origin[1])])
-    cut = eq7_cut(PLANE, GUESS, 9, (1, 2), 2, points, channels)
-    np.testing.assert_allclose(cut, maps[:, 0], rtol=1e-6, atol=1e-12)
-    assert not np.allclose(cut, eq7_cut(PLANE, GUESS, 9, (1, 2), 2, points))
-
-
-def test_a_layer_of_the_volume_is_the_map_of_that_height():
+def test_a_layer_of_the_volume_is_the_map_of_that_height_also_with_gains_and_noise_of_the_channels():
     problem, x = case("ball3d")
-    search, modes = problem.search, (1, 20, 60)
-    layer = eq7_maps(problem, x, 10, modes, 2).sum(axis=0)
+    search, modes, n = problem.search, (1, 20, 60), np.arange(len(x))
     px, py = (o + search.step * np.arange(n) for o, n in zip(search.origin[:2], search.shape[:2], strict=True))
-    volume = cost_volume(problem, x, 10, modes, 2)
-    np.testing.assert_allclose(volume.on(px, py, x[10, 2])[0], layer, rtol=1e-6)
-
-
-def test_gains_of_the_channels_are_taken_into_account():
-    problem, x = case("ball3d")
-    count = len(x)
-    gains = np.exp(0.1 * np.random.default_rng(2).normal(size=count))
-    channels = ChannelCorrection(gains=gains.astype(complex), noise=np.ones(count))
-    place = [1.7], [1.5], [1.2]
-    with_gains = cost_volume(problem, x, 10, (3, 4), 2, channels).on(*place)
-    assert with_gains != pytest.approx(cost_volume(problem, x, 10, (3, 4), 2).on(*place), rel=1e-3)
+    for channels in (None, ChannelCorrection(np.exp(0.1 * np.sin(n) + 0j), 1 + n / len(x))):
+        layer = eq7_maps(problem, x, 10, modes, 2, None, channels).sum(axis=0)
+        volume = cost_volume(problem, x, 10, modes, 2, channels)
+        np.testing.assert_allclose(volume.on(px, py, x[10, 2])[0], layer, rtol=1e-6)
 
 
 def test_a_coarse_expansion_agrees_to_its_tolerance_and_is_smaller():
@@ -320,26 +291,13 @@ def assert_same(maps, expected):
     assert np.all(np.abs(maps - expected).max(axis=(1, 2)) < 1e-7 * span)
 
 
-def in_space(planar: bool) -> tuple[Problem, np.ndarray]:
-    """A field of three dimensions at microphones in space or in a plane; that the pressures do not fit is no matter."""
-    heights = np.random.default_rng(5).uniform(0.4, 1.0, len(PLACES))
-    positions = ROUGH if planar else np.column_stack([ROUGH, heights])
-    search = AREA if planar else CELLAR
-    problem = MEASURED.problem()
-    return replace(problem, dimension=3, array_dimension=2 if planar else 3, search=search), positions
-
-
 @pytest.mark.parametrize("share", [1e-1, 1e-3, 1e-6])
-def test_maps_in_the_plane_are_the_likelihood_at_every_point(share):
-    problem = replace(MEASURED.problem(), search=AREA)
-    noise = noise_of(problem, share)
-    assert_same(likelihood_maps(problem, ROUGH, N, MODES, noise), directly(problem, ROUGH, noise, AREA))
-
-
-@pytest.mark.parametrize("share", [1e-2, 1e-6])
-@pytest.mark.parametrize("planar", [True, False])
-def test_maps_of_a_field_in_space_are_the_likelihood_at_every_point(planar, share):
-    problem, positions = in_space(planar)
+@pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 2), (3, 3)])
+def test_maps_are_the_likelihood_at_every_point(dimension, D, share):
+    """Of fields and arrays in a plane and in space; that the pressures do not fit those in space is no matter."""
+    positions = np.column_stack([ROUGH, np.random.default_rng(5).uniform(0.4, 1.0, len(ROUGH))])[:, :D]
+    search = CELLAR if D == 3 else AREA
+    problem = replace(MEASURED.problem(), dimension=dimension, array_dimension=D, search=search)
     noise = noise_of(problem, share)
     maps = likelihood_maps(problem, positions, N, MODES, noise)
     assert_same(maps, directly(problem, positions, noise, problem.search))

@@ -1,6 +1,6 @@
 """The cost by which the positions of all solvers are compared, also where the solver estimates faulty channels."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,13 +65,13 @@ def test_positions_that_are_not_finite_have_none():
 def test_few_microphones_lower_the_order_and_too_few_have_none():
     measurement = cached_measurement(load_scene("tiny"))
     problem = measurement.problem()
-    six = dataclasses.replace(problem, pressures=problem.pressures[:, :6])
+    six = replace(problem, pressures=problem.pressures[:, :6])
     assert ReferenceCost(six).order_offset < 2 and np.isfinite(ReferenceCost(six)(measurement.positions[:6]))
-    two = dataclasses.replace(problem, pressures=problem.pressures[:, :2])
+    two = replace(problem, pressures=problem.pressures[:, :2])
     with pytest.raises(InputError, match="too few"):
         ReferenceCost(two)
     with pytest.raises(InputError, match="search"):
-        ReferenceCost(dataclasses.replace(problem, search=None))
+        ReferenceCost(replace(problem, search=None))
     assert reference_cost_of(two) is None
 
 
@@ -116,7 +116,7 @@ def test_a_microphone_without_signal_counts_for_nothing(run):
 def test_a_map_at_the_estimate_is_the_reference_cost(run):
     _, problem, states = run
     state, reference_cost, search = states[-1], ReferenceCost(problem), problem.search
-    there = dataclasses.replace(search, origin=tuple(map(float, state.positions[7])), size=(search.step,) * 2)
+    there = replace(search, origin=tuple(map(float, state.positions[7])), size=(search.step,) * 2)
     modes = range(1, reference_cost.count + 1)
     total = eq7_maps(problem, state.positions, 7, modes, 2, there, state.channels).sum(axis=0)
     assert decibels(total[0, 0]) == pytest.approx(reference_cost.of(state), abs=1e-6)
@@ -128,13 +128,14 @@ def test_gains_multiplied_into_the_pressures_come_out_again():
     measurement = cached_measurement(load_scene("tiny"))
     problem, x, rng = measurement.problem(), measurement.positions, np.random.default_rng(3)
     gains = np.exp(0.3 * rng.normal(size=len(x)) + 3j * rng.normal(size=len(x)))
-    spoiled = dataclasses.replace(problem, pressures=problem.pressures * gains)
+    spoiled = replace(problem, pressures=problem.pressures * gains)
     channels = ChannelCorrection(gains, np.ones(len(x)))
     assert ReferenceCost(spoiled)(x, channels) == pytest.approx(ReferenceCost(problem)(x), abs=1e-6)
     assert ReferenceCost(spoiled)(x) > ReferenceCost(problem)(x) + 20
     maps = (eq7_maps(spoiled, x, 9, (1, 5), 2, None, channels), eq7_maps(problem, x, 9, (1, 5), 2))
     np.testing.assert_allclose(*maps, rtol=1e-6, atol=1e-12)
-    shapes = mode_shape(spoiled, x, 5, 2, channels), mode_shape(problem, x, 5, 2)
+    turned = replace(spoiled, pressures=spoiled.pressures * np.exp(0.8j))  # the phase of a mode is unknown
+    shapes = mode_shape(turned, x, 5, 2, channels), mode_shape(problem, x, 5, 2)
     np.testing.assert_allclose(*shapes, atol=1e-9)
 
 
@@ -142,11 +143,11 @@ def test_a_channel_of_infinite_noise_is_as_if_it_were_left_out():
     measurement = cached_measurement(load_scene("tiny"))
     problem, x = measurement.problem(), np.array(measurement.positions)
     low = slice(0, 8)  # modes that one microphone fewer can carry
-    problem = dataclasses.replace(problem, pressures=problem.pressures[low], wavenumbers=problem.wavenumbers[low])
+    problem = replace(problem, pressures=problem.pressures[low], wavenumbers=problem.wavenumbers[low])
     x[:-1] += 0.01 * np.random.default_rng(4).normal(size=x[:-1].shape)
     x[-1] = x[:-1].mean(axis=0)  # the centre of the expansion stays
     noise = np.append(np.ones(len(x) - 1), 1e14)
-    fewer = dataclasses.replace(problem, pressures=problem.pressures[:, :-1])
+    fewer = replace(problem, pressures=problem.pressures[:, :-1])
     assert ReferenceCost(problem).count == ReferenceCost(fewer).count == 8
     expected = ReferenceCost(fewer)(x[:-1])
     assert ReferenceCost(problem)(x, ChannelCorrection(np.ones(len(x)), noise)) == pytest.approx(expected, abs=1e-6)
