@@ -7,8 +7,9 @@ import pytest
 from fields import measured
 from solving import rms, rms_of_shape, simulated_square, solved
 
-from fdcal.solvers.robust.given import FreeArray, hypotheses
-from fdcal.solvers.robust.objective import Unknowns
+from fdcal.model.validation import frozen_array
+from fdcal.solvers.robust.given import FreeArray, hypotheses, resolved
+from fdcal.solvers.robust.objective import Unknowns, in_unit_power
 
 COUNT, MODES, KNOWN = 24, 40, np.array([0, 5, 9, 14, 18, 23])
 
@@ -204,3 +205,11 @@ def test_a_channel_at_an_exact_position_that_is_exchanged_is_found_and_put_back(
     end = solved(replace(sound, pressures=pressures), "joint")
     assert sorted(end.faulty) == sorted([(KNOWN[1], "exchanged"), (partner, "exchanged")])
     assert rms(end.assessment.positions, sound.positions) < 3e-3
+
+
+def test_the_mirror_image_of_an_array_is_turned_back_into_the_frame_of_the_given_positions(sound):
+    """Every given position counts as before: the image alone is another one, and the pressures fit both."""
+    end = solved(sound)
+    mirrored = frozen_array(end.state.positions * [-1.0, 1.0] + [2 * sound.known_positions[:, 0].mean(), 0.0], float)
+    state = resolved(in_unit_power(end.problem), replace(end.state, positions=mirrored))
+    assert rms(mirrored, sound.positions) > 0.1 and rms(state.positions, sound.positions) < 0.01

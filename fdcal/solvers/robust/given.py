@@ -63,7 +63,8 @@ def resolved(problem: Problem, state: State) -> State:
         return state
     best = likely(problem, state, found)[0]
     assumed = _assumed(problem, state, found, best)
-    as_before = same_given(state, assumed) and best.sigma < INACCURATE * GIVEN_SIGMA
+    mirrored = np.linalg.det(rigid_motion(state.positions, best.positions)[0]) < 0  # the same positions count in both
+    as_before = same_given(state, assumed) and best.sigma < INACCURATE * GIVEN_SIGMA and not mirrored
     return state if best.scale or as_before else assumed
 
 
