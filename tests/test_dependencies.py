@@ -168,7 +168,8 @@ def test_a_command_and_a_method_say_what_is_missing():
     program = (
         "import sys; sys.modules.update(dict.fromkeys(['matplotlib', 'viser'], None))\n"
         "import fdcal\n"
-        "try: fdcal.landscape\n"
+        "panels = fdcal.landscape(fdcal.load('tiny'), 3, modes=[1])\n"
+        "try: panels.plot()\n"
         "except fdcal.InputError as error: print(error)\n"
         "from fdcal.commands.cli import main; main(['view', '--port', '0', '--no-browser'])"
     )
