@@ -22,6 +22,7 @@ from fdcal.graphics.primitives import (
     SUPERSCRIPTS,
     ColourBar,
     Picture,
+    contrast,
     format_number,
 )
 from fdcal.model.settings import Search
@@ -94,11 +95,20 @@ def test_a_flat_map_is_drawn_too(value, log):
     assert np.isfinite([share for share, _ in floor.bar.ticks]).all() and floor.bar.low < floor.bar.high
 
 
-@pytest.mark.parametrize("ends", [(1e-6, 3.0), (0.9, 1.1), (2.0, 50.0), (330.0, 361.0), (4221.0, 8700.0), (2e4, 2e5)])
+@pytest.mark.parametrize(
+    "ends",
+    [
+        (1e-6, 3.0), (3e-9, 4e5), (0.9, 1.1), (2.0, 50.0), (71.6, 86.0), (330.0, 361.0), (4221.0, 8700.0),
+        (14830.1, 14930.7), (2e4, 2e5), (1e5, 9e5),
+    ],
+)  # fmt: skip
 @pytest.mark.parametrize("log", [False, True])
 def test_ticks_say_where_their_value_lies(ends, log):
     bar = ColourBar(*ends, log=log, label="cost")
     assert 2 <= len(bar.ticks) <= (7 if bar.high < 1e3 * bar.low else 12)
+    assert len({text for _, text in bar.ticks}) == len(bar.ticks), "two ticks say the same"
+    for (left, one), (right, other) in itertools.pairwise(bar.ticks):
+        assert (right - left) * 44 > (len(one) + len(other)) / 2, "forty-four letters find room along a bar"
     for share, text in bar.ticks:
         value = bar.low * (bar.high / bar.low) ** share if log else bar.low + share * (bar.high - bar.low)
         assert read(text) == pytest.approx(value, rel=1e-2)
@@ -216,13 +226,8 @@ def test_a_map_grows_lighter_with_the_cost_for_every_eye(eye):
 def test_texts_stand_out_from_their_ground(theme):
     """Contrast of at least 7, the strictest of the Web Content Accessibility Guidelines."""
 
-    def luminance(colour):
-        share = np.asarray(colour, float) / 255
-        linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-        return linear @ [0.2126, 0.7152, 0.0722]
-
-    dark, light = sorted([luminance(theme.background), luminance(theme.foreground)])
-    assert (light + 0.05) / (dark + 0.05) > 7
+    assert contrast((0, 0, 0), (255, 255, 255)) == pytest.approx(21)
+    assert contrast(theme.background, theme.foreground) > 7
 
 
 def test_every_mark_has_a_shape_of_its_own():

@@ -92,25 +92,23 @@ def test_every_part_of_a_picture_is_scenery_or_in_the_legend(full):
     assert {name for name in parts if not name.startswith(SCENERY)} == set(names_of(full))
 
 
-@pytest.mark.parametrize("name", PLANE)
-def test_a_symbol_has_the_shape_of_its_mark_on_the_map(full, scene, measurement, estimate, floor, name):
-    """Diamonds are open and as large as each other as there; a known microphone has the circle of its true position."""
+def test_diamonds_in_the_legend_are_open_and_as_large_as_each_other_as_on_the_map(full):
+    entries, marks = ({one.name: one for one in found} for found in (legend_of(full), full.meshes))
+    reach = {name: np.ptp(marks[name].vertices[:, 0]) for name in ("lowest", "minima")}
+    wide = {name: np.ptp(np.array(entries[name].paths[0])[:, 0]) for name in ("lowest", "minima")}
+    assert wide["minima"] / wide["lowest"] == pytest.approx(reach["minima"] / reach["lowest"], abs=0.04)
+    for name in ("lowest", "minima"):
+        assert np.asarray(symbol(entries[name], 40))[20, 20, 3] < 30 and not entries[name].filled, "open"
+
+
+def test_a_known_microphone_has_the_circle_of_its_true_position_in_the_legend(full, scene, measurement, estimate):
     entries = {entry.name: entry for entry in legend_of(full)}
-    if name in ("lowest", "minima"):
-        marks = {part.name: part.vertices for part in full.meshes}
-        reach = {one: np.ptp(marks[one][:, 0]) for one in ("lowest", "minima")}
-        wide = {one: np.ptp(np.array(entries[one].paths[0])[:, 0]) for one in ("lowest", "minima")}
-        assert wide["minima"] / wide["lowest"] == pytest.approx(reach["minima"] / reach["lowest"], abs=0.04)
-        middle = np.asarray(symbol(entries[name], 40))[20, 20]
-        assert middle[3] < 30 and not entries[name].filled, "open"
-    elif name == "microphones/known":
-        known, circle = entries[name], entries["microphones/true"]
-        assert known.below == circle and np.abs(known.paths[0]).max() < np.abs(circle.paths[0]).max()
-        bare = replace(measurement, positions=None)
-        alone = {one.name: one for one in legend_of(compose(scene, bare, estimate))}
-        assert alone[name] == MARKS[name] and "microphones/true" not in alone
-    else:
-        assert entries[name].below is None
+    known, circle = entries["microphones/known"], entries["microphones/true"]
+    assert [name for name, entry in entries.items() if entry.below is not None] == ["microphones/known"]
+    assert known.below == circle and np.abs(known.paths[0]).max() < np.abs(circle.paths[0]).max()
+    bare = replace(measurement, positions=None)
+    alone = {one.name: one for one in legend_of(compose(scene, bare, estimate))}
+    assert alone["microphones/known"] == MARKS["microphones/known"] and "microphones/true" not in alone
 
 
 @pytest.mark.parametrize("name", PLANE)

@@ -26,7 +26,6 @@ from fdcal.graphics.picture import (
     error_summary,
     name_place,
     static_picture,
-    with_estimate,
     z_range_of,
 )
 from fdcal.graphics.primitives import Mesh
@@ -77,7 +76,8 @@ def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
     estimate[:3] = measurement.known_positions
     drawn = compose(scene, measurement, estimate, microphone=5)
     circles = part(drawn, "microphones/true")
-    assert circles.colour == TRUE
+    assert circles.colour == TRUE and part(drawn, "microphones/known").colour == KNOWN
+    assert len({TRUE, ESTIMATE, KNOWN}) == 3
     centres = circles.vertices.reshape(12, -1, 3).mean(axis=1)
     np.testing.assert_allclose(centres[:, :2], measurement.positions, atol=1e-6)
     crosses = part(drawn, "microphones/estimate")
@@ -94,15 +94,6 @@ def test_error_lines_join_truth_and_estimate(scene, measurement):
     corners = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3)[..., :2]
     np.testing.assert_allclose(corners[:, [0, 3]].mean(axis=1), measurement.positions[3:], atol=1e-6)
     np.testing.assert_allclose(corners[:, [1, 2]].mean(axis=1), estimate[3:], atol=1e-6)
-
-
-def test_known_microphones_are_squares_of_their_own_colour(scene, measurement):
-    drawn = compose(scene, measurement, measurement.positions)
-    squares = part(drawn, "microphones/known")
-    assert squares.colour == KNOWN
-    centres = squares.vertices.reshape(3, 4, 3).mean(axis=1)
-    np.testing.assert_allclose(centres[:, :2], measurement.positions[:3], atol=1e-6)
-    assert len({TRUE, ESTIMATE, KNOWN}) == 3
 
 
 def test_a_known_microphone_that_is_assumed_to_be_elsewhere_has_a_cross_there_and_its_square_where_it_was_given(
@@ -163,15 +154,6 @@ def test_pictures_are_frozen(scene, measurement):
     assert not any(array.flags.writeable for array in arrays)
     with pytest.raises(dataclasses.FrozenInstanceError):
         drawn.title = "another"
-
-
-def test_what_stays_is_shared_between_pictures(scene, measurement):
-    """A renderer recognises by identity that a primitive need not be sent again."""
-    static = static_picture(scene, measurement)
-    first = with_estimate(static, measurement, measurement.positions, 3)
-    second = with_estimate(static, measurement, measurement.positions + 0.01, 4)
-    for name in ("microphones/true", "room/walls", "frame", "room/grid"):
-        assert part(first, name) is part(second, name)
 
 
 def test_the_error_summary_is_in_millimetres(measurement):
@@ -406,11 +388,6 @@ def test_the_floor_grid_stays_inside_the_outline():
     assert not ((middles[:, 0] > 2) & (middles[:, 1] > 2)).any()
     lengths = np.linalg.norm(grid[:, 1] - grid[:, 0], axis=1)
     assert lengths.sum() == pytest.approx(2 * (3 * 4 + 4 * 2))  # 0.5, 1, 1.5 are long, 2 to 3.5 short, both ways
-
-
-def test_positions_in_space_keep_their_height():
-    lifted = glyphs.lift([[1.0, 2.0, 0.7]], 0.1)
-    np.testing.assert_allclose(lifted, [[1.0, 2.0, 0.8]])
 
 
 def test_bars_in_space_keep_their_width_and_length():

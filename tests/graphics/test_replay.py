@@ -150,6 +150,7 @@ def test_a_curve_has_a_place_for_no_error_and_marks_where_the_solver_began_again
     path.write_text(replay_html(scene, measurement, shown, "Restarts"), encoding="utf-8")
     with offline_page(browser, path, ready="true", script=DRAWN) as page:
         page.get_by_text("step 10, sweep 0; modes 1 to ").wait_for()
+        assert not page.get_by_label("Same as solver").is_visible(), "there is no map"
         scale = {text: height for text, height in page.evaluate("window.drawn") if height is not None}
         colours = {text for text, height in page.evaluate("window.drawn") if height is None}
         assert ("#8c5ab4" in colours) == page.get_by_text("Violet ticks").is_visible() == ends_true
@@ -259,6 +260,13 @@ def states_of(measurement, count=4, channels=None):
     ]
 
 
+def replay_of(measurement, **changes):
+    """A replay of the waves of `measured`, its problem and its states."""
+    problem, states = measurement.problem(), states_of(measurement, **changes)
+    text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
+    return text, problem, states
+
+
 @contextmanager
 def opened(browser, path, text, address=""):
     path.write_text(text, encoding="utf-8")
@@ -273,8 +281,7 @@ def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimensio
     if corrected:
         rng = np.random.default_rng(3)
         channels = ChannelCorrection(np.exp(rng.normal(size=44) * (0.3 + 1j)), rng.uniform(1, 9, 44))
-    problem, states = measurement.problem(), states_of(measurement, channels=channels)
-    text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
+    text, problem, _ = replay_of(measurement, channels=channels)
     with opened(browser, tmp_path / "maps.html", text) as page:
         data, _, positions = contents(text)
         modes, lattice = data["maps"]["modes"], refined(problem.search, POINTS)
@@ -288,9 +295,7 @@ def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimensio
 
 
 def test_the_map_shown_is_the_sum_of_the_modes_chosen_and_its_minima_are_marked(browser, tmp_path):
-    measurement = measured(2, 2)
-    problem, states = measurement.problem(), states_of(measurement)
-    text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
+    text, problem, _ = replay_of(measured(2, 2))
     _, _, positions = contents(text)
     with opened(browser, tmp_path / "sum.html", text, "#step=30&microphone=12&modes=2-6") as page:
         lattice = refined(problem.search, FINE_POINTS)  # of few modes
@@ -322,9 +327,7 @@ SCALE_OF = """cost => {
 def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
     measurement = measured(2, 2)
     names = ["A & B", *(f"m{n}" for n in range(1, 44))]
-    measurement = dataclasses.replace(measurement, names=tuple(names))
-    problem, states = measurement.problem(), states_of(measurement)
-    text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
+    text, *_ = replay_of(dataclasses.replace(measurement, names=tuple(names)))
     address = "#step=20&microphone=A%20%26%20B&modes=2-5&view=3d"
     with opened(browser, tmp_path / "moment.html", text, address) as page:
         page.get_by_text("step 20, sweep 0").wait_for()
@@ -364,9 +367,7 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
 
 
 def test_what_an_address_asks_for_in_vain_is_said(browser, tmp_path):
-    measurement = measured(2, 2)
-    problem, states = measurement.problem(), states_of(measurement)
-    text = replay_html(None, measurement, states, "Waves", problem=problem)
+    text, *_ = replay_of(measured(2, 2))
     address = "#step=1e9&microphone=99&modes=7-3&view=%3Cb%3E&zoom=0,0,0"
     with opened(browser, tmp_path / "vain.html", text, address) as page:
         note = page.locator("#note").inner_text()
@@ -378,22 +379,8 @@ def test_what_an_address_asks_for_in_vain_is_said(browser, tmp_path):
 
 
 def test_a_large_measurement_keeps_the_lowest_modes_within_the_bound():
-    measurement = measured(2, 2, count=300, modes=2000)
-    problem, states = measurement.problem(), states_of(measurement)
-    text = replay_html(None, measurement, states, "Large", problem=problem)
+    text, *_ = replay_of(measured(2, 2, count=300, modes=2000))
     data, arrays, _ = contents(text)
     modes = data["maps"]["modes"]
     assert len(text) < MAX_BYTES and data["maps"]["left_out"] == 2000 - len(modes) > 0
     assert modes == list(range(1, len(modes) + 1)) and arrays["pressures"].shape == (len(modes), 300, 2)
-
-
-def test_a_replay_without_search_domain_has_no_map(browser, tmp_path):
-    measurement = dataclasses.replace(measured(2, 2), search=None)
-    text = replay_html(None, measurement, states_of(measurement), "No domain", problem=measurement.problem())
-    path = tmp_path / "none.html"
-    path.write_text(text, encoding="utf-8")
-    with offline_page(browser, path, ready="true") as page:
-        page.get_by_text("step 0, sweep 0").wait_for()
-        assert not page.get_by_label("Same as solver").is_visible() and re.search(
-            "mean", page.locator("#errors").inner_text()
-        )

@@ -38,6 +38,21 @@ def page(browser, run, tmp_path_factory):
         yield page
 
 
+def drag(page, across, up):
+    """Press the mouse at the microphone and move it, pixels."""
+    box, place = page.locator("#view").bounding_box(), page.evaluate("n => replay.drawn(n)", MICROPHONE)
+    page.mouse.move(box["x"] + place[0], box["y"] + place[1])
+    page.mouse.down()
+    page.mouse.move(box["x"] + place[0] + across, box["y"] + place[1] - up, steps=4)
+
+
+def place_and_distance(page, truth):
+    """Where the microphone is now, and how far from its true position: metres, and as the page writes it."""
+    place = np.array(page.evaluate(f"replay.own.places[{MICROPHONE}]"))[:2]
+    away = np.linalg.norm(place - truth)
+    return place, f"{1e3 * away:.0f} mm" if away < 0.0995 else f"{100 * away:.0f} cm"
+
+
 @pytest.mark.parametrize("modes", [3, 20])
 def test_a_step_in_the_browser_is_a_step_of_descent(page, run, modes):
     """Both below and above the number of modes from which the order is ample."""
@@ -54,28 +69,21 @@ def test_a_step_in_the_browser_is_a_step_of_descent(page, run, modes):
 
 
 def test_a_microphone_that_is_let_go_rolls_downhill_into_a_hole_that_is_named(page, run):
-    _, measurement, *_ = run
-    box = page.locator("#view").bounding_box()
-    place = page.evaluate("n => drawnPlace(n)".replace("drawnPlace", "replay.drawn"), MICROPHONE)
-    page.mouse.move(box["x"] + place[0], box["y"] + place[1])
-    page.mouse.down()
-    page.mouse.move(box["x"] + place[0] + 30, box["y"] + place[1] - 20, steps=4)
+    truth = run[1].positions[MICROPHONE]
+    drag(page, 30, 20)
     wait_for(page, "replay.own?.words.endsWith('dB')")
     path = np.array(page.evaluate("replay.own.path"))
     costs = page.evaluate("path => path.map(place => replay.level(replay.map, place))", path.tolist())
     assert np.all(np.diff(costs[:-1]) < 1e-9), "downhill all the way"
     page.mouse.up()
     wait_for(page, "replay.own.tries == 1")
-    end = np.array(page.evaluate(f"replay.own.places[{MICROPHONE}]"))[:2]
+    end, off = place_and_distance(page, truth)
     np.testing.assert_allclose(end, path[-1])
     minima = page.evaluate("[...replay.map.minima.lowest, ...replay.map.minima.others]")
     assert np.linalg.norm(np.array(minima) - end, axis=1).min() < 1e-9, "a hole that the map marks"
-    truth = measurement.positions[MICROPHONE]
-    away = np.linalg.norm(end - truth)
     below = page.evaluate("place => replay.downhill(replay.map, place).at(-1)", [*truth, 0.0])
     home = np.linalg.norm(end - below) < 0.01  # in the hole in which the true position lies
     words, tries = page.evaluate("replay.own.words"), page.locator("#tries").inner_text()
-    off = f"{1e3 * away:.0f} mm" if away < 0.0995 else f"{100 * away:.0f} cm"
     assert words == f"{'home' if home else 'trapped'}, {off} off" and tries == f"{int(home)} of 1 home"
 
 
@@ -91,18 +99,13 @@ TO_THE_EDGE = """() => {
 
 
 def test_one_that_stops_at_the_edge_of_the_map_is_in_no_hole(page, run):
-    truth = run[1].positions[MICROPHONE]
-    box, place = page.locator("#view").bounding_box(), page.evaluate("n => replay.drawn(n)", MICROPHONE)
-    page.mouse.move(box["x"] + place[0], box["y"] + place[1])
-    page.mouse.down()
-    page.mouse.move(box["x"] + place[0] + 10, box["y"] + place[1], steps=2)
+    drag(page, 10, 0)
     start = page.evaluate(TO_THE_EDGE)
     page.evaluate(f"([x, y]) => replay.own.places[{MICROPHONE}].splice(0, 2, x, y)", start)
     homes = page.evaluate("replay.own.homes")
     page.mouse.up()
     wait_for(page, "replay.own.words.endsWith('off')")
-    away = np.linalg.norm(np.array(page.evaluate(f"replay.own.places[{MICROPHONE}]"))[:2] - truth)
-    off = f"{1e3 * away:.0f} mm" if away < 0.0995 else f"{100 * away:.0f} cm"
+    _, off = place_and_distance(page, run[1].positions[MICROPHONE])
     assert page.evaluate("replay.own.words") == f"at the edge of the map, {off} off"
     assert page.evaluate("replay.own.homes") == homes
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fdcal.cost.scale import Minima
-from fdcal.graphics import exports, snapshot
+from fdcal.graphics import snapshot
 from fdcal.graphics.camera import project
 from fdcal.graphics.heatmap import to_rgb
 from fdcal.graphics.overlays import with_volume
@@ -139,10 +139,3 @@ def test_the_png_shows_surfaces_slice_and_the_lowest_cost_in_their_places(pictur
     seen_through = plate.opacity * to_rgb(np.array(1.0)) + (1 - plate.opacity) * 255
     np.testing.assert_allclose(sliced[row, column], seen_through, atol=6)
     assert 0.3 < plate.opacity <= 0.5, "the array is seen through the slice"
-
-
-def test_the_vti_file_holds_the_cost_of_every_point():
-    text = exports.volume_vti(cost(), SEARCH)
-    nx, ny, nz = SEARCH.shape
-    assert f'WholeExtent="0 {nx - 1} 0 {ny - 1} 0 {nz - 1}"' in text
-    assert 'Name="cost"' in text and 'Name="cost_dB"' in text

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdcal.model.validation import InputError
@@ -116,6 +116,7 @@ def test_what_no_address_has_is_refused_in_one_line_and_what_is_no_command_does_
     assert page.viewer.binding.choices is before and page.switcher.idle
 
 
+@settings(max_examples=30)
 @given(st.text(max_size=190))
 def test_any_text_is_an_address_or_is_refused(text):
     try:

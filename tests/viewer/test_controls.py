@@ -192,9 +192,6 @@ def test_a_run_is_followed_from_its_beginning_and_one_of_slow_steps_is_not_held_
         panel.run_bar.show(Tick(dataclasses.replace(session.view, running=True), now))
         paces.append([command[1] for command in session.commands if command[0] == "pace"][-1])
     assert paces == pytest.approx([first, 2 * first, 8 * first])
-    panel.run_bar.limit_rate(7)
-    panel.run_bar.show(Tick(dataclasses.replace(session.view, running=True), 20.0))
-    assert session.commands[-1] == ("pace", 7), "a speed that somebody has chosen stays"
 
 
 CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # used by viser
@@ -369,18 +366,8 @@ def test_a_measured_array_is_among_the_scenes_and_opens_without_anything_to_edit
     panel, session = controls
     tab = panel.scene
     set_by_client(tab.name, "frl_array")
-    edited = (
-        tab.microphones,
-        tab.radius,
-        tab.walls,
-        tab.absorption,
-        tab.noise,
-        tab.snr,
-        tab.speed,
-        tab.known,
-        tab.seed,
-    )
-    assert not any(handle.visible for handle in edited)
+    edited = ("microphones", "radius", "walls", "absorption", "noise", "snr", "speed", "known", "seed")
+    assert not any(getattr(tab, name).visible for name in edited)
     assert tab.title.visible and "7 microphones in a laboratory" in tab.title.content
     for words in ("nominal positions", "CC BY 4.0", "cannot be edited"):
         assert words in tab.message.content

@@ -212,14 +212,6 @@ def test_files_leave_nothing_open(snapshot, drawn, kernels):
     assert len(got) == 2 * len(kinds) and open_files[0] == open_files[1]
 
 
-def test_the_thumbnails_are_of_the_lattice_of_the_map(snapshot, drawn):
-    assert drawn.panels.maps.shape == (3, *drawn.panels.total.shape) and drawn.panels.modes == MODES
-    np.testing.assert_allclose(drawn.panels.maps.sum(axis=0), drawn.panels.total)
-    row, column = np.unravel_index(drawn.panels.total.argmin(), drawn.panels.total.shape)
-    lowest = map_positions(np.array([[row, column]]), drawn.panels.search)[0]
-    assert np.allclose(lowest, drawn.floor.lowest[0])
-
-
 def test_a_file_takes_the_maps_that_are_on_the_screen_and_computes_others(snapshot, drawn):
     shown = dataclasses.replace(snapshot, drawn=drawn)
     found = shown.fine_panels(8)

@@ -99,21 +99,14 @@ def test_the_status_shows_units_and_the_state_of_the_solver(measurement):
     assert "unknown" in words.status(view_of([state]), dataclasses.replace(measurement, positions=None))
 
 
-def test_the_status_names_the_path_of_the_log(tmp_path, monkeypatch, capsys):
+def test_the_status_names_the_path_of_the_log(measurement, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("FDCAL_CACHE", str(tmp_path / "<b>"))
-    log, state = logging.getLogger("fdcal.viewer.anything"), SimpleNamespace(
-        step=0, sweep=0, stage=0, first=1, last=1, cost=1.0, positions=np.zeros((1, 2)), finished=False, channels=None
-    )  # fmt: skip
     with process.error_log():
         try:
             raise ValueError("the matrix is singular")
         except ValueError:
-            log.exception("the solver stopped")
-        view = SimpleNamespace(state=state, error="it broke", running=False, cost=-40.0)
-        measurement = SimpleNamespace(
-            frequencies=[100.0], take_count=1, positions=None, errors=lambda *_: None, nominal=False
-        )
-        html = words.status(view, measurement)
+            logging.getLogger("fdcal.viewer.anything").exception("the solver stopped")
+        html = words.status(view_of([State(measurement.positions)], error="it broke"), measurement)
         assert "&lt;b&gt;/view.log" in html and "<b>/" not in html and "it broke" in html
     assert "ValueError: the matrix is singular" in (tmp_path / "<b>" / "view.log").read_text(encoding="utf-8")
     line = capsys.readouterr().err

@@ -123,6 +123,15 @@ def steps_of(lessons):
     return re.findall(r"data-do='(back|restore|next)'", text_of(lessons))
 
 
+def begun(page, *lessons):
+    """The tab with some lessons, the first of which is begun, with its scene on the page."""
+    made = LessonsTab(page, list(lessons))
+    made.start(lessons[0].title)
+    page.ready()
+    made.show()
+    return made
+
+
 def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lesson = load_lesson("3_too_many_too_soon")
     lessons = LessonsTab(page, [lesson])
@@ -165,11 +174,8 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
 
 def test_a_lesson_ends_with_the_next_one(page):
     first, second = load_lesson("4_frozen_grid"), load_lesson("5_corner_or_centre")
-    lessons = LessonsTab(page, [first, second])
+    lessons = begun(page, first, second)
     following = lambda: lessons.caption.following  # noqa: E731
-    lessons.start(first.title)
-    page.ready()
-    lessons.show()
     for _ in first.steps[1:]:
         assert not following()
         lessons.answer(0)
@@ -211,10 +217,7 @@ def test_an_answer_before_the_scene_is_ready_is_kept(page):
 
 
 def test_the_next_step_restores_the_scene_of_the_lesson(page):
-    lessons = LessonsTab(page, [load_lesson("4_frozen_grid")])
-    lessons.start("4. Why the grid freezes")
-    page.ready()
-    lessons.show()
+    lessons = begun(page, load_lesson("4_frozen_grid"))
     page.viewer.binding.run = SimpleNamespace(scene=load_scene("tiny"), opening=None)
     lessons.go(NEXT)
     assert len(page.opened) == 2 and page.opened[1].scene == page.opened[0].scene
@@ -234,10 +237,7 @@ def test_invalid_values_change_nothing(page, junk):
 
 def test_a_setting_that_fails_is_shown_as_an_error(page):
     steps = (LessonStep("Look.", page=LessonSetting(scene="tiny", modes="1-99")),)
-    lessons = LessonsTab(page, [Lesson("Mine", steps)])
-    lessons.start("Mine")
-    page.ready()
-    lessons.show()
+    lessons = begun(page, Lesson("Mine", steps))
     assert "1 to 20" in text_of(lessons)
     lessons.go(RESTORE)
     page.ready()

@@ -1,6 +1,7 @@
 """The page of a measurement that has no scene, and of one that has several takes."""
 
 import dataclasses
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -33,12 +34,19 @@ def tiny() -> Measurement:
     return scene_input(load_scene("tiny")).measurement
 
 
+@contextmanager
+def prepared(opening):
+    """What the page shows of a request."""
+    work = prepare_run(opening, PreparationProgress())
+    yield work
+    work.session.close(2.0)
+
+
 @pytest.mark.parametrize("scored", [True, False])
 def test_a_measurement_is_shown_without_walls(scored, tiny, tmp_path):
     path = tmp_path / "hall.npz"
     save_measurement(tiny if scored else replace(tiny, positions=None, search=None), path)
-    work = prepare_run(open_request_of(str(path)), PreparationProgress())
-    try:
+    with prepared(open_request_of(str(path))) as work:
         assert work.scene.title == "hall, as measured"
         assert np.array_equal(work.measurement.pressures, tiny.pressures)
         state = work.session.view.state
@@ -47,16 +55,13 @@ def test_a_measurement_is_shown_without_walls(scored, tiny, tmp_path):
         picture = with_estimate(still, work.measurement, state.positions, 0, None)
         assert any(solid.name == "microphones/estimate" for solid in picture.meshes)
         assert any(solid.name == "microphones/true" for solid in picture.meshes) == scored
-    finally:
-        work.session.close(2.0)
 
 
 @pytest.fixture(scope="module")
 def array():
     """The page of the measured array that comes with fdcal."""
-    work = prepare_run(open_request_of("frl_array"), PreparationProgress())
-    yield work
-    work.session.close(2.0)
+    with prepared(open_request_of("frl_array")) as work:
+        yield work
 
 
 def test_the_measured_array_has_maps_at_once_and_a_list_of_takes(array, server):
@@ -126,12 +131,9 @@ def test_every_kind_of_measurement_has_a_placeholder_scene(dimension, array_dime
 def test_the_page_uses_all_modes_of_a_measurement(tiny, tmp_path):
     path = tmp_path / "hall.npz"
     save_measurement(tiny, path)
-    work = prepare_run(open_request_of(str(path)), PreparationProgress())
-    try:
+    with prepared(open_request_of(str(path))) as work:
         assert work.session.view.state.settings.modes == len(tiny.frequencies)
         assert work.scene.solver.modes == ALL_MODES, "so that another solver, or another scene, finds its own number"
-    finally:
-        work.session.close(2.0)
 
 
 @pytest.mark.parametrize(("solver", "known"), [("joint", "all"), ("joint", "none"), ("descent", "all")])
@@ -141,8 +143,7 @@ def test_a_measurement_without_search_domain_gets_one_round_the_estimate(solver,
     save_measurement(replace(tiny, positions=None, search=None), path)
     opening = open_request_of(str(path))
     opening = replace(opening, scene=replace(opening.scene, solver=SolverSettings(name=solver, known=known, modes=20)))
-    work = prepare_run(opening, PreparationProgress())
-    try:
+    with prepared(opening) as work:
         search = work.measurement.search
         assert search is work.problem.search and search is not None and work.reference_cost is not None
         *_, state = solvers.run(work.problem, replace(opening.scene.solver, name="joint"), 0)
@@ -151,8 +152,6 @@ def test_a_measurement_without_search_domain_gets_one_round_the_estimate(solver,
         assert np.isfinite(work.solver.landscape(work.problem, work.session.view.state, 1, slice(0, 3))).all()
         saved = replace(work.opening, states=(work.session.view.state,))
         assert saved.measurement.search == search, "a session that is saved keeps the domain"
-    finally:
-        work.session.close(2.0)
 
 
 def test_without_an_estimate_there_is_no_domain_and_the_page_says_what_to_do():
@@ -194,6 +193,7 @@ def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement
     assert row_label(takes, 4) == "row 4, take 1, 140.0 Hz" and row_label(measurement, 2) == "mode 2, 140.0 Hz"
     assert count_label(takes, (1, 3)) == "2 rows of take 0" and count_label(takes, (1, 2)) == "2 rows of 2 takes"
     assert modes_label(takes, (4,)) == "row 4, take 1" and modes_label(measurement, (1, 2)) == "modes 1 to 2"
+    assert modes_label(measurement, (38,)) == "mode 38" and modes_label(measurement, (2, 5, 9)) == "3 modes from 2 to 9"
     assert html.modes_text(takes, 1, 12) == "rows 1–12 of 2 takes, 100–300 Hz"
     assert "row 12, take 1, <b>300.0 Hz" in spectrum.caption(takes, (1, 12), 400, None)
 

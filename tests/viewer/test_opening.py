@@ -171,8 +171,7 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
 
 
 @pytest.mark.parametrize(
-    ("modes", "text"),
-    [((92,), "92"), (tuple(range(1, 93)), "1 to 92"), ((3, 4), "3 to 4"), ((1, 2, 3, 7), "1-3, 7")],
+    ("modes", "text"), [((92,), "92"), (tuple(range(1, 93)), "1 to 92"), ((3, 4), "3 to 4"), ((1, 2, 3, 7), "1-3, 7")]
 )
 def test_one_mode_is_told_from_a_sum(modes, text):
     assert summed_text(modes) == text

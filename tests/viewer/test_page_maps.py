@@ -20,7 +20,7 @@ from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.settings import Search
 from fdcal.session.session import History
 from fdcal.viewer.cost_maps import map_modes
-from fdcal.viewer.gui.binding import BASINS, FLOOR, SHAPE, Binding
+from fdcal.viewer.gui.binding import BASINS, FLOOR, NOTHING, SHAPE, Binding
 from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import view as exports
@@ -49,9 +49,14 @@ def test_the_hint_says_that_a_map_that_is_all_but_level_decides_nothing(range_db
     assert words in Viewer._hint(SimpleNamespace(run=work), picture)
 
 
-def test_a_map_stands_under_its_own_microphone_only(viewer):
+def legend(viewer):
+    return viewer._folders.overlay._regions["legend"].content
+
+
+def test_a_map_stands_under_its_own_microphone_only_and_the_legend_says_that_it_is_computed(viewer):
     viewer.tick(0.0)
-    assert shown(viewer) is None and mapped(viewer) == 3
+    assert shown(viewer) is None and "Computing the map of microphone 3" in legend(viewer)
+    assert mapped(viewer) == 3 and "Computing" not in legend(viewer)
     set_by_client(viewer.tabs.map.microphone, 7)
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of microphone 3 stands under microphone 7"
@@ -156,6 +161,18 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
     session.view = view_of([State(positions + 0.02)])
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of the run before the reset"
+
+
+def test_the_legend_names_what_is_drawn(opened):
+    viewer, turn_until = opened
+    turn_until(lambda: "dB" in legend(viewer))
+    viewer.run.session.step()
+    turn_until(lambda: viewer.snapshot.view.index == 1)
+    assert "trail" not in legend(viewer)
+    set_by_client(viewer.tabs.view.trails, True)
+    turn_until(lambda: "trail" in legend(viewer))
+    set_by_client(viewer.tabs.map.kind, NOTHING)
+    turn_until(lambda: "dB" not in legend(viewer))
 
 
 def test_the_field_of_the_last_mode_takes_the_place_of_the_map(opened):

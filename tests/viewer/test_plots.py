@@ -14,7 +14,6 @@ from fdcal.model.scene import load_scene
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import StateCosts
 from fdcal.session.sources import OpenRequest
-from fdcal.viewer.cost_maps import modes_label
 from fdcal.viewer.gui import html, plots
 from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.plots import Plot
@@ -236,11 +235,6 @@ def test_errors_are_averaged_over_the_microphones_sought(server, measurement):
     text = html.status(view_of([state]), measurement, sought=np.array([4, 5]))
     assert "mean <b>2 mm</b>, <span style='white-space: nowrap'>largest 3 mm</span>" in text
     assert "<b>1 mm</b>" in html.status(view_of([state]), measurement, sought=np.array([4]))
-
-
-def test_the_legend_of_a_map_names_its_modes(measurement):
-    assert modes_label(measurement, (38,)) == "mode 38" and modes_label(measurement, (1, 2, 3)) == "modes 1 to 3"
-    assert modes_label(measurement, (2, 5, 9)) == "3 modes from 2 to 9"
 
 
 def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurement):

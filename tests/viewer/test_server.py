@@ -10,6 +10,7 @@ import socket
 import threading
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -144,15 +145,6 @@ def opened(monkeypatch):
     return ports
 
 
-def refused(opened):
-    """Whether no server is opened, and none is left listening."""
-    with pytest.raises(InputError, match=r"viser .* and websockets .* cannot be restricted"):
-        hardening.open_server("127.0.0.1", 0)
-    for port in opened:
-        with pytest.raises(OSError):
-            socket.create_connection(("127.0.0.1", port), 5).close()
-
-
 def test_a_server_that_opens_refuses_a_foreign_page(server):
     hardening.require_foreign_origin_refused("127.0.0.1", server.get_port())
 
@@ -184,42 +176,31 @@ def test_only_the_page_itself_may_connect(server, host, origin, status):
         assert client.recv(12, socket.MSG_WAITALL) == f"HTTP/1.1 {status}".encode()
 
 
-def test_viser_that_takes_serve_from_elsewhere_is_not_served(monkeypatch, opened):
+def serve_from_elsewhere(patch):
+    """viser no longer takes `serve` from where it was replaced."""
     elsewhere = SimpleNamespace(asyncio=SimpleNamespace(server=SimpleNamespace(serve=SERVE)))
     elsewhere.exceptions, elsewhere.datastructures = _infra.websockets.exceptions, _infra.websockets.datastructures
     elsewhere.asyncio.server.ServerConnection = websockets.asyncio.server.ServerConnection
-    monkeypatch.setattr(_infra, "websockets", elsewhere)
-    refused(opened)
-    assert opened, "it did listen, for a moment"
+    patch.setattr(_infra, "websockets", elsewhere)
 
 
-def test_websockets_that_ignores_the_origins_is_not_served(monkeypatch, opened):
+def serve_ignoring_origins(patch):
     def careless(*arguments, origins=None, max_size=None, create_connection=None, logger=None, **options):
         return SERVE(*arguments, **options)
 
-    monkeypatch.setattr(websockets.asyncio.server, "serve", careless)
-    refused(opened)
+    patch.setattr(websockets.asyncio.server, "serve", careless)
 
 
-@pytest.mark.parametrize("name", ["origins", "max_size", "create_connection", "logger"])
-def test_websockets_without_an_option_is_not_served(monkeypatch, opened, name):
+def serve_without(option, patch):
     def older(*arguments, **options):
         return SERVE(*arguments, **options)
 
-    parameters = [p for p in inspect.signature(SERVE).parameters.values() if p.name != name]
+    parameters = [p for p in inspect.signature(SERVE).parameters.values() if p.name != option]
     older.__signature__ = inspect.Signature(parameters)
-    monkeypatch.setattr(websockets.asyncio.server, "serve", older)
-    refused(opened)
-    assert not opened
+    patch.setattr(websockets.asyncio.server, "serve", older)
 
 
-def test_websockets_without_serve_is_not_served(monkeypatch, opened):
-    monkeypatch.delattr(websockets.asyncio.server, "serve")
-    refused(opened)
-
-
-@pytest.mark.parametrize("name", ["_websock_server", "gui"])
-def test_viser_without_a_private_name_is_not_served(monkeypatch, opened, name):
+def viser_without(name, patch):
     class Renamed(viser.ViserServer):
         def __getattribute__(self, asked):
             if asked == name and object.__getattribute__(self, "__dict__").get("complete"):
@@ -234,14 +215,28 @@ def test_viser_without_a_private_name_is_not_served(monkeypatch, opened, name):
             self.complete = False
             super().stop()
 
-    monkeypatch.setattr(viser, "ViserServer", Renamed)
-    refused(opened)
+    patch.setattr(viser, "ViserServer", Renamed)
 
 
-def test_viser_without_its_message_buffer_is_not_served(monkeypatch, opened):
-    monkeypatch.delattr(hardening._infra, "AsyncMessageBuffer")
-    refused(opened)
-    assert not opened
+@pytest.mark.parametrize(
+    ("change", "listens"),  # whether it listens for a moment
+    [
+        (serve_from_elsewhere, True),
+        (serve_ignoring_origins, True),
+        *((partial(serve_without, name), False) for name in ("origins", "max_size", "create_connection", "logger")),
+        (lambda patch: patch.delattr(websockets.asyncio.server, "serve"), False),
+        *((partial(viser_without, name), None) for name in ("_websock_server", "gui")),
+        (lambda patch: patch.delattr(hardening._infra, "AsyncMessageBuffer"), False),
+    ],
+)
+def test_libraries_that_cannot_be_restricted_are_not_served(monkeypatch, opened, change, listens):
+    change(monkeypatch)
+    with pytest.raises(InputError, match=r"viser .* and websockets .* cannot be restricted"):
+        hardening.open_server("127.0.0.1", 0)
+    for port in opened:
+        with pytest.raises(OSError):
+            socket.create_connection(("127.0.0.1", port), 5).close()
+    assert listens is None or bool(opened) == listens
 
 
 def fetched(server, **headers):

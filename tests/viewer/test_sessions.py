@@ -17,7 +17,6 @@ from browsing import WAIT
 from doubles import finish, wait_until
 from running import exit_code
 
-from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
@@ -188,20 +187,6 @@ def test_cancel_keeps_the_old_session(tiny_page, scene, monkeypatch):
         finish(callback(event))
     turn_until(lambda: page.switcher.progress is None)
     assert ended.wait(WAIT) and page.binding is before and not page.status_bar.line.visible
-
-
-def test_a_session_continues_from_given_states(page_of, scene):
-    page, turn_until = page_of
-    problem, solver = cached_measurement(scene).problem("unit"), solvers.load(scene.solver.name)
-    states = [solver.init(problem, scene.solver, 0)]
-    for _ in range(3):
-        states.append(solver.step(problem, states[-1]))
-    page.open(OpenRequest(scene, states=tuple(states), index=2))
-    turn_until(lambda: page.viewer is not None)
-    view = page.binding.session.view
-    assert (view.count, view.index) == (4, 2) and list(view.history) == states
-    page.binding.session.step()
-    assert page.binding.session.wait_for(lambda view: view.count == 4 and view.index == 3, WAIT)
 
 
 def test_a_saved_session_is_restored(page_of, scene, tmp_path):

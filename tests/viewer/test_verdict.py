@@ -172,12 +172,3 @@ def test_odd_microphones_have_a_mark_of_their_own_at_their_place():
         mark.vertices[:, :2].mean(axis=0), measurement.positions[INVERTED], atol=picture.marker_radius / 4
     )
     assert with_faulty_channels(picture, measurement.positions, []) is picture
-
-
-def test_the_uncertainty_on_the_page_is_that_of_the_calibration():
-    measurement = fdcal.load("tiny")
-    result = fdcal.calibrate(measurement, solver="joint", modes=12)
-    problem = measurement.problem("unit", "all")
-    *_, state = solvers.run(problem, SolverSettings(name="joint", modes=12), 0)
-    found = shown_of(measurement, problem, state)
-    assert np.allclose(found.sigma, result.uncertainty, rtol=1e-6, atol=0)

@@ -67,6 +67,11 @@ def first(worker, wanted, fine):
     pytest.fail("there is no volume")
 
 
+def styled(request, **changes):
+    """The same request in another style."""
+    return dataclasses.replace(request, style=dataclasses.replace(request.style, **changes))
+
+
 def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, snapshot):
     worker = CostMapWorker(run, threads)  # of its own: one that has the fine volume already shows no coarse one
     coarse = first(worker, snapshot.map_request, False)
@@ -86,17 +91,16 @@ def test_the_slice_goes_through_the_estimate_until_it_is_moved(worker, snapshot)
     wanted = snapshot.map_request
     place = wanted.state.positions[MICROPHONE]
     for axis, number in (("x", 0), ("y", 1), ("z", 2)):
-        request = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_axis=axis))
+        request = styled(wanted, slice_axis=axis)
         plate = first(worker, request, False).volume.plate
         assert (plate.axis, plate.position) == (number, place[number])
-    moved = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_position=1.0))
+    moved = styled(wanted, slice_position=1.0)
     assert first(worker, moved, False).volume.plate.position == 1.0
-    beyond = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_position=99.0))
+    beyond = styled(wanted, slice_position=99.0)
     assert first(worker, beyond, False).volume.plate.position == pytest.approx(1.81), "the edge of the domain"
-    none = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_axis="none"))
+    none = styled(wanted, slice_axis="none")
     assert first(worker, none, False).volume.plate is None
-    basins = dataclasses.replace(none, style=dataclasses.replace(none.style, basins=True))
-    assert first(worker, basins, False).volume.plate is None, "nor one of basins"
+    assert first(worker, styled(none, basins=True), False).volume.plate is None, "nor one of basins"
 
 
 def test_another_microphone_or_other_modes_make_another_volume(worker, snapshot):
@@ -111,7 +115,7 @@ def test_another_microphone_or_other_modes_make_another_volume(worker, snapshot)
 def test_a_moved_slice_is_drawn_from_the_same_volume_and_the_last_one_stays_meanwhile(worker, snapshot):
     wanted = snapshot.map_request
     drawn = first(worker, wanted, True)
-    moved = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_position=1.1))
+    moved = styled(wanted, slice_position=1.1)
     elsewhere = dataclasses.replace(moved, microphone=3)
     assert drawn.request.differs_by_a_drag(moved) and not drawn.request.differs_by_a_drag(elsewhere)
     quick = first(worker, moved, False)
@@ -123,11 +127,11 @@ def test_a_moved_slice_is_drawn_from_the_same_volume_and_the_last_one_stays_mean
 
 def test_basins_in_space_are_a_slice_without_isosurfaces_that_follows_its_slider(worker, snapshot):
     wanted = snapshot.map_request
-    style = dataclasses.replace(wanted.style, basins=True)
-    drawn = first(worker, dataclasses.replace(wanted, style=style), True)
+    basins = styled(wanted, basins=True)
+    drawn = first(worker, basins, True)
     assert drawn.volume.bar is None and not len(drawn.volume.surface.faces) and drawn.volume.minima
     assert drawn.volume.areas[0].text.startswith("basin of the true position") and "ends within" in drawn.note
-    moved = first(worker, dataclasses.replace(wanted, style=dataclasses.replace(style, slice_position=0.9)), False)
+    moved = first(worker, styled(basins, slice_position=0.9), False)
     assert moved.volume.areas == drawn.volume.areas and moved.volume.plate.position == pytest.approx(0.9, abs=0.02)
     assert not np.array_equal(moved.volume.plate.rgb, drawn.volume.plate.rgb)
     picture = with_volume(compose(snapshot.run.scene, snapshot.run.measurement), drawn.volume)
@@ -190,7 +194,7 @@ def test_the_scene_has_surfaces_and_slice_and_moves_the_slice_without_a_new_node
     picture = compose(run.scene, run.measurement, snapshot.view.state.positions, MICROPHONE)
     nodes.show(with_volume(picture, first(worker, wanted, True).volume))
     assert {"isosurfaces", "slice", "lowest"} <= set(nodes.parts)
-    moved = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_position=1.2))
+    moved = styled(wanted, slice_position=1.2)
     nodes.show(with_volume(picture, first(worker, moved, True).volume))
     assert len(made) == 1 and made[0].position[2] == pytest.approx(1.2)
     nodes.show(picture)

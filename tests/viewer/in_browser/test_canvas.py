@@ -9,7 +9,6 @@ from doubles import assessment
 
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.model.scene import load_scene
-from fdcal.viewer.gui.binding import MAP_KINDS, NOTHING, VOLUME
 from fdcal.viewer.gui.html import verdict_html
 from fdcal.viewer.panels import LEFT, LEFT_WIDTH, RIGHT
 from fdcal.viewer.server.hardening import STYLE
@@ -49,10 +48,6 @@ def legend_of(page):
     return page.locator(".fdcal-legend")
 
 
-def entries(page):
-    return [text.strip() for text in legend_of(page).locator("span").all_inner_texts()]
-
-
 @pytest.mark.parametrize("size", [LARGE, DESKTOP])
 def test_the_legend_stands_on_the_canvas_below_the_map(page, size):
     scene = load_scene("tiny")
@@ -75,26 +70,6 @@ def test_the_legend_stands_on_the_canvas_below_the_map(page, size):
         assert "px" in numbers.first.evaluate("element => getComputedStyle(element).textShadow"), "outlined"
 
     until(page, it_stands_there)
-
-
-def test_the_legend_follows_what_is_drawn(page):
-    def of_what_is_drawn():
-        assert {"true", "estimate", "known"} < set(entries(page)) and "trail" not in entries(page)
-
-    until(page, of_what_is_drawn)
-    press(page, "Step")
-    page.get_by_text("step 1, sweep").wait_for()
-    tab(page, "View")
-    page.get_by_role("checkbox", name="Trails").click()
-    legend_of(page).get_by_text("trail").wait_for()
-    page.get_by_role("checkbox", name="Trails").click()
-    legend_of(page).get_by_text("trail").wait_for(state="detached")
-    tab(page, "Map")
-    for _ in [kind for kind in MAP_KINDS if kind not in (VOLUME, NOTHING)]:
-        page.keyboard.press("v")
-    legend_of(page).get_by_text("dB").wait_for(state="detached")
-    page.keyboard.press("v")
-    legend_of(page).get_by_text("dB").wait_for()
 
 
 @pytest.mark.parametrize("size", [LARGE, DESKTOP])

@@ -4,18 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import (
-    begin_anew,
-    choose,
-    hover,
-    middle,
-    on_screen,
-    pick,
-    press,
-    stands,
-    tab,
-    unfold,
-)
+from browsing import begin_anew, choose, hover, middle, on_screen, pick, press, stands, tab, unfold
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.session import session_file

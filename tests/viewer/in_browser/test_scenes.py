@@ -28,58 +28,20 @@ BOX = """name => {
 }"""
 
 
-# What bar and legend say of the scene and of its map from now on, in the order in which it is said.
-SAID = """() => {
-    const last = {}, say = () => ["[data-region=bar] .scene small", "[data-region=legend] p"].forEach(part => {
-        const text = document.querySelector(part)?.innerText ?? "";
-        if (text != last[part]) said.push(text);
-        last[part] = text;
-    });
-    window.said = [];
-    say();
-    said.length = 0;
-    window.saying = new MutationObserver(say);
-    saying.observe(document.getElementById("fdcal"), {subtree: true, childList: true, characterData: true});
-}"""
-
-
-@pytest.fixture(scope="module")
-def lshape(opened):
-    """The page of `lshape`, which was chosen in Explore."""
+def test_a_scene_is_chosen_in_explore(opened):
     press(opened, "Explore")
-    chosen(opened, "lshape", "L-shaped")
-    return opened
-
-
-def chosen(page, name, title):
-    """Choose a scene in Explore, and wait until it is shown."""
-    page.get_by_role("button", name="Choose a scene").click()
-    page.locator(f"[data-do='scene={name}']").click()
-    page.get_by_role("button", name="Choose a scene").get_by_text(title).wait_for()
-
-
-def test_a_scene_is_chosen_in_explore(lshape):
-    lshape.wait_for_function("location.hash.includes('scene=lshape')")
-
-
-def test_something_that_says_it_works_is_seen_before_a_scene_and_before_its_map(lshape):
-    lshape.locator("[data-region=legend] p").get_by_text("Where the map").wait_for()  # its own map, not said any more
-    lshape.evaluate(SAID)
-    chosen(lshape, "frl_array", "Measured")
-    hint = "The map is all but level"  # of its weak map
-    lshape.wait_for_function(f"said.join().includes('Paused') && said.join().includes('{hint}')")
-    said = lshape.evaluate("saying.disconnect(), said")
-    at = {word: [text.startswith(word) for text in said].index(True) for word in ("Paused", "Computing", hint)}
-    assert any(text.startswith(("Reading", "Preparing")) for text in said[: at["Paused"]]), said
-    assert at["Computing"] < at[hint], said
+    opened.get_by_role("button", name="Choose a scene").click()
+    opened.locator("[data-do='scene=lshape']").click()
+    opened.get_by_role("button", name="Choose a scene").get_by_text("L-shaped").wait_for()
+    opened.wait_for_function("location.hash.includes('scene=lshape')")
 
 
 @pytest.fixture(scope="module")
-def tiny(lshape):
+def tiny(opened):
     """The page of `tiny` as it comes with fdcal, whose solver says how uncertain it is."""
-    lshape.evaluate("location.hash = 'scene=tiny&face=expert'")
-    lshape.get_by_text("fdcal · tiny").wait_for()
-    return lshape
+    opened.evaluate("location.hash = 'scene=tiny&face=expert'")
+    opened.get_by_text("fdcal · tiny").wait_for()
+    return opened
 
 
 def test_the_legend_says_how_large_the_ellipses_are_drawn(tiny):
