@@ -241,17 +241,3 @@ def test_gains_scatter_as_stated_and_are_drawn_by_the_seed():
     assert np.std(np.degrees(np.angle(gains))) == pytest.approx(5.0, rel=0.05)
     assert np.array_equal(gains, faults.gains(4000, 3)) and not np.array_equal(gains, faults.gains(4000, 4))
     assert np.array_equal(Faults().gains(5, 0), np.ones(5))
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("faults.dead", "[16]"), ("faults.inverted", "[-1]"), ("faults.gain_db", "-1.0"), ("faults.phase_deg", "nan")],
-)
-def test_faults_that_cannot_be_are_refused(edited, key, value):
-    with pytest.raises(InputError, match=key):
-        load_scene(edited({key: value}))
-
-
-def test_a_channel_has_one_fault():
-    with pytest.raises(InputError, match=r"faults\.dead both name microphone 3"):
-        Faults(inverted=(3,), dead=(3,))

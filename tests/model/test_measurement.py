@@ -29,16 +29,12 @@ def test_noise_follows_the_unit():
     measurement = measured(POSITIONS, (0, 1, 2), highest=100.0, snr_db=20.0)
     scaled = replace(measurement, pressures=measurement.pressures * 8, noise_power=measurement.noise_power * 64)
     assert np.array_equal(scaled.problem().noise_power, measurement.problem().noise_power)
+    for factor in (1e-200, 1e200):
+        with pytest.raises(InputError, match='weights = "raw"; use another unit'):
+            replace(measurement, pressures=measurement.pressures * factor, noise_power=None).problem("raw")
     raw = measurement.problem("raw")
     assert np.array_equal(raw.pressures, measurement.pressures)
     assert np.array_equal(raw.noise_power, measurement.noise_power)
-
-
-@pytest.mark.parametrize("factor", [1e-200, 1e200])
-def test_raw_pressures_beyond_floats_are_refused(factor):
-    measurement = measured(POSITIONS, (0, 1, 2), highest=100.0)
-    with pytest.raises(InputError, match='weights = "raw"; use another unit'):
-        replace(measurement, pressures=measurement.pressures * factor).problem("raw")
 
 
 def test_derived_wavenumbers_follow_the_sound_speed_and_the_frequencies():
@@ -89,12 +85,7 @@ def test_a_measurement_survives_the_round_trip(written):
         assert np.array_equal(getattr(given, name), getattr(back, name))
         assert getattr(given, name).dtype == getattr(back, name).dtype
     assert (given.search, given.names, given.sound_speed) == (back.search, back.names, back.sound_speed)
-
-
-def test_a_file_of_another_version_is_refused(written):
-    load_measurement(written(version=None))
-    with pytest.raises(InputError, match="is of version 2, and fdcal reads version 1; write it again"):
-        load_measurement(written(version=2))
+    load_measurement(written(remark=np.array([None])))  # a key that fdcal does not know
 
 
 def test_a_spectrum_comes_back_and_a_wrong_one_is_refused(written):
@@ -123,18 +114,13 @@ def test_a_required_key_is_asked_for(written, key):
     [
         ({"known": [0.9, 1.0, 2.7]}, ["known is real (float64)", "whole numbers"]),
         ({"known": [True, False, True]}, ["known is true or false", "whole numbers"]),
-        ({"known": [[0, 1, 2]]}, ["known has shape (1, 3)", "(any,)"]),
         ({"known": [0, 1, 2, 3, 4], "known_positions": POSITIONS}, ["known", "leaves no microphone to be found"]),
         ({"known": [0, 1, 1]}, ["known = [0, 1, 1]", "at most once"]),
         ({"known_positions": POSITIONS[:3] + 1j}, ["known_positions is complex", "real numbers"]),
-        ({"known_positions": POSITIONS[:3, None]}, ["known_positions has shape (3, 1, 2)", "(3, 2)"]),
         ({"known_positions": POSITIONS[:2]}, ["known_positions has shape (2, 2)", "(3, 2)"]),
         ({"known_positions": None, "positions": None}, ["known_positions is missing"]),
         ({"positions": POSITIONS.astype(str)}, ["positions is text", "real numbers"]),
-        ({"positions": POSITIONS * np.inf}, ["positions[0, 0] is not a finite number"]),
-        ({"frequencies": np.array([30j, 40j])}, ["frequencies is complex", "real numbers"]),
         ({"pressures": np.array([[True, False]])}, ["pressures is true or false", "complex numbers"]),
-        ({"pressures": np.array([[1 + 0j, 2]])}, ["pressures has shape (1, 2)", "complex numbers"]),
         ({"sound_speed": [343.0]}, ["sound_speed has shape (1,)", "one of real numbers"]),
         ({"sound_speed": -343.0}, ["sound_speed = -343 m/s", "above zero"]),
         ({"dimension": 2.5}, ["dimension is real", "whole numbers"]),
@@ -143,11 +129,10 @@ def test_a_required_key_is_asked_for(written, key):
         ({"names": ["a", "b", "c", "d", "d"]}, ["names must be 5 different texts"]),
         ({"noise_power": [1.0]}, ["noise_power has shape (1,)"]),
         ({"search_step": 0.01 + 1j}, ["search_step is complex", "real numbers"]),
-        ({"search_origin": [[0.0, 0.0]]}, ["search_origin has shape (1, 2)"]),
         ({"search_size": np.zeros(100_000)}, ["search_size has shape (100000,)"]),
-        ({"names": "one text"}, ["names"]),
         ({"radius": "wide"}, ["radius is text"]),
         ({"known": np.array([None, 1])}, ['"known" is damaged or not a plain array']),
+        ({"version": 2}, ["is of version 2, and fdcal reads version 1; write it again"]),
     ],
 )
 def test_a_value_of_another_kind_is_refused_with_its_key(written, changes, words):
@@ -163,10 +148,6 @@ def test_the_other_time_sign_is_refused(written):
     with pytest.raises(InputError, match=r"wavenumbers\[0\].*exp\(\+j w t\).*conjugate"):
         load_measurement(written(wavenumbers=other))
     assert load_measurement(written(wavenumbers=other.real)).wavenumbers.dtype == complex
-
-
-def test_unknown_keys_are_ignored(written):
-    load_measurement(written(remark=np.array([None])))
 
 
 # Measurements of arrays and of objects of pyfar; positions that somebody gives.
@@ -215,6 +196,8 @@ def test_frequency_data_of_pyfar_are_taken_as_they_are():
     np.testing.assert_array_equal(m.frequencies, FREQUENCIES)
     np.testing.assert_allclose(m.positions, PLACES, atol=1e-12)
     assert m.sound_speed == 340.0
+    with pytest.raises(fdcal.InputError, match="FrequencyData"):
+        fdcal.Measurement.from_pyfar(PRESSURES)
 
 
 def test_a_signal_of_pyfar_is_imported_as_a_recording_is(tmp_path):
@@ -234,36 +217,21 @@ def test_a_signal_of_pyfar_is_imported_as_a_recording_is(tmp_path):
     np.testing.assert_allclose(10 * recorded.pressures, m.pressures, rtol=1e-6)
 
 
-def test_another_object_is_refused():
-    with pytest.raises(fdcal.InputError, match="FrequencyData"):
-        fdcal.Measurement.from_pyfar(PRESSURES)
-
-
 NAMED = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, names=list("abcde"))
 NUMBERED = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES)
 
 
-def test_positions_are_found_by_name_whatever_their_order():
-    placed = MicrophonePositions(tuple("xedcba"), np.vstack([[9.0, 9, 9], PLACES[::-1]]))
-    np.testing.assert_array_equal(with_positions(NAMED, placed).positions, PLACES)
-
-
-def test_with_other_names_the_order_counts():
-    placed = MicrophonePositions(tuple(f"Point {n}" for n in range(5)), PLACES)
-    np.testing.assert_array_equal(with_positions(NUMBERED, placed).positions, PLACES)
-
-
-def test_channels_left_out_keep_their_rows():
+def test_positions_are_found_by_name_or_in_their_order_and_are_as_many_as_the_microphones():
+    reversed_names = MicrophonePositions(tuple("xedcba"), np.vstack([[9.0, 9, 9], PLACES[::-1]]))
+    numbered = MicrophonePositions(tuple(f"Point {n}" for n in range(5)), PLACES)
+    one_more = MicrophonePositions(tuple(f"Point {n}" for n in range(6)), np.vstack([PLACES, PLACES[:1] + 1]))
     kept = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES[:, [0, 2, 4]], names=["0", "2", "4"])
-    placed = MicrophonePositions(tuple(f"Point {n}" for n in range(5)), PLACES)
-    np.testing.assert_array_equal(with_positions(kept, placed, excluded=2).positions, PLACES[[0, 2, 4]])
-
-
-def test_another_number_of_positions_is_refused():
-    placed = MicrophonePositions(tuple(f"Point {n}" for n in range(6)), np.vstack([PLACES, PLACES[:1] + 1]))
+    np.testing.assert_array_equal(with_positions(NAMED, reversed_names).positions, PLACES)
+    np.testing.assert_array_equal(with_positions(NUMBERED, numbered).positions, PLACES)
+    np.testing.assert_array_equal(with_positions(kept, numbered, excluded=2).positions, PLACES[[0, 2, 4]])
     for measurement in (NAMED, NUMBERED):
         with pytest.raises(fdcal.InputError, match="6 positions are given for 5 microphones"):
-            with_positions(measurement, placed)
+            with_positions(measurement, one_more)
 
 
 def test_heights_are_refused_for_an_array_in_the_plane():

@@ -65,54 +65,62 @@ def test_name_and_path_give_the_same_scene(edited):
         ({"seed": "-1"}, ["seed = -1", "0 or more"]),
         ({"room.size": "3.0"}, ["room.size = 3.0", "a list"]),
         ({"room.size": "[-1.68, 1.2]"}, ["room.size = -1.68 m", "above zero"]),
-        ({"room.size": "[1.68, inf]"}, ["room.size", "finite"]),
         ({"room.size": "[1.68]"}, ["room.size", "1 numbers", "give two, along x and y or three"]),
         ({"room.size": "[1.68, 1.2, 3.0]"}, ["room.cell = 0.04 m has no meaning", "three lengths", "remove it"]),
         ({"room.outline": "[[0, 0], [1, 0], [1, 1]]"}, ["room.size or room.outline", "exactly one"]),
         ({"room.size": None, "room.outline": "[[0, 0], [1, 1], [2, 2]]"}, ["room.outline encloses no area"]),
         ({"room.cell": "1e-6"}, ["room.cell = 1e-06", "use a larger one"]),
-        ({"room.cell": "1e999"}, ["room.cell = inf", "finite"]),
         ({"room.cell": "1" + "0" * 400}, ["room.cell", "too large"]),
         ({"room.walls": '"soft"'}, ['room.walls = "soft"', "rigid, pressure-release, absorbing"]),
         ({"room.walls": '"absorbing"'}, ["room.admittance = 0", "above zero"]),
         ({"room.admittance": "0.1"}, ["room.admittance = 0.1", "remove it"]),
         ({"room.sound_speed": "nan"}, ["room.sound_speed", "must be a number"]),
-        ({"source.position": "[1.5]"}, ["source.position", "1 numbers", "give two"]),
         ({"source.high": "9000.0"}, ["source.high = 9000 Hz", "half of source.sample_rate = 13000 Hz"]),
         ({"array.geometry": '"spiral"'}, ['array.geometry = "spiral"', "use one of"]),
         ({"array.geometry": '"circle"'}, ["array.count is missing"]),
         ({"array.count": "5"}, ["array.count has no meaning", "remove it"]),
-        ({"array.center": "[inf, 0.5]"}, ["array.center[0] is not a finite number"]),
         ({"array.random": "100000"}, ["array has 100009 microphones", "at most"]),
-        ({"search.step": "0.0"}, ["search.step = 0 m", "above zero"]),
         ({"search.step": "1.0"}, ["search.step = 1 m", "use a smaller step"]),
-        ({"search.step": "1e-5"}, ["search.step = 1e-05", "use a larger one"]),
         ({"search.step": "1e-320"}, ["search.step = ", "use a number from 1e-12"]),
-        ({"search.step": "1e-12"}, ["search.step = 1e-12", "use a larger one", "500000"]),
         ({"search.step": "0.0005"}, ["9.24e+05 candidates", "use a larger one", "500000"]),
         ({"search.size": "[0.48, 0.47]"}, ["search.size = 0.47 m", "search.step = 0.02 m", "use 0.46 or 0.48 m"]),
         ({"search.origin": "[1e300, 0.4]"}, ["search.origin", "too far away"]),
-        ({"source.position": "[1e300, 0.4]"}, ["source.position", "too far away"]),
-        ({"solver.modes": "1" + "0" * 400}, ["solver.modes", "too large"]),
-        ({"seed": "1" + "0" * 400}, ["seed", "too large"]),
-        ({"source.sample_rate": "1e300"}, ["source.sample_rate = 1e+300 Hz", "use a number from"]),
-        ({"measurement.resolution": "1e-320"}, ["measurement.resolution", "use a number from"]),
         ({"measurement.snr_db": "-5000.0"}, ["measurement.snr_db = -5000", "-300 to 300", "inf"]),
-        ({"measurement.snr_db": "301.0"}, ["measurement.snr_db = 301", "-300 to 300"]),
         ({"search.origin": "[0.4]"}, ["search.origin", "differ in dimension"]),
         ({"gauge.free": "[3]"}, ["gauge.known or gauge.free", "exactly one"]),
         ({"measurement.snr_db": "-inf"}, ["measurement.snr_db = -inf", "decibels"]),
         ({"measurement.lowest": "950.0"}, ["measurement.lowest = 950 Hz", "below measurement.highest = 850 Hz"]),
         ({"measurement.highest": "1600.0"}, ["measurement.highest = 1600 Hz", "source.high = 1500 Hz"]),
-        ({"measurement.wavenumber": '"k"'}, ['measurement.wavenumber = "k"', "discrete, continuous"]),
         ({"solver.modes": "2"}, ["solver.first_modes = 3", "solver.modes = 2", "lower it"]),
         ({"solver.order_offset": "-1"}, ["solver.order_offset = -1"]),
-        ({"solver.weights": '"none"'}, ['solver.weights = "none"', "unit, raw"]),
         ({"solver": "3"}, ["not valid TOML"]),
+        ({"faults.dead": "[16]"}, ["faults.dead"]),
+        ({"faults.inverted": "[-1]"}, ["faults.inverted"]),
+        ({"faults.inverted": "[3]", "faults.dead": "[3]"}, ["faults.dead both name microphone 3"]),
+        ({"faults.gain_db": "-1.0"}, ["faults.gain_db"]),
+        ({"faults.phase_deg": "nan"}, ["faults.phase_deg"]),
+        ({"source.positions": "[[1.58, 1.1], [0.1, 1.1]]"}, ["both given; keep one"]),
     ],
 )
 def test_bad_scene_names_key_value_and_remedy(edited, changes, words):
     assert_refused(words, load_scene, edited(changes))
+
+
+@pytest.mark.parametrize(
+    ("places", "words"),
+    [
+        ("[]", ["source.position is missing", "source.positions"]),
+        ("[1.58, 1.1]", ["source.positions = 1.58 must be a list"]),
+        ("[[1.58, 1.1], [0.1]]", ["source.positions[2] = [0.1] has 1 numbers", "give two"]),
+        ("[[1.58, 1.1], [1.58, 1.1]]", ["source.positions[2]", "given twice", "move it"]),
+        ("[[1.58, 1.1], [0.7, 0.6]]", ["source.positions[2]", "inside the array"]),
+        ("[[1.58, 1.1], [2.7, 0.6]]", ["source.positions[2]", "outside the room"]),
+        ("[[1.58, 1.1], [1e300, 0.6]]", ["source.positions[2]", "too far away"]),
+        (str([[0.1, 0.001 * n] for n in range(101)]), ["source.positions has 101 places", "at most 100"]),
+    ],
+)
+def test_a_bad_list_of_places_names_key_value_and_remedy(edited, places, words):
+    assert_refused(words, lambda: positions_of(of_places(edited, places)))
 
 
 @pytest.fixture
@@ -205,33 +213,27 @@ def test_a_missing_table_is_named(edited, table):
         load_scene(path)
 
 
-def test_unknown_scene_lists_the_known_ones():
-    with pytest.raises(InputError, match=r'"nowhere" is unknown.*array1_circle'):
-        load_scene("nowhere")
-
-
-@pytest.mark.parametrize("suffix", ["", ".wav", "_square"])
-def test_a_scene_whose_name_is_too_long_for_a_file_is_refused_in_one_line(suffix):
-    with pytest.raises(InputError, match=r"is unknown|cannot read") as refused:
-        load_scene("9" * 5000 + suffix)
-    assert "\n" not in str(refused.value)
-
-
-def test_missing_file_is_a_storage_error(tmp_path):
-    with pytest.raises(StorageError, match="cannot read scene"):
-        load_scene(tmp_path / "gone.toml")
-
-
-def test_not_toml(tmp_path):
-    for name, content in (("text", b"room = ["), ("binary", b"\xff\xfe")):
-        path = tmp_path / f"{name}.toml"
-        path.write_bytes(content)
-        with pytest.raises(InputError, match="not valid TOML"):
-            load_scene(path)
-
-
-def test_search_shape_counts_both_ends():
-    assert Search((0, 0), (1.2, 0.3), 0.1).shape == (13, 4)
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("nowhere", r'"nowhere" is unknown.*array1_circle'),
+        ("9" * 5000, r"is unknown|cannot read"),
+        ("9" * 5000 + ".wav", r"is unknown|cannot read"),
+        ("gone.toml", "cannot read scene"),
+        ("mine.npz", "is a measurement; give a scene"),
+        ("a\0b.toml", "NUL"),
+        ("text.toml", "not valid TOML"),
+        ("binary.toml", "not valid TOML"),
+    ],
+)
+def test_what_is_no_scene_is_refused_in_one_line(tmp_path, monkeypatch, name, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "text.toml").write_bytes(b"room = [")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises((InputError, StorageError), match=words) as caught:
+        load_scene(name)
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value, StorageError) or name != "gone.toml"
 
 
 def test_a_layer_of_the_search_domain_is_the_lattice_at_one_height():
@@ -239,11 +241,6 @@ def test_a_layer_of_the_search_domain_is_the_lattice_at_one_height():
     np.testing.assert_allclose(flat.layer(), [[[1, 2], [1.1, 2], [1.2, 2]], [[1, 2.1], [1.1, 2.1], [1.2, 2.1]]])
     np.testing.assert_allclose(deep.layer(3.14)[..., :2], flat.layer())
     assert np.all(deep.layer(3.14)[..., 2] == 3.14)
-
-
-def test_a_measurement_is_no_scene(tmp_path):
-    with pytest.raises(InputError, match="is a measurement; give a scene"):
-        load_scene(tmp_path / "mine.npz")
 
 
 def test_a_measurement_becomes_a_scene_by_a_file_that_names_it(tmp_path):
@@ -275,6 +272,7 @@ def test_a_measured_room_has_neither_walls_nor_a_source(written_room, room):
     scene = load_scene(written_room(room))
     assert (scene.room.response, scene.room.walls, scene.room.size) == ("listening_lab", "unknown", None)
     assert (scene.source, scene.room.dimension, len(scene.room.vertices)) == (None, 3, 0)
+    assert no_rectangle(scene), "no solver of known rooms"
     assert positions_of(scene).shape == (64, 3)
 
 
@@ -310,17 +308,11 @@ def test_walls_or_a_source_in_a_measured_room_are_refused(written_room, room, wo
     [
         ({"resolution = 8.1": "resolution = 2.0"}, ["measurement.resolution = 2 Hz", "0.125 s", "use at least 8.1 Hz"]),
         ({"highest = 785.0": "highest = 9000.0"}, ["measurement.highest = 9000 Hz", "use at most 8000 Hz"]),
-        ({"lowest = 20.0": "lowest = 790.0"}, ["measurement.lowest"]),
-        ({'"continuous"': '"discrete"'}, ["measurement.wavenumber"]),
     ],
 )
 def test_frequencies_that_a_measured_room_does_not_have_are_refused(boxed, changes, words):
     path = boxed(changes, "listening_lab")
     assert_refused(words, lambda: measure(load_scene(path)))
-
-
-def test_a_solver_of_known_rooms_is_refused_in_a_measured_one():
-    assert no_rectangle(load_scene("listening_lab")) != ""
 
 
 @pytest.fixture
@@ -386,26 +378,3 @@ def test_the_cached_measurement_depends_on_every_place(edited, monkeypatch, tmp_
     np.testing.assert_array_equal(cached_measurement(two).pressures, measure(two).pressures)
     assert load_cached_measurement(other) is None and load_cached_measurement(two.takes()[0]) is None
     np.testing.assert_array_equal(measured.pressures, load_cached_measurement(two).pressures)
-
-
-@pytest.mark.parametrize(
-    ("places", "words"),
-    [
-        ("[]", ["source.position is missing", "source.positions"]),
-        ("[1.58, 1.1]", ["source.positions = 1.58 must be a list"]),
-        ("[[1.58, 1.1], [0.1]]", ["source.positions[2] = [0.1] has 1 numbers", "give two"]),
-        ("[[1.58, 1.1], [0.1, 1.1, 0.5]]", ["source.positions[2]", "has 3 numbers", "give two"]),
-        ("[[1.58, 1.1], [1.58, 1.1]]", ["source.positions[2]", "given twice", "move it"]),
-        ("[[1.58, 1.1], [0.7, 0.6]]", ["source.positions[2]", "inside the array"]),
-        ("[[1.58, 1.1], [2.7, 0.6]]", ["source.positions[2]", "outside the room"]),
-        ("[[1.58, 1.1], [1e300, 0.6]]", ["source.positions[2]", "too far away"]),
-        (str([[0.1, 0.001 * n] for n in range(101)]), ["source.positions has 101 places", "at most 100"]),
-    ],
-)
-def test_a_bad_list_of_places_is_refused_in_one_line(edited, places, words):
-    assert_refused(words, lambda: measure(of_places(edited, places)))
-
-
-def test_position_and_positions_exclude_each_other(edited):
-    with pytest.raises(InputError, match="both given; keep one"):
-        load_scene(edited({"source.positions": TWO_PLACES}))
