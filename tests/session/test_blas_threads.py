@@ -25,13 +25,10 @@ def two_threads():
         yield
 
 
-def test_the_limit_is_taken_back_after_an_error(two_threads):
+def test_the_last_of_several_computations_takes_it_back_also_after_an_error(two_threads):
     with pytest.raises(ZeroDivisionError), one_blas_thread():
         raise ZeroDivisionError
     assert set(threads()) == {2}
-
-
-def test_the_last_of_several_computations_takes_it_back(two_threads):
     started, end = threading.Event(), threading.Event()
 
     def other():
@@ -49,19 +46,15 @@ def test_the_last_of_several_computations_takes_it_back(two_threads):
     assert set(threads()) == {2}
 
 
-def test_a_command_takes_it_back(two_threads, monkeypatch, capsys):
-    monkeypatch.delenv(VARIABLE, raising=False)
-    exit_code("scenes")
-    assert VARIABLE not in os.environ
-    assert set(threads()) == {2}
-
-
-def test_a_calibration_has_one_thread_and_takes_it_back(two_threads):
+def test_a_calibration_has_one_thread_and_takes_it_back_and_so_does_a_command(two_threads, monkeypatch):
     seen = []
     measurement = fdcal.simulate("tiny")
     fdcal.calibrate(measurement, modes=8, progress=lambda done, note: seen.extend(threads()))
     assert set(seen) == {1}
     assert set(threads()) == {2}
+    monkeypatch.delenv(VARIABLE, raising=False)
+    exit_code("scenes")
+    assert VARIABLE not in os.environ and set(threads()) == {2}
 
 
 def test_a_command_that_loads_numpy_itself_has_one_thread():

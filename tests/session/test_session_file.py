@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import io
+import itertools
 import json
 import pickle
 import zipfile
@@ -24,14 +25,11 @@ from fdcal.session.sources import OpenRequest
 CHOICES = {"microphone": 9, "modes": (2, 5), "follow": False, "dark": True, "opacity": 0.5}
 
 
-def left(name: str, index: int | None = None) -> OpenRequest:
-    """A session on `tiny`, saved while solver `name` was running."""
-    scene = edited(load_scene("tiny"), {"solver.name": name, "measurement.snr_db": 40.0})
+def left(name: str, steps: int | None = None, index: int = 2) -> OpenRequest:
+    """A session on `tiny`, saved while solver `name` was running, or at its end."""
+    scene = edited(load_scene("tiny"), {"solver.name": name, "solver.modes": 12, "measurement.snr_db": 40.0})
     measurement = cached_measurement(scene)
-    problem, solver = measurement.problem(scene.solver.weights), solvers.load(name)
-    states = [solver.init(problem, scene.solver, 5)]
-    for _ in range(4):
-        states.append(solver.step(problem, states[-1]))
+    states = itertools.islice(solvers.run(measurement.problem(scene.solver.weights), scene.solver, 5), steps)
     return OpenRequest(scene, 5, measurement, tuple(states), index, CHOICES)
 
 
@@ -62,7 +60,7 @@ def reopened(tmp_path):
 
 @pytest.fixture(scope="module")
 def joint_session():
-    return left("joint", 3)
+    return left("joint", 5, 3)
 
 
 @pytest.fixture
@@ -89,34 +87,18 @@ def folder(tmp_path, joint_session):
 
 
 @pytest.mark.parametrize("name", solvers.names())
-def test_a_reopened_session_equals_the_saved_one(name, reopened):
-    given = left(name, 2)
-    found = reopened(given)
+def test_a_reopened_session_equals_the_saved_one_and_its_run_goes_on_as_if_it_had_not_stopped(name, reopened):
+    given = left(name)
+    before, found = copy.deepcopy(given.states), reopened(given)
     assert found.scene == given.scene and (found.start_seed, found.index) == (5, 2)
     assert found.choices == {**CHOICES, "modes": [2, 5]}
     assert same(found.measurement, given.measurement)
-    assert len(found.states) == len(given.states)
-    problem, solver = found.measurement.problem(found.scene.solver.weights), solvers.load(name)
-    before = given.measurement.problem(given.scene.solver.weights)
-    for mine, own in zip(found.states, given.states, strict=True):
-        assert same(mine, own)
-        assert not mine.positions.flags.writeable
-    assert same(solver.step(problem, found.states[-1]), solver.step(before, given.states[-1])), "going on"
-
-
-@pytest.mark.parametrize("name", solvers.names())
-def test_a_saved_run_goes_on_as_if_it_had_not_stopped(name, reopened):
-    """From its middle to its end, through the file."""
-    scene = edited(load_scene("tiny"), {"solver.name": name, "solver.modes": 12, "measurement.snr_db": 40.0})
-    measurement = cached_measurement(scene)
-    states = list(solvers.run(measurement.problem(scene.solver.weights), scene.solver, 5))
-    middle = len(states) // 2
-    found = reopened(OpenRequest(scene, 5, measurement, tuple(states), middle))
-    assert all(map(same, found.states, states))
-    problem, solver = found.measurement.problem(found.scene.solver.weights), solvers.load(name)
+    assert same(found.states, before) and same(reopened(found).states, before)
+    assert not any(state.positions.flags.writeable for state in found.states)
+    problem, middle = found.measurement.problem(found.scene.solver.weights), len(before) // 2
     state = found.states[middle]
-    for expected in states[middle + 1 :]:
-        state = solver.step(problem, state)
+    for expected in before[middle + 1 :]:
+        state = solvers.load(name).step(problem, state)
         assert same(state, expected)
     assert state.finished
 
@@ -183,40 +165,30 @@ def put_inside(record, key, value):
         (lambda table: table.pop("states"), "session"),
         (lambda table: table.update(fdcal_session=1), r"fdcal_session = '?1'?; this fdcal reads version 2"),
         (lambda table: table.update(index=999), "index"),
-        (lambda table: table.update(index="2"), "index"),
         (lambda table: table.update(start_seed=-1), "start_seed"),
         (lambda table: table["scene"]["room"].update(sound_speed=-1), "room.sound_speed"),
         (lambda table: table["scene"].update(evil=1), "evil"),
         (lambda table: table["scene"]["solver"].update(name="descent"), "solver"),
         (lambda table: table["states"]["kinds"][0].update(solver="os"), "solver"),
-        (lambda table: table["states"]["order"].append(0), "order"),
         (lambda table: table["states"]["order"].append(7), "order"),
         (lambda table: table["states"].update(order=[]), "order"),
-        (lambda table: table["states"].update(order=[0] * 9999), "order"),
         (lambda table: states_of(table).pop("cost"), "cost"),
         (lambda table: states_of(table).update(__class__=[1]), "version"),
-        (lambda table: states_of(table).update({"[" * 3000: [1]}), "version"),
         (lambda table: table["scene"]["solver"].update(name="joint" + ".a" * 3000), "solver"),
         (lambda table: states_of(table)["cost"].pop(), "length"),
         (put("first", 0), "first"),
         (put("last", 10**30), "last"),
         (put("moved", 99), "moved"),
-        (put("step", True), "step"),
         (put("finished", 1), "finished"),
         (put("cost", "1e999"), "cost"),
-        (put("cost", {"number": "nan"}), "cost"),
         (put_inside("model", "kernel", "__import__('os')"), "kernel"),
-        (put_inside("model", "kernel", "no_kernel"), "kernel"),
         (put_inside("model", "contradicted", True), "contradicted"),
         (put_inside("progress", "rounds", -1), "rounds"),
         (put_inside("progress", "stage", 6), r"progress\.stage = 6 must be from 0 to 5"),
         (put("progress", {"record": {}}), "version"),
-        (put("progress", {"tuple": []}), "progress"),
         (put("settings", {"settings": 7}), "settings"),
         (put("positions", {"array": [99, 0]}), "positions"),
-        (put("positions", {"array": [0, -1]}), "positions"),
         (put("positions", {"array": [0, 99]}), "positions"),
-        (put("positions", [[0, 0]]), "positions"),
         (put_inside("model", "noise", {"array": [0, 0]}), "noise"),
         (put("optima", {"tuple": [{"record": [1, 2]}]}), "optima"),
     ],
@@ -235,8 +207,6 @@ def test_a_changed_table_is_refused(folder, change, word):
         lambda held: held.update(states_0=np.full_like(held["states_0"], np.nan)),
         lambda held: held.update(states_0=held["states_0"] * 1e12),
         lambda held: held.update(states_0=held["states_0"][..., :1]),
-        lambda held: held.update(states_0=np.array(["text"])),
-        lambda held: held.update(states_0=np.zeros(())),
         lambda held: held.pop("states_0"),
         lambda held: held.pop("pressures"),
         lambda held: held.update(frequencies=held["frequencies"][::-1]),
@@ -286,8 +256,3 @@ def test_a_missing_half_is_reported(folder, tmp_path):
         session_file.read(path)
     with pytest.raises(StorageError, match="nowhere"):
         session_file.read(tmp_path / "nowhere.zip")
-
-
-def test_reading_changes_nothing(joint_session, reopened):
-    before = copy.deepcopy(joint_session.states)
-    assert all(map(same, reopened(reopened(joint_session)).states, before))
