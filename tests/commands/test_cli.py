@@ -65,14 +65,6 @@ def test_calibrate_of_scene_and_of_its_file_agree(made, tmp_path, capsys):
     assert one["positions"] == two["positions"]
 
 
-def test_calibrate_without_truth_has_no_error(altered, tmp_path):
-    out = done("calibrate", altered(positions=None), "--modes", 12, "-o", "blind.json", folder=tmp_path)
-    assert "unknown" in out
-    result = json.loads((tmp_path / "blind.json").read_text())
-    assert result["mean_error_m"] is None
-    assert result["max_error_m"] is None
-
-
 @pytest.fixture
 def calibrated(made, tmp_path, monkeypatch, capsys):
     """Function that calibrates tiny's file, or another, with options, in this process: summary and result."""
@@ -100,11 +92,9 @@ def test_the_cost_is_that_of_the_page(calibrated, made):
 @pytest.mark.parametrize(
     ("options", "sought", "aligned"),
     [
-        (["--known", "all"], 13, False),
         (["--known", "minimal"], 16, False),
         (["--known", "none"], 16, True),
         (["--noise", "60"], 13, False),
-        (["--noise", "auto", "--solver", "robust"], 13, False),
     ],
 )
 def test_calibrate_options_end_within_two_millimetres(calibrated, options, sought, aligned):
@@ -117,9 +107,10 @@ def test_calibrate_options_end_within_two_millimetres(calibrated, options, sough
 
 def test_a_file_without_known_microphones_is_calibrated_blind(calibrated, altered):
     for changes in ({}, {"positions": None}):
-        _, result = calibrated("--solver", "joint", path=altered(known=None, known_positions=None, **changes))
+        out, result = calibrated("--solver", "joint", path=altered(known=None, known_positions=None, **changes))
         assert result["aligned"] is True and (result["mean_error_m"] or 0.0) < 2e-3
-        assert (result["mean_error_m"] is None) == bool(changes)
+        unknown = {result["mean_error_m"] is None, result["max_error_m"] is None, "unknown" in out}
+        assert unknown == {bool(changes)}
 
 
 def test_the_minimal_gauge_takes_a_position_a_direction_and_a_side(calibrated, made):
@@ -158,19 +149,6 @@ def test_the_noise_is_estimated_where_none_is_reported(calibrated, altered, solv
     assert reported["positions"] == calibrated("--solver", solver, "--noise", "auto")[1]["positions"]
 
 
-def test_known_microphones_that_do_not_span_the_array_are_refused(altered, refused):
-    """An array and its mirror image fit two known microphones equally well, whatever the solver."""
-    table = load_measurement(altered())
-    path = altered(known=table.known[:2], known_positions=table.known_positions[:2])
-    for solver in ("robust", "joint"):
-        line = refused("calibrate", path, "--solver", solver)
-        assert "name at least 3 known microphones that span the array, or none" in line
-    line = refused("calibrate", path, "--known", "minimal")
-    assert "known = [0, 5] does not fix the gauge" in line and "3 known microphones" in line
-    bare = altered(known=None, known_positions=None)
-    assert "known = [] does not fix the gauge" in refused("calibrate", bare, "--known", "minimal")
-
-
 def test_a_blind_result_is_laid_onto_the_truth_before_it_is_drawn(calibrated, made):
     calibrated("--known", "none", "--solver", "joint")
     arguments = ("landscape", made / "tiny.npz", "--microphone", "9", "--mode-numbers", "2,3", "--result", "r.json")
@@ -204,19 +182,14 @@ def test_landscape_draws_and_writes_the_basins_of_attraction(tmp_path):
     assert 'Name="basin of the sum"' in (tmp_path / "map.vti").read_text()
 
 
-def test_a_snapshot_of_basins_is_not_that_of_costs(tmp_path, one_painter):
-    for name, extra in (("cost", []), ("basins", ["--basins"])):
+def test_a_snapshot_of_basins_is_not_that_of_costs(made, tmp_path, one_painter, refused):
+    for name, extra in (("cost", ["--result", made / "result.json"]), ("basins", ["--basins"])):
         shown = ["--size", "320x200", "--microphone", 9, *extra]
         done("snapshot", "tiny", *shown, "-o", f"{name}.png", folder=tmp_path)
+    assert "--force" in refused("snapshot", "tiny", "-o", "cost.png")
     cost, basins = (np.asarray(Image.open(tmp_path / f"{name}.png"), int) for name in ("cost", "basins"))
     place = np.abs(basins[..., :3] - PLACE).max(axis=-1) < 8
     assert place.sum() > 500 > np.sum(np.abs(cost[..., :3] - PLACE).max(axis=-1) < 8), "the colour of the true basin"
-
-
-def test_snapshot(made, tmp_path, one_painter):
-    size = ["--size", "320x200", "--view", "3d", "--microphone", 9]
-    done("snapshot", "tiny", "--result", made / "result.json", *size, "-o", "room.png", folder=tmp_path)
-    assert (tmp_path / "room.png").read_bytes().startswith(PNG)
 
 
 def test_the_cost_of_an_array_in_space_is_drawn_and_written(tmp_path, one_painter):
@@ -253,19 +226,6 @@ def test_app_py_prints_its_address_once_it_serves(tmp_path):
         assert "Traceback" not in viewer.stderr.read()
 
 
-def test_a_refused_process_exits_with_the_code_and_no_traceback(tmp_path):
-    command = [*FDCAL, "calibrate", "gone.npz"]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
-    assert (run.returncode, run.stdout) == (3, "") and "Traceback" not in run.stderr
-    assert run.stderr.splitlines()[-1].startswith("error: ")
-
-
-def test_missing_files_exit_3(refused):
-    assert "gone.npz" in refused("calibrate", "gone.npz", code=3)
-    assert "gone.toml" in refused("simulate", "gone.toml", "-o", "new.npz", code=3)
-    assert "mkdir" in refused("simulate", "tiny", "-o", "gone/new.npz", code=3)
-
-
 def test_port_in_use_exits_2(refused):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -293,12 +253,6 @@ def test_existing_output_stays_without_force(arguments, tmp_path, refused):
     done(*arguments, "--force", folder=tmp_path)
     assert path.read_bytes() != b"precious"
     assert list(tmp_path.iterdir()) == [path], "no temporary file stays"
-
-
-def test_snapshot_does_not_overwrite(tmp_path, refused):
-    (tmp_path / "out.png").write_text("precious")
-    assert "--force" in refused("snapshot", "tiny", "-o", "out.png")
-    assert (tmp_path / "out.png").read_text() == "precious"
 
 
 def test_interrupt_leaves_nothing_half_written(edited, tmp_path):

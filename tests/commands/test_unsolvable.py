@@ -96,52 +96,35 @@ def few_modes(count):
     return lambda table: {key: table[key][:count] for key in keys}
 
 
-def test_too_few_frequencies_say_how_many_are_needed(calibrate):
-    code, _, line, _ = calibrate(few_modes(1))
-    assert code == 2 and "44 unknown coordinates" in line and "at least 2 are needed" in line
-    code, _, line, _ = calibrate(few_modes(5))
-    assert code == 2 and "use at least 6" in line
+def given_at(places):
+    return lambda table: {"known_positions": np.array(places)}
 
 
-def test_too_few_microphones(calibrate):
-    code, _, line, _ = calibrate(places=TRUTH[[0, 4, 22]], known=[0, 1])
-    assert code == 2 and "3 microphones are too few" in line
-    code, _, line, _ = calibrate(places=TRUTH[[0, 4, 22, 12, 8]], known=[0, 1, 2])
-    assert code == 2 and "too few" in line
-
-
-def test_known_microphones_in_one_place_or_on_one_line(calibrate):
-    together = TRUTH[KNOWN].copy()
-    together[1] = together[0]
-    code, _, line, _ = calibrate(lambda table: {"known_positions": together})
-    assert code == 2 and '"0" and "4"' in line and "known_positions" in line
-    straight = np.array([[2.1, 2.0], [2.6, 2.0], [3.1, 2.0]])
-    code, _, line, _ = calibrate(lambda table: {"known_positions": straight})
-    assert code == 2 and "span the array" in line
-
-
-def test_all_microphones_on_a_line(calibrate):
-    line_up = np.column_stack([np.linspace(2.0, 3.2, 16), np.full(16, 2.3)])
-    code, _, line, _ = calibrate(places=line_up, known=[])
-    assert code == 2 and "on a line" in line
+LINE = np.column_stack([np.linspace(2.0, 3.2, 16), np.full(16, 2.3)])
+TWO, NONE = {"known": [0, 4]}, {"known": []}
+MINIMAL, DESCENT, ROBUST = ["--known", "minimal"], ["--solver", "descent"], ["--solver", "robust"]
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("change", "options", "given", "words"),
     [
-        (["--exclude", "99"], ['"99" names no microphone', "--exclude", "0 to 24"]),
-        (["--exclude", "3,,4"], ["--exclude", "3,17"]),
-        (["--estimate-sound-speed", "--distance", "0,4,1"], ["--distance", "without known"]),
-        (["--distance", "0,4,1"], ["--estimate-sound-speed"]),
-        (["--distance", "0,4"], ["--distance", "0,5,1.25"]),
-        (["--solver", "descent", "--noise", "30"], ["--noise", "--solver joint"]),
+        (few_modes(1), [], {}, ["44 unknown coordinates", "at least 2 are needed"]),
+        (few_modes(5), [], {}, ["use at least 6"]),
+        (dict, [], {"places": TRUTH[KNOWN], "known": [0, 1]}, ["3 microphones are too few"]),
+        (dict, [], {"places": TRUTH[[0, 4, 22, 12, 8]], "known": [0, 1, 2]}, ["too few"]),
+        (given_at(TRUTH[[0, 0, 22]]), [], {}, ['"0" and "4"', "known_positions"]),
+        (given_at([[2.1, 2.0], [2.6, 2.0], [3.1, 2.0]]), [], {}, ["span the array"]),
+        (dict, [], TWO, ["name at least 3 known microphones that span the array, or none"]),
+        (dict, ROBUST, TWO, ["name at least 3 known microphones that span the array, or none"]),
+        (dict, DESCENT, TWO, ["known = [0, 4]", "three"]),
+        (dict, MINIMAL, TWO, ["known = [0, 4] does not fix the gauge", "3 known microphones"]),
+        (dict, MINIMAL, NONE, ["known = [] does not fix the gauge"]),
+        (dict, [], {"places": LINE, "known": []}, ["on a line"]),
     ],
 )
-def test_bad_options(calibrate, options, words):
-    code, _, line, _ = calibrate(dict, *options)
-    assert code == 2
-    for word in words:
-        assert word in line
+def test_what_does_not_determine_the_positions_is_refused(calibrate, change, options, given, words):
+    code, _, line, _ = calibrate(change, *options, **given)
+    assert code == 2 and [word for word in words if word not in line] == []
 
 
 def test_the_sound_speed_is_estimated(calibrate):
