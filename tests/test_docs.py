@@ -79,7 +79,7 @@ def test_every_command_and_option_of_a_page_is_there(page):
         assert given <= options(name) | {"--debug", "--help"}, line
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.parametrize("page", ALL, ids=name_of)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text_of(page)):
         assert (page.parent / target).exists(), target
@@ -99,14 +99,11 @@ def test_every_page_is_in_a_table_of_contents():
 def test_a_picture_is_small_is_shown_and_can_be_made_anew(picture):
     film = picture.suffix == ".webp"
     assert picture.stat().st_size < (2_000_000 if film else 200_000)
+    assert sum(each.stat().st_size for each in PICTURES) < 3_000_000
     assert any(f"pictures/{picture.name}" in text_of(page) for page in ALL)
     assert f'"{picture.name if film else picture.stem}"' in text_of(DOCS / ("film.py" if film else "pictures.py"))
     with Image.open(picture) as image:
         assert image.format == ("WEBP" if film else "PNG")
-
-
-def test_pictures_are_small_together():
-    assert sum(picture.stat().st_size for picture in PICTURES) < 3_000_000
 
 
 @pytest.mark.parametrize("page", ALL, ids=name_of)
@@ -116,14 +113,32 @@ def test_every_picture_of_a_page_has_a_text_for_those_who_cannot_see_it(page):
     assert "![](" not in text
 
 
-@pytest.mark.parametrize("name", scene_names())
-def test_every_scene_is_described(name):
-    assert f"| `{name}` |" in text_of(DOCS / "reference" / "scenes.md")
+def lesson_keys() -> set[str]:
+    """Keys of a lesson, of its steps, and of what a step shows."""
+    own = {field.name for kind in (Lesson, LessonStep) for field in dataclasses.fields(kind)} - set(Lesson.OPTIONAL)
+    return own - {"page", "then", "steps"} | {field.name for field in dataclasses.fields(LessonSetting)}
 
 
-@pytest.mark.parametrize("name", solver_names())
-def test_every_solver_is_described(name):
-    assert f"| `{name}` |" in text_of(DOCS / "reference" / "solvers.md")
+# Page, form of an entry, and what must have one.
+NAMED = {
+    "scenes": (text_of(DOCS / "reference" / "scenes.md"), "| `{}` |", scene_names()),
+    "solvers": (text_of(DOCS / "reference" / "solvers.md"), "| `{}` |", solver_names()),
+    "keys of a measurement": (FILES, "`{}`", REQUIRED + OPTIONAL + SEARCH),
+    "keys of a result": (
+        FILES, "`{}`", {*Keys.__annotations__, *FaultRow.__struct_fields__, *GivenRow.__struct_fields__}
+    ),
+    "options of import": (RECORDING, "`{}", options("import") - {"-o", "--output", "--force", "--seed"}),
+    "tables of positions": (RECORDING, "| `{}` |", formats.suffixes("write")),
+    "keys of a lesson": (LESSONS, "`{}`", lesson_keys()),
+    "values in a lesson": (LESSONS, '`"{}"`', (*MAPS, *QUANTITIES, *SCALES, *VIEWS)),
+    "command for a lesson": (LESSONS, "{}", ["--lesson"]),
+    "functions and classes": (text_of(DOCS / "reference" / "api.rst"), "\n   {}\n", fdcal.__all__),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "entry", "names"), NAMED.values(), ids=NAMED)
+def test_a_page_describes_all_that_there_is(text, entry, names):
+    assert names and [name for name in names if entry.format(name) not in text] == []
 
 
 @pytest.mark.parametrize("name", sorted(EVERY_COMMAND))
@@ -136,21 +151,8 @@ def test_every_command_is_documented_with_its_options(name):
         assert documented & set(option.opts)
 
 
-def test_the_reference_of_the_command_line_and_of_python_is_generated_from_the_code():
+def test_the_reference_of_the_command_line_is_generated_from_the_code():
     assert ".. click:: fdcal.commands.cli:commands" in COMMANDS
-    api = text_of(DOCS / "reference" / "api.rst")
-    for name in fdcal.__all__:
-        assert f"\n   {name}\n" in api, name
-
-
-@pytest.mark.parametrize("key", REQUIRED + OPTIONAL + SEARCH)
-def test_every_key_of_the_measurement_file_is_documented(key):
-    assert f"`{key}`" in FILES
-
-
-def test_every_key_of_the_result_file_is_documented():
-    for key in {*Keys.__annotations__, *FaultRow.__struct_fields__, *GivenRow.__struct_fields__}:
-        assert f"`{key}`" in FILES, key
 
 
 def test_every_verdict_is_documented_with_a_remedy():
@@ -197,19 +199,9 @@ def test_every_dependency_has_its_reason():
         assert re.search(rf"^\|[^|]*\b{name}\b[^|]*\|", DEPENDENCIES, re.MULTILINE), f"{name} is not explained"
 
 
-def test_every_option_of_import_is_documented():
-    for option in options("import") - {"-o", "--output", "--force", "--seed"}:
-        assert f"`{option}" in RECORDING, option
-
-
 def test_every_documented_option_exists():
     known = options("import") | options("calibrate") | options("export")
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", RECORDING)) <= known
-
-
-def test_every_suffix_of_positions_is_documented():
-    for suffix in formats.suffixes("write"):
-        assert f"| `{suffix}` |" in RECORDING
 
 
 def test_the_worked_example_can_be_loaded_and_its_error_is_the_documented_one(tmp_path):
@@ -222,16 +214,6 @@ def test_the_worked_example_can_be_loaded_and_its_error_is_the_documented_one(tm
     path.write_text(example.replace("answer = 2", "answer = 4"), encoding="utf-8")
     with pytest.raises(ValueError, match=re.escape(documented)):
         load_lesson(path)
-
-
-def test_every_key_of_a_lesson_is_documented():
-    fields = {field.name for kind in (Lesson, LessonStep) for field in dataclasses.fields(kind)} - set(Lesson.OPTIONAL)
-    settings = {field.name for field in dataclasses.fields(LessonSetting)}
-    for key in fields - {"page", "then", "steps"} | settings:
-        assert f"`{key}`" in LESSONS, key
-    for value in (*MAPS, *QUANTITIES, *SCALES, *VIEWS):
-        assert f'`"{value}"`' in LESSONS, value
-    assert "`--lesson" in LESSONS or "--lesson mine.toml" in LESSONS
 
 
 def test_the_figures_in_the_documents_are_those_that_runs_wrote():

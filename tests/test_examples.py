@@ -26,46 +26,35 @@ def printed(script: Path, tmp_path, monkeypatch, capsys) -> str:
     return capsys.readouterr().out
 
 
-# What each script must print: text, and the most that a number in it may be.
+# What each script must print, the most that a number in it may be, and the files that it writes.
 EXPECTED = {
-    "01_paper_array": (r"mean error ([\d.]+) mm", 5.0),
-    "02_recording_from_wav": (r"largest error ([\d.]+) mm", 10.0),
-    "03_blind_in_space": (r"mean error ([\d.]+) mm after the best rigid motion: True", 6.0),
-    "04_landscape_of_one_microphone": (r"mode all: minimum ([\d.]+) m", 0.05),
-    "05_check_channel_order": (r"channels (3) and 12 are exchanged", 3.0),
-    "06_scene_of_your_own": (r"12 modes: good +mean error +([\d.]+) mm", 5.0),
-    "08_beamforming_map": (r"after: off the map of the true array by ([\d.]+) %", 10.0),
-    "09_gains_of_capsules": (r"gain: spread 1\.\d dB, found to ([\d.]+) dB RMS", 0.5),
-    "10_which_of_two_layouts": (
-        r"rectangle .* least error ([\d.]+) mm, up to \d+ Hz\nball",
-        5.0,
+    "01_paper_array": (r"mean error ([\d.]+) mm", 5.0, {"array.png", "array.json"}),
+    "02_recording_from_wav": (r"largest error ([\d.]+) mm", 10.0, {"recording.wav", "microphones.xml"}),
+    "03_blind_in_space": (r"mean error ([\d.]+) mm after the best rigid motion: True", 6.0, {"ball.csv", "ball.png"}),
+    "04_landscape_of_one_microphone": (r"mode all: minimum ([\d.]+) m", 0.05, {"landscape.png"}),
+    "05_check_channel_order": (r"channels (3) and 12 are exchanged", 3.0, {"geometry.xml"}),
+    "06_scene_of_your_own": (r"12 modes: good +mean error +([\d.]+) mm", 5.0, set()),
+    "07_measured_array": (
+        r"4 takes, \d+ rows; verdict \w+\nRMS distance to the nominal places ([\d.]+) mm",
+        6.0,
+        {"array.xml"},
     ),
-    "07_measured_array": (r"4 takes, \d+ rows; verdict \w+\nRMS distance to the nominal places ([\d.]+) mm", 6.0),
-}
-WRITTEN = {
-    "01_paper_array": {"array.png", "array.json"},
-    "02_recording_from_wav": {"recording.wav", "microphones.xml"},
-    "03_blind_in_space": {"ball.csv", "ball.png"},
-    "04_landscape_of_one_microphone": {"landscape.png"},
-    "05_check_channel_order": {"geometry.xml"},
-    "06_scene_of_your_own": set(),
-    "07_measured_array": {"array.xml"},
-    "08_beamforming_map": {"beamforming.png"},
-    "09_gains_of_capsules": {"gains.csv", "calib.xml"},
-    "10_which_of_two_layouts": set(),
+    "08_beamforming_map": (r"after: off the map of the true array by ([\d.]+) %", 10.0, {"beamforming.png"}),
+    "09_gains_of_capsules": (r"gain: spread 1\.\d dB, found to ([\d.]+) dB RMS", 0.5, {"gains.csv", "calib.xml"}),
+    "10_which_of_two_layouts": (r"rectangle .* least error ([\d.]+) mm, up to \d+ Hz\nball", 5.0, set()),
 }
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_an_example_runs_and_finds_what_it_says(script, tmp_path, monkeypatch, capsys):
-    for name in WRITTEN[script.stem]:
+    pattern, most, written = EXPECTED[script.stem]
+    for name in written:
         (tmp_path / name).write_text("of an earlier run")
     text = printed(script, tmp_path, monkeypatch, capsys)
-    pattern, most = EXPECTED[script.stem]
     match = re.search(pattern, text)
     assert match is not None, text
     assert float(match.group(1)) <= most
-    assert {path.name for path in tmp_path.iterdir()} == WRITTEN[script.stem]
+    assert {path.name for path in tmp_path.iterdir()} == written
     assert all(path.read_bytes() != b"of an earlier run" for path in tmp_path.iterdir()), "it can be run again"
 
 

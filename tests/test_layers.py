@@ -19,18 +19,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "fdcal"
 
 # From the ground up; a package imports only from packages earlier in this list.
-PACKAGES = [
-    "model",
-    "acoustics",
-    "cost",
-    "solvers",
-    "assessment",
-    "recordings",
-    "session",
-    "graphics",
-    "viewer",
-    "commands",
-]
+PACKAGES = "model acoustics cost solvers assessment recordings session graphics viewer commands".split()
 
 # Where a library may be imported, and nowhere else: a package, or a module of one.
 HOMES = {

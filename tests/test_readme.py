@@ -2,12 +2,10 @@
 
 import re
 
-import click
 import pytest
 
 import fdcal
 from benchmarks.documents import README, ROOT, blocks, text_of
-from fdcal.commands.cli import commands
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
@@ -37,13 +35,3 @@ def test_its_two_lines_install_and_open_the_page_and_run_the_tests():
 def test_the_line_that_builds_the_documentation_is_the_one_that_ci_runs():
     assert ".venv/bin/sphinx-build docs build/docs" in TEXT
     assert ".venv/bin/sphinx-build -W -q docs build/docs" in text_of(ROOT / ".ci" / "run"), "warnings are errors"
-
-
-def test_links_lead_somewhere():
-    for target in re.findall(r"\]\(([^)#:]+)\)", TEXT):
-        assert (ROOT / target).exists(), target
-
-
-def test_every_command_that_it_names_exists():
-    for name in re.findall(r"`fdcal ([a-z]+)", TEXT):
-        assert isinstance(commands.commands[name], click.Command)
