@@ -1,6 +1,7 @@
 """`fdcal gallery`: a folder of pages that a browser opens from the disk, written completely or not at all."""
 
 import math
+import os
 import re
 from dataclasses import replace
 
@@ -190,3 +191,10 @@ def test_nothing_half_written_is_left(fault, tmp_path):
             (folder / "a.html").write_text("A", encoding="utf-8")
             raise fault
     assert not list(tmp_path.iterdir())
+
+
+def test_an_empty_folder_is_filled(tmp_path):
+    (tmp_path / "gallery").mkdir()
+    with folder_in_progress(tmp_path / "gallery") as folder:
+        (folder / "a.html").write_text("A", encoding="utf-8")
+    assert os.listdir(tmp_path) == ["gallery"] and os.listdir(tmp_path / "gallery") == ["a.html"]

@@ -2,8 +2,10 @@
 
 import os
 import resource
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from running import FDCAL
@@ -68,6 +70,18 @@ def test_each_kind_of_error_has_its_code(error, code, words, broken, capsys):
 def test_debug_after_two_dashes_is_an_argument():
     assert cli.without_debug(["a", "--debug", "--", "--debug"]) == (["a", "--", "--debug"], True)
     assert cli.without_debug(["a", "--", "--debug"]) == (["a", "--", "--debug"], False)
+
+
+def test_an_interrupt_while_the_libraries_load_is_one_line():
+    script = "import fdcal; print(flush=True); from fdcal.__main__ import main; main()"
+    command = [sys.executable, "-c", script, "calibrate", "tiny"]
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    run.stdout.readline()  # Python itself has started
+    time.sleep(0.1)
+    run.send_signal(signal.SIGINT)
+    _, errors = run.communicate(timeout=60)
+    assert run.returncode in (130, 4, 0), errors
+    assert "Traceback" not in errors
 
 
 def test_an_interrupt_while_a_command_loads_a_library_is_one_line(tmp_path):
