@@ -10,7 +10,8 @@ gui              controls and texts that tabs share
 tabs             one module for each tab
 prepare          from a request to a session that can be shown, and the threads of a session
 cost_maps        the map on the floor or in space, computed on threads
-scene3d          the scene: nodes, cameras, picking
+scene3d          the scene: nodes and cameras
+drop             microphones selected and dragged in the scene, and how they roll downhill
 server           who may connect, which values are accepted, the error log
 """
 

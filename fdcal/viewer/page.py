@@ -150,7 +150,7 @@ class Page:
             self._replace_session(prepared)
         self.status_bar.show(first)
         if self.viewer is not None:
-            self.viewer.tabs.run_bar.wait(self.switcher.progress is not None)
+            self.viewer.tabs.run_bar.status.visible = self.switcher.progress is None  # which stands above then
             self.nodes.cameras.around = Surroundings(self.viewer.binding.choices.lecture, self.lessons.active)
             self.viewer.guarded_tick(now)
             if (opener := self.open_file) is not None:

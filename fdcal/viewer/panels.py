@@ -2,19 +2,24 @@
 
 A tab that stays keeps its place in every browser: a user who looks at a tab while another scene is opened sees the
 same tab afterwards. `Tabs` lists the tabs of a session: a new one is a line there, its name in LEFT or RIGHT, and a
-module of `tabs`. `StatusBar` stands above them while another session is prepared.
+module of `tabs`. `StatusBar` stands above them while another session is prepared; `RunBar` and `SolverTab`, which run
+the solver and set it up, stand between.
 """
 
 import itertools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import viser
 
+from .. import solvers
+from ..model.scene import MeasuredScene, no_rectangle
+from ..session.sources import OpenRequest
 from .gui import html
-from .gui.binding import MAX_RATE, Binding, Due, Tab, Tick
+from .gui.binding import Binding, Due, Tab, Tick
 from .gui.overlay import Overlay
 from .prepare import Same, SessionSwitcher
 from .tabs.curves import CurvesTab
@@ -23,7 +28,6 @@ from .tabs.map import MapsPanel, MapTab
 from .tabs.microphones import MicrophonesTab
 from .tabs.plan import PlanTab
 from .tabs.scene import SceneTab
-from .tabs.solver import SolverTab
 from .tabs.spectrum import SpectrumPanel
 from .tabs.sweep import SweepTab
 from .tabs.view import ExportTab, ViewTab
@@ -114,6 +118,11 @@ class SessionFolders:
         self._folders = []
 
 
+MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
+WATCHED_RATE = 5  # steps per second that can be followed, of a solver whose steps move all microphones
+# The same of a lesson, and of steps that move single microphones: a run takes at least 5 s, and 10 s at most where the
+# machine keeps up.
+LESSON_RATE, LESSON_MOVES = 1, 3
 DOUBLING_TIME = 1.2  # s in which a run that is watched becomes twice as fast
 MAX_DOUBLINGS = 12.0
 QUICK_STEP = 0.004  # s; a run whose steps take longer is slow enough to follow, and begins faster by as much
@@ -155,8 +164,13 @@ class RunBar:
 
     @property
     def _rate(self) -> int:
-        """Steps per second with which a run begins."""
-        return self._binding.choices.steps_per_second(self._binding.run.solver.TRAITS.moves_all, self._lesson)
+        """Steps per second with which a run begins, MAX_RATE for no limit.
+
+        A solver whose steps move all microphones has few of them; a run of a lesson is to be followed in any case.
+        """
+        moves_all = self._binding.run.solver.TRAITS.moves_all
+        usual, followed = (WATCHED_RATE, LESSON_RATE) if moves_all else (MAX_RATE, LESSON_MOVES)
+        return self._binding.choices.rate or (followed if self._lesson else usual)
 
     def limit_rate(self, rate: int) -> None:
         """Limit the solver to so many steps per second; MAX_RATE removes the limit."""
@@ -193,10 +207,6 @@ class RunBar:
         if rate > 1.2 * self._paced:
             self._pace(rate)
 
-    def wait(self, waiting: bool) -> None:
-        """Hide the status while another session is prepared, whose progress stands above."""
-        self.status.visible = not waiting
-
     def toggle(self) -> None:
         """Run the solver, or pause it."""
         session = self._binding.session
@@ -231,6 +241,106 @@ class RunBar:
         left_out = [run.measurement.names[n] for n in np.setdiff1d(run.sought, sought)]
         how = tick.fault, tick.note, sought, tick.found, left_out
         self.status.content = html.status(tick.view, run.measurement, *how)
+
+
+MAX_SEED = 2**31 - 1
+STARTS = ("affine", "random")
+KEPT_BY_SOLVER = ("microphone", "follow", "shown", "modes", "take")  # choices that a change of the solver keeps
+
+
+def default_start(solver: str) -> str:
+    """Return the start of a solver unless another one is given."""
+    return solvers.load(solver).TRAITS.default_start or STARTS[0]
+
+
+class SolverTab(Tab):
+    """Owns the controls, and restarts the solver with them."""
+
+    def __init__(self, binding: Binding):
+        self._binding, state, settings = binding, binding.session.view.state, binding.run.scene.solver
+        names, row, modes = self._names(), binding.row, binding.modes
+        with binding.gui.add_folder("Settings", expand_by_default=False):
+            self.first = binding.slider(
+                f"First {row}", 1, modes, 1, state.first,
+                lambda value: self.use_modes(value, max(value, self.last.value)),
+            )  # fmt: skip
+            self.last = binding.slider(
+                f"Last {row}", 1, modes, 1, state.last,
+                lambda value: self.use_modes(min(self.first.value, value), value),
+            )  # fmt: skip
+            self.automatic = binding.checkbox(
+                f"Add {row}s automatically", state.automatic,
+                lambda value: self.use_modes(self.first.value, self.last.value, value),
+                visible=binding.run.solver.TRAITS.adds_modes,
+                hint=f"Add the next {row} when the present stage has converged",
+            )  # fmt: skip
+            self.refusal, self._refused = binding.gui.add_html(""), None
+            self.name = binding.dropdown(
+                "Method", names, settings.name, self._choose_solver, disabled=len(names) == 1,
+                hint="robust: all microphones at once, with their gains; joint: for matched channels; descent: one at a"
+                " time; room: shoebox room and sources together with the microphones",
+            )  # fmt: skip
+            self.start = binding.dropdown(
+                "Start", STARTS, settings.start or default_start(settings.name), lambda _: self.refresh(),
+                hint="affine: closed-form estimate from the lowest modes; random: anywhere in the search domain",
+            )  # fmt: skip
+            self.seed = binding.number(
+                "Seed", binding.choices.seed, lambda value: binding.choose(seed=value), min=0, max=MAX_SEED, step=1,
+                hint="Of the random start, and of the order in which descent moves the microphones",
+            )  # fmt: skip
+            binding.gui.add_html(html.remark("The modes apply at once, the rest with Reset."))
+        self.refresh()
+
+    def _names(self) -> tuple[str, ...]:
+        """Return the names of the solvers that can solve this problem."""
+        scene, problem = self._binding.run.scene, self._binding.run.problem
+        searchable = problem.dimension == problem.array_dimension and problem.search is not None
+        room_known = not isinstance(scene, MeasuredScene) and problem.array_dimension == problem.dimension
+        room_known = room_known and not no_rectangle(scene)
+
+        traits = {name: solvers.load(name).TRAITS for name in solvers.names()}
+        return tuple(
+            name
+            for name, one in traits.items()
+            if (searchable or not one.needs_search) and (room_known or not one.needs_room)
+        )
+
+    def _choose_solver(self, name: str) -> None:
+        self.start.value = default_start(name)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Hide the controls that have no effect on the chosen solver."""
+        traits = solvers.load(self.name.value).TRAITS
+        self.start.visible = bool(traits.starts)
+        self.seed.visible = traits.uses_seed(self.start.value)
+
+    def restart(self) -> None:
+        """Restart with the settings: the same solver at once, another one as soon as it is ready."""
+        binding, own = self._binding, self._binding.run.scene.solver
+        name, start = self.name.value, self.start.value
+        if (name, start) == (own.name, own.start or default_start(own.name)):
+            binding.session.reset(binding.choices.seed)
+            return
+        scene = replace(binding.run.scene, solver=replace(own, name=name, start=start))
+        choices = {key: getattr(binding.choices, key) for key in KEPT_BY_SOLVER}
+        binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, choices=choices, fewer_modes=True))
+
+    def use_modes(self, first: int, last: int, automatic: bool | None = None) -> None:
+        """Set the modes in use, and whether the solver adds more; as the box says unless given."""
+        automatic = self.automatic.value if automatic is None else automatic
+        self._binding.session.use_modes(min(first, last), last, automatic)
+
+    def show(self, tick: Tick) -> None:
+        """Let the controls follow the solver."""
+        state, send, refused = tick.view.state, self._binding.send, tick.view.refused
+        if refused is not self._refused:
+            self._refused, self.refusal.content = refused, html.complaint(refused or "")
+            for handle in (self.first, self.last, self.automatic) if refused else ():
+                self._binding.sent.pop(id(handle), None)  # back to what the solver uses
+        send(self.first, state.first)
+        send(self.last, state.last)
+        send(self.automatic, state.automatic)
 
 
 class Tabs:

@@ -12,7 +12,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -44,14 +44,6 @@ class Same:
 
     def __hash__(self) -> int:
         return id(self.value)
-
-
-class Closable(Protocol):
-    """What has threads to be ended."""
-
-    def close(self, timeout: float) -> bool:
-        """End the threads after the work in progress; False if that takes longer than `timeout`, s."""
-        ...
 
 
 class Background(LatestWorker):
@@ -110,8 +102,8 @@ class Threads:
 
     def __init__(self, wake: Callable[[], None] = lambda: None):
         self._wake = wake
-        self._owned: list[Closable] = []
-        self._abandoned: list[Closable] = []
+        self._owned: list[Background | Session] = []
+        self._abandoned: list[Background] = []
 
     def start(
         self, function: Callable, name: str, keep: int = 1, wakes: bool = False, awaited: bool = True
@@ -125,9 +117,9 @@ class Threads:
         (self._owned if awaited else self._abandoned).append(worker)
         return worker
 
-    def own(self, owner: Closable) -> None:
-        """End something else with the threads."""
-        self._owned.append(owner)
+    def own(self, session: Session) -> None:
+        """End the thread of the solver with the others."""
+        self._owned.append(session)
 
     def close(self, timeout: float) -> None:
         """End everything after the work in progress; wait `timeout` at most, s."""
@@ -166,11 +158,6 @@ class Warmup:
     def busy(self) -> bool:
         """Whether something is still to be compiled; False after a failure, which the solver will report."""
         return self._worker.busy
-
-    @property
-    def ended(self) -> bool:
-        """Whether `close` was called and the thread has ended."""
-        return self.stop and self._worker.close(0.0)
 
     @property
     def text(self) -> str:
@@ -256,27 +243,18 @@ class DisplayFrame:
     moved as a whole onto the true positions before it is drawn, and what a user places is moved back before the session
     gets it. Of every other array nothing is moved.
 
-    `by`: the microphones that determine the motion, all at first.
+    `by`: the microphones that determine the motion, all at first; later those whose errors count.
     """
 
     def __init__(self, run: PreparedRun):
-        self._run, self._anchor = run, run.anchor
+        self._anchor = run.anchor
         self.by = np.arange(run.measurement.count)
         self._moved = Last()
-
-    def move_by(self, microphones: np.ndarray) -> None:
-        """Let these microphones determine the motion: those whose errors count."""
-        if not np.array_equal(microphones, self.by):
-            self.by = microphones
 
     def positions(self, positions: Any) -> Reals:
         """Return positions as the page draws them."""
         x = np.asarray(positions, float)
         return x if self._anchor is None else align(x, self._anchor, self.by)
-
-    def truth(self, positions: Any) -> Reals | None:
-        """Return the true positions beside the `positions` that the page draws; None where they are unknown."""
-        return self._run.drawn_truth(positions)
 
     def state(self, state: RunState) -> RunState:
         """Return a state with its positions as the page draws them; the same one for the same as last time."""
@@ -343,7 +321,7 @@ class PreparationProgress:
     @property
     def ended(self) -> bool:
         """Whether it was cancelled or closed, and none of its threads still compiles."""
-        return self.stop if self.warmup is None else self.warmup.ended
+        return self.stop if self.warmup is None else self.warmup.stop and self.warmup.close(0.0)
 
     @property
     def text(self) -> str:
@@ -378,7 +356,13 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
     progress(1.0)
     warmup.wait(lambda: progress(1.0))
     if source.search is None:
-        source = _with_domain(opening, source, progress)
+        if opening.states:  # a search domain around the last state, or around an estimate made for it
+            truth = source.positions if measurement.blind else None
+            source = replace(source, search=search_around(opening.states[-1].positions, truth=truth))
+        else:
+            progress.task = "Estimating the positions, for a search domain"
+            source = with_estimated_domain(source, scene.solver, opening.seed, progress)
+            progress(1.0)
         progress.measurement = measurement = as_given(scene, source)
         opening = replace(opening, measurement=source)
     problem = source.problem(scene.solver.weights, scene.solver.known)
@@ -410,17 +394,6 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
     if search is not measurement.search:  # for the maps alone: no blind array needs a domain to be solved
         measurement, problem = replace(measurement, search=search), replace(problem, search=search)
     return PreparedRun(scene, measurement, problem, solver, session, opening, reference_cost, warmup)
-
-
-def _with_domain(opening: OpenRequest, source: Measurement, progress: PreparationProgress) -> Measurement:
-    """Return the measurement with a search domain around the last state, or around an estimate made for it."""
-    if opening.states:
-        truth = source.positions if as_given(opening.scene, source).blind else None
-        return replace(source, search=search_around(opening.states[-1].positions, truth=truth))
-    progress.task = "Estimating the positions, for a search domain"
-    found = with_estimated_domain(source, opening.scene.solver, opening.seed, progress)
-    progress(1.0)
-    return found
 
 
 log = logging.getLogger(__name__)

@@ -28,14 +28,13 @@ from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, count_label
-from .drop import Drop, Dropped
+from .drop import Drop, Dropped, LineHandles, MicrophonePicker
 from .gui.binding import Binding, Choices, PositionUncertainty, Tick
 from .gui.html import CONTROLS, canvas_legend
 from .gui.overlay import CanvasWords
 from .panels import SessionFolders, Tabs
 from .prepare import DisplayFrame, Last, PreparedRun, Same, Threads
 from .scene3d.nodes import SceneNodes
-from .scene3d.picking import LineHandles, MicrophonePicker
 from .tabs.plan import PlannedArray
 from .tabs.view import Exports, ViewSnapshot
 
@@ -153,7 +152,7 @@ class SessionPicture:
             if key not in self._static:
                 self._static[key] = static_picture(scene, measurement, dark, None, lecture, take)
             static = self._static[key]
-        drawn = with_estimate(static, self._measurement, positions, microphone, floor, self._frame.truth(positions))
+        drawn = with_estimate(static, self._measurement, positions, microphone, floor, self._run.drawn_truth(positions))
         picture = with_floor(drawn, floor)
         picture = overlays.with_volume(picture, volume)
         if dropped is not None and dropped.microphone == microphone:
@@ -328,7 +327,8 @@ class Viewer:
         newest = self.view
         found = self._verdict.of(newest.state, newest.running, now)
         sought = self._verdict.sought(newest, found)
-        frame.move_by(sought)
+        if not np.array_equal(sought, frame.by):
+            frame.by = sought
         view = frame.view(newest)
         if view.state is not self._state:
             self._revision, self._state = self._revision + 1, view.state

@@ -22,10 +22,10 @@ from fdcal.model.validation import InputError, modes_text, parse_modes
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import drop as drop_module
 from fdcal.viewer.cost_maps import MapStyle, place_of_basin
+from fdcal.viewer.drop import MicrophonePicker
 from fdcal.viewer.explore import INVITATION
 from fdcal.viewer.gui.binding import Binding, Choices, PlanChoices
 from fdcal.viewer.prepare import DisplayFrame
-from fdcal.viewer.scene3d.picking import MicrophonePicker
 from fdcal.viewer.session_view import SessionPicture
 from fdcal.viewer.tabs import map as map_tab
 from fdcal.viewer.tabs.cut import CutRequest, cost_along
@@ -439,7 +439,7 @@ def test_ellipses_turn_with_the_array(blind):
 def test_the_microphones_whose_errors_count_determine_the_motion(blind):
     frame, state = DisplayFrame(blind), blind.session.view.state
     first, healthy = frame.state(state), np.arange(1, 10)
-    frame.move_by(healthy)
+    frame.by = healthy
     second = frame.state(state)
     assert second is not first and frame.state(state) is second
     off = position_errors(second.positions, blind.measurement.positions)
@@ -450,10 +450,10 @@ def test_small_maps_cut_and_basins_have_the_true_position_where_the_main_map_has
     """Microphone 0 is dead: it is far off, and the others determine the motion."""
     frame, truth, n = DisplayFrame(blind), blind.measurement.positions, 3
     state, healthy = blind.session.view.state, np.arange(1, 10)
-    frame.move_by(healthy)
+    frame.by = healthy
     shown = frame.state(replace(state, positions=state.positions + np.eye(10, 1) * np.array([0.4, -0.3])))
     assert np.abs(blind.measurement.aligned_truth(shown.positions)[n] - truth[n]).max() > 0.01
-    np.testing.assert_array_equal(frame.truth(shown.positions), truth)
+    np.testing.assert_array_equal(blind.drawn_truth(shown.positions), truth)
 
     asked = {"modes": (1,), "take": None, "order_offset": 0, "style": MapStyle()}
     request = SimpleNamespace(microphone=n, state=shown, **asked)

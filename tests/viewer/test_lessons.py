@@ -19,7 +19,7 @@ from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.gui.binding import MAP_KINDS, Choices
-from fdcal.viewer.panels import Panels, watched_rate
+from fdcal.viewer.panels import LESSON_MOVES, LESSON_RATE, Panels, watched_rate
 from fdcal.viewer.tabs.lessons import NEXT, RESTORE, Caption, LessonsTab, apply_setting, show_frame
 
 EVIL = "<script>alert(1)</script>"
@@ -294,7 +294,7 @@ def test_a_run_of_a_lesson_can_be_followed_and_takes_ten_seconds_at_most():
     runs = list(runs_to_the_end(map(load_lesson, lesson_names())))
     assert {moves_all for _, moves_all in runs} == {False, True}
     for steps, moves_all in runs:
-        rate, done, duration = Choices(0).steps_per_second(moves_all, lesson=True), 0.0, 0.0
+        rate, done, duration = LESSON_RATE if moves_all else LESSON_MOVES, 0.0, 0.0
         while done < steps:
             done, duration = done + 0.01 * watched_rate(rate, duration), duration + 0.01
         assert 5.0 <= duration <= 10.0, (steps, duration)

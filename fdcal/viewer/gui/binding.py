@@ -11,7 +11,7 @@ the browsers have; so a tab assigns all that it shows at each tick.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
@@ -61,11 +61,6 @@ ELLIPSE_SCALES = {"Automatic": 0, "True": 1, "10 times": 10, "100 times": 100, "
 VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
 
 Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
-MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
-WATCHED_RATE = 5  # steps per second that can be followed, of a solver whose steps move all microphones
-# The same of a lesson, and of steps that move single microphones: a run takes at least 5 s, and 10 s at most where the
-# machine keeps up.
-LESSON_RATE, LESSON_MOVES = 1, 3
 BOUNDS = {"opacity": (0.1, 1.0), "relief_height": (0.05, 1.0), "slice_position": (-math.inf, math.inf)}
 # Choices that another scene keeps.
 KEPT = ("trails", "ellipses", "ellipse_scale", "lecture", "export_kind", "export_view", "export_size", "rate", "themed")
@@ -99,15 +94,6 @@ class Choices:
     plan: PlanChoices = field(default_factory=PlanChoices)
     take: int | None = None  # whose rows and spectrum are shown; None for those of all takes
 
-    def steps_per_second(self, moves_all: bool, lesson: bool = False) -> int:
-        """Return with how many steps per second a run begins, MAX_RATE for no limit.
-
-        `moves_all`: whether a step of the solver moves all microphones, so that a run has few of them; `lesson`:
-        whether it is to be followed, whatever its steps are.
-        """
-        usual, followed = (WATCHED_RATE, LESSON_RATE) if moves_all else (MAX_RATE, LESSON_MOVES)
-        return self.rate or (followed if lesson else usual)
-
     @property
     def map_order(self) -> int | None:
         """What is added to ceil(k R) in the map; None for the solver's objective, which no volume shows."""
@@ -126,12 +112,6 @@ class Choices:
             revision, microphone, map_modes(run, state, self.modes, order, self.take), order, self.modes is not None,
             replace(self.style, opacity=1.0), follow, state, view.history.lineage, self.take,
         )  # fmt: skip
-
-    def with_values(self, values: Mapping[str, Any]) -> Choices:
-        """Return the choices with some values changed, by the names of the fields of Choices and of MapStyle."""
-        style = {key: value for key, value in values.items() if hasattr(self.style, key)}
-        own = {key: value for key, value in values.items() if key not in style}
-        return replace(self, style=replace(self.style, **style), **own)
 
     def to_save(self) -> dict[str, Any]:
         """Return the values that an OpenRequest needs to restore these choices."""
@@ -165,10 +145,12 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
         style = replace(before.style, shape=False, volume=volume, slice_position=None)  # what any measurement may have
         choices = replace(choices, style=style, **kept)
     wanted, takes = run.opening.choices.items(), set(measurement.takes.tolist())
-    choices = choices.with_values({key: _checked(key, value, measurement.count, modes, takes) for key, value in wanted})
-    if choices.style.volume and not has_volume(measurement):  # a file of an array in a plane
-        choices = replace(choices, style=replace(choices.style, volume=False))
-    return choices
+    values = {key: _checked(key, value, measurement.count, modes, takes) for key, value in wanted}
+    of_style = {key: values.pop(key) for key in tuple(values) if hasattr(choices.style, key)}
+    style = replace(choices.style, **of_style)
+    if not has_volume(measurement):  # the request may be of a file of an array in a plane
+        style = replace(style, volume=False)
+    return replace(choices, style=style, **values)
 
 
 def has_volume(measurement: Measurement) -> bool:
@@ -209,11 +191,6 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
 MAP_KINDS = (FLOOR, RELIEF, SHAPE, BASINS, VOLUME, NOTHING)
 
 
-def kinds_of(measurement: Measurement) -> tuple[str, ...]:
-    """Return those of MAP_KINDS that there can be of a measurement."""
-    return tuple(kind for kind in MAP_KINDS if kind != VOLUME or has_volume(measurement))
-
-
 def kind_of(choices: Choices) -> str:
     """Return which kind of map the choices ask for."""
     style = choices.style
@@ -224,19 +201,6 @@ def kind_of(choices: Choices) -> str:
     if style.volume:
         return VOLUME
     return RELIEF if style.relief else SHAPE if style.shape else FLOOR
-
-
-def style_of(kind: str, measurement: Measurement) -> dict[str, bool]:
-    """Return the fields of a MapStyle that make a map one of `kinds_of`.
-
-    The basins of an array in space are those of descent in three dimensions, on a slice.
-    """
-    return {
-        "relief": kind == RELIEF,
-        "shape": kind == SHAPE,
-        "basins": kind == BASINS,
-        "volume": kind == VOLUME or (kind == BASINS and has_volume(measurement)),
-    }
 
 
 Control = TypeVar("Control")

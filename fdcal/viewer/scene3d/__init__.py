@@ -1,4 +1,4 @@
-"""The 3-D scene: nodes, cameras, the cost map on the floor, picking of microphones.
+"""The 3-D scene: nodes and cameras.
 
 May import: the packages below viewer, and gui and server.
 """

@@ -2,7 +2,7 @@
 
 May import: the packages below viewer, and gui, scene3d and server.
 
-solver, curves, scene, view, open_file, help     the main panel on the right; lessons stand on the canvas
-map, sweep, spectrum, cut                        the tab Map of the panel on the left
-microphones, plan                                the other tabs there
+curves, scene, view, open_file, help     the main panel on the right; lessons stand on the canvas
+map, sweep, spectrum, cut                the tab Map of the panel on the left
+microphones, plan                        the other tabs there
 """

@@ -18,9 +18,11 @@ from ..gui import html
 from ..gui.binding import (
     BASINS,
     FLOOR,
+    MAP_KINDS,
     MAX_ORDER_OFFSET,
     NOTHING,
     RELIEF,
+    SHAPE,
     SLICES,
     VOLUME,
     Binding,
@@ -28,9 +30,8 @@ from ..gui.binding import (
     Due,
     Tab,
     Tick,
+    has_volume,
     kind_of,
-    kinds_of,
-    style_of,
 )
 from ..prepare import PreparedRun, Same
 
@@ -150,7 +151,7 @@ class MapTab(Tab):
         self._binding = binding
         self._possible = binding.run.problem.search is not None
         self._due = Due()  # the caption
-        self.kinds = kinds_of(binding.measurement)
+        self.kinds = tuple(kind for kind in MAP_KINDS if kind != VOLUME or has_volume(binding.measurement))
         self._add_controls(binding, binding.choices, binding.row)
         self.caption = binding.gui.add_html("")
         with binding.gui.add_folder("Scale and quantity", expand_by_default=False):
@@ -276,7 +277,9 @@ class MapTab(Tab):
         """Show one of `kinds`; a flat map in place of one that there cannot be."""
         kind = kind if kind in self.kinds else FLOOR
         self._binding.choose(shown=kind != NOTHING)
-        self._binding.choose_style(**style_of(kind, self._binding.measurement))
+        # The basins of an array in space are those of descent in three dimensions, on a slice.
+        in_space = kind == VOLUME or (kind == BASINS and has_volume(self._binding.measurement))
+        self._binding.choose_style(relief=kind == RELIEF, shape=kind == SHAPE, basins=kind == BASINS, volume=in_space)
         self.refresh()
         self.kind.value = kind
 
@@ -369,27 +372,23 @@ class MapsPanel(Tab):
 
     def show(self, tick: Tick) -> None:
         """Show the newest image of the map on the floor, perhaps of one before."""
-        image = self._newest(tick.drawn, tick.now)
+        drawn, now, last, latest = tick.drawn, tick.now, self._requested, self.worker.latest
+        if drawn is None or drawn.panels is None:
+            self._requested = None
+        else:  # request another one where the map has changed, not more often than is good
+            current = last is not None and last.panels is drawn.panels and last.request.style == drawn.request.style
+            pause = IMAGE_INTERVAL if latest is None else max(IMAGE_INTERVAL, PAUSES * (latest.ended - latest.began))
+            if not current and now - self._since > pause and not self.worker.busy:
+                self._requested, self._since = drawn, now
+                self.worker.request(drawn)
+        image = None if latest is None or self._requested is None else latest.result
         if image is self._shown:
             return
         self._shown = image
         self.image.visible = image is not None
         if image is not None:
             self.image.image = image
-        self.caption.content = panels_caption(tick.drawn, self._binding.measurement)
-
-    def _newest(self, drawn: CostMap | None, now: float) -> np.ndarray | None:
-        """Return the newest image; request another one where the map has changed, not more often than is good."""
-        if drawn is None or drawn.panels is None:
-            self._requested = None
-            return None
-        last, latest = self._requested, self.worker.latest
-        current = last is not None and last.panels is drawn.panels and last.request.style == drawn.request.style
-        pause = IMAGE_INTERVAL if latest is None else max(IMAGE_INTERVAL, PAUSES * (latest.ended - latest.began))
-        if not current and now - self._since > pause and not self.worker.busy:
-            self._requested, self._since = drawn, now
-            self.worker.request(drawn)
-        return None if latest is None or self._requested is None else latest.result
+        self.caption.content = panels_caption(drawn, self._binding.measurement)
 
 
 def panels_caption(drawn: CostMap | None, measurement: Measurement) -> str:
