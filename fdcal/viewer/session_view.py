@@ -248,28 +248,24 @@ class Viewer:
         self.wanted: CostMapRequest | None = None
         self._assessed: tuple[Assessment | None, PositionUncertainty | None] = None, None  # of the last verdict
         try:
-            self._build(server, words)
+            binding = self.binding
+            self._picture = SessionPicture(run, binding.frame)
+            view = binding.frame.view(run.session.view)
+            picture = self._picture.draw(view, binding.choices, self._selected)
+            self.snapshot = ViewSnapshot(run, picture, view, binding.choices, self._selected, None)
+            self.tabs = Tabs(folders, binding, nodes.cameras.request, self.export)
+            self.maps, self._verdict = CostMapWorker(run, binding.threads), VerdictWorker(run, binding.threads)
+            self.exports = Exports(binding.threads)
+            self.tabs.run_bar.apply_rate()
+            nodes.show(picture)
+            self.drop = Drop(binding, self.tabs.map.pick, self.tabs.follow_solver, words)
+            moves = self.tabs.map.pick, self.drop.move, self.drop.place
+            self._picker = MicrophonePicker(server, binding, picture, *moves, f"/picking/{folders.number}")
+            self._line_handles = LineHandles(server, binding, picture, f"/cut_handles/{folders.number}")
+            binding.threads.own(run.session)
         except BaseException:
             self.binding.threads.close(0.0)
             raise
-
-    def _build(self, server: viser.ViserServer, words: CanvasWords | None) -> None:
-        run, binding, folders, nodes = self.run, self.binding, self._folders, self.nodes
-        self._picture = SessionPicture(run, binding.frame)
-        view = binding.frame.view(run.session.view)
-        picture = self._picture.draw(view, binding.choices, self._selected)
-        self.snapshot = ViewSnapshot(run, picture, view, binding.choices, self._selected, None)
-        self.tabs = Tabs(folders, binding, nodes.cameras.request, self.export)
-        self.maps, self._verdict = CostMapWorker(run, binding.threads), VerdictWorker(run, binding.threads)
-        self.exports = Exports(binding.threads)
-        self.tabs.run_bar.apply_rate()
-        nodes.show(picture)
-        name = f"/picking/{folders.number}"
-        self.drop = Drop(binding, self.tabs.map.pick, self.tabs.follow_solver, words)
-        moves = self.tabs.map.pick, self.drop.move, self.drop.place
-        self._picker = MicrophonePicker(server, binding, picture, *moves, name)
-        self._line_handles = LineHandles(server, binding, picture, f"/cut_handles/{folders.number}")
-        binding.threads.own(run.session)
 
     @property
     def picture(self) -> Picture:

@@ -222,12 +222,7 @@ def verdict_word(code: str) -> str:
 
 def legend(marks: Iterable[Mark]) -> str:
     """Return the marks of a legend, each with its symbol and its word."""
-    return f"<div style='{CARD}'>{_marks({escape(mark.text): symbol(mark) for mark in marks})}</div>"
-
-
-def symbol(mark: Mark) -> str:
-    """Return the symbol of a mark as SVG."""
-    return _svg(symbol_svg(mark))
+    return f"<div style='{CARD}'>{_marks({escape(mark.text): _svg(symbol_svg(mark)) for mark in marks})}</div>"
 
 
 def _svg(mark: str) -> str:

@@ -86,7 +86,11 @@ class Plot:
         if self.handle is None:
             self.title, self.decades, self.limits = self._wanted[1]
             with self._folder:
-                self.handle, self._sent = self._make(data), data
+                scales, axes = self._scales_and_axes()
+                self._sent, self.handle = data, self._gui.add_uplot(
+                    data=data, series=self._series, title=self.title, scales=scales, axes=axes, height=self._height,
+                    padding=PADDING, legend=self._legend,
+                )  # fmt: skip
         self.settle()
 
     def settle(self) -> None:
@@ -128,13 +132,6 @@ class Plot:
             axis = uplot.Axis(size=58, splits=splits, values=numbers)
         scales = {"x": uplot.Scale(time=False), "y": y, **self._scales}
         return scales, (uplot.Axis(label=self._x, labelSize=20, size=34, **self._steps), axis)
-
-    def _make(self, data: tuple[np.ndarray, ...]) -> viser.GuiUplotHandle:
-        scales, axes = self._scales_and_axes()
-        return self._gui.add_uplot(
-            data=data, series=self._series, title=self.title, scales=scales, axes=axes, height=self._height,
-            padding=PADDING, legend=self._legend,
-        )  # fmt: skip
 
     def remove(self) -> None:
         """Remove the plot from the panel."""

@@ -178,7 +178,25 @@ class Cameras:
         `client`: the page; `view`: as in graphics.camera.VIEWS, or the camera itself.
         """
         with self._guarded(client):
-            self._place(client, view)
+            camera, expert = client.camera, client.client_id in self._experts
+            size = canvas(camera)
+            if isinstance(view, Camera):
+                wanted, placement = view, Placement("", size, self.around, expert, 0.0, view)
+            elif self.picture is None:
+                return
+            else:
+                margins, fov = _margins(size, self.around, expert), TOP_FOV if view == "top" else None
+                wanted = camera_for(self.picture, size, view, margins, fov=fov)
+                x, y, z = self._server.initial_camera.position
+                before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
+                before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
+                positions = (*before, wanted.position)[-KEPT_POSITIONS:]
+                placement = Placement(view, size, self.around, expert, self._relief(view), wanted, positions)
+            self._placements[client.client_id], self._looks[client.client_id] = placement, 0
+            with client.atomic():
+                camera.near, camera.far = planes(wanted)
+                camera.fov, camera.up_direction = wanted.fov, wanted.up
+                camera.position, camera.look_at = wanted.position, wanted.look_at
 
     @contextlib.contextmanager
     def _guarded(self, client: viser.ClientHandle) -> Iterator[None]:
@@ -188,27 +206,6 @@ class Cameras:
         except Exception:
             log.debug("a page reports an impossible camera", exc_info=True)
             self.forget(client)
-
-    def _place(self, client: viser.ClientHandle, view: str | Camera) -> None:
-        camera, expert = client.camera, client.client_id in self._experts
-        size = canvas(camera)
-        if isinstance(view, Camera):
-            wanted, placement = view, Placement("", size, self.around, expert, 0.0, view)
-        elif self.picture is None:
-            return
-        else:
-            margins, fov = _margins(size, self.around, expert), TOP_FOV if view == "top" else None
-            wanted = camera_for(self.picture, size, view, margins, fov=fov)
-            x, y, z = self._server.initial_camera.position
-            before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
-            before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
-            positions = (*before, wanted.position)[-KEPT_POSITIONS:]
-            placement = Placement(view, size, self.around, expert, self._relief(view), wanted, positions)
-        self._placements[client.client_id], self._looks[client.client_id] = placement, 0
-        with client.atomic():
-            camera.near, camera.far = planes(wanted)
-            camera.fov, camera.up_direction = wanted.fov, wanted.up
-            camera.position, camera.look_at = wanted.position, wanted.look_at
 
     def _relief(self, view: str) -> float:
         """Return the height of the map in a view from the side, to the centimetre; it comes later than the view."""
@@ -233,13 +230,13 @@ class Cameras:
         with self._guarded(client):
             placement, camera = self._placements.get(client.client_id, Placement()), client.camera
             if placement.camera is None:
-                self._place(client, placement.view)
+                self.place(client, placement.view)
             else:
                 now = canvas(camera), self.around, client.client_id in self._experts, self._relief(placement.view)
                 fits = now == (placement.size, placement.around, placement.expert, placement.relief)
                 fits = fits and is_at(camera, placement.camera)
                 if not fits and any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):
-                    self._place(client, placement.view)
+                    self.place(client, placement.view)
             if check is not None:
                 # A page reports the size of its canvas while the panels move, when that may still be the size before:
                 # the picture then fits a canvas that does not exist. An invisible change makes it report again.

@@ -95,7 +95,17 @@ def is_acceptable(message: dict[str, Any]) -> bool:
     index = message.get("instance_index")  # of what a pointer hit
     if not all(_is_vector(x, 3) for x in points) or not (index is None or type(index) is int):
         return False
-    return message["type"] != CAMERA or _is_camera(message)
+    if message["type"] != CAMERA:
+        return True
+    vectors: list[Any] = [message.get(name) for name in ("position", "look_at", "up_direction")]
+    if not all(_is_vector(vector, 3) for vector in vectors) or not _is_vector(message.get("wxyz"), 4):
+        return False
+    numbers: list[Any] = [message.get(name) for name in ("fov", "near", "far", "image_width", "image_height")]
+    if not all(map(_is_number, numbers)):
+        return False
+    (position, look_at, up), (fov, near, far, width, height) = vectors, numbers
+    looks = math.dist(position, look_at) > MIN_LENGTH and math.hypot(*up) > MIN_LENGTH
+    return looks and 0 < fov < math.pi and 0 < near < far <= 1e9 and width >= 0 and height >= 0
 
 
 def message_cost(message: dict[str, Any]) -> float:
@@ -120,18 +130,6 @@ def _is_plain(value, depth: int, items) -> bool:
     if isinstance(value, (list, tuple)):
         return all(_is_plain(inner, depth + 1, items) for inner in value)
     return value is None
-
-
-def _is_camera(message: dict[str, Any]) -> bool:
-    vectors: list[Any] = [message.get(name) for name in ("position", "look_at", "up_direction")]
-    if not all(_is_vector(vector, 3) for vector in vectors) or not _is_vector(message.get("wxyz"), 4):
-        return False
-    numbers: list[Any] = [message.get(name) for name in ("fov", "near", "far", "image_width", "image_height")]
-    if not all(map(_is_number, numbers)):
-        return False
-    (position, look_at, up), (fov, near, far, width, height) = vectors, numbers
-    looks = math.dist(position, look_at) > MIN_LENGTH and math.hypot(*up) > MIN_LENGTH
-    return looks and 0 < fov < math.pi and 0 < near < far <= 1e9 and width >= 0 and height >= 0
 
 
 def _is_number(value) -> bool:

@@ -8,7 +8,8 @@ back with its end.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, Protocol
@@ -349,15 +350,14 @@ class LessonsTab:
 
     def end(self) -> None:
         """End the lesson, and show what the page showed before, unless the user has opened something else."""
-        before, viewer = self._before, self._page.viewer
-        self._note_step()
-        self.progress, self._before, self._pending, self._error = LessonProgress(), None, None, ""
+        before, requests, viewer = self._before, self._requests, self._page.viewer
+        self.leave()
         if before is not None and viewer is not None:
             idle, opening = self._page.switcher.idle, viewer.binding.run.opening
             if idle and viewer.binding.run is before.run:
                 self._returning = None
                 before.put_back(viewer, self._page.nodes.cameras)
-            elif not idle or any(opening is request for request in self._requests):
+            elif not idle or any(opening is request for request in requests):
                 request, self._returning = before.run.request_of(before.view, before.choices.to_save()), before
                 self._page.open(request)
 
@@ -366,19 +366,13 @@ class LessonsTab:
                     before.put_back(shown, self._page.nodes.cameras)
 
                 self._pending = request, put_back
-        self._requests = []
-        self._redraw()
-
-    def _note_step(self) -> None:
-        """Note where the lesson is left; at its end it begins again."""
-        progress = self.progress
-        if progress.lesson is not None:
-            finished = progress.moved(1) is None and progress.answered
-            self._left_at[progress.lesson.title] = 0 if finished else progress.number
 
     def leave(self) -> None:
         """End the lesson, and stay where it is: the user has opened something else."""
-        self._note_step()
+        progress = self.progress
+        if progress.lesson is not None:  # where it is left, it goes on; at its end it begins again
+            finished = progress.moved(1) is None and progress.answered
+            self._left_at[progress.lesson.title] = 0 if finished else progress.number
         self.progress, self._before, self._pending = LessonProgress(), None, None
         self._error, self._requests = "", []
         self._redraw()
@@ -427,13 +421,11 @@ class LessonsTab:
             settings = [one for past in lesson.steps[: progress.number] for one in (past.page, past.then)] + settings
             settings = settings[max(i for i, one in enumerate(settings) if one.begins) :]
 
-        def begin() -> None:
+        with self._guarded():
             start = lesson.start(progress.number, revealed)
             if start is None:
                 raise InputError(f'the lesson "{lesson.title}" names no scene', "give its first step a scene")
             self._begin(settings, *start, fresh)
-
-        self._guarded(begin)
 
     def _begin(self, settings: list[LessonSetting], scene: Scene, seed: int, fresh: bool = False) -> None:
         """Apply the last of `settings`; if another scene has to be opened first, all settings of this step."""
@@ -474,19 +466,21 @@ class LessonsTab:
             self._pending = None
 
             def do() -> None:
-                if viewer is self._page.viewer:
-                    act(viewer)
-                self._redraw()
+                with self._guarded():
+                    if viewer is self._page.viewer:
+                        act(viewer)
+                    self._redraw()
 
-            call(lambda: self._guarded(do))
+            call(do)
         elif self._page.switcher.idle:  # the scene was refused or cancelled, or the user has opened another one
             self._pending = self._returning = None
             call(self._redraw)
 
-    def _guarded(self, act: Callable[[], None]) -> None:
-        """Call `act`; show an exception on the page, and log it unless it is the user's."""
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """Show an exception on the page, and log it unless it is the user's."""
         try:
-            act()
+            yield
         except Exception as error:
             if not isinstance(error, (InputError, StorageError)):
                 log.exception("a lesson's step could not be set")

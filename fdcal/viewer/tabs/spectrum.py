@@ -48,28 +48,21 @@ class SpectrumPlot:
         self._measurement, self._modes = measurement, modes
         self.has_spectrum = measurement.spectrum is not None
         self._curves: dict[int | None, TakeCurve] = {}
-        self.handle = self._make(gui)
-
-    def _curve_of(self, take: int | None) -> TakeCurve:
-        """Return the curve of a take; None for that of all."""
-        if take not in self._curves:
-            rows = np.arange(1, self._modes + 1)
-            if take is None:
-                self._curves[take] = _curve_through_peaks(self._measurement, rows)
-            else:
-                rows = rows[self._measurement.takes[: self._modes] == take]
-                self._curves[take] = _curve_through_peaks(self._measurement.of_take(take), rows)
-        return self._curves[take]
-
-    def _make(self, gui: viser.GuiApi) -> viser.GuiUplotHandle:
-        what = "at the microphones" if self.has_spectrum else f"of the {row_word(self._measurement)}s"
-        whole, takes = self._curve_of(None), np.unique(self._measurement.takes[: self._modes]).tolist()
+        what = "at the microphones" if self.has_spectrum else f"of the {row_word(measurement)}s"
+        whole, takes = self._curve_of(None), np.unique(measurement.takes[:modes]).tolist()
         edge = 0.02 * float(whole.x[-1] - whole.x[0]) + (0.0 if self.has_spectrum else 1.0)
         min_level = min(self._curve_of(take).peaks.min() for take in (None, *(takes if len(takes) > 1 else ())))
         lowest = 10 * float(np.floor((min_level - BELOW) / 10))
-        return gui.add_uplot(
+        fill: dict[str, Any] = {"fill": SHADE, "fillTo": HIDDEN} if self.has_spectrum else {}
+        self.handle = gui.add_uplot(
             data=self.columns((), np.inf),
-            series=self._series(),
+            series=(
+                uplot.Series(label="Hz"),
+                uplot.Series(label="power", stroke=GREY, width=1, points={"show": False}, **fill),
+                uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
+                uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
+                uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
+            ),
             title=f"Mean power {what}",
             legend={"show": False},
             scales={
@@ -84,15 +77,16 @@ class SpectrumPlot:
             padding=(12, 14, 0, 0),
         )
 
-    def _series(self) -> tuple[uplot.Series, ...]:
-        fill: dict[str, Any] = {"fill": SHADE, "fillTo": HIDDEN} if self.has_spectrum else {}
-        return (
-            uplot.Series(label="Hz"),
-            uplot.Series(label="power", stroke=GREY, width=1, points={"show": False}, **fill),
-            uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
-            uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
-            uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
-        )
+    def _curve_of(self, take: int | None) -> TakeCurve:
+        """Return the curve of a take; None for that of all."""
+        if take not in self._curves:
+            rows = np.arange(1, self._modes + 1)
+            if take is None:
+                self._curves[take] = _curve_through_peaks(self._measurement, rows)
+            else:
+                rows = rows[self._measurement.takes[: self._modes] == take]
+                self._curves[take] = _curve_through_peaks(self._measurement.of_take(take), rows)
+        return self._curves[take]
 
     def columns(self, used: tuple[int, ...], limit: float, take: int | None = None) -> tuple[np.ndarray, ...]:
         """Return the columns of the plot.

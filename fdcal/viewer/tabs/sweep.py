@@ -292,7 +292,8 @@ class SweepTab(Tab):
             return
         sequence = self._sequence()
         playing = Playback(self.rate.value)
-        playing.continue_from(self._summed_now(sequence), range(1, len(sequence) + 1))
+        summed = first_of(sequence, self._binding.choices.modes or ())
+        playing.continue_from(summed, range(1, len(sequence) + 1))
         if not self._binding.choices.shown:
             self._map.show_as(FLOOR)
         self._revision, self._playing = NEXT, playing
@@ -343,10 +344,6 @@ class SweepTab(Tab):
         usable = self._usable()
         modes = tuple(mode for mode in usable if mode <= self.highest.value) or usable[:1]
         return modes[::-1] if self.order.value == DOWN else modes
-
-    def _summed_now(self, sequence: tuple[int, ...]) -> int:
-        """Return how many modes of the sweep the user has summed; 0 where the map is another sum."""
-        return first_of(sequence, self._binding.choices.modes or ())
 
     # Below: the main loop alone.
 
@@ -408,31 +405,26 @@ class SweepTab(Tab):
             self._binding.call(go)
 
     def _update(self, sweep: Sweep | None, now: float) -> None:
+        """Bring button, slider, the number of local minima of the present sum, and curve up to date."""
         binding, sequence = self._binding, self._sequence() if sweep is None else sweep.modes
-        summed = self._summed_now(sequence)
+        summed = first_of(sequence, binding.choices.modes or ())  # 0 where the map is another sum
         label = "Pause" if self.playing else "Play"
         if self.play.label != label:
             self.play.label, self.play.icon = label, viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLUS
         run, choices = binding.run, binding.choices
         shown = map_modes(run, run.session.view.state, choices.modes, choices.map_order, choices.take)
         binding.send(self.summed, first_of(sequence, shown) or len(sequence))
-        self.text.content = self._caption()
+        frame = None if sweep is None else sweep.frame(summed)
+        if self.worker.error is not None:
+            self.text.content = html.complaint(self.worker.error)
+        elif sweep is None or frame is None:
+            self.text.content = html.remark(ADVICE.format(binding.row))
+        else:
+            of, modes, layer = sweep.request, sweep.of_first(summed), binding.measurement.array_dimension == 3
+            self.text.content = caption(binding.measurement, of.microphone, modes, frame.count, layer)
         self._plot.settle()
         if now - self._updated > INTERVAL:
             self._updated = now
             self._plot.visible = sweep is not None  # a sweep of another state has no curve
             if sweep is not None and sweep.frames and self._due(0.0, Same(sweep), len(sweep.frames), summed):
                 self._plot.show(curve(sweep.stops, sweep.counts, summed), limits=(0.0, max(sweep.counts) + 1.0))
-
-    def _caption(self) -> str:
-        """Return how many local minima the present sum has, as HTML."""
-        sweep = None if self._wanted is None else self.worker.sweep(self._wanted)
-        error = self.worker.error
-        if error is not None:
-            return html.complaint(error)
-        summed = 0 if sweep is None else self._summed_now(sweep.modes)
-        frame = None if sweep is None else sweep.frame(summed)
-        if sweep is None or frame is None:
-            return html.remark(ADVICE.format(self._binding.row))
-        layer = self._binding.measurement.array_dimension == 3
-        return caption(self._binding.measurement, sweep.request.microphone, sweep.of_first(summed), frame.count, layer)

@@ -8,6 +8,7 @@ import logging
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import viser
@@ -191,23 +192,20 @@ def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
     return panels_of(panels.maps, panels.total, panels.modes, f, snapshot.microphone, panels.search, modes)
 
 
-def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
-    def make(snapshot: ViewSnapshot) -> bytes:
-        measurement, n = snapshot.run.measurement, snapshot.microphone
-        positions = snapshot.view.state.positions
-        truth = snapshot.run.drawn_truth(positions)
-        truth = None if truth is None else truth[n][:2]
-        request = snapshot.map_request
-        what = "Basins of attraction" if request.style.basins else "Cost"
-        heading = f"{what} of moving microphone {measurement.names[n]}\n{snapshot.caption}"
-        decibels = request.order_offset is not None  # of Eq. 7, as on the page
-        label = map_label(snapshot.run, replace(request, style=replace(request.style, log=True)))
-        panels, least = _panels(snapshot, MAX_PANELS), least_range(snapshot.run, request)
-        # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
-        drawn = (panels, truth, label, heading, positions[n][:2], decibels, request.style.basins, least)
-        return call(landscape_bytes, file_format, *drawn)
-
-    return make
+def _figure(snapshot: ViewSnapshot, file_format: str) -> bytes:
+    measurement, n = snapshot.run.measurement, snapshot.microphone
+    positions = snapshot.view.state.positions
+    truth = snapshot.run.drawn_truth(positions)
+    truth = None if truth is None else truth[n][:2]
+    request = snapshot.map_request
+    what = "Basins of attraction" if request.style.basins else "Cost"
+    heading = f"{what} of moving microphone {measurement.names[n]}\n{snapshot.caption}"
+    decibels = request.order_offset is not None  # of Eq. 7, as on the page
+    label = map_label(snapshot.run, replace(request, style=replace(request.style, log=True)))
+    panels, least = _panels(snapshot, MAX_PANELS), least_range(snapshot.run, request)
+    # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
+    drawn = (panels, truth, label, heading, positions[n][:2], decibels, request.style.basins, least)
+    return call(landscape_bytes, file_format, *drawn)
 
 
 def _map(snapshot: ViewSnapshot) -> bytes:
@@ -264,11 +262,14 @@ KINDS = {
     "Maps as in Fig. 1 (PNG)": Kind(
         "-maps.png",
         "Cost maps of the selected microphone, or its basins: up to eight single modes, and the sum of all.",
-        _figure("png"),
+        partial(_figure, file_format="png"),
         slow=True,
     ),
     "Maps as in Fig. 1 (SVG)": Kind(
-        "-maps.svg", "The same figure as vector graphics, for print.", _figure("svg"), slow=True
+        "-maps.svg",
+        "The same figure as vector graphics, for print.",
+        partial(_figure, file_format="svg"),
+        slow=True,
     ),
     "Map (VTI for ParaView)": Kind(
         "-map.vti",
