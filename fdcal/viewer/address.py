@@ -10,10 +10,13 @@ lesson,step  name of a lesson, and the number of its step, from 1; it sets the r
 "face", Explore or Expert, is of a browser alone, and never comes here (`server/page.js`).
 """
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl, quote
 
 import viser
@@ -26,7 +29,10 @@ from ..session.sources import OpenRequest
 from .gui.binding import kind_of
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 from .session_view import Viewer
-from .tabs.lessons import KINDS, LessonPage, LessonsTab, apply_setting, plain_choices
+from .tabs.lessons import KINDS, LessonsTab, apply_setting, plain_choices
+
+if TYPE_CHECKING:
+    from .page import Page
 
 MAX_MODES_TEXT = 60  # characters of the modes of a map: with the camera a command has room for no more
 MAX_NUMBER = 99_999  # of a microphone and of a step
@@ -107,7 +113,7 @@ def address_of(viewer: Viewer, lesson: str = "", step: int = 1) -> str:
 class AddressBar:
     """Shows what a link names, and keeps the address of all browsers; all but `tick` on viser's event loop."""
 
-    def __init__(self, page: LessonPage, lessons: LessonsTab):
+    def __init__(self, page: Page, lessons: LessonsTab):
         self._page, self._lessons = page, lessons
         self._asked: tuple[viser.ClientHandle, Address] | None = None  # before there is a session
         # Until its scene is shown; without a request, that of a lesson.

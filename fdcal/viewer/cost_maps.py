@@ -408,15 +408,18 @@ class CostMapWorker:
         """On the fast thread: a map over the solver's lattice, or a coarse volume."""
         if request.style.volume:
             return self._volumes.coarse(request)
+        search = self._run.problem.search
+        if search is None:
+            raise ValueError("a map needs a search domain")  # the page requests none without
         if request.style.shape:
             mode, state = request.modes[-1], request.state
             shape = maps.mode_shape(self._run.problem, state.positions, mode, state.order_offset, state.channels)
             label = f"pressure of {row_label(self._run.measurement, mode)} (normalised to a peak of 1)"
             height = z_range_of(self._run.known_scene, self._run.measurement)[0]
-            return CostMap(request, field_floor(shape, self._search(), label, height), None, None, 0.0, 0.0)
+            return CostMap(request, field_floor(shape, search, label, height), None, None, 0.0, 0.0)
         run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
-        # of basins on a lattice without false minima
-        search = maps.lattice_of(run.problem, modes) if request.style.basins else self._search()
+        if request.style.basins:
+            search = maps.lattice_of(run.problem, modes)  # a lattice without false minima
 
         def compute() -> tuple[ModePanels, Minima]:
             each = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search)
@@ -445,9 +448,3 @@ class CostMapWorker:
             drawn = None if latest is None or latest.request[0] != request else latest.result
             return None if drawn is None else replace(drawn, panels=panels, fine=True)
         return replace(cost_map(self._run, request, panels.total, panels.search, minima, panels), fine=True)
-
-    def _search(self) -> Search:
-        search = self._run.problem.search
-        if search is None:
-            raise ValueError("a map needs a search domain")  # the page requests none without
-        return search

@@ -36,7 +36,7 @@ from ..model.validation import Reals
 from ..session.session import SessionView
 from .cost_maps import CostMap
 from .gui.binding import Binding, Line
-from .gui.overlay import NO_BUTTONS, CanvasWords
+from .gui.html import NO_BUTTONS, CanvasWords
 from .prepare import Last
 
 HANDLE_RADIUS = 1.7  # in radii of a marker

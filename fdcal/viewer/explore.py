@@ -4,8 +4,12 @@ It is what a browser opens; "Expert" shows the panels in its place. Each browser
 so that a lecturer may use the panels while all others see the canvas.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from functools import lru_cache
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -17,11 +21,13 @@ from ..model.scene import MeasuredScene, load_scene, scene_names
 from ..model.validation import InputError, StorageError, modes_text, require_choice
 from ..session.session import SessionView
 from ..session.sources import OpenRequest
-from .gui.html import error_message, state_word
-from .gui.overlay import whole
+from .gui.html import error_message, state_word, whole
 from .session_view import Viewer
 from .tabs.help import KEYS
-from .tabs.lessons import LessonPage, LessonsTab
+from .tabs.lessons import LessonsTab
+
+if TYPE_CHECKING:
+    from .page import Page
 
 THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
@@ -95,7 +101,7 @@ class Explore:
     `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: whether the tab Open opens files.
     """
 
-    def __init__(self, page: LessonPage, lessons: LessonsTab, own_files: bool):
+    def __init__(self, page: Page, lessons: LessonsTab, own_files: bool):
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
         self._names = scene_names()  # the bar is written with every turn of the main loop
         self._own: tuple[OpenRequest, str] | None = None  # the file that was shown last, and the drawing of its array
@@ -117,18 +123,14 @@ class Explore:
         }
         commands |= {key.command: lambda viewer, _, act=key.act: act(viewer.tabs) for key in KEYS if key.command}
         for name, act in commands.items():
-            overlay.on(name, self._of_session(act))
+            overlay.on(name, lambda client, value, act=act: self._act(act, value))
 
-    def _of_session(self, act):
-        """Return a command that acts on the session that is shown, if there is one."""
-
-        def do(client: viser.ClientHandle, value: str) -> None:
-            viewer = self._page.viewer
-            if viewer is not None:
-                viewer.binding.session.yield_to_ui()
-                act(viewer, value)
-
-        return do
+    def _act(self, act: Callable[[Viewer, str], object], value: str) -> None:
+        """Carry out a command on the session that is shown, if there is one."""
+        viewer = self._page.viewer
+        if viewer is not None:
+            viewer.binding.session.yield_to_ui()
+            act(viewer, value)
 
     def _open(self, client: viser.ClientHandle, name: str) -> None:
         """Open a scene that comes with fdcal; a lesson ends."""
@@ -162,19 +164,19 @@ class Explore:
 
     def show(self) -> None:
         """Bring bar and sheet up to date; called by the main loop."""
-        viewer, overlay, progress = self._page.viewer, self._page.panels.overlay, self._page.switcher.progress
+        viewer, overlay, current = self._page.viewer, self._page.panels.overlay, self._page.switcher.current
         error = error_message(self._page.switcher.error)
-        waiting = error if progress is None else progress.text
+        title, waiting = ("", error) if current is None else (current.request.scene.title, current.progress.text)
         if viewer is None:
-            words = f"<b>{escape(self._page.switcher.title)}</b><small>{escape(waiting)}</small>"
+            words = f"<b>{escape(title)}</b><small>{escape(waiting)}</small>"
             overlay.show("bar", f"<span class='scene'><span>{words}</span></span>" if waiting else "")
             return
         request = viewer.run.opening
         comes_with_fdcal = request.scene.name in self._names or self._lessons.active
         if not comes_with_fdcal and (self._own is None or self._own[0] is not request):
             self._own = request, self._drawn(viewer)  # so that it can be opened again
-        bar = self._bar(viewer, self._page.switcher.title if waiting else "", waiting)
-        overlay.show("bar", bar if progress is None else f"{bar}<span class='preparing'></span>")
+        bar = self._bar(viewer, title, waiting)
+        overlay.show("bar", bar if current is None else f"{bar}<span class='preparing'></span>")
         overlay.show("sheet", self._sheet(viewer))
         overlay.show("invitation", INVITATION if viewer.drop.inviting and not self._lessons.active else "")
         overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")

@@ -22,7 +22,7 @@ from .address import AddressBar
 from .explore import Explore
 from .gui import html
 from .gui.binding import Binding
-from .gui.overlay import CanvasWords
+from .gui.html import CanvasWords
 from .panels import Panels, SessionFolders, StatusBar
 from .prepare import PreparedRun, SessionSwitcher, Threads
 from .scene3d.cameras import Surroundings
@@ -155,8 +155,8 @@ class Page:
             self.viewer.guarded_tick(now)
             if (opener := self.open_file) is not None:
                 self._guarded("list of files", lambda: opener.show(now))
-        elif self.nodes.is_empty and self.switcher.measured is not None:
-            self.nodes.show_room(*self.switcher.measured)
+        elif (current := self.switcher.current) is not None and self.nodes.is_empty and current.progress.measurement:
+            self.nodes.show_room(current.request, current.progress.measurement)
             self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
         call = self._server.get_event_loop().call_soon_threadsafe
         self._guarded("lessons", lambda: self.lessons.show(call))

@@ -20,7 +20,7 @@ from ..model.scene import MeasuredScene, no_rectangle
 from ..session.sources import OpenRequest
 from .gui import html
 from .gui.binding import Binding, Due, Tab, Tick
-from .gui.overlay import Overlay
+from .gui.html import Overlay
 from .prepare import Same, SessionSwitcher
 from .tabs.curves import CurvesTab
 from .tabs.cut import CutPanel
@@ -80,7 +80,8 @@ class StatusBar:
 
         `first`: whether there is no session yet, to which Cancel could return.
         """
-        progress, error, title = self._switcher.progress, self._switcher.error, self._switcher.title
+        current, error = self._switcher.current, self._switcher.error
+        progress, title = (None, "") if current is None else (current.progress, current.request.scene.title)
         text, percent = ("", 0) if progress is None else (progress.text, round(100 * progress.done))
         if not self._due(0.0, title, text, percent, Same(error), first):
             return

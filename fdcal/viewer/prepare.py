@@ -426,13 +426,13 @@ class Preparation:
 class SessionSwitcher:
     """Prepares the newest request on a thread of its own.
 
-    `error`: exception for which the last request was refused, or None.
+    `current`: what is prepared now, or None; `error`: exception for which the last request was refused, or None.
     """
 
     def __init__(self):
         self._commands: collections.deque[OpenRequest | None] = collections.deque()  # None: cancel
         self._worker = LatestWorker(Preparation.execute, "fdcal-prepare")
-        self._current: Preparation | None = None
+        self.current: Preparation | None = None
         self._cancelled: list[Preparation] = []  # some of which may still be in progress
         self._begun: list[PreparationProgress] = []  # whose compilations may still be in progress
         self.error: Exception | None = None
@@ -450,24 +450,12 @@ class SessionSwitcher:
     @property
     def idle(self) -> bool:
         """Whether no request waits or is in progress."""
-        return not self._commands and self._current is None
+        return not self._commands and self.current is None
 
     @property
     def progress(self) -> PreparationProgress | None:
         """The progress of the preparation; None where nothing is in progress."""
-        return None if self._current is None else self._current.progress
-
-    @property
-    def measured(self) -> tuple[OpenRequest, Measurement] | None:
-        """The request in progress and its measurement, once that is simulated or read."""
-        if self._current is None or self._current.progress.measurement is None:
-            return None
-        return self._current.request, self._current.progress.measurement
-
-    @property
-    def title(self) -> str:
-        """The title of the scene in progress, or ""."""
-        return "" if self._current is None else self._current.request.scene.title
+        return None if self.current is None else self.current.progress
 
     @property
     def compiling(self) -> bool:
@@ -479,10 +467,10 @@ class SessionSwitcher:
         while self._commands:
             self._begin(self._commands.popleft())
         self._close_cancelled()
-        finished = self._current
+        finished = self.current
         if finished is None or not finished.done:
             return None
-        self._current = None
+        self.current = None
         if finished.error is not None:
             self.refuse(finished.error)
         return finished.run
@@ -511,15 +499,15 @@ class SessionSwitcher:
                 progress.warmup.close(max(end - time.perf_counter(), 0.0))
 
     def _begin(self, request: OpenRequest | None) -> None:
-        if self._current is not None:
-            self._current.progress.stop = True
-            self._cancelled.append(self._current)
-        self._current, self.error = None, None
+        if self.current is not None:
+            self.current.progress.stop = True
+            self._cancelled.append(self.current)
+        self.current, self.error = None, None
         if request is not None:
-            self._current = Preparation(request)
+            self.current = Preparation(request)
             self._begun = [progress for progress in self._begun if not progress.ended]
-            self._begun.append(self._current.progress)
-            self._worker.request(self._current)
+            self._begun.append(self.current.progress)
+            self._worker.request(self.current)
 
     def _close_cancelled(self) -> None:
         """Close the sessions of preparations that were cancelled too late."""

@@ -30,8 +30,7 @@ from ..solvers.interface import RunState
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, count_label
 from .drop import Drop, Dropped, LineHandles, MicrophonePicker
 from .gui.binding import Binding, Choices, PositionUncertainty, Tick
-from .gui.html import CONTROLS, canvas_legend
-from .gui.overlay import CanvasWords
+from .gui.html import CONTROLS, CanvasWords, canvas_legend
 from .panels import SessionFolders, Tabs
 from .prepare import DisplayFrame, Last, PreparedRun, Same, Threads
 from .scene3d.nodes import SceneNodes

@@ -171,7 +171,6 @@ def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monk
     assert seen() == (4, 5.0), "of the same extent: at once"
     show(5, 5.0)
     assert seen() == (5, 5.0), "with the same axes: at once"
-    plot.remove()
 
 
 def test_plots_follow_a_rewound_history(curves, measurement):

@@ -381,7 +381,7 @@ def test_a_session_is_released_though_a_release_was_due_as_it_was_replaced(page_
 
 def turn_until_ready(page):
     """Wait until the session in preparation can be shown, and do not show it."""
-    current, end = page.switcher._current, time.perf_counter() + WAIT
+    current, end = page.switcher.current, time.perf_counter() + WAIT
     while not current.done:
         assert time.perf_counter() < end
         time.sleep(0.01)

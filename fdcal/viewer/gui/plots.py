@@ -87,7 +87,8 @@ class Plot:
             self.title, self.decades, self.limits = self._wanted[1]
             with self._folder:
                 scales, axes = self._scales_and_axes()
-                self._sent, self.handle = data, self._gui.add_uplot(
+                self._sent = data
+                self.handle = self._gui.add_uplot(
                     data=data, series=self._series, title=self.title, scales=scales, axes=axes, height=self._height,
                     padding=PADDING, legend=self._legend,
                 )  # fmt: skip
@@ -132,10 +133,6 @@ class Plot:
             axis = uplot.Axis(size=58, splits=splits, values=numbers)
         scales = {"x": uplot.Scale(time=False), "y": y, **self._scales}
         return scales, (uplot.Axis(label=self._x, labelSize=20, size=34, **self._steps), axis)
-
-    def remove(self) -> None:
-        """Remove the plot from the panel."""
-        self._folder.remove()
 
 
 def _extent(data: tuple[np.ndarray, ...]) -> tuple[float, float]:

@@ -345,7 +345,18 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
     scene, or ""; `on_sent`: called when the page is about to be sent. Raises InputError: the address cannot be used,
     the port is in use, or viser can no longer be restricted.
     """
-    _require_address(host, port)
+    if not 0 <= port <= 65535:
+        problem, remedy = f"port = {port} is out of range", "give a <port> from 0 to 65535, where 0 takes a free one"
+        raise InputError(problem, remedy, key="port", value=port)
+    try:  # an address that cannot be bound is refused here: viser would wait indefinitely
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except (OSError, UnicodeError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        problem = f"the server cannot listen at host = {host}, port = {port} ({reason})"
+        raise InputError(problem, "give another <host> or <port>", key="host", value=host) from error
     server = _open_restricted(host, port, film, on_sent)
     if port and server.get_port() != port:  # viser takes the next free port without a message
         without_output(server.stop)
@@ -435,35 +446,17 @@ def is_loopback(host: str) -> bool:
     return host in LOOPBACK
 
 
-def _require_address(host: str, port: int) -> None:
-    """Raise InputError unless the address can be bound: viser would wait indefinitely."""
-    if not 0 <= port <= 65535:
-        problem, remedy = f"port = {port} is out of range", "give a <port> from 0 to 65535, where 0 takes a free one"
-        raise InputError(problem, remedy, key="port", value=port)
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind, protocol) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except (OSError, UnicodeError, OverflowError) as error:
-        reason = getattr(error, "strerror", None) or error
-        problem = f"the server cannot listen at host = {host}, port = {port} ({reason})"
-        raise InputError(problem, "give another <host> or <port>", key="host", value=host) from error
-
-
 def _drop_bad_updates(server: viser.ViserServer) -> None:
     """Let a message about a control pass only if it sets its value, to one that the control can have."""
     handlers, controls = server._websock_server._incoming_handlers, server.gui._gui_input_handle_from_uuid
 
-    def checked(handler: Handler) -> Handler:
-        async def handle(client_id, message) -> None:
-            control = controls.get(message.uuid)
-            if not (hasattr(control, "on_update") or hasattr(control, "on_click")):  # none, or a progress bar
-                return
-            if is_plain(message.updates) and fits(control, message.updates["value"]):
-                with contextlib.suppress(ValueError, TypeError, OverflowError):  # the control holds another type
-                    await handler(client_id, message)
+    async def handle(handler: Handler, client_id, message) -> None:
+        control = controls.get(message.uuid)
+        if not (hasattr(control, "on_update") or hasattr(control, "on_click")):  # none, or a progress bar
+            return
+        if is_plain(message.updates) and fits(control, message.updates["value"]):
+            with contextlib.suppress(ValueError, TypeError, OverflowError):  # the control holds another type
+                await handler(client_id, message)
 
-        return handle
-
-    handlers[_messages.GuiUpdateMessage] = [checked(handler) for handler in handlers[_messages.GuiUpdateMessage]]
+    given = handlers[_messages.GuiUpdateMessage]
+    handlers[_messages.GuiUpdateMessage] = [functools.partial(handle, handler) for handler in given]

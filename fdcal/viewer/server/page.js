@@ -1,7 +1,7 @@
 // Runs before viser's own script. It gives the page what viser has not:
 //
 //   labels      the texts of the scene, outlined, without those that would cover others (scene3d/nodes.py)
-//   overlay     regions on the canvas, whose HTML the server sends in hidden controls (gui/overlay.py)
+//   overlay     regions on the canvas, whose HTML the server sends in hidden controls (gui/html.py)
 //   commands    what is pressed or set there, sent as text: "play", "modes=12"
 //   address     the view after #, read when the page opens or the address changes, written once nothing changes; a page
 //               that comes back with the address that it has written itself, to the server that it wrote it for, changes

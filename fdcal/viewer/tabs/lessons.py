@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from html import escape
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import viser
 
@@ -31,17 +31,16 @@ from ...session.lesson import (
 from ...session.session import Session
 from ...session.sources import OpenRequest
 from ..gui.binding import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
-from ..gui.html import complaint, error_message
-from ..gui.overlay import whole
+from ..gui.html import complaint, error_message, whole
 from ..scene3d.cameras import Cameras, KeptView
 from ..server.client_values import fits
 from .map import EQ7, LINEAR, LOG, OBJECTIVE
 
 if TYPE_CHECKING:
     from ...session.session import SessionView
-    from ..panels import Panels, Tabs
-    from ..prepare import PreparedRun, SessionSwitcher
-    from ..scene3d.nodes import SceneNodes
+    from ..page import Page
+    from ..panels import Tabs
+    from ..prepare import PreparedRun
     from ..session_view import Viewer
 
 KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "basins": BASINS, "volume": VOLUME, "none": NOTHING}
@@ -237,26 +236,13 @@ def _paragraphs(text: str) -> str:
 log = logging.getLogger(__name__)
 
 
-class LessonPage(Protocol):
-    """What the tab uses of the page (`page.Page`)."""
-
-    panels: Panels
-    nodes: SceneNodes
-    viewer: Viewer | None
-    switcher: SessionSwitcher
-
-    def open(self, request: OpenRequest) -> None:
-        """Show something else as soon as it is ready."""
-        ...
-
-
 class LessonsTab:
     """Owns the caption, the settings that wait for a scene, and what the page showed before.
 
     All methods run on viser's event loop, except `show`.
     """
 
-    def __init__(self, page: LessonPage, lessons: Sequence[Lesson]):
+    def __init__(self, page: Page, lessons: Sequence[Lesson]):
         self._page = page
         self._lessons = {lesson.title: lesson for lesson in lessons}
         self.progress, self._error = LessonProgress(), ""
