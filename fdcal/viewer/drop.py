@@ -300,12 +300,6 @@ class Dropped:
     text: str  # beside it
     path: Reals | None = None  # (P, D) float64, metres, downhill
 
-    def among(self, positions) -> np.ndarray:
-        """Return positions (N, D), metres, with the microphone at its place."""
-        placed = np.array(positions, float)
-        placed[self.microphone, : len(self.place)] = self.place
-        return placed
-
 
 class Drop:
     """Owns the drag, the thread of the paths, and the counts of tries and of those that ended at home.

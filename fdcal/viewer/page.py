@@ -155,9 +155,10 @@ class Page:
             self.viewer.guarded_tick(now)
             if (opener := self.open_file) is not None:
                 self._guarded("list of files", lambda: opener.show(now))
-        elif (current := self.switcher.current) is not None and self.nodes.is_empty and current.progress.measurement:
-            self.nodes.show_room(current.request, current.progress.measurement)
-            self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
+        elif self.nodes.is_empty and (current := self.switcher.current) is not None:
+            if current.progress.measurement is not None:
+                self.nodes.show_room(current.request, current.progress.measurement)
+                self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
         call = self._server.get_event_loop().call_soon_threadsafe
         self._guarded("lessons", lambda: self.lessons.show(call))
         self._guarded("address", lambda: self.address.tick(call))

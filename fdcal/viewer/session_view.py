@@ -142,7 +142,9 @@ class SessionPicture:
         self.ball = None
         if choices.plan.shown:
             return self._drawn_plan(choices, planned)
-        self.places = positions = view.state.positions if dropped is None else dropped.among(view.state.positions)
+        self.places = positions = np.array(view.state.positions, float)
+        if dropped is not None:
+            positions[dropped.microphone, : len(dropped.place)] = dropped.place
         scene, measurement = self._run.known_scene, self._measurement
         dark, lecture, take = key = choices.style.dark, choices.lecture, choices.take
         if floor is not None and floor.heights is not None:  # what does not move follows the heights of the map

@@ -207,7 +207,7 @@ def test_a_camera_that_raises_is_left_alone_and_the_others_go_on(use, scene, mea
         placed.place(client, "top")
     clients[1].camera = Raising()
     use(placed, clients[1])
-    assert placed.kept_views()[2].view == "top"
+    assert placed.kept_views()[2] == "top"
 
 
 def test_no_number_that_a_page_sends_keeps_others_from_connecting(dark, server):

@@ -50,14 +50,6 @@ class Placement:
     positions: tuple[tuple[float, float, float], ...] = ()  # the last ones of the camera, metres
 
 
-@dataclass(frozen=True)
-class KeptView:
-    """How one page looks at the scene: a view that it was placed to, or where its user has moved the camera."""
-
-    view: str = ""  # as in graphics.camera.VIEWS, or "" for a camera of the user
-    camera: Camera | None = None  # Camera of the user, or None
-
-
 def canvas(camera) -> tuple[int, int]:
     """Width and height, pixels, that a page reports; bounded, for it may report anything."""
     width, height = camera.image_width, camera.image_height
@@ -150,25 +142,28 @@ class Cameras:
             else:
                 self.place(client, view)
 
-    def kept_views(self) -> dict[int, KeptView]:
-        """Return how each page looks at the scene, by the number of its client."""
+    def kept_views(self) -> dict[int, str | Camera]:
+        """Return how each page looks at the scene, by the number of its client.
+
+        That is a view that it was placed to, as in graphics.camera.VIEWS, or where its user has moved the camera.
+        """
         kept = {}
         for number, client in self._server.get_clients().items():
             with self._guarded(client):
                 camera, placement = client.camera, self._placements.get(number, Placement())
                 if placement.camera is None or is_at(camera, placement.camera):
-                    kept[number] = KeptView(placement.view, None if placement.view else placement.camera)
+                    kept[number] = placement.view or placement.camera or ""
                     continue
                 vectors = camera.position, camera.look_at, camera.up_direction
                 (x, y, z), (u, v, w), (a, b, c) = ([float(number) for number in vector] for vector in vectors)
-                kept[number] = KeptView("", Camera((x, y, z), (u, v, w), (a, b, c), float(camera.fov), 1.0))
+                kept[number] = Camera((x, y, z), (u, v, w), (a, b, c), float(camera.fov), 1.0)
         return kept
 
-    def request_kept(self, kept: Mapping[int, KeptView]) -> None:
+    def request_kept(self, kept: Mapping[int, str | Camera]) -> None:
         """`request` for every page that is still open what `kept_views` has returned."""
         for number, client in self._server.get_clients().items():
             if number in kept:
-                self.request(client, kept[number].camera or kept[number].view)
+                self.request(client, kept[number])
 
     def place(self, client: viser.ClientHandle, view: str | Camera) -> None:
         """Place one page's camera so that the search domain fills what the panels leave free.

@@ -60,20 +60,17 @@ def cost_along(run: PreparedRun, request: CutRequest) -> Cut:
     points = np.concatenate([points, np.tile(positions[n, 2:], (POINTS, 1))], axis=1)
     costs = eq7_cut(run.problem, positions, n, modes, request.order_offset, points, state.channels)
     drawn = shown_modes(len(modes), MAX_MODES)
+    single, total = (10 * np.log10(np.maximum(cost, LOWEST)) for cost in (costs[drawn], costs.sum(axis=0)))
     truth = run.drawn_truth(positions)
     return Cut(
         request,
         np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), POINTS),
         tuple(modes[i] for i in drawn),
-        _decibels(costs[drawn]),
-        _decibels(costs.sum(axis=0)),
+        single,
+        total,
         foot(positions[n, :2], ends),
         None if truth is None else foot(truth[n][:2], ends),
     )
-
-
-def _decibels(cost: np.ndarray) -> np.ndarray:
-    return 10 * np.log10(np.maximum(cost, LOWEST))
 
 
 def foot(place, ends: np.ndarray) -> float | None:

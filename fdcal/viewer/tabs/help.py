@@ -6,6 +6,7 @@ arrows, so none of them is used here. A key does nothing while a text is typed.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 
 import viser
@@ -101,17 +102,14 @@ KEYS = (
 def add_keys(gui: viser.GuiApi, page) -> None:
     """Add the shortcuts, which act on the page, to every browser that opens it."""
 
-    def act_on(key: Key) -> Callable:
-        async def act(event) -> None:
-            if event.client is not None and key.of_page:
-                key.act(page, event.client)
-            elif event.client is not None and page.viewer is not None:
-                key.act(page.viewer.tabs)
-
-        return act
+    async def act(key: Key, event) -> None:
+        if event.client is not None and key.of_page:
+            key.act(page, event.client)
+        elif event.client is not None and page.viewer is not None:
+            key.act(page.viewer.tabs)
 
     for key in KEYS:
-        gui.add_command(key.label, hotkey=key.key, modifier=key.modifier).on_trigger(act_on(key))
+        gui.add_command(key.label, hotkey=key.key, modifier=key.modifier).on_trigger(partial(act, key))
 
 
 NUMBERS = {

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import viser
 
+from ...graphics.camera import Camera
 from ...model.scene import Scene
 from ...model.validation import InputError, StorageError, parse_modes, shown
 from ...session.lesson import (
@@ -32,7 +33,7 @@ from ...session.session import Session
 from ...session.sources import OpenRequest
 from ..gui.binding import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
 from ..gui.html import complaint, error_message, whole
-from ..scene3d.cameras import Cameras, KeptView
+from ..scene3d.cameras import Cameras
 from ..server.client_values import fits
 from .map import EQ7, LINEAR, LOG, OBJECTIVE
 
@@ -127,7 +128,7 @@ class PageBefore:
     choices: Choices
     # of the controls of each tab that a user can set, by the name of the tab and of the control
     values: Mapping[str, Mapping[str, Any]]
-    cameras: Mapping[int, KeptView]  # KeptView of each browser
+    cameras: Mapping[int, str | Camera]  # of each browser: `Cameras.kept_views`
 
     @classmethod
     def of(cls, viewer: Viewer, cameras: Cameras) -> PageBefore:

@@ -7,7 +7,6 @@ reads files here: recordings, measurements (.npz) and sessions (.zip). The page 
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Literal
@@ -26,16 +25,6 @@ MAX_FILES, MAX_NAME = 200, 200  # of each list, and characters of a name that is
 LISTS = (".csv", ".xml")  # tables of positions
 NONE = "None"
 REMOTE = "Other machines can reach this page, so that it opens no files. Start fdcal view for this machine alone."
-
-
-@dataclass(frozen=True)
-class FileJob:
-    """A file to open."""
-
-    file: str  # its name
-    positions: str  # name of the list that the result is compared with, or NONE
-    kind: Literal["auto", "impulse", "stationary"]  # of a recording
-    temperature: float  # degrees Celsius, likewise
 
 
 class OpenFile:
@@ -61,8 +50,7 @@ class OpenFile:
     def press(self) -> None:
         """Open the file that is chosen."""
         if self.file.value != NONE:
-            job = FileJob(self.file.value, self.positions.value, self.kind.value, float(self.celsius.value))
-            self.worker.request(job)
+            self.worker.request(self.file.value, self.positions.value, self.kind.value, float(self.celsius.value))
 
     def show(self, now: float) -> None:
         """Bring list and report up to date at the time `now`, s; called by the main loop."""
@@ -97,25 +85,31 @@ class OpenFile:
                 control.options = names
                 control.value = chosen if chosen in names else names[0]
 
-    def _open(self, job: FileJob) -> str:
-        """On the thread: show a file as a session, and return the report of its import."""
+    def _open(
+        self, name: str, positions: str, kind: Literal["auto", "impulse", "stationary"], temperature: float
+    ) -> str:
+        """On the thread: show a file as a session, and return the report of its import.
+
+        `positions`: name of the list that the result is compared with, or NONE; `kind`, `temperature` (degrees
+        Celsius): of a recording.
+        """
         from ...recordings.import_options import ImportOptions
         from ...recordings.importer import import_recording, import_summary
         from ...session import session_file
         from ...session.sources import measurement_input
 
-        path, report, left_out = self._folder / job.file, "", ()
+        path, report, left_out = self._folder / name, "", ()
         if path.suffix.lower() == ".zip":
             self._show(session_file.read(str(path)))
             return report
         if is_recording(str(path)):
-            options = ImportOptions(leave_out="bad", files="takes", kind=job.kind, temperature=job.temperature)
+            options = ImportOptions(leave_out="bad", files="takes", kind=kind, temperature=temperature)
             measurement, found = import_recording(path, options)
             inputs, left_out = measurement_input(measurement, path.stem), tuple(found.left_out)
             report = import_summary(measurement, found, html.CONTROLS)
         else:
             inputs = load_input(str(path))
-        if job.positions != NONE:
-            inputs = compared_with_file(inputs, str(self._folder / job.positions), left_out)
+        if positions != NONE:
+            inputs = compared_with_file(inputs, str(self._folder / positions), left_out)
         self._show(measurement_request(inputs))
         return report
