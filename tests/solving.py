@@ -15,7 +15,7 @@ from fdcal.model.measurement import Measurement, load_measurement
 from fdcal.model.problem import Problem
 from fdcal.model.settings import SolverSettings
 from fdcal.session.session_file import read_states, write_states
-from fdcal.solvers.estimate import Estimate
+from fdcal.solvers.interface import Estimate
 from fdcal.solvers.robust.result import estimate_at
 from fdcal.viewer import opening
 

@@ -148,7 +148,7 @@ def test_assessment_reads_what_every_solver_reports():
     """What solvers have in common and nothing of a single one, so that one can be added."""
     for path in of_packages("assessment"):
         inside = {name.split(".")[1] for name in modules_of(path) if name.startswith("solvers.")}
-        assert inside <= {"estimate", "requirements"}, f"{name_of(path)} imports {sorted(inside)}"
+        assert inside <= {"interface", "requirements"}, f"{name_of(path)} imports {sorted(inside)}"
 
 
 def test_pictures_are_drawn_of_what_is_passed_in():

@@ -11,7 +11,7 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
-from fdcal.cost.landscape import landscape_panels
+from fdcal.cost.maps import landscape_panels
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.model.storage import write_atomically
 from fdcal.model.validation import InputError, StorageError

@@ -17,7 +17,7 @@ from ..acoustics.coherence import is_single_wave
 from ..cost.likelihood import log_response
 from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
-from ..solvers.estimate import Estimate, RoomEstimate
+from ..solvers.interface import Estimate, RoomEstimate
 from .calibration import DECIBELS_PER_NEPER, OF_LIST, Channels, Evidence, GivenPosition, KnownRoom
 from .channels import (
     FaultyChannel,

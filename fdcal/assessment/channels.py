@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..solvers.estimate import Estimate
+from ..solvers.interface import Estimate
 from .calibration import DECIBELS_PER_NEPER, ChannelFault
 
 

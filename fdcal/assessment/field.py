@@ -20,8 +20,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from ..acoustics.dictionary import dictionary, max_order
-from ..cost.batches import applied, blocks, hermitian_inverses
-from ..cost.kernels import EXTRA_ORDERS, series_kernel
+from ..cost.kernels import EXTRA_ORDERS, applied, blocks, hermitian_inverses, series_kernel
 from ..cost.likelihood import FieldModel, isotropic_field
 from ..cost.noise import DIFFUSE_FLOOR, estimate_noise
 from ..model.measurement import Measurement

@@ -27,7 +27,7 @@ from ..acoustics.dictionary import array_f_max
 from ..model.gauge import align
 from ..model.problem import Problem
 from ..model.validation import length_text
-from ..solvers.estimate import Estimate, RoomEstimate, TriedOptimum
+from ..solvers.interface import Estimate, RoomEstimate, TriedOptimum
 from ..solvers.requirements import needed_modes
 from .calibration import OF_LIST
 from .channels import MAX_NOISE, FaultyChannel, channel_faults, healthy_channels

@@ -55,7 +55,7 @@ from scipy.special import chdtri
 
 from ..cost.kernels import diffuse_kernel
 from ..model.gauge import align, rigid_motions
-from ..solvers.estimate import Estimate
+from ..solvers.interface import Estimate
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly
 MIN_EIGENVALUE = 1e-13  # of the scaled information: directions with less are as good as undetermined

@@ -35,7 +35,7 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     summed over all modes. With --basins, colours say at which local minimum descent from each place ends.
     """
     path = opt.output_path(output, [".png", ".svg", ".vti"], force)
-    from ..cost.landscape import landscape_panels
+    from ..cost.maps import landscape_panels
     from ..model.settings import search_around
     from ..model.storage import write_atomically
     from .plotting import shown_positions, write_volume

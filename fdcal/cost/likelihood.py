@@ -34,7 +34,7 @@ import numpy as np
 
 from ..model.problem import mode_power
 from ..model.validation import Complexes, Numbers, Reals
-from . import batches, kernels
+from . import kernels
 from .kernels import Slopes
 
 MIN_FIELD_SHARE = 1e-3  # least power of the field over that of the pressures, so that C is never pure noise
@@ -171,9 +171,9 @@ def _summed(rule: Rule, q: Complexes, by_parameter: Sequence[np.ndarray], number
             along = q[m] * one.weight * of_modes
             g[i, 0], g[i, 1], logs[i] = np.real(along), np.imag(along), np.real(of_modes)
         misfit = g[:, 0] * np.real(one.u) + g[:, 1] * np.imag(one.u)
-        return one, 2 * (logs - misfit).transpose(1, 2, 0), batches.weighted_curvature(g, one.rows, one.diagonal)
+        return one, 2 * (logs - misfit).transpose(1, 2, 0), kernels.weighted_curvature(g, one.rows, one.diagonal)
 
-    parts = list(batches.over_blocks(lambda m: differentiated(m, rule(m, derivatives)), len(q), numbers))
+    parts = list(kernels.over_blocks(lambda m: differentiated(m, rule(m, derivatives)), len(q), numbers))
     found = [one for part in parts for one, _, _ in part]
     costs = np.concatenate([one.costs for one in found])
     u = np.concatenate([one.u * one.weight for one in found])
@@ -181,7 +181,7 @@ def _summed(rule: Rule, q: Complexes, by_parameter: Sequence[np.ndarray], number
     if not derivatives:
         return Terms(0.0, costs, None, None, u, d, q)
     gradient = np.sum([np.sum([each.sum(axis=0) for _, each, _ in part], axis=0) for part in parts], axis=0)
-    H = batches.whole_curvature(2 * np.sum([np.sum([matrix for *_, matrix in part], axis=0) for part in parts], axis=0))
+    H = kernels.whole_curvature(2 * np.sum([np.sum([matrix for *_, matrix in part], axis=0) for part in parts], axis=0))
     return Terms(0.0, costs, gradient, H, u, d, q)
 
 
@@ -217,10 +217,10 @@ def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
         A[:, columns, columns] += mu[:, None]
         G = np.linalg.cholesky(A)
         log_det = np.sum(2 * np.log(np.real(G[:, columns, columns])), axis=1) - len(columns) * np.log(mu)
-        X = batches.triangular_inverses(G)
+        X = kernels.triangular_inverses(G)
         XH = np.conj(X.swapaxes(1, 2)) if np.iscomplexobj(X) else X.swapaxes(1, 2)
-        parts, F = XH @ (X @ (WH @ batches.as_columns(p, W.dtype))), X @ WH
-        alpha, left = batches.joined_columns(parts), p - batches.joined_columns(W.swapaxes(1, 2) @ parts)
+        parts, F = XH @ (X @ (WH @ kernels.as_columns(p, W.dtype))), X @ WH
+        alpha, left = kernels.joined_columns(parts), p - kernels.joined_columns(W.swapaxes(1, 2) @ parts)
         misfit = np.sum(np.abs(left) ** 2, axis=1) + mu * np.sum(np.abs(alpha) ** 2, axis=1)  # errors of alpha cancel
         d = (1 - np.sum(np.abs(F) ** 2, axis=1)) * weight**2 / v[m, None]
         FH = np.conj(F).swapaxes(1, 2) / -v[m, None, None]
@@ -228,7 +228,7 @@ def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
         def slopes():
             assert dW is not None  # `derivatives`
             T, along = np.conj(XH @ F), dW * weight
-            g = np.array([batches.joined_columns(slope.swapaxes(1, 2) @ parts) for slope in along])
+            g = np.array([kernels.joined_columns(slope.swapaxes(1, 2) @ parts) for slope in along])
             return g, np.array([_real_products(slope, T) for slope in along])
 
         def rows(n: slice, i: slice) -> np.ndarray:
@@ -273,8 +273,8 @@ def _dense_rule(x: Reals, q: Complexes, field: FieldModel) -> Rule:
         C, sloped = _sloped_covariance(x, field, m, derivatives)
         C *= field.power[m, None, None]
         C[:, diagonal, diagonal] += np.multiply.outer(field.noise[m], field.channel_noise)
-        P, log_det = batches.hermitian_inverses(C)
-        u, d = batches.applied(P, q[m]), np.ascontiguousarray(np.real(P[:, diagonal, diagonal]))
+        P, log_det = kernels.hermitian_inverses(C)
+        u, d = kernels.applied(P, q[m]), np.ascontiguousarray(np.real(P[:, diagonal, diagonal]))
         costs = log_det + np.sum(np.real(np.conj(q[m]) * u), axis=1)
 
         def slopes():
@@ -298,7 +298,7 @@ def _sloped_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool)
 def _dense_slopes(x: Reals, u: Complexes, traced: Numbers, D: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return D_a u (D, M, N) complex128 and Re tr(A dK) (D, M, N), A the Hermitian matrices `traced` (M, N, N)."""
     if D.ndim == 4:
-        g = np.array([batches.applied(slope, u) for slope in D])
+        g = np.array([kernels.applied(slope, u) for slope in D])
         return g, np.array([np.einsum("mij,mij->mi", slope, np.conj(traced)).real for slope in D])
     moments = np.ascontiguousarray(np.concatenate([u[..., None], u[..., None] * x], axis=-1))  # D_a = S (x_i - x_j)_a
     Su = np.matmul(D, moments.view(float)).view(complex)
@@ -316,10 +316,10 @@ def spectra(positions: Reals, corrected: Numbers, field: FieldModel) -> tuple[np
         if waves is not None:
             return _low_rank_spectra(waves[0](m, False)[0] * weight, p)
         values, vectors = np.linalg.eigh(field_covariance(x, field, m, False)[0] * np.multiply.outer(weight, weight))
-        along = np.conj(vectors.swapaxes(1, 2)) @ batches.as_columns(p, vectors.dtype)
+        along = np.conj(vectors.swapaxes(1, 2)) @ kernels.as_columns(p, vectors.dtype)
         return np.maximum(values, 0.0), np.sum(np.abs(along) ** 2, axis=2)
 
-    parts = batches.over_blocks(of_block, len(corrected), len(x) * (len(x) if waves is None else 2 * waves[1]))
+    parts = kernels.over_blocks(of_block, len(corrected), len(x) * (len(x) if waves is None else 2 * waves[1]))
     found = [one for part in parts for one in part]
     return np.concatenate([values for values, _ in found]), np.concatenate([along for _, along in found])
 

@@ -40,8 +40,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.validation import Complexes, Integers, Numbers, Reals
-from .batches import blocks, hermitian_inverses, triangular_inverses
-from .kernels import cosines_and_sines, pair_covariance, pair_powers, plane_waves, wave_directions
+from .kernels import (
+    blocks,
+    cosines_and_sines,
+    hermitian_inverses,
+    pair_covariance,
+    pair_powers,
+    plane_waves,
+    triangular_inverses,
+    wave_directions,
+)
 from .likelihood import FieldModel, Terms, spectra
 
 MAX_NOISE_FRACTION = 0.7  # of the noise

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..assessment.field import FieldMap
 from ..cost.basins import basins_of
-from ..cost.landscape import LandscapePanels
+from ..cost.maps import LandscapePanels
 from ..model.measurement import Measurement
 from ..model.settings import Search
 from ..model.validation import InputError

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..cost.basins import OUTSIDE, basins_of
-from ..cost.landscape import LandscapePanels
+from ..cost.maps import LandscapePanels
 from ..cost.scale import LEAST_RANGE, Minima
 from ..model.settings import Search
 from .basin_map import TABLE, basin_image

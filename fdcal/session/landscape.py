@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..assessment.calibration import Calibration
-from ..cost.landscape import LandscapePanels, landscape_panels
+from ..cost.maps import LandscapePanels, landscape_panels
 from ..model.measurement import Measurement, microphone_index
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, shown_literal

@@ -2,8 +2,7 @@
 
 May import: model, acoustics and cost.
 
-Every module inside this package but those of SHARED is a solver, a `fdcal.solvers.interface.Solver`; of a package it is
-the module `solver`.
+Every module and package inside this package but those of SHARED is a solver, a `fdcal.solvers.interface.Solver`.
 """
 
 from __future__ import annotations
@@ -24,14 +23,7 @@ from ..model.validation import frozen_array, require_choice
 if TYPE_CHECKING:
     from .interface import RunState, Solver
 
-SHARED = {"estimate", "interface", "levenberg_marquardt", "requirements", "starts"}
-
-
-@cache
-def modules() -> dict[str, str]:
-    """Return the module of each solver, inside this package, without importing any."""
-    found = [module for module in pkgutil.iter_modules(__path__) if module.name not in SHARED]
-    return {module.name: f"{module.name}.solver" if module.ispkg else module.name for module in found}
+SHARED = {"interface", "levenberg_marquardt", "requirements", "starts"}
 
 
 def arrival_misfits(problem: Problem, positions: np.ndarray) -> np.ndarray | None:
@@ -44,16 +36,17 @@ def arrival_misfits(problem: Problem, positions: np.ndarray) -> np.ndarray | Non
     return arrivals.arrival_misfits(problem, positions)
 
 
+@cache
 def names() -> list[str]:
     """Return the names of the solvers, without importing any."""
-    return sorted(modules())
+    return sorted({module.name for module in pkgutil.iter_modules(__path__)} - SHARED)
 
 
 @cache
 def load(name: str) -> Solver:
     """Return the solver called `name`."""
     require_choice("solver.name", name, names())
-    return cast("Solver", importlib.import_module(f"{__name__}.{modules()[name]}"))
+    return cast("Solver", importlib.import_module(f"{__name__}.{name}"))
 
 
 def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSettings:

@@ -11,9 +11,11 @@ step (`fdcal.acoustics.dictionary.LatticeDictionary`). In three dimensions the c
 coarse to fine (`fdcal.cost.lattice`), and the lowest one that was tried counts as the best.
 """
 
+from __future__ import annotations
+
 import functools
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -21,17 +23,18 @@ from ..acoustics.dictionary import LatticeDictionary
 from ..cost import expansion
 from ..cost.eq7 import known_weights, leave_one_out_fits
 from ..cost.expansion import require_modes
-from ..cost.lattice import SpaceLattice, best_candidate, search_lattice, space_lattice
 from ..cost.maps import descent_maps
 from ..model.gauge import fixes_gauge
 from ..model.problem import Problem
 from ..model.settings import Search, SolverSettings
 from ..model.validation import InputError, Reals, frozen_array
 from . import starts
-from .estimate import Estimate
-from .interface import RunState, Traits
+from .interface import Estimate, RunState, Traits
 from .requirements import require_range
 from .robust.result import estimate_at
+
+if TYPE_CHECKING:
+    from ..cost.lattice import SpaceLattice
 
 TRAITS = Traits(
     moves_all=False,
@@ -97,12 +100,19 @@ def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
 
 def step(problem: Problem, state: State) -> State:
     """Return `state` with the next microphone moved to its best candidate; the same state if it is finished."""
+    from ..cost.lattice import best_candidate  # loads the compiler
+
     if state.finished:
         return state
     n = int(_order(problem, state.seed, state.sweep)[state.turn])
-    lattice = _lattice(problem, state.order_offset)
+    lattice, modes = _lattice(problem, state.order_offset), state.modes
     positions = state.positions.copy()
-    positions[n], cost = _best_candidate(problem, lattice, state, n)
+    if isinstance(lattice, LatticeDictionary):
+        weight = state.settings.known_weight
+        positions[n], cost = best_candidate(problem, lattice, state.positions, n, state.centre, modes, weight)
+    else:
+        _, fits = _fits(problem, lattice, state, n, modes)
+        positions[n], cost = lattice.best(state.centre, modes, fits, state.positions[n])
     moved = replace(
         state,
         positions=frozen_array(positions, float),
@@ -135,20 +145,11 @@ def _order(problem: Problem, seed: int, sweep: int) -> np.ndarray:
 
 def _lattice(problem: Problem, order_offset: int) -> LatticeDictionary | SpaceLattice:
     """Return the candidates: the lattice of the search domain, of two or three dimensions."""
+    from ..cost import lattice  # loads the compiler
+
     if problem.array_dimension == 3:
-        return space_lattice(problem, order_offset)
-    return search_lattice(problem, order_offset)
-
-
-def _best_candidate(
-    problem: Problem, lattice: LatticeDictionary | SpaceLattice, state: State, n: int
-) -> tuple[np.ndarray, float]:
-    """Return the candidate of the lowest cost for microphone `n`, metres, and its cost."""
-    x, centre, modes = state.positions, state.centre, state.modes
-    if isinstance(lattice, SpaceLattice):
-        _, fits = _fits(problem, lattice, state, n, modes)
-        return lattice.best(centre, modes, fits, x[n])
-    return best_candidate(problem, lattice, x, n, centre, modes, state.settings.known_weight)
+        return lattice.space_lattice(problem, order_offset)
+    return lattice.search_lattice(problem, order_offset)
 
 
 def _fits(problem: Problem, lattice: LatticeDictionary | SpaceLattice, state: State, n: int, modes: slice):

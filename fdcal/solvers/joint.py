@@ -12,11 +12,10 @@ import numpy as np
 
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
+from . import robust
 from .interface import Traits
-from .robust import solver as robust
-from .robust import state as robust_state
+from .robust import landscape, require_solvable, result, step, usable_modes, use_modes
 from .robust.schedule import begin
-from .robust.solver import landscape, require_solvable, result, step, usable_modes, use_modes
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
@@ -28,7 +27,7 @@ TRAITS: Traits = replace(
 
 
 @dataclass(frozen=True)
-class State(robust_state.State):
+class State(robust.State):
     """State of the likelihood solver with this preset."""
 
     solver: ClassVar[str] = "joint"

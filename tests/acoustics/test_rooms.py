@@ -25,7 +25,7 @@ from fdcal.model.scene import load_scene
 from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
 from fdcal.session.sources import check_scene
-from fdcal.solvers.room.fit import diffuse_terms, exact
+from fdcal.solvers.room import diffuse_terms, exact
 
 SIZE = (2.3, 1.9, 1.6)
 SOURCE = np.array([2.1, 1.75, 1.45])

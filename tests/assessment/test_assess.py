@@ -21,9 +21,8 @@ from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, ROOM_RESIDUAL, Ju
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
-from fdcal.solvers import load, run
-from fdcal.solvers.estimate import Estimate, GivenHypothesis, RoomEstimate, TriedOptimum
-from fdcal.solvers.robust import solver as robust
+from fdcal.solvers import load, robust, run
+from fdcal.solvers.interface import Estimate, GivenHypothesis, RoomEstimate, TriedOptimum
 
 GRID = np.linspace(-0.5, 0.5, 5)
 TRUTH = np.array([(x, y) for x in GRID for y in GRID]) + [2.6, 2.3]

@@ -15,7 +15,7 @@ from fdcal.assessment.uncertainty import covariance_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load, run
-from fdcal.solvers.estimate import Estimate, GivenHypothesis
+from fdcal.solvers.interface import Estimate, GivenHypothesis
 
 COUNT, MODES, KNOWN, FAULTY = 20, 32, [0, 5, 11, 17], 7
 

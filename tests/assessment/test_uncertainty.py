@@ -33,7 +33,7 @@ from fdcal.model.scene import load_scene
 from fdcal.model.settings import SolverSettings
 from fdcal.session.plan import make_plan
 from fdcal.solvers import load
-from fdcal.solvers.estimate import Estimate, TriedOptimum
+from fdcal.solvers.interface import Estimate, TriedOptimum
 from fdcal.solvers.robust.result import estimate_at, sandwich
 from fdcal.viewer.gui.binding import PlanChoices
 from fdcal.viewer.session_view import uncertainty_of

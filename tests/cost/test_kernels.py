@@ -5,22 +5,14 @@ import pytest
 from scipy.special import hankel2, jv, spherical_jn, spherical_yn, yv
 
 from fdcal.acoustics.dictionary import degrees, fourier_bessel, spherical_bessel
-from fdcal.cost import batches
-from fdcal.cost.batches import (
-    applied,
-    as_columns,
-    blocks,
-    hermitian_inverses,
-    joined_columns,
-    over_blocks,
-    triangular_inverses,
-    weighted_curvature,
-    whole_curvature,
-)
+from fdcal.cost import kernels
 from fdcal.cost.kernels import (
     EXTRA_ORDERS,
     NEAR_FIELD_ORDERS,
     SOURCE_DISTANCE,
+    applied,
+    as_columns,
+    blocks,
     circular_waves,
     diffuse_correlation,
     diffuse_kernel,
@@ -28,11 +20,17 @@ from fdcal.cost.kernels import (
     direction_count,
     directions_needed,
     expansion_about,
+    hermitian_inverses,
+    joined_columns,
+    over_blocks,
     plane_wave_covariance,
     plane_wave_kernel,
     plane_waves,
     series_kernel,
+    triangular_inverses,
     wave_directions,
+    weighted_curvature,
+    whole_curvature,
 )
 
 K = np.array([1.3, 3.1, 7.4])  # rad/m
@@ -182,15 +180,15 @@ def test_blocks_cover_every_mode_once_and_are_small(modes, numbers):
     found = blocks(modes, numbers)
     assert [m for block in found for m in range(modes)[block]] == list(range(modes))
     sizes = [block.stop - block.start for block in found]
-    assert max(sizes) - min(sizes) <= 1 and (max(sizes) * numbers <= batches.BLOCK or max(sizes) == 1)
+    assert max(sizes) - min(sizes) <= 1 and (max(sizes) * numbers <= kernels.BLOCK or max(sizes) == 1)
 
 
 @pytest.mark.parametrize("least", [0.0, np.inf])
 def test_blocks_are_computed_in_their_order_on_one_core_or_all(least, monkeypatch):
-    monkeypatch.setattr(batches, "WORTH_THREADS", least)
-    monkeypatch.setattr(batches, "BLOCK", 10)
+    monkeypatch.setattr(kernels, "WORTH_THREADS", least)
+    monkeypatch.setattr(kernels, "BLOCK", 10)
     parts = list(over_blocks(lambda m: list(range(100)[m]), 100, 5))
-    assert 1 < len(parts) <= batches.PARTS
+    assert 1 < len(parts) <= kernels.PARTS
     assert [mode for part in parts for block in part for mode in block] == list(range(100))
 
 
@@ -224,7 +222,7 @@ def test_a_matrix_is_applied_to_complex_vectors_in_its_own_arithmetic(kind):
 @pytest.mark.parametrize("largest", [30, 1.3e5])
 @pytest.mark.parametrize("kind", [float, complex])
 def test_the_curvature_is_the_sum_over_modes_whatever_the_blocks(kind, largest, monkeypatch):
-    monkeypatch.setattr(batches, "BLOCK", largest)
+    monkeypatch.setattr(kernels, "BLOCK", largest)
     rng = np.random.default_rng(2)
     g, diagonal, matrices = rng.normal(size=(3, 2, M, N)), rng.uniform(size=M), hermitian(kind)
     J, whole = g[:, 0] + 1j * g[:, 1], matrices + diagonal[:, None, None] * np.eye(N)

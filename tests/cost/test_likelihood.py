@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fields import measured
 
-from fdcal.cost import batches
+from fdcal.cost import kernels
 from fdcal.cost.kernels import directions_needed
 from fdcal.cost.likelihood import (
     FieldModel,
@@ -228,8 +228,8 @@ def test_threads_give_the_same_bits_as_one_core_and_blocks_the_same_numbers(kern
     field = assumed(kernel, x, dimension)
     found = []
     for largest, least in ((1.3e5, np.inf), (200, np.inf), (200, 0.0)):
-        monkeypatch.setattr(batches, "BLOCK", largest)
-        monkeypatch.setattr(batches, "WORTH_THREADS", least)
+        monkeypatch.setattr(kernels, "BLOCK", largest)
+        monkeypatch.setattr(kernels, "WORTH_THREADS", least)
         terms, (values, along) = likelihood_terms(x, p, field, channels), spectra(x, p, field)
         spectrum = np.sort(values, axis=1), along.sum(axis=1)  # eigenvalues that are zero may stand in other places
         found.append([terms.costs, terms.gradient, terms.curvature, terms.weighted, terms.precision, *spectrum])

@@ -10,7 +10,7 @@ from PIL import Image
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.result_file import position_table
-from fdcal.cost.landscape import landscape_panels, panels_of
+from fdcal.cost.maps import landscape_panels, panels_of
 from fdcal.graphics import exports
 from fdcal.graphics.landscape import draw_landscape, figure_bytes
 from fdcal.model.gauge import position_errors

@@ -10,7 +10,7 @@ from PIL import ImageColor
 from fdcal.acoustics.dictionary import max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
-from fdcal.cost.landscape import landscape_panels
+from fdcal.cost.maps import landscape_panels
 from fdcal.graphics.heatmap import colour_limits, cost_floor, field_floor, normalise, relief_grid, shaded, to_rgb
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.marks import LOWEST, drape

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import cached_measurement, measure
 from fdcal.cost.expansion import usable_modes
-from fdcal.cost.landscape import landscape_panels
+from fdcal.cost.maps import landscape_panels
 from fdcal.model.arrays import (
     WALL_DISTANCE_M,
     ball,

@@ -10,7 +10,7 @@ from solving import rms_of_shape, saved_and_read, solved
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
-from fdcal.solvers.robust import solver
+from fdcal.solvers import robust as solver
 from fdcal.solvers.robust.arrivals import Arrivals, arrivals_of, updated_sigma
 
 DISTANCES = np.array([1.0, 1.5, 2.5, 5.0, 1e4])  # m, of the sources

@@ -15,10 +15,10 @@ from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import interface as bounds
+from fdcal.solvers import room
 from fdcal.solvers.interface import OutOfTime, check_deadline, deadline
 from fdcal.solvers.robust import channels
 from fdcal.solvers.robust.objective import in_unit_power
-from fdcal.solvers.room import fit
 
 SPEED = 343.0
 DEFAULT = SolverSettings().name
@@ -268,9 +268,9 @@ def test_the_lattice_searches_of_solver_room_look_at_the_deadline():
     x, noise = np.random.default_rng(0).uniform(0.5, 2.0, (COUNT, 2)), np.full(MODES, 0.01)
     p, k, walls = problem.pressures, problem.wavenumbers, np.array([0.3, 0.3, 0.0, 0.0])
     for one_search in (
-        lambda: fit.find_arrays(p, noise, k, SIZE),
-        lambda: fit.find_sources(x, p, k, SIZE),
-        lambda: fit.relocate(x, walls, p, k, SIZE),
+        lambda: room.find_arrays(p, noise, k, SIZE),
+        lambda: room.find_sources(x, p, k, SIZE),
+        lambda: room.relocate(x, walls, p, k, SIZE),
     ):
         clock = Readings()
         with deadline(2.0, clock), pytest.raises(OutOfTime):

@@ -22,7 +22,7 @@ from fdcal.session import calibration_run as calibrate
 from fdcal.session.calibration_run import assess_state
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import joint as joint
-from fdcal.solvers.robust import solver as robust
+from fdcal.solvers import robust
 from fdcal.solvers.robust.objective import in_unit_power, objective_of, unknowns_of, used_modes
 from fdcal.solvers.robust.state import FINAL, STAGES
 

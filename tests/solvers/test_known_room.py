@@ -16,8 +16,8 @@ from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.sources import CalibrationInput, with_settings
-from fdcal.solvers.room import solver as room
-from fdcal.solvers.room.fit import exact
+from fdcal.solvers import room
+from fdcal.solvers.room import exact
 
 TRUTH = np.array([[1.0, 0.8], [1.6, 3.9], [2.3, 2.2], [3.4, 0.7], [3.9, 3.1], [4.7, 1.9], [0.6, 2.7], [5.3, 1.1]])
 SOURCE, SIZE, MODES = (3.1, 4.4), (6.0, 5.0), 24

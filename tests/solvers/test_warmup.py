@@ -33,12 +33,12 @@ from pathlib import Path
 from numba.core.registry import CPUDispatcher
 from fdcal.acoustics import fdtd_kernels
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost import basins, lattice_kernels
+from fdcal.cost import basins, lattice
 from fdcal.model.scene import load_scene
 from fdcal.solvers import load
 from fdcal.commands.cli import all_pieces
 
-values = [value for module in (lattice_kernels, basins, fdtd_kernels) for value in vars(module).values()]
+values = [value for module in (lattice, basins, fdtd_kernels) for value in vars(module).values()]
 kernels = {value.py_func: value for value in values if isinstance(value, CPUDispatcher)}
 
 def signatures():

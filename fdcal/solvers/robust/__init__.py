@@ -1,4 +1,133 @@
-"""Positions, channel gains and channel noise together: one likelihood, a noise that falls, several starts.
+"""Positions, channel gains and channel noise together: Levenberg-Marquardt on one likelihood, in stages.
 
-May import: model, acoustics and cost.
+    step     one damped Gauss-Newton step of everything that is free, then one round of the fixed point of the field's
+             power, the channels' noise and the spreads of the gains
+    stage    one of `state.STAGES`: deformations of the whole array, every microphone, then the gains as well
+    restart  the stages from one start (`fdcal.solvers.starts.plan`); the likeliest of several optima is refined
+
+The likelihood: `fdcal.cost.likelihood`. What a stage minimises: `objective`. What follows a stage: `schedule`.
 """
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...cost.noise import DIFFUSE_FLOOR
+from ...model.problem import Problem, mode_power
+from ...model.settings import Search, SolverSettings
+from ..interface import Traits
+from ..requirements import require_modes, require_range
+from ..starts import require_gauge
+from . import noise
+from . import objective as objectives
+from .result import result
+from .schedule import Turn, begin, begin_stage, following
+from .state import DIRECTION_UPDATES, DIRECTIONAL, FREE, STAGES, State
+
+__all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
+
+TRAITS = Traits(
+    moves_all=True,
+    settings=frozenset(
+        {"modes", "noise", "known", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma", "sound_speed_sigma"}
+    ),
+    uses_likelihood=True,
+)
+
+
+def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
+    """Return the first state, at the first start of `fdcal.solvers.starts.plan` or at `positions` (N, D), metres."""
+    require_solvable(problem, settings)
+    return begin(State, problem, settings, seed, positions)
+
+
+def require_solvable(problem: Problem, settings: SolverSettings) -> None:
+    """Raise InputError for too few modes, or known microphones that an array and its mirror image fit equally well."""
+    require_modes(problem, settings.modes)
+    require_gauge(problem)
+
+
+# longest move of a microphone in one step, over the shortest wavelength; without it the error of a row in space grows
+# from 1.3 to 2.1 mm
+MAX_STEP = 0.125
+# RMS move in one step over one sigma of the coordinates, at which a stage ends that learns the directions of a field
+# in space: their power changes long after it moves the positions. Four takes of 32 microphones end 0.1 to 0.5 mm from
+# where all steps would lead, at an error of 3 to 4 mm, with 0.1 0.3 to 0.7 mm. In the plane directions cost little,
+# and an array whose size is hardly determined then goes from 14 to 17 mm
+TOLERANCE_SIGMAS = 0.05
+# nats, a stage goes on while the cost falls by more, since the directions are still being learned; where it ends
+# sooner an array in the plane whose size is hardly determined goes from 14 to 17 mm
+LEARNED_NATS = 0.5
+
+
+def step(problem: Problem, state: State) -> State:
+    """Return `state` after one damped step; the same state if it is finished."""
+    if state.finished:
+        return state
+    problem, progress, stage = objectives.in_unit_power(problem), state.progress, STAGES[state.progress.stage]
+    used = objectives.used_modes(problem, state, stage.modes)
+    objective, here = objectives.objective_of(problem, state, used), objectives.unknowns_of(state)
+    constrained = objective.priors.constrained
+    shapes = objectives.polynomial_deformations(state.shape, constrained, stage.degree) if stage.degree else None
+    free = objective.free(here, shapes)
+    max_step = MAX_STEP * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
+    # With the near-field kernel the pull of given positions is lost in rounding: nothing holds the array as a whole.
+    blind = state.model.kernel == "near" and not len(constrained)
+    trial = objectives.channel_step(here, objective, free, progress.damping, max_step, blind)
+    moved = replace(
+        objectives.with_unknowns(state, trial.unknowns),
+        step=state.step + 1,
+        sweep=state.sweep + 1,
+        cost=trial.cost if np.isfinite(trial.cost) else state.cost,
+        progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
+    )
+    directional, healthy = state.model.kernel in DIRECTIONAL, noise.healthy(state.model)
+    within_sigmas = (
+        directional and problem.dimension == 3 and objectives.sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
+    )
+    ended = within_sigmas or trial.moved < stage.tolerance or trial.decrease < stage.negligible
+    if stage.learns and trial.terms is not None:
+        moved = noise.with_power(moved, used, objective.field, trial.terms)
+        moved = noise.with_directions(problem, moved, used, DIRECTION_UPDATES)
+        if here.gains:
+            moved = noise.centred(noise.with_spreads(problem, moved, trial))
+            ended = ended and noise.same_spreads(state.model, moved.model)
+        if moved.model.arrival_sigma is not None:
+            moved = noise.with_arrival_sigma(problem, moved, trial)
+            ended = ended and noise.same_arrivals(state.model, moved.model)
+        if directional:
+            ended = ended and progress.steps > 0 and (within_sigmas or state.cost - moved.cost < LEARNED_NATS)
+    if not ended and trial.terms is not None and moved.progress.steps < stage.max_steps:
+        return moved
+    after = following(Turn(problem, stage.name, moved, objective, trial, ended and trial.terms is not None))
+    return replace(after, converged=objectives.is_converged(problem, after)) if after.finished else after
+
+
+def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions."""
+    require_range(problem, first, last)
+    require_modes(problem, last)
+    problem = objectives.in_unit_power(problem)
+    progress = replace(state.progress, stage=FREE, rounds=0)
+    changed = replace(state, first=first, last=last, automatic=automatic, optima=(), finished=False, converged=False)
+    return begin_stage(problem, noise.with_noise(problem, replace(changed, progress=progress)), FREE)
+
+
+def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
+    """Return the likelihood's cost of microphone `n` over the search lattice, mode by mode, the gains constrained.
+
+    (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height.
+    """
+    from ...cost.maps import likelihood_maps  # compiled code is loaded with the first map
+
+    problem = objectives.in_unit_power(problem)
+    pressures, k = objectives.corrected(problem, state, slice(None)), objectives.wavenumbers(problem, state)
+    least = DIFFUSE_FLOOR * mode_power(pressures[modes])
+    noise_power = np.maximum(state.model.noise[modes], least)
+    equal = replace(problem, pressures=pressures, wavenumbers=k)
+    return likelihood_maps(equal, state.positions, n, modes, noise_power, search)
+
+
+def usable_modes(problem: Problem, settings: SolverSettings) -> int:
+    """Return the number of modes measured: the likelihood can use all of them."""
+    return len(problem.frequencies)

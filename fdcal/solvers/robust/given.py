@@ -30,7 +30,7 @@ from ...model.gauge import align, fixes_gauge, rigid_motion, rigid_motions
 from ...model.problem import Problem
 from ...model.validation import Bools, Integers, Reals, frozen_array
 from .. import starts
-from ..estimate import GivenHypothesis
+from ..interface import GivenHypothesis
 from . import noise
 from . import objective as objectives
 from .channels import relocated

@@ -1,4 +1,4 @@
-"""What the likelihood solver has found, as `fdcal.solvers.estimate.Estimate`.
+"""What the likelihood solver has found, as `fdcal.solvers.interface.Estimate`.
 
     H      Gauss-Newton matrix of cost and priors over everything that is free;  P = H^-1, the covariance by the model
     g_b    gradient of a block of neighbouring frequencies of a take, or of the arrivals of a take, less their mean;
@@ -38,7 +38,7 @@ from ...model.gauge import GaugeFrame, rigid_motions
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import Bools, Reals
-from ..estimate import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, PositionSpread, TriedOptimum
+from ..interface import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, PositionSpread, TriedOptimum
 from . import given, noise
 from .objective import (
     Evaluation,

@@ -14,7 +14,7 @@ import numpy as np
 import viser
 
 from ...assessment.result_file import position_table
-from ...cost.landscape import LandscapePanels, panels_of
+from ...cost.maps import LandscapePanels, panels_of
 from ...graphics import exports
 from ...graphics.landscape import landscape_bytes
 from ...graphics.picture import error_summary, z_range_of
