@@ -43,13 +43,13 @@ PUBLIC = {
 # Methods of public classes that packages above their own carry out: they are bound here, and loaded when first used.
 METHODS = {
     "assessment.calibration:Calibration": {
-        "_repr_html_": "graphics.calibration_figure:calibration_html",
+        "_repr_html_": "graphics.reports:calibration_html",
         "export": "recordings.export:export",
         "from_json": "assessment.result_file:read_result",
         "load": "assessment.result_file:load_result",
-        "plot": "graphics.calibration_figure:draw_calibration",
+        "plot": "graphics.reports:draw_calibration",
         "save": "assessment.result_file:save_result",
-        "show": "graphics.calibration_figure:show_calibration",
+        "show": "graphics.reports:show_calibration",
         "to_dataframe": "assessment.result_file:data_frame",
         "to_json": "assessment.result_file:result_text",
         "to_pyfar": "recordings.export:pyfar_coordinates",

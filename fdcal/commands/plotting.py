@@ -8,9 +8,9 @@ import numpy as np
 from ..assessment.calibration import Calibration
 from ..cost.expansion import ORDER_OFFSET, expansion_of, require_modes, require_plane_field
 from ..cost.maps import cost_volume, descent_maps, minima_of
-from ..graphics.heatmap import cost_floor
+from ..graphics.heatmap import basin_floor, cost_floor
 from ..graphics.picture import errors_in_words
-from ..graphics.volume import SampledVolume, drawn_volume, sampled_volume, sliced
+from ..graphics.volume import SampledVolume, basin_slice, drawn_volume, sampled_volume, sliced
 from ..model.measurement import Measurement
 from ..model.storage import write_atomically
 from ..model.validation import InputError
@@ -84,8 +84,8 @@ def map_of(
     if measurement.search is None:
         problem = f"{inputs.name} has no search domain to draw a landscape on"
         raise InputError(problem, "leave out <microphone>", key="microphone")
+
     from ..cost.basins import basins_of  # compiled code, which other commands do not need
-    from ..graphics.basin_map import basin_floor, basin_slice
 
     truth = measurement.positions
     place = (positions[n], "estimate") if truth is None else (truth[n], f"{measurement.reference} position")

@@ -24,10 +24,9 @@ from scipy.ndimage import map_coordinates
 from ..acoustics.compiled import compiled
 from ..model.settings import Search
 from ..model.validation import Integers, Reals, frozen_array
-from .scale import DEPTH, on_scale
+from .scale import DEPTH, OUTSIDE, on_scale
 
 STRIDE = 0.7  # of descent, in steps of the lattice
-OUTSIDE = -1  # of a place from which descent ends at the edge of the map, beyond which the cost is unknown
 
 
 def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:

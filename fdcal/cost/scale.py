@@ -21,6 +21,7 @@ LEAST_RANGE = 1.0  # dB, of the colours of powers: a map that is all but level l
 DEPTH = 1 / (10 * DECADES)  # of the scale
 BELOW = 1e-6  # of a distance below the end of the scale that remains
 FEW_MODES = 8  # on the lattice of a solver, the valleys of a sum of fewer modes are chains of false minima
+OUTSIDE = -1  # of a place from which descent ends at the edge of the map, beyond which the cost is unknown
 
 
 def on_scale(cost: Reals) -> np.ndarray:

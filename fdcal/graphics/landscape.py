@@ -1,20 +1,26 @@
-"""The cost landscape of one microphone, mode by mode and summed, drawn by matplotlib: the paper's Fig. 1."""
+"""Cost maps of one microphone side by side, the paper's Fig. 1: a figure by matplotlib, and an image for a side panel.
+
+matplotlib is loaded with the first figure.
+"""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from PIL import Image, ImageDraw
 
 from ..cost.basins import OUTSIDE, basins_of
-from ..cost.maps import LandscapePanels
+from ..cost.maps import LandscapePanels, minima_of
 from ..cost.scale import LEAST_RANGE, Minima
 from ..model.settings import Search
-from .basin_map import TABLE, basin_image
-from .heatmap import colour_limits
-from .marks import plot_marks
-from .primitives import COLOUR_MAP
+from .annotations import font
+from .heatmap import TABLE, basin_image, colour_limits, normalise, to_rgb
+from .marks import MARKS, plot_marks, symbol
+from .primitives import COLOUR_MAP, DARK, Theme
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -152,3 +158,66 @@ def figure_bytes(figure: Figure, file_format: str) -> bytes:
 def landscape_bytes(file_format: str, *drawn) -> bytes:
     """Return `figure_bytes` of `draw_landscape`."""
     return figure_bytes(draw_landscape(*drawn), file_format)
+
+
+CELL, GAP, CAPTION = 252, 18, 34  # pixels: longer edge of a map, between maps, above each
+FONT_SIZE = 21  # pixels, of the captions over two columns
+DARK_PANEL = (36, 36, 36)  # behind the controls of a dark page
+EDGES = {"microphones/true": 31, "minima": 26, "lowest": 37, "microphones/estimate": 31}  # pixels, of symbols
+
+Point = tuple[float, float]
+NONE = Minima(np.zeros((0, 2)), np.zeros((0, 2)), 0, None)
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Positions to be marked on every map, metres; None for no mark."""
+
+    true: Point | None = None  # of the microphone
+    estimate: Point | None = None  # its estimated position
+    minima: bool = True  # whether the minima are marked
+
+
+def mosaic(
+    maps: Sequence[np.ndarray],
+    captions: Sequence[str],
+    search: Search,
+    marks: Marks,
+    theme: Theme,
+    *,
+    log: bool = True,
+    shared: bool = False,
+    columns: int = 2,
+    least: float = LEAST_RANGE,
+) -> np.ndarray:
+    """Return the maps side by side, each with its caption, diamonds at its lowest costs and its minima, and the marks.
+
+    `maps`: each (ny, nx) float64, row 0 at low y; `captions`: one for each map; `search`: the lattice of the maps;
+    `log`: whether the scales are logarithmic; `shared`: one scale for all maps instead of one for each; `columns`: of
+    maps; `least`: of `heatmap.colour_limits`. Returns (H, W, 3) uint8.
+    """
+    count, largest = len(maps), max(maps[0].shape)
+    height, width = (round(CELL * n / largest) for n in maps[0].shape)
+    rows = -(-count // columns)
+    size = columns * (width + GAP) - GAP, rows * (height + CAPTION + GAP) - GAP
+    image = Image.new("RGB", size, DARK_PANEL if theme is DARK else theme.background)
+    draw, letters = ImageDraw.Draw(image), font(FONT_SIZE * columns / 2)  # the panel shrinks all columns to its width
+    limits = colour_limits(np.stack(maps), log, least) if shared else None
+    minima = [minima_of(cost, search) for cost in maps] if marks.minima else [NONE] * count
+    for i, (cost, caption, found) in enumerate(zip(maps, captions, minima, strict=True)):
+        left, top = (i % columns) * (width + GAP), (i // columns) * (height + CAPTION + GAP) + CAPTION
+        draw.text((left, top - CAPTION), caption, fill=theme.foreground, font=letters)
+        low, high, _ = limits or colour_limits(cost, log, least)
+        rgb = to_rgb(normalise(cost, low, high, log))[::-1]  # an image's first row is its highest
+        image.paste(Image.fromarray(rgb).resize((width, height), Image.Resampling.NEAREST), (left, top))
+        groups = ([marks.true], found.others, found.lowest, [marks.estimate])
+        for (name, edge), places in zip(EDGES.items(), groups, strict=True):
+            stamp = symbol(MARKS[name], edge)
+            for place in places:
+                if place is None:
+                    continue
+                across, up = ((place[a] - search.origin[a]) / search.step + 0.5 for a in (0, 1))  # cells
+                x, y = left + across * width / cost.shape[1], top + height * (1 - up / cost.shape[0])
+                if left <= x <= left + width and top <= y <= top + height:
+                    image.paste(stamp, (round(x - edge / 2), round(y - edge / 2)), stamp)
+    return np.asarray(image)

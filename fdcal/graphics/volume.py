@@ -9,23 +9,29 @@
     sampled_volume  values and minima on a lattice of the whole domain
     drawn_volume    its isosurfaces
     sliced          these with a slice across an axis
+    basin_slice     a slice through the basins of attraction, without isosurfaces
 
 The colours hold the shading of the surfaces, so that they look alike in any renderer, which adds no light.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..cost.maps import CostVolume, area, minima_of
-from ..cost.scale import Minima
+from ..cost.scale import OUTSIDE, Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .glyphs import round_ticks
-from .heatmap import colour_limits, normalise, to_rgb
+from .heatmap import TABLE, basin_image, colour_limits, normalise, to_rgb
 from .primitives import Area, ColourBar, Plate, Surface
+
+if TYPE_CHECKING:
+    from ..cost.basins import Basins  # with compiled code, which a volume of costs does not need
 
 
 def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -246,3 +252,35 @@ def sliced(
     if cost is None:
         raise ValueError("a slice that nobody cancels is complete")
     return replace(volume, plate=slice_of(np.squeeze(cost, axis=2 - number), number, place, domain, volume.bar, log))
+
+
+NO_SURFACE = Surface(
+    "isosurfaces", np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 2), np.float32),
+    np.zeros((1, 1, 4), np.uint8),
+)  # fmt: skip
+
+
+def basin_slice(
+    basins: Basins,
+    search: Search,
+    axis: str,
+    position: float,
+    minima: Minima,
+    place=None,
+    name: str = "true position",
+) -> Volume:
+    """Return a slice through the basins of attraction in space, without isosurfaces.
+
+    `basins`: of the volume; `search`: lattice of the volume; `axis`: "x", "y" or "z", across the slice; any other word
+    for no slice; `position`: along that axis, metres; beyond the lattice, its edge; `minima`: to be marked; `place`
+    (3,) float64, metres, whose basin has the first colour; None for no such basin; `name`: of that place.
+    """
+    if axis not in AXES:
+        return Volume(NO_SURFACE, None, None, (), minima)
+    number, domain = AXES.index(axis), np.stack([search.origin, np.add(search.origin, search.size)])
+    at = int(np.clip(np.rint((position - domain[0][number]) / search.step), 0, basins.labels.shape[2 - number] - 1))
+    labels = basins.labels.take(at, axis=2 - number)
+    image = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name, labels)
+    edges = domain + np.multiply([[-0.5], [0.5]], search.step)
+    plate = plate_of(TABLE[image.numbers], number, domain[0][number] + at * search.step, edges)
+    return Volume(NO_SURFACE, plate, None, (), minima, image.areas)

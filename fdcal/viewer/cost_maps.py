@@ -19,11 +19,20 @@ from ..cost import maps
 from ..cost.basins import basins_of
 from ..cost.expansion import ORDER_OFFSET, expansion_of
 from ..cost.scale import LEAST_RANGE, Minima
-from ..graphics.basin_map import basin_floor, basin_slice, descent_text
-from ..graphics.heatmap import cost_floor, cost_label, field_floor
+from ..graphics.heatmap import basin_floor, cost_floor, cost_label, descent_text, field_floor
 from ..graphics.picture import row_word, z_range_of
 from ..graphics.primitives import Floor
-from ..graphics.volume import AXES, PIXELS, POINTS, SampledVolume, Volume, drawn_volume, sampled_volume, sliced
+from ..graphics.volume import (
+    AXES,
+    PIXELS,
+    POINTS,
+    SampledVolume,
+    Volume,
+    basin_slice,
+    drawn_volume,
+    sampled_volume,
+    sliced,
+)
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.settings import Search

@@ -25,7 +25,7 @@ from fdcal.assessment.uncertainty import (
     scale_sigma_of,
     search_spread_of,
 )
-from fdcal.graphics.calibration_figure import enlarged_ellipses
+from fdcal.graphics.reports import enlarged_ellipses
 from fdcal.model.arrays import positions_of
 from fdcal.model.gauge import align, rigid_motions
 from fdcal.model.measurement import Measurement

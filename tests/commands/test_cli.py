@@ -18,7 +18,7 @@ from running import FDCAL, done, exit_code
 
 from fdcal.assessment.result_file import load_result
 from fdcal.cost.expansion import ReferenceCost
-from fdcal.graphics.basin_map import PLACE
+from fdcal.graphics.heatmap import PLACE
 from fdcal.model.measurement import load_measurement
 from fdcal.model.problem import ChannelCorrection
 from fdcal.model.scene import load_scene, scene_folder

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fdcal.cost.scale import LEAST_RANGE
-from fdcal.graphics import basin_map, marks
+from fdcal.graphics import heatmap, marks
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.picture import with_floor
 from fdcal.graphics.primitives import (
@@ -182,7 +182,7 @@ MARKS = {
 }
 TRACES = {"trail": marks.TRAIL, "ellipse": marks.ELLIPSE, "estimate": marks.ESTIMATE, "known": marks.KNOWN}
 TRACES["cut"] = marks.CUT
-BASINS = {f"basin {i}": tuple(colour) for i, colour in enumerate(basin_map.TABLE.tolist())}
+BASINS = {f"basin {i}": tuple(colour) for i, colour in enumerate(heatmap.TABLE.tolist())}
 CURVES = {"mean": rgb(plots.RED), "largest": rgb(plots.ORANGE), "cost": rgb(plots.BLUE)}
 MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectrum_plot.GREY)}
 

@@ -12,9 +12,8 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
 from fdcal.cost.maps import landscape_panels
 from fdcal.graphics.heatmap import colour_limits, cost_floor, field_floor, normalise, relief_grid, shaded, to_rgb
-from fdcal.graphics.landscape import draw_landscape
+from fdcal.graphics.landscape import CAPTION, CELL, GAP, Marks, draw_landscape, mosaic
 from fdcal.graphics.marks import LOWEST, drape
-from fdcal.graphics.panels import CAPTION, CELL, GAP, Marks, mosaic
 from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search

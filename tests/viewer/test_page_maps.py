@@ -12,8 +12,17 @@ from fdcal.cost.basins import basins_of
 from fdcal.cost.maps import cost_maps, eq7_maps, minima_of, power_shares, refined
 from fdcal.cost.scale import Minima
 from fdcal.graphics.annotations import legend_of
-from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, descent_text, table_numbers
-from fdcal.graphics.heatmap import cost_floor, marks_of
+from fdcal.graphics.heatmap import (
+    EDGE,
+    OTHERS,
+    PLACE,
+    TABLE,
+    basin_floor,
+    cost_floor,
+    descent_text,
+    marks_of,
+    table_numbers,
+)
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...acoustics.dictionary import max_order
 from ...cost.expansion import decibels
-from ...graphics.panels import Marks, mosaic
+from ...graphics.landscape import Marks, mosaic
 from ...graphics.picture import row_word
 from ...graphics.primitives import DARK, LIGHT, format_number
 from ...graphics.volume import AXES

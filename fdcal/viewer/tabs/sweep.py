@@ -16,8 +16,7 @@ from viser import uplot
 
 from ...cost.maps import partial_sums, refined
 from ...cost.scale import Minima
-from ...graphics.basin_map import TABLE, table_numbers
-from ...graphics.heatmap import colour_limits, colour_numbers, normalise, of_colour_numbers
+from ...graphics.heatmap import TABLE, colour_limits, colour_numbers, normalise, of_colour_numbers, table_numbers
 from ...graphics.primitives import Floor
 from ...model.measurement import Measurement
 from ...solvers.interface import RunState
