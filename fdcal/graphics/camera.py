@@ -48,20 +48,16 @@ def camera_for(
         return _camera(centre, (0.0, -1e-4, 1.0), scale * height, 0.0 if fov is None else fov)
     middle = np.array([(left + width - right) / 2, (top + height - bottom) / 2])
     fov = math.radians(FOV_3D) if fov is None else fov
-    return _oblique(_corners(picture, view), (width, height), free, middle, fov, MARGIN[view])
-
-
-def _oblique(corners: np.ndarray, size, free, middle: np.ndarray, fov: float, margin: float) -> Camera:
-    """Camera of a 3-D view that fits `corners` (P, 3), metres, into `free` pixels around the pixel `middle`."""
+    corners = _corners(picture, view)
     centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
     camera = _camera(centre, OBLIQUE, float(np.ptp(corners, axis=0).max()), fov)
     for _ in range(REFINEMENTS):
-        pixels = project(camera, size, corners)
+        pixels = project(camera, (width, height), corners)
         fill = np.ptp(pixels, axis=0) / free
-        offset = ((pixels.min(axis=0) + pixels.max(axis=0)) / 2 - middle) * camera.height / size[1]
-        right, up, _ = _axes(camera)
-        centre = centre + offset @ np.stack([right, -up])
-        camera = _camera(centre, OBLIQUE, margin * camera.height * float(fill.max()), fov)
+        offset = ((pixels.min(axis=0) + pixels.max(axis=0)) / 2 - middle) * camera.height / height
+        right_axis, up, _ = _axes(camera)
+        centre = centre + offset @ np.stack([right_axis, -up])
+        camera = _camera(centre, OBLIQUE, MARGIN[view] * camera.height * float(fill.max()), fov)
     return camera
 
 

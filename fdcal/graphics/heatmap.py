@@ -235,16 +235,12 @@ def shadow_of(points: np.ndarray, origin, size, ground: float) -> Plate:
     column, row = np.floor((points[:, :2] + height * away - low) / pixel).astype(int).T
     covered = np.zeros((rows, columns))
     covered[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)] = 1.0
+    width = SHADOW_SOFTNESS * SHADOW_PIXELS  # of the soft edge, pixels
+    across, along = (np.exp(-0.5 * (np.subtract.outer(np.arange(n), np.arange(n)) / width) ** 2) for n in covered.shape)
     image = np.zeros((rows, columns, 4), np.uint8)
-    image[..., 3] = np.rint(255 * SHADOW_OPACITY * _softened(covered, SHADOW_SOFTNESS * SHADOW_PIXELS))
+    image[..., 3] = np.rint(255 * SHADOW_OPACITY * (across @ covered @ along / (2 * np.pi * width**2)))
     place = (float(low[0]), float(low[1])), (columns * pixel, rows * pixel)
     return Plate("shadow", frozen_array(image, np.uint8), 2, ground - SHADOW_DEPTH * longer, *place)
-
-
-def _softened(image: np.ndarray, width: float) -> np.ndarray:
-    """Return an image (h, w) with edges of a width, pixels."""
-    across, along = (np.exp(-0.5 * (np.subtract.outer(np.arange(n), np.arange(n)) / width) ** 2) for n in image.shape)
-    return across @ image @ along / (2 * np.pi * width**2)
 
 
 # Colours of basins of attraction, with a legend of areas in place of a colour bar: the basin of one place, such as the

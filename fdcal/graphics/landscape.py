@@ -73,14 +73,6 @@ def label_axes(axes, count: int, columns: int) -> None:
             panel.set_ylabel("y (m)")
 
 
-def draw_marks(panel: Any, minima: Minima, truth, estimate) -> None:
-    """Draw the marks of the page on one map, each with a white halo."""
-    plot_marks(panel, "microphones/true", None if truth is None else [truth])
-    plot_marks(panel, "minima", minima.others)
-    plot_marks(panel, "lowest", minima.lowest)
-    plot_marks(panel, "microphones/estimate", None if estimate is None else [estimate])
-
-
 MAX_TICKS = 5  # of a colour bar in decibels
 
 
@@ -135,7 +127,10 @@ def draw_landscape(
         else:
             ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10]) if decibels else None
             figure.colorbar(draw_map(panel, cost, panels.search, decibels, least), ax=panel, label=label, ticks=ticks)
-        draw_marks(panel, minima, truth, estimate)
+        plot_marks(panel, "microphones/true", None if truth is None else [truth])
+        plot_marks(panel, "minima", minima.others)
+        plot_marks(panel, "lowest", minima.lowest)
+        plot_marks(panel, "microphones/estimate", None if estimate is None else [estimate])
         panel.set_title(title)
     label_axes(axes, count, columns)
     heading = heading or f"{'Basins of attraction' if basins else 'Cost'} of moving microphone {panels.microphone}"
