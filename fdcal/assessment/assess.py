@@ -19,13 +19,7 @@ from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
 from ..solvers.interface import Estimate, RoomEstimate
 from .calibration import DECIBELS_PER_NEPER, OF_LIST, Channels, Evidence, GivenPosition, KnownRoom
-from .channels import (
-    FaultyChannel,
-    channel_faults,
-    exchanged_back,
-    faulty_channels,
-    healthy_channels,
-)
+from .channels import exchanged_back, faulty_channels, healthy_channels
 from .field import cross_validate, summarise
 from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
 from .uncertainty import covariance_of, curvature_of, one_sigma, scale_sigma_of, search_spread_of
@@ -70,11 +64,10 @@ def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None
     seen = judged(estimate, names, scale)
     code, message = first_finding(FINDINGS, seen)
     if code in ("undersampled", "not_converged"):  # an array that was not found contradicts no given position
-        kept = tuple(one for one in seen.faulty if one.kind not in OF_LIST)
-        seen = replace(seen, faulty=kept)
+        seen = replace(seen, faulty={n: one for n, one in seen.faulty.items() if one.kind not in OF_LIST})
     problem, size = estimate.problem, scale or 1.0
     speed = problem.sound_speed * size * float(np.exp(estimate.log_speed))
-    positions = exchanged_back(estimate, seen.faulty)
+    positions = exchanged_back(estimate, seen.faulty, names)
     centre = positions.mean(axis=0)
     positions = frozen_array(centre + size * (positions - centre), float)
     wavenumbers = frozen_array(problem.wavenumbers * (problem.sound_speed / speed), complex)
@@ -102,17 +95,17 @@ def judged(estimate: Estimate, names: Sequence[str], scale: float | None = None)
     """Return what the verdict rests on."""
     covariance = covariance_of(estimate)
     single = is_single_wave(estimate.problem.pressures[estimate.modes])
-    faulty = () if single else faulty_channels(estimate, covariance)
+    faulty = {} if single else faulty_channels(estimate, covariance, names)
     healthy = healthy_channels(len(names), faulty)
     search, scale_sigma = search_spread_of(estimate, healthy), scale_sigma_of(estimate, healthy)
-    given_check = _given_check(estimate, faulty)
+    wrong = [n for n, one in faulty.items() if one.kind in OF_LIST]
+    given_check = _given_check(estimate, wrong)
     return Judged(estimate, names, covariance, faulty, *given_check, search, scale_sigma, scale, single)
 
 
-def _given_check(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> tuple[float, float]:
+def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float]:
     """Probability of the disagreement with the given positions that count, and sigma of the loosest, metres."""
     problem, given = estimate.problem, estimate.given
-    wrong = [one.number for one in faulty if one.kind in OF_LIST]
     kept, D = ~np.isin(problem.known, wrong), problem.array_dimension
     if np.sum(kept) * D - D * (D + 1) // 2 <= 0:
         return 1.0, np.inf if len(problem.known) else 0.0
@@ -129,7 +122,7 @@ def _given_check(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> tuple[f
 def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
     """Gain and noise of every channel, what is wrong with it, and given positions as corrected."""
     found, names, problem = estimate.channels, seen.names, estimate.problem
-    wrong = {one.number for one in seen.faulty if one.kind in OF_LIST}
+    wrong = {n for n, one in seen.faulty.items() if one.kind in OF_LIST}
     numbers: list[int] = problem.known.tolist()
     contradicted = estimate.given.contradicted if estimate.given.sigma == 0 else None
     given = []
@@ -144,7 +137,7 @@ def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
         np.degrees(np.angle(np.exp(1j * found.gains[:, 1]))),
         np.degrees(found.gain_sigma[:, 1]),
         10 * np.log10(found.noise / np.median(found.noise)),
-        channel_faults(seen.faulty, names),
+        tuple(seen.faulty.values()),
         tuple(given),
     )
 

@@ -129,7 +129,7 @@ OF_LIST = frozenset(kind for kind, one in FAULTS.items() if one.question == "lis
 
 @dataclass(frozen=True)
 class ChannelFault:
-    """What is wrong with a channel, or with the position given for it.
+    """What is wrong with a channel, or with the position given for it; `fdcal.assessment.words` has the sentences.
 
     Attributes
     ----------
@@ -152,38 +152,6 @@ class ChannelFault:
     value: float | None = None
     unit: str = ""
     partner: str | None = None
-
-    @property
-    def words(self) -> str:
-        """What is wrong, without the name of the microphone."""
-        value = self.value or 0.0
-        words = {
-            "copy": f"a copy of {self.partner}",
-            "noisy": f"noise {value:.0f} dB over the others'",
-            "delayed": f"delayed by {1e3 * value:.2g} ms",
-            "high_pass": f"less bass than the others: below about {value:.0f} Hz it loses level"
-            if value > 0
-            else f"more bass than the others: below about {-value:.0f} Hz they lose level and it does not",
-            "gain": f"phase {value:.0f} degrees" if self.unit == "degrees" else f"gain {value:+.1f} dB",
-            "misplaced": f"{length_text(value)} from the position given",
-            "exchanged": f"exchanged with microphone {self.partner}",
-        }
-        return words.get(self.kind, self.kind)
-
-    @property
-    def text(self) -> str:
-        """The fault in words.
-
-        Examples
-        --------
-        >>> ChannelFault("17", "inverted").text
-        'microphone 17: inverted'
-        >>> ChannelFault("4", "delayed", 3e-4, "s").text
-        'microphone 4: delayed by 0.3 ms'
-        >>> ChannelFault("6", "high_pass", -30.7, "Hz").text
-        'microphone 6: more bass than the others: below about 31 Hz they lose level and it does not'
-        """
-        return f"microphone {self.name}: {self.words}"
 
 
 @dataclass(frozen=True)

@@ -9,28 +9,12 @@ misplaced          a given position that the pressures contradict
 exchanged          two channels, or two given positions, each in the other's place
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from ..solvers.interface import Estimate
 from .calibration import DECIBELS_PER_NEPER, ChannelFault
-
-
-@dataclass(frozen=True)
-class FaultyChannel:
-    """A channel or a given position that stands out."""
-
-    number: int  # of the microphone, from 0
-    kind: str  # as above
-    # gain in decibels, phase in degrees, delay in seconds, distance from the given position in metres, or noise in
-    # decibels over the median channel, or corner frequency in hertz over that of the others; nan for an inverted
-    # channel
-    value: float
-    unit: str  # of the value; "" without one
-    partner: int = -1  # the other microphone of an exchange, or -1
-
 
 INVERTED_PHASE = 2.5  # radians, phase
 MAX_NOISE = 12.0  # noise of a channel over that of the median channel
@@ -40,8 +24,11 @@ UNPREDICTED = 0.5  # fraction of a channel's variance, or of its power, that the
 UNPREDICTED_TO_MEDIAN = 3.0  # the same over that of the median channel
 
 
-def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyChannel, ...]:
-    """Return all channels and given positions that stand out; `covariance` (N, D, D), metres^2, of each position."""
+def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[str]) -> dict[int, ChannelFault]:
+    """Return all channels and given positions that stand out, by the number of the microphone, ascending.
+
+    `covariance` (N, D, D), metres^2, of each position; `names` of the N microphones.
+    """
     faulty, channels = {}, estimate.channels
     tau, gains, terms = np.array(channels.noise), channels.gains, estimate.field.terms
     contradicted = estimate.given.contradicted
@@ -52,24 +39,29 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyC
     alone = np.mean(1 / (terms.precision * variance), axis=0)
     lost = (alone > UNPREDICTED) & (alone > UNPREDICTED_TO_MEDIAN * np.median(alone))
     lost[estimate.problem.known] = False  # their positions hold them, however far the others are
-    filtered, spreads = _filtered(estimate), gain_spreads(estimate)
-    for n in range(len(tau)):
+    # The solver's spreads are those of the channels whose gain it does not take for grossly wrong. Where the channels
+    # differ by several decibels these are too few, and the median deviation of all channels is larger.
+    scatter = np.median(np.abs(gains - np.median(gains, axis=0)), axis=0) / MEDIAN_OF_NORMAL
+    far = np.abs(gains) > np.maximum(GAIN_SIGMAS * np.maximum(channels.spread, scatter), MIN_GAIN)
+    filtered = _filtered(estimate, names)
+    for n, name in enumerate(names):
         if n in filtered and tau[n] < MAX_NOISE and not lost[n]:
             faulty[n] = filtered[n]
         elif abs(gains[n, 1]) > INVERTED_PHASE and tau[n] < MAX_NOISE:
-            faulty[n] = FaultyChannel(n, "inverted", np.nan, "")
+            faulty[n] = ChannelFault(name, "inverted")
         elif tau[n] > MAX_NOISE or lost[n]:
-            faulty[n] = _unexplained(estimate, n, bool(lost[n]))
-        elif _far(gains[n, 0], spreads[0]):
-            faulty[n] = FaultyChannel(n, "gain", float(DECIBELS_PER_NEPER * gains[n, 0]), "dB")
-        elif _far(gains[n, 1], spreads[1]):
-            faulty[n] = FaultyChannel(n, "gain", float(np.degrees(gains[n, 1])), "degrees")
+            faulty[n] = _unexplained(estimate, n, name, bool(lost[n]))
+        elif far[n, 0]:
+            faulty[n] = ChannelFault(name, "gain", float(DECIBELS_PER_NEPER * gains[n, 0]), "dB")
+        elif far[n, 1]:
+            faulty[n] = ChannelFault(name, "gain", float(np.degrees(gains[n, 1])), "degrees")
     if estimate.converged:  # an array that was not found contradicts no given position
-        faulty.update(_misplaced(estimate, covariance))
-    return tuple(faulty[n] for n in sorted(faulty))
+        faulty.update(_misplaced(estimate, covariance, names))
+    return {n: faulty[n] for n in sorted(faulty)}
 
 
 GAIN_SIGMAS = 4.0  # spreads of the gains, or phases, of all channels
+MIN_GAIN = 0.12  # nepers of the gain, or radians of the phase, that are never a fault
 MEDIAN_OF_NORMAL = 0.6745  # median absolute deviation of a normal distribution over its sigma
 FILTER_SIGMAS = 4.0  # sigmas of a delay, or of a corner frequency
 # seconds and hertz that are never a fault
@@ -77,7 +69,7 @@ MIN_DELAY = 2e-5
 MIN_CORNER = 3.0
 
 
-def _filtered(estimate: Estimate) -> dict[int, FaultyChannel]:
+def _filtered(estimate: Estimate, names: Sequence[str]) -> dict[int, ChannelFault]:
     """Return the channels that the solver found a delay or a high-pass for, where it is beyond its uncertainty.
 
     Where few waves make a field less random than assumed, the part of sigma that the data decide grows; here all of
@@ -91,27 +83,11 @@ def _filtered(estimate: Estimate) -> dict[int, FaultyChannel]:
     scatter = np.median(np.abs(value), axis=0) / MEDIAN_OF_NORMAL
     limits = np.maximum(GAIN_SIGMAS * scatter, [MIN_DELAY, MIN_CORNER])
     beyond = np.abs(value) > np.maximum(FILTER_SIGMAS * sigma, limits)
-    found = {int(n): FaultyChannel(int(n), "high_pass", float(value[n, 1]), "Hz") for n in np.flatnonzero(beyond[:, 1])}
-    delayed = {int(n): FaultyChannel(int(n), "delayed", float(value[n, 0]), "s") for n in np.flatnonzero(beyond[:, 0])}
-    return found | delayed
-
-
-def gain_spreads(estimate: Estimate) -> np.ndarray:
-    """Return the spreads of log gains, nepers, and of phases, radians, of all channels : (2,) float64.
-
-    The solver's own are those of the channels whose gain it does not take for grossly wrong. Where the channels differ
-    by several decibels these are too few, and the median deviation of all channels is larger.
-    """
-    gains = estimate.channels.gains
-    scatter = np.median(np.abs(gains - np.median(gains, axis=0)), axis=0) / MEDIAN_OF_NORMAL
-    return np.maximum(estimate.channels.spread, scatter)
-
-
-MIN_GAIN = 0.12  # nepers of the gain, or radians of the phase, that are never a fault
-
-
-def _far(value: float, sigma: float) -> bool:
-    return abs(value) > max(GAIN_SIGMAS * sigma, MIN_GAIN)
+    found = {}
+    for column, kind, unit in ((1, "high_pass", "Hz"), (0, "delayed", "s")):  # a channel with both counts as delayed
+        for n in map(int, np.flatnonzero(beyond[:, column])):
+            found[n] = ChannelFault(names[n], kind, float(value[n, column]), unit)
+    return found
 
 
 COHERENT = 0.5  # fraction of the power that a delay must explain
@@ -121,7 +97,7 @@ MAX_DELAY = 2e-3
 DELAY_STEP = 1e-5
 
 
-def _unexplained(estimate: Estimate, n: int, lost: bool) -> FaultyChannel:
+def _unexplained(estimate: Estimate, n: int, name: str, lost: bool) -> ChannelFault:
     """Return what is wrong with a channel that its place and gain do not explain: delayed, dead or noisy."""
     terms = estimate.field.terms
     q, e = terms.corrected[:, n], terms.corrected[:, n] - terms.weighted[:, n] / terms.precision[:, n]
@@ -132,12 +108,10 @@ def _unexplained(estimate: Estimate, n: int, lost: bool) -> FaultyChannel:
     norm = np.sqrt(np.sum(np.abs(e) ** 2) * np.sum(np.abs(q) ** 2))
     best, undelayed = int(np.argmax(turned)), turned[steps]
     if not lost and turned[best] > np.sqrt(COHERENT) * norm and turned[best] > DELAY_GAIN * undelayed:
-        return FaultyChannel(n, "delayed", float(delays[best]), "s")
+        return ChannelFault(name, "delayed", float(delays[best]), "s")
     tau = estimate.channels.noise
-    noise = float(10 * np.log10(tau[n] / np.median(tau)))
-    if lost or undelayed < np.sqrt(1 - UNPREDICTED) * norm:
-        return FaultyChannel(n, "dead", noise, "dB")
-    return FaultyChannel(n, "noisy", noise, "dB")
+    dead = lost or undelayed < np.sqrt(1 - UNPREDICTED) * norm
+    return ChannelFault(name, "dead" if dead else "noisy", float(10 * np.log10(tau[n] / np.median(tau))), "dB")
 
 
 # sigmas and metres, distance from a given position; the larger one counts
@@ -149,12 +123,12 @@ MIN_EXCHANGED = 0.005
 EXCHANGED_FRACTION = 0.3  # the same over the distance from its own given position
 
 
-def _misplaced(estimate: Estimate, covariance) -> dict[int, FaultyChannel]:
+def _misplaced(estimate: Estimate, covariance, names: Sequence[str]) -> dict[int, ChannelFault]:
     """Return the given positions that the pressures contradict, and exchanges."""
     problem, faulty, x = estimate.problem, {}, shown_positions(estimate)
     sigma, found = np.sqrt(np.trace(covariance, axis1=1, axis2=2)), estimate.given.contradicted
     usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # where all are inaccurate none of them is wrong
-    for i, (n, given) in enumerate(zip(problem.known.tolist(), problem.known_positions, strict=True)):
+    for i, (n, given) in enumerate(zip(map(int, problem.known), problem.known_positions, strict=True)):
         away = float(np.linalg.norm(x[n] - given))
         if x is estimate.positions or found is None:
             right = away < max(MISPLACED_SIGMAS * np.hypot(sigma[n], usual), MIN_MISPLACED)
@@ -167,10 +141,10 @@ def _misplaced(estimate: Estimate, covariance) -> dict[int, FaultyChannel]:
         other = int(np.argmin(apart))
         within = max(EXCHANGED_SIGMAS * sigma[other], MIN_EXCHANGED)
         if apart[other] >= min(within, EXCHANGED_FRACTION * away):
-            faulty[n] = FaultyChannel(n, "misplaced", away, "m")
+            faulty[n] = ChannelFault(names[n], "misplaced", away, "m")
             continue
-        faulty[n] = FaultyChannel(n, "exchanged", away, "m", other)
-        faulty.setdefault(other, FaultyChannel(other, "exchanged", away, "m", n))
+        faulty[n] = ChannelFault(names[n], "exchanged", away, "m", names[other])
+        faulty.setdefault(other, ChannelFault(names[other], "exchanged", away, "m", names[n]))
     return faulty
 
 
@@ -183,34 +157,21 @@ def shown_positions(estimate: Estimate) -> np.ndarray:
     return estimate.positions if found is None or estimate.given.sigma > 0 else found.positions
 
 
-def exchanged_back(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> np.ndarray:
+def exchanged_back(estimate: Estimate, faulty: Mapping[int, ChannelFault], names: Sequence[str]) -> np.ndarray:
     """Return the positions (N, D), metres, with a free channel that was exchanged with a given one in its own place."""
     x, shown = np.array(estimate.positions), shown_positions(estimate)
     known = set(estimate.problem.known.tolist())
-    for one in faulty:
-        if one.kind == "exchanged" and one.number in known and one.partner not in known:
-            x[one.partner] = shown[one.number]
+    for n, fault in faulty.items():
+        if fault.partner is None or n not in known:
+            continue
+        partner = names.index(fault.partner)
+        if partner not in known:
+            x[partner] = shown[n]
             if estimate.given.sigma > 0:
-                x[one.number] = shown[one.partner]
+                x[n] = shown[partner]
     return x
 
 
-def healthy_channels(count: int, faulty: Sequence[FaultyChannel]) -> np.ndarray:
-    """Return which of `count` channels are healthy : (N,) bool."""
-    healthy = np.ones(count, bool)
-    healthy[[one.number for one in faulty]] = False
-    return healthy
-
-
-def channel_faults(faulty: Sequence[FaultyChannel], names: Sequence[str]) -> tuple[ChannelFault, ...]:
-    """Return faulty channels as a result holds them, with the names of the microphones."""
-    return tuple(
-        ChannelFault(
-            names[one.number],
-            one.kind,
-            one.value if np.isfinite(one.value) else None,
-            one.unit if np.isfinite(one.value) else "",
-            names[one.partner] if one.partner >= 0 else None,
-        )
-        for one in faulty
-    )
+def healthy_channels(count: int, faulty: Iterable[int]) -> np.ndarray:
+    """Return which of `count` channels are healthy : (N,) bool; `faulty`: numbers of the others."""
+    return ~np.isin(np.arange(count), list(faulty))

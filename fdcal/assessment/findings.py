@@ -16,7 +16,7 @@ scale_undetermined  the shape is right, its size hardly determined
 A remedy names arguments in angle brackets, as in `fdcal.model.validation.InputError`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -29,11 +29,12 @@ from ..model.problem import Problem
 from ..model.validation import length_text
 from ..solvers.interface import Estimate, RoomEstimate, TriedOptimum
 from ..solvers.requirements import needed_modes
-from .calibration import OF_LIST
-from .channels import MAX_NOISE, FaultyChannel, channel_faults, healthy_channels
+from .calibration import OF_LIST, ChannelFault
+from .channels import MAX_NOISE, healthy_channels
 from .uncertainty import one_sigma, root_mean_square
+from .words import faults_text
 
-Evidence = TypeVar("Evidence")
+Seen = TypeVar("Seen")  # what a verdict rests on
 CAUSES = (
     "sound from few directions (record another take, the source elsewhere), a source or an obstacle inside the array,"
     " faulty channels, or positions not found yet (try another solver)"
@@ -43,19 +44,15 @@ MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpol
 
 
 @dataclass(frozen=True)
-class Finding(Generic[Evidence]):
+class Finding(Generic[Seen]):
     """One row of a table."""
 
     code: str  # of the verdict
-    applies: Callable[[Evidence, float], bool]  # of the evidence and the limit
-    words: Callable[[Evidence], str]  # of the evidence: what it means
+    applies: Callable[[Seen, float], bool]  # of what was seen and the limit
+    words: Callable[[Seen], str]  # of what was seen: what it means
     remedy: str = ""  # what to do; "" where the words say so
     limit: float = 0.0  # the threshold
     reason: str = ""  # what the limit is, and why it is there
-
-    def message(self, seen: Evidence) -> str:
-        """Return words and remedy, one line."""
-        return f"{self.words(seen)}; {self.remedy}" if self.remedy else self.words(seen)
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class Judged:
     estimate: Estimate
     names: Sequence[str]  # of the microphones
     covariance: np.ndarray  # (N, D, D) float64, metres^2
-    faulty: tuple[FaultyChannel, ...]
+    faulty: Mapping[int, ChannelFault]  # by the number of the microphone
     # probability of a disagreement of given positions and pressures as large by chance; 1 where nothing can be checked
     agreement: float
     # metres, one sigma of the given microphone that the others and the pressures place least certainly; 0 without any,
@@ -82,14 +79,14 @@ class Judged:
         return healthy_channels(len(self.covariance), self.faulty)
 
     @property
-    def unexplained(self) -> list[FaultyChannel]:
+    def unexplained(self) -> list[ChannelFault]:
         """Faulty channels and given positions that the field does not explain.
 
         Gain, polarity, delay and high-pass that a solver has found are part of the model, which leaves no more of such
         a channel than of another.
         """
         kinds, noise = ("dead", "noisy", "misplaced", "exchanged"), self.estimate.channels.noise
-        return [one for one in self.faulty if one.kind in kinds or noise[one.number] > MAX_NOISE]
+        return [one for n, one in self.faulty.items() if one.kind in kinds or noise[n] > MAX_NOISE]
 
     @property
     def sigma(self) -> float:
@@ -97,9 +94,20 @@ class Judged:
         return root_mean_square(one_sigma(self.covariance)[self.healthy])
 
     @property
-    def radius(self) -> float:
-        """Root mean square distance of the healthy microphones from their centre, metres."""
-        return rms_radius(self.estimate.positions[self.healthy])
+    def uncertain(self) -> float:
+        """The same with the spread of the search, metres."""
+        return float(np.hypot(self.sigma, root_mean_square(self.search[self.healthy])))
+
+    @property
+    def f_max(self) -> float:
+        """Highest frequency, Hz, that the healthy microphones can interpolate (Eq. 9)."""
+        problem = self.estimate.problem
+        return array_f_max(self.estimate.positions[self.healthy], problem.sound_speed, problem.dimension)
+
+    @property
+    def highest(self) -> float:
+        """Highest frequency in use, Hz."""
+        return float(self.estimate.problem.frequencies[self.estimate.modes][-1])
 
     @property
     def noise_fraction(self) -> float:
@@ -137,7 +145,7 @@ class Judged:
         uneven where so much is left that it is called noisy; noisy channels alone are single faults.
         """
         channels, counted = self.estimate.channels, self.healthy
-        noisy = [one.number for one in self.faulty if one.kind == "noisy"]
+        noisy = [n for n, one in self.faulty.items() if one.kind == "noisy"]
         counted[noisy] = True
         behind = channels.noise[counted]
         before = behind * np.exp(2 * channels.gains[counted, 0])
@@ -152,10 +160,10 @@ class Judged:
         return int(sought[np.argmax(self.estimate.channels.noise[sought])]) if len(sought) else None
 
     @property
-    def wrong_given(self) -> list[FaultyChannel]:
+    def wrong_given(self) -> list[ChannelFault]:
         """The given positions that the pressures contradict, one by one."""
         known = self.estimate.problem.known
-        return [one for one in self.faulty if one.number in known and one.kind in OF_LIST]
+        return [one for n, one in self.faulty.items() if n in known and one.kind in OF_LIST]
 
     @property
     def speed(self) -> tuple[float, float]:
@@ -211,40 +219,14 @@ def modes_below_limit(problem: Problem, positions: np.ndarray) -> int:
     return int(np.sum(problem.frequencies <= MODES_MARGIN * limit))
 
 
-def _f_max(seen: Judged) -> float:
-    problem = seen.estimate.problem
-    return array_f_max(seen.estimate.positions[seen.healthy], problem.sound_speed, problem.dimension)
-
-
-def _highest(seen: Judged) -> float:
-    return float(seen.estimate.problem.frequencies[seen.estimate.modes][-1])
-
-
 def _undersampled(seen: Judged) -> str:
     positions = seen.estimate.positions[seen.healthy]
     below = modes_below_limit(seen.estimate.problem, positions)
     remedy = f"use <modes> {below}, or" if below >= needed_modes(seen.estimate.problem) else "use"
     return (
-        f"{len(positions)} microphones so far apart interpolate up to {_f_max(seen):.0f} Hz (Eq. 9), but modes up to"
-        f" {_highest(seen):.0f} Hz are in use; {remedy} more microphones closer together"
+        f"{len(positions)} microphones so far apart interpolate up to {seen.f_max:.0f} Hz (Eq. 9), but modes up to"
+        f" {seen.highest:.0f} Hz are in use; {remedy} more microphones closer together"
     )
-
-
-def _contradicted(seen: Judged) -> str:
-    named = enumerated([seen.names[one.number] for one in seen.wrong_given])
-    return (
-        f"known microphone {named}: the position given contradicts the recordings; it or the sound speed is"
-        " wrong, or the channel is swapped with another"
-    )
-
-
-def _many(faulty: Sequence[FaultyChannel], seen: Judged, limit: float) -> bool:
-    """Whether faults are those of more than two channels, and of more than the fraction `limit` of all."""
-    return len(faulty) > max(2, limit * len(seen.names))
-
-
-def _named(faulty: Sequence[FaultyChannel], seen: Judged) -> str:
-    return enumerated([seen.names[one.number] for one in faulty])
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
@@ -255,26 +237,12 @@ def _few_right(seen: Judged, limit: float) -> bool:
     return few or misplaced > max(1, limit * len(problem.known))
 
 
-def _disagreement(seen: Judged) -> str:
-    chance = seen.agreement
-    seldom = f"1 of {1 / chance:.0f}" if chance > 1e-6 else "less than 1 of 1000000"
-    return (
-        f"the positions given and the pressures do not agree; by chance they would disagree so in {seldom} cases: a"
-        " given position or the sound speed is wrong, or the array was not found"
-    )
-
-
 IN_AIR = 0.06  # relative error of a sound speed: 6 % are 36 K. More is a wave in a plate, or about an obstacle
 
 
-def _contradicted_speed(seen: Judged, limit: float) -> bool:
-    found = seen.estimate.given.contradicted
-    return found is not None and 0 < abs(found.log_speed) < IN_AIR and found.advantage > limit
-
-
-def _contradicted_speed_words(seen: Judged) -> str:
+def _contradicted_speed(seen: Judged) -> str:
     found, c = seen.estimate.given.contradicted, seen.estimate.problem.sound_speed
-    assert found is not None  # `_contradicted_speed`
+    assert found is not None  # where this applies
     speed = c * np.exp(found.log_speed)
     return (
         f"the known microphones agree with the pressures at a sound speed of {speed:.1f} m/s, one sigma"
@@ -282,29 +250,13 @@ def _contradicted_speed_words(seen: Judged) -> str:
     )
 
 
-def _impossible_speed(seen: Judged, limit: float) -> bool:
-    ratio, sigma = seen.speed
-    implied = seen.scale is not None or seen.estimate.log_speed != 0
-    return implied and abs(ratio - 1) > min(limit + 4 * sigma, 0.15)  # an error of 15 % is no uncertainty of sigma
-
-
-def _speed_words(seen: Judged) -> str:
+def _impossible_speed(seen: Judged) -> str:
     given = "position of a microphone" if seen.scale is None else "distance"
     c = seen.estimate.problem.sound_speed
     return (
         f"with the {given} given the sound speed would be {c * seen.speed[0]:.0f} m/s, not {c:.0f} m/s; the {given} or"
         " the sound speed is wrong, or the array was not found"
     )
-
-
-def _loose_scale(seen: Judged, limit: float) -> bool:
-    open_size = seen.scale_sigma > limit or seen.estimate.given.carry_scale  # that of a plane array in space always is
-    return not len(seen.estimate.problem.known) and seen.scale is None and open_size
-
-
-def _uncertain(seen: Judged) -> float:
-    """One sigma of the positions with the spread of the search, metres."""
-    return float(np.hypot(seen.sigma, root_mean_square(seen.search[seen.healthy])))
 
 
 def _good(seen: Judged) -> str:
@@ -319,7 +271,7 @@ def _good(seen: Judged) -> str:
         words += f"; the given positions are inaccurate, one sigma {length_text(given_estimate.sigma, 2)}"
     if not seen.faulty:
         return f"nothing speaks against these positions; {words}"
-    faults = "; ".join(fault.text for fault in channel_faults(seen.faulty, seen.names))
+    faults = faults_text(seen.faulty.values())
     return f"nothing speaks against the positions of the other microphones; {words}; faulty: {faults}"
 
 
@@ -332,14 +284,10 @@ def precision(sigma: np.ndarray, residual: float | None) -> str:
     return text if residual is None else f"{text}, residual {residual:.2g} times the noise of the measurement"
 
 
-def enumerated(names: Sequence[str]) -> str:
-    """Return names as a text: "a, b and c"."""
+def _named(faults: Sequence[ChannelFault]) -> str:
+    """Return the names of microphones as a text: "a, b and c"."""
+    names = [fault.name for fault in faults]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _uncertain_given(seen: Judged, limit: float) -> bool:
-    """Whether an error of a given position would go unseen."""
-    return bool(len(seen.estimate.problem.known)) and seen.loosest >= max(limit, 3 * _uncertain(seen))
 
 
 def _other_minimum(seen: Judged, limit: float) -> bool:
@@ -361,12 +309,6 @@ def _other_minimum_words(seen: Judged) -> str:
     return f"microphone {seen.names[n]} leaves {noise}: it may stand elsewhere, or the room does this to a right one"
 
 
-def _beyond_given_noise(seen: Judged, limit: float) -> bool:
-    """Whether more is left than the noise given and what a healthy room may leave."""
-    given = seen.given_noise or 0.0
-    return given > 0 and seen.noise_fraction > limit * given + ROOM_RESIDUAL
-
-
 # fmt: off
 FINDINGS: tuple[Finding[Judged], ...] = (
     # code, condition, words, remedy, limit, its reason
@@ -375,31 +317,42 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             "measure longer, louder, or use fewer modes (<modes>)",
             0.3, "noise over the power; with more the search itself is a guess"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY),
-    Finding("sound_speed", _contradicted_speed, _contradicted_speed_words, "correct it, or add <estimate_sound_speed>",
+    Finding("sound_speed",
+            lambda seen, limit: (found := seen.estimate.given.contradicted) is not None
+            and 0 < abs(found.log_speed) < IN_AIR and found.advantage > limit,
+            _contradicted_speed, "correct it, or add <estimate_sound_speed>",
             3.0, "nats by which that is likelier than wrong positions"),
-    Finding("model_mismatch", lambda seen, limit: _many(seen.unexplained, seen, limit),
+    Finding("model_mismatch", lambda seen, limit: len(seen.unexplained) > max(2, limit * len(seen.names)),
             lambda seen: "no sound field without sources explains microphone"
-                         f" {_named(seen.unexplained, seen)}: {CAUSES}",
+                         f" {_named(seen.unexplained)}: {CAUSES}",
             "", 0.12, "faulty channels that the field does not explain, over all; more are no single faults"),
-    Finding("model_mismatch", lambda seen, limit: _many(seen.faulty, seen, limit),
+    Finding("model_mismatch", lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
             lambda seen: f"{len(seen.faulty)} of {len(seen.names)} channels are faulty, microphone"
-                         f" {_named(seen.faulty, seen)}: too few are left that agree",
+                         f" {_named([*seen.faulty.values()])}: too few are left that agree",
             "check cables and gains, or leave faulty ones out with <exclude>",
             0.3, "channels with a fault of any kind, over all; with more the healthy ones are hardly the rule"),
     Finding("model_mismatch", lambda seen, limit: np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",
             "", 0.1, "uneven channels over all; fewer are single noisy channels"),
-    Finding("undersampled", lambda seen, _: _highest(seen) > _f_max(seen), _undersampled),
+    Finding("undersampled", lambda seen, _: seen.highest > seen.f_max, _undersampled),
     Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
             lambda _: "the solver stopped while microphones still moved", "use other modes (<modes>)",
             3.0, "Newton step left over one sigma"),
-    Finding("known_position", _few_right, _contradicted, "check the positions and the cables of the known microphones",
+    Finding("known_position", _few_right,
+            lambda seen: f"known microphone {_named(seen.wrong_given)}: the position given contradicts the recordings;"
+                         " it or the sound speed is wrong, or the channel is swapped with another",
+            "check the positions and the cables of the known microphones",
             0.2, "misplaced given positions over all; more leave no frame to trust"),
     Finding("known_position", lambda seen, limit: bool(len(seen.estimate.problem.known)) and seen.agreement <= limit,
-            _disagreement, "check them, or use more modes (<modes>)",
+            lambda seen: "the positions given and the pressures do not agree; by chance they would disagree so in"
+                         f" {f'1 of {1 / seen.agreement:.0f}' if seen.agreement > 1e-6 else 'less than 1 of 1000000'}"
+                         " cases: a given position or the sound speed is wrong, or the array was not found",
+            "check them, or use more modes (<modes>)",
             0.01, "probability of the disagreement by chance: one healthy array in a hundred is suspected"),
-    Finding("model_mismatch", _beyond_given_noise,
+    Finding("model_mismatch",
+            lambda seen, limit: (given := seen.given_noise or 0.0) > 0
+            and seen.noise_fraction > limit * given + ROOM_RESIDUAL,
             lambda seen: f"the residual is {seen.noise_fraction / (seen.given_noise or 1.0):.2g} times what the noise"
                          f" explains: {CAUSES}",
             "", 2.0, "noise found, less 0.001 of the power that a healthy room may leave, over the noise given"),
@@ -407,9 +360,14 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"{100 * seen.noise_fraction:.1g} % of the power is left unexplained, though the"
                          f" measurement is said to be free of noise: {CAUSES}",
             "", UNEXPLAINED, "share left unexplained of a measurement said to be free of noise"),
-    Finding("sound_speed", _impossible_speed, _speed_words,
+    Finding("sound_speed",  # an error of 15 % is no uncertainty of sigma
+            lambda seen, limit: (seen.scale is not None or seen.estimate.log_speed != 0)
+            and abs(seen.speed[0] - 1) > min(limit + 4 * seen.speed[1], 0.15),
+            _impossible_speed,
             "", 0.05, "relative difference of the sound speed implied: 5 % are 30 K in air"),
-    Finding("scale_undetermined", _loose_scale,
+    Finding("scale_undetermined",  # that of a plane array in space always is
+            lambda seen, limit: not len(seen.estimate.problem.known) and seen.scale is None
+            and (seen.scale_sigma > limit or seen.estimate.given.carry_scale),
             lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
             "name known microphones, or give one <distance> with <estimate_sound_speed>",
             0.1, "one sigma of the least certain stretching of a blind array, relative"),
@@ -419,15 +377,16 @@ FINDINGS: tuple[Finding[Judged], ...] = (
     Finding("ambiguous", lambda seen, _: seen.starts_disagree() > 0,
             lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
             "use more modes (<modes>), or more known microphones"),
-    Finding("ambiguous", _other_minimum,
-            _other_minimum_words,
+    Finding("ambiguous", _other_minimum, _other_minimum_words,
             "use more modes (<modes>), or known microphones",
             2.3, "noise of a channel over that of the median one"),
-    Finding("ambiguous", lambda seen, limit: _uncertain(seen) > limit * seen.radius,
-            lambda seen: f"the positions are uncertain by {100 * _uncertain(seen):.2g} cm",
+    Finding("ambiguous", lambda seen, limit: seen.uncertain > limit * rms_radius(seen.estimate.positions[seen.healthy]),
+            lambda seen: f"the positions are uncertain by {100 * seen.uncertain:.2g} cm",
             "use more modes (<modes>), more known microphones, or less noise",
             0.1, "one sigma of the positions over the root mean square radius of the array"),
-    Finding("ambiguous", _uncertain_given,
+    Finding("ambiguous",
+            lambda seen, limit: bool(len(seen.estimate.problem.known))
+            and seen.loosest >= max(limit, 3 * seen.uncertain),
             lambda seen: "nothing would show an error of a given position: the pressures and the other given positions"
                          f" place that microphone only to {length_text(seen.loosest, 2)}",
             "use more modes (<modes>), or give more positions",
@@ -450,19 +409,12 @@ class JudgedRoom:
         return one_sigma(self.estimate.covariance)
 
     @property
-    def radius(self) -> float:
-        """Root mean square distance of the microphones from their centre, metres."""
-        return rms_radius(np.asarray(self.estimate.positions))
-
-    @property
-    def displaced(self) -> np.ndarray:
-        """Distance of each known microphone from its given position : (A,) float64, metres."""
-        problem = self.estimate.problem
-        return np.linalg.norm(self.estimate.positions[problem.known] - problem.known_positions, axis=1)
-
-    def displaced_beyond(self, limit: float) -> np.ndarray:
-        """Return which known microphones are farther from their given position than `limit` metres and five sigmas."""
-        return self.displaced > np.maximum(limit, 5 * self.sigma[self.estimate.problem.known])
+    def displaced(self) -> list[tuple[str, float]]:
+        """Known microphones that are far from their given position, and how far, metres."""
+        known, problem = self.estimate.problem.known, self.estimate.problem
+        away = np.linalg.norm(self.estimate.positions[known] - problem.known_positions, axis=1)
+        far = away > np.maximum(MIN_DISPLACED, 5 * self.sigma[known])
+        return [(self.names[int(n)], float(metres)) for n, metres in zip(known[far], away[far], strict=True)]
 
 
 def _faulty_in_room(seen: JudgedRoom, limit: float) -> bool:
@@ -490,13 +442,6 @@ def _size_words(seen: JudgedRoom) -> str:
     return f"a room of {lengths} m explains the pressures better: correct <room>, or the sound speed"
 
 
-def _displaced_words(seen: JudgedRoom) -> str:
-    out, known = seen.displaced_beyond(0.01), seen.estimate.problem.known
-    pairs = zip(known[out], seen.displaced[out], strict=True)
-    named = ", ".join(f"{seen.names[n]} ({100 * away:.2g} cm)" for n, away in pairs)
-    return f"known microphones are estimated elsewhere than given: {named}"
-
-
 def _good_in_room(seen: JudgedRoom) -> str:
     given = seen.estimate.residual if seen.estimate.noise_given else None
     count = len(seen.estimate.images)
@@ -504,6 +449,7 @@ def _good_in_room(seen: JudgedRoom) -> str:
 
 
 LARGE_RESIDUAL = 2.0  # reduced chi-square beyond which the given noise does not explain the residual
+MIN_DISPLACED = 0.01  # metres, and five sigmas, of a known microphone from its given position
 
 # fmt: off
 ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
@@ -523,9 +469,12 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
             "", 3e-3, "share left unexplained where no noise is stated: -25 dB, more than a usual recording has"),
     Finding("not_converged", lambda seen, _: not seen.estimate.converged,
             lambda _: "the solver stopped while microphones still moved"),
-    Finding("known_position", lambda seen, limit: bool(seen.displaced_beyond(limit).any()), _displaced_words,
-            "are the positions measured from a corner of the room?", 0.01, "metres, and five sigmas"),
-    Finding("ambiguous", lambda seen, limit: root_mean_square(seen.sigma) > min(0.1, limit * seen.radius),
+    Finding("known_position", lambda seen, _: bool(seen.displaced),
+            lambda seen: "known microphones are estimated elsewhere than given: "
+                         + ", ".join(f"{name} ({100 * away:.2g} cm)" for name, away in seen.displaced),
+            "are the positions measured from a corner of the room?", MIN_DISPLACED, "metres, and five sigmas"),
+    Finding("ambiguous",
+            lambda seen, limit: root_mean_square(seen.sigma) > min(0.1, limit * rms_radius(seen.estimate.positions)),
             lambda seen: f"the positions are uncertain by {100 * root_mean_square(seen.sigma):.2g} cm",
             "use more modes (<modes>), or less noise",
             0.1, "one sigma of the positions over the radius of the array, and 10 cm at most"),
@@ -534,7 +483,8 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
 # fmt: on
 
 
-def first_finding(findings: Sequence[Finding[Evidence]], seen: Evidence) -> tuple[str, str]:
-    """Return code and message of the first finding that applies."""
+def first_finding(findings: Sequence[Finding[Seen]], seen: Seen) -> tuple[str, str]:
+    """Return code and message, words and remedy in one line, of the first finding that applies."""
     found = next(one for one in findings if one.applies(seen, one.limit))
-    return found.code, found.message(seen)
+    words = found.words(seen)
+    return found.code, f"{words}; {found.remedy}" if found.remedy else words

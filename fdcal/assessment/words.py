@@ -1,17 +1,17 @@
 """A result in words: the sentences that terminal, page, HTML and notebook lay out. All of them are plain text.
 
-`result_sentences` says what a calibration found, `list_faults` and `comparison_sentences` how a list of positions
-differs from it.
+`result_sentences` says what a calibration found, `fault_words` what is wrong with a channel, `list_faults` and
+`comparison_sentences` how a list of positions differs from it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.validation import length_text, word_arguments
-from .calibration import Calibration
+from .calibration import Calibration, ChannelFault
 from .position_check import MAX_SCALE, TRUSTED, ListFit, PositionCheck
 
 MIN_MOVE = 1e-3  # metres, of a given position that is mentioned
@@ -71,7 +71,7 @@ def result_sentences(
             )
     if (channels := result.channels) is not None:
         spread = gain_words(result) if channels.gains_sought else "taken as matched"
-        faults = "; ".join(fault.text for fault in channels.faults)
+        faults = faults_text(channels.faults)
         said["channels"] = f"{spread}; {'faulty: ' + faults if faults else 'none is faulty'}"
     said["verdict"] = f"{result.verdict}: {result.verdict_text}"
     if (room := result.room) is not None:
@@ -80,6 +80,38 @@ def result_sentences(
         others = ", ".join(name for name, _ in room.symmetries[1:])
         said["images"] = f"mirror images explain the pressures as well: {others}"
     return said
+
+
+def fault_words(fault: ChannelFault) -> str:
+    """Return what is wrong with a channel or a given position, without the name of the microphone.
+
+    Examples
+    --------
+    >>> fault_words(ChannelFault("17", "inverted"))
+    'inverted'
+    >>> fault_words(ChannelFault("4", "delayed", 3e-4, "s"))
+    'delayed by 0.3 ms'
+    >>> fault_words(ChannelFault("6", "high_pass", -30.7, "Hz"))
+    'more bass than the others: below about 31 Hz they lose level and it does not'
+    """
+    value = fault.value or 0.0
+    words = {
+        "copy": f"a copy of {fault.partner}",
+        "noisy": f"noise {value:.0f} dB over the others'",
+        "delayed": f"delayed by {1e3 * value:.2g} ms",
+        "high_pass": f"less bass than the others: below about {value:.0f} Hz it loses level"
+        if value > 0
+        else f"more bass than the others: below about {-value:.0f} Hz they lose level and it does not",
+        "gain": f"phase {value:.0f} degrees" if fault.unit == "degrees" else f"gain {value:+.1f} dB",
+        "misplaced": f"{length_text(value)} from the position given",
+        "exchanged": f"exchanged with microphone {fault.partner}",
+    }
+    return words.get(fault.kind, fault.kind)
+
+
+def faults_text(faults: Iterable[ChannelFault]) -> str:
+    """Return what is wrong with each microphone: "microphone 4: dead; microphone 17: inverted"."""
+    return "; ".join(f"microphone {fault.name}: {fault_words(fault)}" for fault in faults)
 
 
 def error_words(result: Calibration) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..assessment.calibration import ChannelFault
+from ..assessment.words import fault_words
 from ..model.validation import InputError
 from .formats.positions import read_table
 from .import_options import number_in
@@ -57,7 +58,7 @@ class ChannelHealth:
 
     def fault(self, n: int, names) -> str:
         """Return what is wrong with a bad channel, in words."""
-        return ChannelFault(names[n], self.kind(n), partner=names[self.copy_of[n]]).words
+        return fault_words(ChannelFault(names[n], self.kind(n), partner=names[self.copy_of[n]]))
 
 
 class ChannelWatch:

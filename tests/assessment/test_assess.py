@@ -16,7 +16,7 @@ from test_faulty_channels import KNOWN, MODES, array, estimated
 import fdcal
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.assessment.assess import assess, judged
-from fdcal.assessment.channels import FaultyChannel
+from fdcal.assessment.calibration import ChannelFault
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, ROOM_RESIDUAL, JudgedRoom
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
@@ -328,7 +328,7 @@ def test_a_microphone_that_is_given_or_faulty_is_none_that_may_stand_elsewhere(e
     found = with_share(with_channel_noise(estimate, KNOWN[0], 5.0), 5e-4)
     seen, others = judged(found, [""] * len(found.positions)), np.setdiff1d(np.arange(len(found.positions)), KNOWN)
     assert seen.noisiest in others
-    assert replace(seen, faulty=tuple(FaultyChannel(n, "noisy", 9.0, "dB") for n in others)).noisiest is None
+    assert replace(seen, faulty={n: ChannelFault("", "noisy", 9.0, "dB") for n in others.tolist()}).noisiest is None
     assert "may stand elsewhere" not in assess(found).message
 
 
@@ -388,7 +388,7 @@ def test_a_faulty_channel_does_not_count_in_the_residual(estimate):
     spoilt = replace(
         estimate, field=replace(estimate.field, terms=replace(terms, weighted=weighted, precision=precision))
     )
-    faulty = (FaultyChannel(n, "noisy", 20.0, "dB"),)
+    faulty = {n: ChannelFault("", "noisy", 20.0, "dB")}
     figures = [
         replace(judged(one, [""] * len(estimate.positions)), faulty=faulty).residual_to_noise
         for one in (estimate, spoilt)

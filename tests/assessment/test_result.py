@@ -25,6 +25,7 @@ from fdcal.assessment.calibration import (
     placed_in_frame,
 )
 from fdcal.assessment.result_file import load_result, save_result
+from fdcal.assessment.words import faults_text
 from fdcal.graphics.overlays import VISIBLE, enlargement
 from fdcal.model.gauge import FRAMES, in_frame
 from fdcal.model.measurement import Measurement
@@ -151,12 +152,15 @@ def test_malformed_given_positions_are_refused(rows):
 
 
 def test_a_fault_is_plain_english():
-    assert ChannelFault("17", "inverted").text == "microphone 17: inverted"
-    assert ChannelFault("a", "dead", 40.0, "dB").text == "microphone a: dead"
-    assert ChannelFault("a", "gain", 3.21, "dB").text == "microphone a: gain +3.2 dB"
+    assert faults_text([ChannelFault("17", "inverted")]) == "microphone 17: inverted"
+    assert faults_text([ChannelFault("a", "dead", 40.0, "dB")]) == "microphone a: dead"
+    assert faults_text([ChannelFault("a", "gain", 3.21, "dB")]) == "microphone a: gain +3.2 dB"
     for value, words in ((0.0234, "23.4 mm"), (2.0, "2 m")):
-        assert ChannelFault("a", "misplaced", value, "m").text == f"microphone a: {words} from the position given"
-    assert ChannelFault("a", "exchanged", 0.4, "m", "b").text == "microphone a: exchanged with microphone b"
+        assert (
+            faults_text([ChannelFault("a", "misplaced", value, "m")])
+            == f"microphone a: {words} from the position given"
+        )
+    assert faults_text([ChannelFault("a", "exchanged", 0.4, "m", "b")]) == "microphone a: exchanged with microphone b"
 
 
 def test_a_result_may_lack_what_its_solver_does_not_find():

@@ -11,6 +11,7 @@ import numpy as np
 import viser
 from viser import uplot
 
+from ...assessment.words import fault_words
 from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
@@ -52,7 +53,7 @@ def channel_table(measurement: Measurement, found: PositionUncertainty | None) -
     if found is None or found.channels is None:
         return ""
     channels, sought = found.channels, found.channels.gains_sought
-    faults = {fault.name: fault.text.partition(": ")[2] for fault in channels.faults}
+    faults = {fault.name: fault_words(fault) for fault in channels.faults}
     names = [str(name) for name in measurement.names]
     rows = []
     for n in sorted(range(len(names)), key=lambda n: (names[n] not in faults, n))[:MAX_ROWS]:
