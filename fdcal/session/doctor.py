@@ -22,7 +22,7 @@ import numpy as np
 from ..assessment.calibration import FAULTS, OF_LIST, Calibration, ChannelFault
 from ..assessment.field import leave_one_out_errors, summarise
 from ..assessment.position_check import LIST_RULES, ListFit, PositionCheck, compare_positions, fit_result
-from ..assessment.words import gain_words, list_faults
+from ..assessment.words import faults_text, gain_words, list_faults
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -327,7 +327,7 @@ def _channels(result: Calibration) -> Answer:
         Chart("microphone", what, (Curve(what, number, values, True),), tuple(result.names))
         for what, values in (("gain (dB)", channels.gain_db), ("phase (degrees)", channels.phase_deg))
     )
-    text = "; ".join(one.text for one in faults) or f"gains {gain_words(result)}"
+    text = faults_text(faults) or f"gains {gain_words(result)}"
     state: State = "fine" if not faults else "differs" if all(FAULTS[one.kind].minor for one in faults) else "fault"
     kinds = tuple((one.kind, one.name) for one in faults)
     return Answer("channels", state, text, len(faults), "channels", charts, kinds)

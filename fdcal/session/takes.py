@@ -15,7 +15,7 @@ import numpy as np
 
 from ..assessment.calibration import FAULTS
 from ..assessment.position_check import PositionCheck, compare_positions, fit_result
-from ..assessment.words import counted, error_words, list_faults, result_sentences
+from ..assessment.words import counted, error_words, faults_text, list_faults, result_sentences
 from ..model.validation import InputError, length_text
 from ..recordings.import_options import ImportOptions
 from ..recordings.importer import measurement_of_takes, read_takes
@@ -64,7 +64,7 @@ class TakesResult:
     def faults(self) -> list[str]:
         """What is wrong with channels, in words."""
         channels = self.result.channels
-        return [fault.text for fault in (channels.faults if channels else ())] + self.of_list
+        return [faults_text([fault]) for fault in (channels.faults if channels else ())] + self.of_list
 
     @property
     def sigma(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +40,7 @@ def estimated(measurement: Measurement, solver: str = "robust", **settings) -> E
     return found
 
 
-def found_in(measurement: Measurement) -> tuple[Assessment, dict[int, ChannelFault]]:
+def found_in(measurement: Measurement) -> tuple[Assessment, Mapping[int, ChannelFault]]:
     """Assessment of the measurement, and its faulty channels by their numbers."""
     estimate = estimated(measurement)
     return assess(estimate, measurement.names), judged(estimate, measurement.names).faulty

@@ -435,7 +435,7 @@ def test_the_figure_shows_every_microphone_once(D, panels):
     assert len(figure.axes) == panels
     marks = {line.get_label(): line for line in figure.axes[0].lines}
     np.testing.assert_array_equal(np.column_stack(marks["known"].get_data()), FOUR_POSITIONS[:1, :2])
-    np.testing.assert_array_equal(np.column_stack(marks["estimated"].get_data()), FOUR_POSITIONS[1:, :2])
+    np.testing.assert_array_equal(np.column_stack(marks["estimate"].get_data()), FOUR_POSITIONS[1:, :2])
     np.testing.assert_array_equal(np.column_stack(marks["true"].get_data()), FOUR_POSITIONS[:, :2] + 0.01)
 
 
