@@ -28,8 +28,7 @@ from scipy.signal import lfilter, oaconvolve, resample_poly
 
 from fdcal.model.validation import InputError
 from fdcal.recordings.formats import read, render
-from fdcal.recordings.import_options import ImportOptions
-from fdcal.recordings.recording import read_samples
+from fdcal.recordings.recording import ImportOptions, read_samples
 from fdcal.session import doctor
 from fdcal.session.doctor import Answer, examine
 from fdcal_bench.rooms import RATE, SPEED, draw_array, draw_source, responses

@@ -29,8 +29,7 @@ from distributed.security import Security
 from msgspec import Meta
 from pyarrow import parquet
 
-from fdcal.model.code_version import CodeVersion
-from fdcal.model.storage import write_atomically
+from fdcal.model.storage import CodeVersion, write_atomically
 from fdcal.model.validation import InputError, StorageError, shown
 from fdcal.session.process import one_blas_thread
 

@@ -15,10 +15,9 @@ from fdcal.acoustics.measure import cached_recordings, measured, sound_field
 from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.assessment.uncertainty import Prior, diffuse_information, position_bound
 from fdcal.model.arrays import positions_of, random_source
-from fdcal.model.code_version import CodeVersion, code_version
 from fdcal.model.scene import Scene
 from fdcal.model.settings import SolverSettings
-from fdcal.model.storage import cache_key
+from fdcal.model.storage import CodeVersion, cache_key, code_version
 from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput

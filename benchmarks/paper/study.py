@@ -13,11 +13,10 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from fdcal.model.code_version import code_version
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings
-from fdcal.model.storage import cache_key, load_or_make
+from fdcal.model.storage import cache_key, code_version, load_or_make
 from fdcal.model.validation import InputError
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import load

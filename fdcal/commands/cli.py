@@ -125,7 +125,7 @@ def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> N
     """Print the version, and the commit where fdcal runs from a checkout, and end."""
     if not asked:
         return
-    from ..model.code_version import code_version
+    from ..model.storage import code_version
 
     code = code_version()
     click.echo(f"fdcal {code.version}" + (f", commit {code.commit}" if code.commit else ""))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..model.validation import InputError, StorageError
-from ..recordings.import_options import ImportOptions
+from ..recordings.recording import ImportOptions
 from . import options as opt
 
 if TYPE_CHECKING:
@@ -179,7 +179,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     """
     from ..recordings import formats
     from ..recordings.formats.positions import read_positions
-    from ..recordings.import_options import ImportOptions, check_options
+    from ..recordings.recording import ImportOptions, check_options
     from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
     from ..session.takes import Day
 

@@ -19,7 +19,7 @@ import click
 
 from ..model.settings import Search, SolverSettings
 from ..model.validation import LIMITS, InputError, StorageError, declaration
-from ..recordings.import_options import ImportOptions
+from ..recordings.recording import ImportOptions
 from ..solvers import names
 
 if TYPE_CHECKING:
@@ -447,7 +447,7 @@ def input_of(
     """Return the measurement of a scene or of files, with the values of the options.
 
     `positions`: file of the positions of all microphones, to compare with; `recorded`: of recordings, fields of
-    `fdcal.recordings.import_options.ImportOptions`; None leaves one out.
+    `fdcal.recordings.recording.ImportOptions`; None leaves one out.
     """
     from ..session.sources import compared_with_file, load_input
 

@@ -12,8 +12,7 @@ from ..assessment.calibration import ChannelFault
 from ..assessment.words import fault_words
 from ..model.validation import InputError
 from .formats.positions import read_table
-from .import_options import number_in
-from .recording import BLOCK_SAMPLES, Recording, ranges, read_samples, select_channels
+from .recording import BLOCK_SAMPLES, Recording, number_in, ranges, read_samples, select_channels
 
 
 @dataclass(frozen=True)

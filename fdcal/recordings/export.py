@@ -19,9 +19,8 @@ import numpy as np
 
 from ..assessment.calibration import Calibration, placed_in_frame
 from ..assessment.result_file import channel_table
-from ..model.given_positions import MicrophonePositions
 from ..model.libraries import needs
-from ..model.measurement import Measurement
+from ..model.measurement import Measurement, MicrophonePositions
 from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice
 from . import formats
@@ -136,7 +135,7 @@ def measurement_of_pyfar(data, coordinates=None, **options: Any) -> Measurement:
         Positions of the microphones, to compare with.
     **options
         Of frequency data, as of `from_arrays`; of a signal, fields of
-        `fdcal.recordings.import_options.ImportOptions`.
+        `fdcal.recordings.recording.ImportOptions`.
 
     Returns
     -------
@@ -158,8 +157,8 @@ def measurement_of_pyfar(data, coordinates=None, **options: Any) -> Measurement:
     pyfar = needs("pyfar")
     positions = None if coordinates is None else np.asarray(coordinates.cartesian, float).reshape(-1, 3)
     if isinstance(data, pyfar.Signal):
-        from .import_options import ImportOptions
         from .importer import measurement_of_takes  # brings the signal library, which an export does not need
+        from .recording import ImportOptions
 
         samples = data.time.reshape(-1, data.n_samples)
         recording = recording_of("the signal", None, data.sampling_rate, samples, positions=positions)

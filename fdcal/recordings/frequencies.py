@@ -21,8 +21,7 @@ from ..acoustics.coherence import array_radius
 from ..acoustics.dictionary import f_max
 from ..acoustics.spectrum import fast_length
 from ..model.validation import InputError
-from .import_options import IMPORT_LIMITS, ImportOptions, refused_option
-from .recording import Recording, channel_groups
+from .recording import IMPORT_LIMITS, ImportOptions, Recording, channel_groups, refused_option
 
 MIN_SNR = 10.0  # decibels, of a frequency that is used
 DYNAMIC_RANGE = 60.0  # decibels below the strongest frequency

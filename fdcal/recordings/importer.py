@@ -29,9 +29,19 @@ from .frequencies import (
     frequency_band,
     highest_frequency,
 )
-from .import_options import IMPORT_LIMITS, ImportOptions, check_options, number_in, refused_option, sound_speed_of
 from .impulse_response import MAX_SAMPLES, deconvolve, impulse_response_pressures, require_quiet_end, segment_levels
-from .recording import SAME_PLACE, Recording, join_channels, split
+from .recording import (
+    IMPORT_LIMITS,
+    SAME_PLACE,
+    ImportOptions,
+    Recording,
+    check_options,
+    join_channels,
+    number_in,
+    refused_option,
+    sound_speed_of,
+    split,
+)
 
 DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
 ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset

@@ -8,8 +8,7 @@ from dataclasses import fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..model.given_positions import MicrophonePositions, with_known, with_positions
-from ..model.measurement import Measurement
+from ..model.measurement import Measurement, MicrophonePositions, with_known, with_positions
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, convert, require_array, shown_literal, unexpected_argument, within
@@ -49,7 +48,7 @@ def load(
     progress : callable, optional
         Called with the fraction done, 0 to 1, and a note while a scene is simulated.
     **options
-        Of recordings alone: fields of `fdcal.recordings.import_options.ImportOptions`, such as `known="corners"`,
+        Of recordings alone: fields of `fdcal.recordings.recording.ImportOptions`, such as `known="corners"`,
         `temperature=21.5`, `frequencies="30:300"`, `split=10.0` (s) or `files="channels"`.
 
     Returns
@@ -95,7 +94,7 @@ def _import_options(texts: Sequence[str], options: dict):
     other = next((text for text in texts if not is_recording(text)), None)
     if other is not None:
         raise InputError(f"{other} holds no recordings, which {', '.join(options)} is for", "leave it out")
-    from ..recordings.import_options import ImportOptions  # brings the signal library, which only recordings need
+    from ..recordings.recording import ImportOptions  # brings the signal library, which only recordings need
 
     unknown = set(options) - {field.name for field in fields(ImportOptions)}
     if unknown:

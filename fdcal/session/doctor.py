@@ -30,9 +30,8 @@ from ..model.validation import InputError
 from ..recordings import importer
 from ..recordings.channels import ChannelHealth, inspect_channels
 from ..recordings.frequencies import NothingAboveNoise
-from ..recordings.import_options import IMPORT_LIMITS, ImportOptions
 from ..recordings.impulse_response import MAX_SAMPLES, WrapsRound, segment_levels
-from ..recordings.recording import Recording, select_channels
+from ..recordings.recording import IMPORT_LIMITS, ImportOptions, Recording, select_channels
 from ..recordings.synchrony import ClockFault, channel_delays
 from ..solvers import arrival_misfits
 from .calibration_run import solve

@@ -19,7 +19,7 @@ from ..solvers import load, with_mode_count
 
 if TYPE_CHECKING:
     from ..model.scene import Scene
-    from ..recordings.import_options import ImportOptions
+    from ..recordings.recording import ImportOptions
 
 
 ProgressReport = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
@@ -138,7 +138,7 @@ def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str,
 
     `left_out`: channels that the import has left out, which the file may have.
     """
-    from ..model.given_positions import listed_names, row_order_remark, with_positions
+    from ..model.measurement import listed_names, row_order_remark, with_positions
     from ..recordings.formats.positions import read_positions
 
     placed, name = read_positions(path), Path(path).name
@@ -166,7 +166,7 @@ def scene_input(scene: Scene, progress: ProgressReport | None = None) -> Calibra
 def is_recording(text: str) -> bool:
     """Return whether `text` names a file or folder of a kind that `fdcal import` reads, whether or not it exists."""
     from ..recordings import formats
-    from ..recordings.formats.numpy_files import keys_of
+    from ..recordings.formats.arrays import keys_of
 
     path = Path(text)
     if path.suffix.lower() == ".npz":

@@ -17,9 +17,8 @@ from ..assessment.calibration import FAULTS
 from ..assessment.position_check import PositionCheck, compare_positions, fit_result
 from ..assessment.words import counted, error_words, faults_text, list_faults, result_sentences
 from ..model.validation import InputError, length_text
-from ..recordings.import_options import ImportOptions
 from ..recordings.importer import measurement_of_takes, read_takes
-from ..recordings.recording import Recording, recording_of
+from ..recordings.recording import ImportOptions, Recording, recording_of
 from ..recordings.take import Moment, SoundStream
 from .calibration_run import solve
 from .sources import CalibrationInput, compared_with_file, measurement_input

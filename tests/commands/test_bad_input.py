@@ -190,8 +190,8 @@ BELOW = [path for path in sorted(PACKAGE.rglob("*.py")) if "commands" not in pat
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
 STYLE = re.compile(r"var\(--[\w-]+|--[\w-]+ *:|<!--\S+")  # variables of a style sheet, and comments of a page
 ALLOWED = {  # the page says how to list the commands; options of git
-    "model/code_version.py": {"--format", "--porcelain"},
-    "recordings/import_options.py": {"--subset"},  # a help text, declared beside the option
+    "model/storage.py": {"--format", "--porcelain"},
+    "recordings/recording.py": {"--subset"},  # a help text, declared beside the option
     "viewer/tabs/help.py": {"--help"},
 }
 

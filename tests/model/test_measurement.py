@@ -9,8 +9,14 @@ import pytest
 from fields import measured
 
 import fdcal
-from fdcal.model.given_positions import MicrophonePositions, with_positions
-from fdcal.model.measurement import REQUIRED, Measurement, load_measurement, save_measurement
+from fdcal.model.measurement import (
+    REQUIRED,
+    Measurement,
+    MicrophonePositions,
+    load_measurement,
+    save_measurement,
+    with_positions,
+)
 from fdcal.model.validation import InputError
 
 POSITIONS = np.array([[2.2, 2.0], [2.9, 1.9], [2.5, 2.6], [2.7, 2.3], [2.4, 2.2]])

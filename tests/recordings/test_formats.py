@@ -25,14 +25,13 @@ from fdcal.assessment.calibration import Calibration
 from fdcal.assessment.result_file import save_result
 from fdcal.commands.cli import main
 from fdcal.model import libraries as process
-from fdcal.model.given_positions import MicrophonePositions
+from fdcal.model.measurement import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
 from fdcal.recordings.channels import inspect_channels, require_usable_channels
 from fdcal.recordings.formats.positions import read_table
-from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.importer import read_takes
-from fdcal.recordings.recording import read_samples
+from fdcal.recordings.recording import ImportOptions, read_samples
 
 RATE, N, T = 8000.0, 5, 400
 SAMPLES = np.random.default_rng(0).uniform(-0.5, 0.5, (N, T))

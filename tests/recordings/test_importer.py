@@ -26,10 +26,9 @@ from fdcal.recordings import frequencies
 from fdcal.recordings.channels import exclude_channels, known_microphones, select_plane, select_subset
 from fdcal.recordings.cross_spectra import DecimationSettings, decimate, stationary_pressures
 from fdcal.recordings.formats.positions import read_table
-from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.importer import import_recording, import_summary
 from fdcal.recordings.impulse_response import deconvolve, estimate_decay, impulse_response_pressures
-from fdcal.recordings.recording import Recording, read_samples, recording_of
+from fdcal.recordings.recording import ImportOptions, Recording, read_samples, recording_of
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, measurement_input
 

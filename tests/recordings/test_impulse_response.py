@@ -9,10 +9,9 @@ from scipy.signal import chirp, fftconvolve
 
 from fdcal.model.validation import InputError
 from fdcal.recordings import impulse_response
-from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.importer import import_recording
 from fdcal.recordings.impulse_response import deconvolve
-from fdcal.recordings.recording import read_samples, recording_of
+from fdcal.recordings.recording import ImportOptions, read_samples, recording_of
 
 RATE, BAND, COUNT = 1000, (30.0, 300.0), 24  # Hz, Hz, channels
 

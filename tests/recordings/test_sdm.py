@@ -13,8 +13,8 @@ from fdcal.model.measurement import load_measurement
 from fdcal.model.room import MEASURED_AND_MODELLED, response_path
 from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.validation import InputError
-from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.importer import import_recording, import_summary
+from fdcal.recordings.recording import ImportOptions
 
 PLACES = np.random.default_rng(0).uniform(-0.3, 0.3, (24, 3))
 ROOM = str(response_path("listening_lab"))

@@ -8,8 +8,8 @@ import soundfile
 
 import fdcal
 from fdcal.acoustics.dictionary import array_f_max
-from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.importer import import_recording
+from fdcal.recordings.recording import ImportOptions
 
 FS, SPEED, SECONDS, SIDE = 12000, 343.0, 0.4, 0.14
 ROOM, SOURCE, CENTRE = np.array([4.6, 3.8, 2.7]), np.array([3.9, 3.1, 2.1]), np.array([1.6, 1.5, 1.2])

@@ -15,7 +15,7 @@ from fdcal.commands import report
 from fdcal.commands.cli import main
 from fdcal.graphics.reports import TITLES
 from fdcal.model.measurement import save_measurement
-from fdcal.recordings.import_options import ImportOptions
+from fdcal.recordings.recording import ImportOptions
 from fdcal.session import doctor
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import measurement_input

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...model import libraries
-from ...model.given_positions import MicrophonePositions
+from ...model.measurement import MicrophonePositions
 from ...model.storage import require_regular
 from ...model.validation import InputError, StorageError
 from ..recording import Recording, block_of

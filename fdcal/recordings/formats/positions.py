@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.given_positions import MicrophonePositions
+from ...model.measurement import MicrophonePositions
 from ...model.storage import read_bytes
 from ...model.validation import InputError, require_point, shown
 from . import Format

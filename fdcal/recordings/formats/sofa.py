@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.given_positions import MicrophonePositions
 from ...model.libraries import needs
+from ...model.measurement import MicrophonePositions
 from ...model.validation import InputError, StorageError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
 from . import Format, damaged, isolated, isolated_call, wanted_source
-from .hdf5 import require_whole_file
+from .arrays import require_whole_file
 
 AXES = "MRNE"  # measurements, receivers, samples, emitters
 

@@ -93,8 +93,8 @@ class OpenFile:
         `positions`: name of the list that the result is compared with, or NONE; `kind`, `temperature` (degrees
         Celsius): of a recording.
         """
-        from ...recordings.import_options import ImportOptions
         from ...recordings.importer import import_recording, import_summary
+        from ...recordings.recording import ImportOptions
         from ...session import session_file
         from ...session.sources import measurement_input
 

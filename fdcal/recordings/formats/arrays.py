@@ -1,22 +1,31 @@
-"""Recordings in files of NumPy: an archive of one recording, or a folder of MeshRIR.
+"""Recordings in files of arrays: of NumPy, HDF5 and MATLAB.
 
 .npz      `recordings` (N, T) and `sample_rate`, Hz; optionally `kind`, `names`, `positions`, `sound_speed`. A
           measurement, which has pressures instead, is read by `fdcal.model.measurement`.
-folder    impulse responses of one microphone moved over a mesh, with several sources, 48 kHz: pos_mic.npy (M, 3) and
-          pos_src.npy (S, 3), metres; ir_<i>.npy (S, T), one for each of the M places
+folder    of MeshRIR: impulse responses of one microphone moved over a mesh, with several sources, 48 kHz: pos_mic.npy
+          (M, 3) and pos_src.npy (S, 3), metres; ir_<i>.npy (S, T), one for each of the M places
+.h5       of Acoular: `time_data` (T, N), one channel per microphone, with the attribute `sample_freq`, Hz
+.mat      an impulse response from the spatial decomposition method: one point, a direction for each sample. It has no
+          channels of its own: those of an array are rendered at given positions. The response is measured; the field
+          between the microphones is modelled (`fdcal.acoustics.plane_waves`).
 
 S. Koyama, T. Nishida, K. Kimura, T. Abe, N. Ueno, J. Brunnström, "MeshRIR: A dataset of room impulse responses on
 meshed grid points for evaluating sound field analysis and synthesis methods", WASPAA 2021.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ...acoustics.plane_waves import MAX_FREQUENCY, plane_wave_responses
+from ...model.libraries import needs
+from ...model.room import MEASURED_AND_MODELLED
+from ...model.sdm_response import load_sdm_response
 from ...model.storage import read_archive, require_regular
-from ...model.validation import InputError, StorageError, require_array, require_choice
-from ..recording import KINDS, Recording, recording_of
-from . import Format, wanted_source
+from ...model.validation import InputError, StorageError, require_array, require_choice, shown
+from ..recording import KINDS, RANGE_SAMPLES, Recording, ranges, recording_of
+from . import Format, damaged, isolated, wanted_source
 
 MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
 KEYS = {
@@ -125,12 +134,86 @@ def _mapped(path: Path) -> np.ndarray:
     return values
 
 
-def _is_meshrir(path: Path) -> bool:
-    """Return whether `path` is a folder with microphone positions."""
-    return path.is_dir() and ((path / "pos_mic.npy").exists() or (path / "ir_0.npy").exists())
+def require_whole_file(path: Path) -> None:
+    """Raise InputError for an HDF5 file with links or data that another file holds, and for a damaged one."""
+    h5py = needs("h5py")
+
+    links: list[tuple[bytes, int]] = []
+    with damaged(f"{path} is not an HDF5 file that can be read"), h5py.File(path, "r") as file:
+        file.id.links.visit(lambda name, link: links.append((name, link.type)), info=True)
+        reason = ""
+        for link, kind in links:
+            name = shown(link.decode(errors="replace"), 80)
+            data: Any = file[link] if kind == h5py.h5l.TYPE_HARD else None
+            if kind == h5py.h5l.TYPE_EXTERNAL:
+                target = file.id.links.get_val(link)[0].decode(errors="replace")
+                reason = f'"{name}" is a link to {shown(target, 80)}'
+            elif isinstance(data, h5py.Dataset) and data.external:
+                reason = f'"{name}" has its values in {shown(data.external[0][0], 80)}'
+            elif isinstance(data, h5py.Dataset) and data.is_virtual:
+                reason = f'"{name}" is a virtual dataset, with its values in other datasets'
+    if reason:
+        raise InputError(f"{path}: {reason}, and no other file is read", "write the values into the file itself")
+
+
+def _read_hdf5(path: Path, source: int | None = None) -> Recording:
+    """Return the recording of an Acoular time data file, read in pieces; raise InputError for another kind of file."""
+    h5py = needs("h5py")
+    require_whole_file(path)
+    with damaged(f"{path} is not an HDF5 file that can be read"), h5py.File(path, "r") as file:
+        data = file.get("time_data")
+        if not isinstance(data, h5py.Dataset):
+            raise InputError(f'{path} has no "time_data"', "write the samples (T, N) there, as Acoular does")
+        if data.ndim != 2 or data.dtype.kind not in "fiu":
+            raise InputError(f'{path}: "time_data" is {data.dtype}, {data.shape}', "give real samples (T, N)")
+        if "sample_freq" not in data.attrs:
+            problem = f'{path}: "time_data" has no attribute "sample_freq", the sampling rate in Hz'
+            raise InputError(problem, "add it")
+        rate = np.asarray(data.attrs["sample_freq"])
+        if rate.size != 1 or rate.dtype.kind not in "fiu":
+            raise InputError(f'{path}: "sample_freq" is {shown(rate.tolist(), 80)}', "give one number, the rate in Hz")
+        samples, channels = data.shape
+
+    def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
+        values = np.empty((len(chosen), stop - start))
+        with damaged(f"{path} cannot be read at sample {start}", "copy the file again"), h5py.File(path, "r") as file:
+            for first, last in ranges(stop - start, RANGE_SAMPLES // channels):
+                values[:, first:last] = file["time_data"][start + first : start + last].T[chosen]
+        return values
+
+    return Recording(str(path), None, float(rate.item()), int(channels), int(samples), block)
+
+
+def _read_sdm(path: Path, source: int | None = None) -> Recording:
+    """Raise InputError: the file has no channels."""
+    load_sdm_response(path)  # a damaged file is reported first
+    problem = f"{path} is an impulse response at one point, with directions, and has no channels"
+    raise InputError(problem, "import it with <array>, the positions at which to render them", key="array")
+
+
+def _render_sdm(path: Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
+    """Return what an array (N, 3), metres from the point of the measurement, would record from the direct sound on."""
+    response = load_sdm_response(path)
+    return recording_of(
+        str(path),
+        "impulse",
+        response.sample_rate,
+        plane_wave_responses(response, positions, sound_speed),
+        names=names,
+        positions=positions,
+        highest=MAX_FREQUENCY * response.sample_rate,
+        modelled=MEASURED_AND_MODELLED,
+    )
 
 
 FORMATS = (
     Format((".npz",), read=_read_npz),
-    Format((), _read_meshrir, recognises=_is_meshrir, source_count=lambda path: len(_positions(path / "pos_src.npy"))),
+    Format(
+        (),
+        _read_meshrir,
+        recognises=lambda path: path.is_dir() and ((path / "pos_mic.npy").exists() or (path / "ir_0.npy").exists()),
+        source_count=lambda path: len(_positions(path / "pos_src.npy")),
+    ),
+    Format((".h5", ".hdf5"), read=isolated(_read_hdf5)),
+    Format((".mat",), read=_read_sdm, render=_render_sdm),
 )
