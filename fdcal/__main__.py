@@ -9,15 +9,35 @@ import signal
 import sys
 from types import FrameType
 
+# bytes of address space; a small calibration takes half of it, the compiler the rest. With 150 MB the libraries hang
+# while they load: a calibration of `tiny` was still there after 120 s.
+MIN_ADDRESS_SPACE = 1500 * 2**20
+
 
 def main() -> None:
     """Load the command line and run it."""
     _require_streams()
     before = signal.signal(signal.SIGINT, _end_at_once)  # before anything is imported, which takes its time
+    _require_address_space()
     from .commands.cli import main as run
 
     signal.signal(signal.SIGINT, _interrupted if before is signal.default_int_handler else before)
     run()
+
+
+def _require_address_space() -> None:
+    """End the process with one line where `ulimit -v` leaves too little."""
+    try:
+        import resource
+    except ImportError:  # not on Windows, which has no such limit
+        return
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < MIN_ADDRESS_SPACE:
+        have, need = limit // 2**20, MIN_ADDRESS_SPACE // 2**20
+        print(
+            f"error: ulimit -v leaves {have} MB of address space, and fdcal needs {need} MB; raise it", file=sys.stderr
+        )
+        sys.exit(1)
 
 
 def _interrupted(number: int, frame: FrameType | None) -> None:

@@ -33,7 +33,7 @@ class Solved:
     def faulty(self) -> list[tuple[int, str]]:
         """Number and kind of every faulty channel."""
         names = [str(n) for n in range(len(self.state.positions))]
-        return [(one.number, one.kind) for one in judged(self.estimate, names).faulty]
+        return [(n, one.kind) for n, one in judged(self.estimate, names).faulty.items()]
 
 
 ENDS: dict[bytes, Solved] = {}  # of this process: many tests start from the same run

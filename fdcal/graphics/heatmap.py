@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import matplotlib
 import numpy as np
 
-from ..cost.maps import map_positions
 from ..cost.scale import DECADES, LEAST_RANGE, OUTSIDE, Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array, length_text
@@ -326,6 +325,8 @@ def descent_text(basins: Basins, search: Search, place, name: str = "true positi
     here = basins.at(search, place)
     if here == OUTSIDE:
         return f"descent from the {name} leaves the map"
+    from ..cost.maps import map_positions  # loads SciPy, which a map of costs does not need
+
     end = map_positions(basins.minima[[here]], search)[0]
     away = float(np.linalg.norm(end - np.asarray(place, float)[: len(end)]))
     distance = f"{length_text(away)} away" if away > search.step else f"within {length_text(search.step)}"

@@ -16,7 +16,6 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl, quote
 
 import viser
@@ -29,10 +28,7 @@ from ..session.sources import OpenRequest
 from .gui.binding import kind_of
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 from .session_view import Viewer
-from .tabs.lessons import KINDS, LessonsTab, apply_setting, plain_choices
-
-if TYPE_CHECKING:
-    from .page import Page
+from .tabs.lessons import KINDS, LessonPage, LessonsTab, apply_setting, plain_choices
 
 MAX_MODES_TEXT = 60  # characters of the modes of a map: with the camera a command has room for no more
 MAX_NUMBER = 99_999  # of a microphone and of a step
@@ -113,7 +109,7 @@ def address_of(viewer: Viewer, lesson: str = "", step: int = 1) -> str:
 class AddressBar:
     """Shows what a link names, and keeps the address of all browsers; all but `tick` on viser's event loop."""
 
-    def __init__(self, page: Page, lessons: LessonsTab):
+    def __init__(self, page: LessonPage, lessons: LessonsTab):
         self._page, self._lessons = page, lessons
         self._asked: tuple[viser.ClientHandle, Address] | None = None  # before there is a session
         # Until its scene is shown; without a request, that of a lesson.

@@ -53,16 +53,16 @@ def test_noise_that_is_assumed_lower_is_given_back_in_the_result(ended):
     one, third = (noise.with_noise(problem, state, deflation, rough=False).model for deflation in (1.0, 3.0))
     np.testing.assert_allclose(3 * third.noise, one.noise, rtol=1e-12)
     assert (one.deflation, third.deflation) == (1.0, 3.0)
-    found, same = (result.result(problem, replace(state, model=model)) for model in (one, third))
+    found, same = (result(problem, replace(state, model=model)) for model in (one, third))
     np.testing.assert_allclose(same.field.noise, found.field.noise, rtol=1e-12)
     np.testing.assert_allclose(same.spread.newton, found.spread.newton, rtol=1e-9, atol=1e-15)
 
 
 def test_the_covariance_does_not_rest_on_a_field_as_isotropic_as_assumed(ended, monkeypatch):
     problem, state = ended
-    weaker = result.result(problem, state).spread.newton
+    weaker = result(problem, state).spread.newton
     monkeypatch.setattr(objective, "WEAKER_FIELD", 1.0)
-    assert np.trace(weaker) > 1.02 * np.trace(result.result(problem, state).spread.newton)
+    assert np.trace(weaker) > 1.02 * np.trace(result(problem, state).spread.newton)
 
 
 def test_of_two_optima_of_one_cost_the_less_determined_one_has_more_evidence(ended):

@@ -451,7 +451,8 @@ def test_what_is_shown_is_pale_while_something_else_is_prepared(page_of, scene, 
     shown = []
     monkeypatch.setattr(page.panels.overlay, "show", lambda region, html: shown.append("class='preparing'" in html))
     for progress in (None, SimpleNamespace(text="Reading")):
-        monkeypatch.setattr(type(page.switcher), "progress", progress)
+        current = progress and SimpleNamespace(progress=progress, request=OpenRequest(scene))
+        monkeypatch.setattr(page.switcher, "current", current)
         shown.clear()
         page.explore.show()
         assert any(shown) == (progress is not None)
@@ -468,11 +469,13 @@ def test_a_page_that_others_can_reach_offers_no_recording_of_ones_own(page_of, s
 def test_before_the_first_session_the_bar_says_what_is_prepared_and_how_far_it_is():
     shown = {}
     overlay = SimpleNamespace(on=lambda *_: None, show=lambda region, html: shown.update({region: html}))
-    switcher = SimpleNamespace(progress=SimpleNamespace(text="Simulating 3 %"), error=None, title="A < B")
+    request = SimpleNamespace(scene=SimpleNamespace(title="A < B"))
+    current = SimpleNamespace(progress=SimpleNamespace(text="Simulating 3 %"), request=request)
+    switcher = SimpleNamespace(current=current, error=None)
     page = SimpleNamespace(viewer=None, panels=SimpleNamespace(overlay=overlay), switcher=switcher)
     explore = Explore(page, SimpleNamespace(page=page), False)
     explore.show()
     assert "A &lt; B" in shown["bar"] and "Simulating 3 %" in shown["bar"] and "button" not in shown["bar"]
-    switcher.progress = None
+    switcher.current = None
     explore.show()
     assert shown == {"bar": ""}

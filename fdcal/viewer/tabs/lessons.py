@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import viser
 
@@ -39,9 +39,9 @@ from .map import EQ7, LINEAR, LOG, OBJECTIVE
 
 if TYPE_CHECKING:
     from ...session.session import SessionView
-    from ..page import Page
-    from ..panels import Tabs
-    from ..prepare import PreparedRun
+    from ..panels import Panels, Tabs
+    from ..prepare import PreparedRun, SessionSwitcher
+    from ..scene3d.nodes import SceneNodes
     from ..session_view import Viewer
 
 KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "basins": BASINS, "volume": VOLUME, "none": NOTHING}
@@ -237,13 +237,26 @@ def _paragraphs(text: str) -> str:
 log = logging.getLogger(__name__)
 
 
+class LessonPage(Protocol):
+    """What lessons, bar and address use of the page (`page.Page`), which imports them."""
+
+    panels: Panels
+    nodes: SceneNodes
+    viewer: Viewer | None
+    switcher: SessionSwitcher
+
+    def open(self, request: OpenRequest) -> None:
+        """Show something else as soon as it is ready."""
+        ...
+
+
 class LessonsTab:
     """Owns the caption, the settings that wait for a scene, and what the page showed before.
 
     All methods run on viser's event loop, except `show`.
     """
 
-    def __init__(self, page: Page, lessons: Sequence[Lesson]):
+    def __init__(self, page: LessonPage, lessons: Sequence[Lesson]):
         self._page = page
         self._lessons = {lesson.title: lesson for lesson in lessons}
         self.progress, self._error = LessonProgress(), ""
