@@ -44,7 +44,7 @@ def test_a_microphone_that_is_let_go_rolls_into_its_minimum_and_the_page_says_wh
 def test_a_microphone_is_picked_by_a_click_and_an_end_of_its_cut_is_dragged_and_the_plot_follows(page, scene):
     tab(page, "Map")
     pick_known(page, scene)
-    assert not page.get_by_label("Follow solver").is_checked()
+    page.wait_for_function("box => !box.checked", arg=page.get_by_label("Follow solver").element_handle())
     unfold(page, "Cut")
     press(page, "x")
     text = page.get_by_text(re.compile(r"lowest [\d.]+ m from A")).first
