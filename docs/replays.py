@@ -8,10 +8,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import fdcal
-from fdcal.commands.gallery_pages import OPENING, lesson_html, replay_of
+from fdcal.commands.gallery_pages import MAX_BYTES, OPENING, lesson_html
+from fdcal.cost.expansion import reference_cost_of
+from fdcal.graphics.replay import replay_html
 from fdcal.model.measurement import load_measurement
 from fdcal.model.scene import load_scene
-from fdcal.session.calibration_run import states_of
+from fdcal.session.calibration_run import problem_of, states_of
 from fdcal.session.lesson import load_lesson
 from fdcal.session.session import recorded
 from fdcal.session.sources import CalibrationInput
@@ -23,7 +25,11 @@ def fig1() -> str:
     scene = load_scene(OPENING.scene)
     inputs = CalibrationInput(scene.name, scene, load_measurement(MEASUREMENT), scene.solver, scene.seed)
     states = recorded(states_of(inputs))
-    return replay_of(inputs, states, OPENING.title, OPENING.microphone, inputs.measurement.problem().free)
+    problem = problem_of(inputs)
+    return replay_html(
+        scene, inputs.measurement, states, OPENING.title, reference_cost_of(problem), problem=problem,
+        microphone=OPENING.microphone, max_bytes=MAX_BYTES,
+    )  # fmt: skip
 
 
 def lesson() -> str:
