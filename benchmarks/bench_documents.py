@@ -7,7 +7,8 @@ A figure stands between marks, in a text or as a whole table:
 and in docs/figures.json under its key, with which a test compares the documents. FDCAL_BENCH_KEYS names some keys,
 separated by commas; all take about half an hour of one processor. `python -m benchmarks documents` writes both. What a
 command prints keeps the lines and the words that the document has, and gets the numbers of a run (`printed.renewed`).
-Then the tests in checks/ run (`pip install -e '.[test]'`): pages from beginning to end, and the paper's figures.
+Then the tests in checks/ run (`pip install -e '.[test]'`): pages from beginning to end, examples, what the lessons
+state, and the paper's figures; exit code 1 where one of them fails.
 """
 
 import contextlib
@@ -206,7 +207,9 @@ def run() -> Iterator[str]:
         yield f"{key}: {'unchanged' if before == stored[key] else 'changed'}"
     if wanted == list(FIGURES):
         failed = subprocess.run([sys.executable, "-m", "pytest", Path(__file__).with_name("checks")]).returncode
-        yield f"pages and paper: {'a test failed' if failed else 'as they say'}"
+        yield f"pages, examples, lessons and paper: {'a test failed' if failed else 'as they say'}"
+        if failed:
+            sys.exit(1)
 
 
 def write(stored: dict[str, str]) -> None:

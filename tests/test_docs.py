@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import runpy
 import tomllib
 
 import click
@@ -10,7 +11,7 @@ import pytest
 from PIL import Image
 
 import fdcal
-from benchmarks.documents import ALL, DOCS, PAGES, ROOT, blocks, name_of, prose, run_python, text_of
+from benchmarks.documents import ALL, DOCS, PAGES, ROOT, name_of, prose, text_of
 from benchmarks.printed import renewed, run_fdcal, shows
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
@@ -33,9 +34,6 @@ FILES = text_of(DOCS / "reference" / "files.md")
 VERDICTS = text_of(DOCS / "reference" / "verdicts.md")
 DEPENDENCIES = text_of(DOCS / "reference" / "dependencies.md")
 PICTURES = sorted((DOCS / "pictures").iterdir())
-# Pages whose lines of the shell run as they stand, with what other pages made before.
-TUTORIAL, CHANNELS = DOCS / "tutorials" / "first-recording.md", DOCS / "how-to" / "check-channels.md"
-MEASURED = DOCS / "tutorials" / "measured-array.md"
 
 
 EVERY_COMMAND = {**commands.commands, "study": study}
@@ -56,18 +54,11 @@ def test_the_first_run_finds_the_array_as_exactly_as_the_installation_says():
     assert said == pytest.approx(figure(r"error +mean ([\d.]+) mm", run_fdcal("fdcal calibrate tiny")), abs=0.15)
 
 
-@pytest.mark.parametrize(
-    "page",
-    [page for page in PAGES if "```python" in text_of(page) and page not in (TUTORIAL, CHANNELS, MEASURED)],
-    ids=name_of,
-)
-def test_the_python_code_of_a_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch):
+def test_a_script_of_the_examples_runs(tmp_path, monkeypatch, capsys):
+    """The quickest one; `python -m benchmarks documents` runs all, and the code of every page."""
     monkeypatch.chdir(tmp_path)
-    namespace: dict = {}
-    for block in blocks(text_of(page)):
-        if block.language == "python":
-            printed = run_python(block.code, name_of(page), namespace)
-            assert block.output is None or shows(block.output, printed), printed
+    runpy.run_path(str(ROOT / "examples" / "06_scene_of_your_own.py"), run_name="__main__")
+    assert figure(r"12 modes: good +mean error +([\d.]+) mm", capsys.readouterr().out) < 5
 
 
 @pytest.mark.parametrize("page", ALL, ids=name_of)

@@ -8,7 +8,7 @@ import pytest
 import soundfile
 
 import fdcal
-from benchmarks.documents import DOCS, ROOT, blocks, name_of, prose, run_python, text_of
+from benchmarks.documents import DOCS, PAGES, ROOT, blocks, name_of, prose, run_python, text_of
 from benchmarks.printed import run_fdcal, shows
 from fdcal.commands.report import summary
 from fdcal.model.gauge import align
@@ -36,6 +36,20 @@ def run_page(page, namespace: dict, skip: str = "") -> None:
             continue
         if block.output is not None:
             assert shows(block.output, printed), f"{name_of(page)} shows\n{block.output}\nand it prints\n{printed}"
+
+
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if "```python" in text_of(page) and page not in (TUTORIAL, CHANNELS, MEASURED)],
+    ids=name_of,
+)
+def test_the_python_code_of_a_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    namespace: dict = {}
+    for block in blocks(text_of(page)):
+        if block.language == "python":
+            printed = run_python(block.code, name_of(page), namespace)
+            assert block.output is None or shows(block.output, printed), printed
 
 
 def test_the_tutorial_runs_from_beginning_to_end_and_then_the_check_of_its_channels(tmp_path, monkeypatch):

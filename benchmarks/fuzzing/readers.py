@@ -45,7 +45,7 @@ class Reader:
     read: Callable[[Path], object]
     apart: bool = False
     mutate: Callable[[bytes, np.random.Generator], bytes] = broken
-    cases: int = 100
+    cases: int = 12
 
 
 def measurement(count: int = 8, modes: int = 6) -> Measurement:
@@ -127,7 +127,7 @@ SAMPLES = np.random.default_rng(0).uniform(-0.5, 0.5, (3, 200))
 def _make_sound(path: Path) -> None:
     import soundfile
 
-    soundfile.write(path, SAMPLES.T, 8000)
+    soundfile.write(path, SAMPLES.T, 8000, format=path.suffix[1:].upper())
 
 
 def _make_hdf5(path: Path) -> None:
@@ -215,11 +215,11 @@ READERS = {
     "session": Reader(".zip", _make_session, _read_session),
     "table": Reader(".csv", lambda path: path.write_text("name,x,y,z\na,1,2,3\nb,0.5,1e-1,-2\n"), _read_table),
     "archive": Reader(".npz", _make_recordings, _read_recording),
-    "wav": Reader(".wav", _make_sound, _read_recording),
-    "flac": Reader(".flac", _make_sound, _read_recording),
-    "hdf5": Reader(".h5", _make_hdf5, _read_recording, mutate=broken_structure, cases=6),
-    "sofa": Reader(".sofa", _make_sofa, _read_recording, mutate=broken_structure, cases=6),
+    **{name: Reader(f".{name}", _make_sound, _read_recording)
+       for name in ("wav", "flac", "w64", "rf64", "aiff", "au", "caf")},
+    "hdf5": Reader(".h5", _make_hdf5, _read_recording, mutate=broken_structure, cases=2),
+    "sofa": Reader(".sofa", _make_sofa, _read_recording, mutate=broken_structure, cases=2),
     "meshrir": Reader(".npz", _make_meshrir, _read_meshrir),
     "sdm": Reader(".mat", _make_sdm, _read_sdm, apart=True),
     "geometry": Reader(".xml", _make_geometry, _read_geometry),
-}
+}  # fmt: skip

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from benchmarks.fuzzing import examine, hostile_page
-from benchmarks.fuzzing.mutations import broken
 from benchmarks.fuzzing.readers import READERS, Reader
 
 
@@ -12,11 +11,6 @@ from benchmarks.fuzzing.readers import READERS, Reader
 def test_broken_files_are_refused_in_one_line(name):
     found = (examine.faults_apart if READERS[name].apart else examine.faults)(name, 0, READERS[name].cases)
     assert not found, "\n".join(found[:3])
-
-
-def test_the_same_case_breaks_a_file_the_same_way():
-    one, other = (broken(b"key = 1.5\n" * 20, np.random.default_rng(7)) for _ in range(2))
-    assert one == other
 
 
 @pytest.mark.parametrize(
@@ -37,7 +31,7 @@ def test_a_reader_at_fault_is_found(read, words, tmp_path, monkeypatch):
 # What a hostile page sends, the same in every run: an honest page goes on, and the server logs no error.
 
 
-MESSAGES, SEEDS = 40, 200  # connections, and those whose messages are looked at alone
+MESSAGES, SEEDS = 20, 200  # connections, and those whose messages are looked at alone
 
 
 def test_no_message_of_a_page_disturbs_another():

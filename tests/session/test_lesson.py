@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from running import exit_code
 
+from fdcal import solvers
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import lesson as lessons
 from fdcal.session.lesson import Frame, LessonSetting, lesson_folder, lesson_names, load_lesson, parse_frame
@@ -165,3 +167,14 @@ def test_an_installed_package_brings_the_lessons_along():
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
     taken = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
     assert taken["lessons"] == "fdcal/lessons" and lesson_folder().name == "lessons"
+
+
+def test_a_lesson_states_the_error_of_its_scene():
+    """Its first number alone; `python -m benchmarks documents` compares all numbers of all lessons."""
+    lesson = load_lesson("3_too_many_too_soon")
+    scene, seed = lesson.start(0)
+    measurement, descent = cached_measurement(scene), solvers.load("descent")
+    problem = measurement.problem(scene.solver.weights)
+    begun = measurement.errors(descent.init(problem, scene.solver, seed).positions)[problem.free].mean()
+    assert begun == pytest.approx(0.224, abs=0.005)
+    assert "22 cm from their true positions" in " ".join(step.text for step in lesson.steps)

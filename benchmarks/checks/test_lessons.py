@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from solving import run_from
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -20,6 +19,14 @@ from fdcal.session.process import one_blas_thread
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import CalibrationInput
 from fdcal.viewer import opening
+
+
+def run_from(solver, problem, state) -> list:
+    """The states of a solver from `state` to the end, `state` first."""
+    states = [state]
+    while not states[-1].finished:
+        states.append(solver.step(problem, states[-1]))
+    return states
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,7 @@ import pytest
 
 import fdcal
 
-pytestmark = pytest.mark.usefixtures("remembered_runs")
-
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 NOTEBOOK = EXAMPLES / "first_calibration.ipynb"
 SLOW = ("01", "04")  # these take another scene than the paper's, which take a minute to simulate
