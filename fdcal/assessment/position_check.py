@@ -60,10 +60,18 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
 
     tolerance, tree = tolerance_of(others), KDTree(others)
     max_count = max(1, int(MAX_REFINED * min(1.0, (USUAL_COUNT / len(points)) ** 2)))
-    half = _same_order(points, others)
+    off = np.median(np.abs(distances(points, points) - distances(others, others)), axis=1)
+    half = np.argsort(off, kind="stable")[: max(points.shape[1] + 2, (len(points) + 1) // 2)]
     found = [_refined(align(points, others, by), others, tolerance) for by in (half, slice(None))]
     for base in _bases(points):
-        motions = _motions(points, others, base, tolerance)
+        groups = _groups(points[base], others, tolerance)
+        centred, targets = points - points[base].mean(axis=0), others[groups]
+        middles = targets.mean(axis=1, keepdims=True)
+        U, _, Vt = np.linalg.svd(centred[base].T @ (targets - middles))
+        mirror = np.append(
+            np.ones(points.shape[1] - 1), -1.0
+        )  # D points leave open on which side of them the others lie
+        motions = np.concatenate([centred @ U @ Vt + middles, centred @ (U * mirror) @ Vt + middles])
         if len(motions):
             rough = np.minimum(tree.query(motions)[0], tolerance)
             best = np.argsort((rough**2).sum(axis=1), kind="stable")[:max_count]
@@ -82,12 +90,6 @@ def assigned(placed: np.ndarray, others: np.ndarray, tolerance: float) -> np.nda
     distance = distances(placed, others)
     beyond = np.maximum(distance - tolerance, 0.0)  # beyond the tolerance nearer is better still, but counts little
     return linear_sum_assignment(np.minimum(distance, tolerance) ** 2 + 1e-3 * tolerance * beyond)[1]
-
-
-def _same_order(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the half of the points whose distances to the rest agree best in the order as it is."""
-    off = np.median(np.abs(distances(points, points) - distances(others, others)), axis=1)
-    return np.argsort(off, kind="stable")[: max(points.shape[1] + 2, (len(points) + 1) // 2)]
 
 
 MAX_ROUNDS = 20  # number of turns of a refinement at most
@@ -122,16 +124,6 @@ def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
             base.append(free[int(np.argmax(apart))])
         free = [n for n in free if n not in base]
         yield np.array(base)
-
-
-def _motions(points: np.ndarray, others: np.ndarray, base: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the points laid onto every group of `others` with the distances of the base : (K, N, D) float64."""
-    groups = _groups(points[base], others, tolerance)
-    centred, targets = points - points[base].mean(axis=0), others[groups]
-    middles = targets.mean(axis=1, keepdims=True)
-    U, _, Vt = np.linalg.svd(centred[base].T @ (targets - middles))
-    mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points leave open on which side of them the others lie
-    return np.concatenate([centred @ U @ Vt + middles, centred @ (U * mirror) @ Vt + middles])
 
 
 MAX_WORK = 64_000  # number of points that the motions of each base move, at most

@@ -48,6 +48,7 @@ P. Stoica, R. Moses, "Spectral Analysis of Signals", 2005: the Slepian-Bangs for
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -55,7 +56,9 @@ from scipy.special import chdtri
 
 from ..cost.kernels import diffuse_kernel
 from ..model.gauge import align, rigid_motions
-from ..solvers.interface import Estimate
+
+if TYPE_CHECKING:  # a plan needs no solver
+    from ..solvers.interface import Estimate
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly
 MIN_EIGENVALUE = 1e-13  # of the scaled information: directions with less are as good as undetermined
@@ -125,8 +128,29 @@ def diffuse_information(positions, wavenumbers, noise_fraction: float, dimension
     for some in np.array_split(k, min(len(k), 1 + len(k) * (N * D) ** 2 // BLOCK)):
         kappa, over = diffuse_kernel(distance, some, dimension)
         slopes = np.asarray(over).reshape(-1, 1, N, N) * np.moveaxis(apart, -1, 0)
-        total = total + _of_modes(kappa.reshape(-1, N, N), slopes, noise_fraction)
-    return _with_sound_speed(x, np.asarray(total))
+        # On positions and gains, each mode of unknown power: slopes are d kappa_ij / dx_ia, 1/m.
+        M, K, S, one = (
+            len(some),
+            (1 - noise_fraction) * kappa.reshape(-1, N, N),
+            (1 - noise_fraction) * slopes,
+            np.eye(N),
+        )
+        C = K + noise_fraction * one
+        Ci = np.linalg.inv(C)
+        CS = Ci[:, None] @ S.swapaxes(2, 3)
+        places = Ci[:, None, None] * (S[:, :, None] @ CS[:, None]) + CS[:, None] * CS.swapaxes(2, 3)[:, :, None]
+        places = places.sum(axis=0).transpose(2, 0, 3, 1)
+        mixed = np.sum(Ci[:, None] * S, axis=0) + np.einsum("mnj,manj->an", Ci, S)[:, None] * one
+        mixed = mixed.transpose(1, 0, 2).reshape(N * D, N)
+        F = 2 * np.block([[places.reshape(N * D, N * D), mixed], [mixed.T, np.sum(C * Ci, axis=0) + M * one]])
+        # The Schur complement of the power of the field, dC/ds = K / s.
+        inner = Ci @ K @ Ci
+        cross = [np.einsum("manj,mnj->mna", S, inner).reshape(M, -1), np.einsum("mnj,mnj->mn", Ci, K)]
+        cross = 2 * np.concatenate(cross, axis=1)
+        total = total + (F - (cross / np.sum(inner * K, axis=(1, 2))[:, None]).T @ cross)
+    F = np.asarray(total)
+    T = np.vstack([np.eye(len(F)), np.append(-x.ravel(), np.zeros(len(x)))])
+    return Information(x, T @ (F + F.T) @ T.T / 2)
 
 
 def position_bound(information: Information, prior: Prior) -> Bound:
@@ -149,34 +173,6 @@ def position_bound(information: Information, prior: Prior) -> Bound:
     of_sought = P[np.ix_(sought, sought)]
     freedom = float(np.trace(of_sought) ** 2 / np.sum(of_sought**2))
     return Bound(blocks, free, np.sqrt(np.maximum(values, 0.0)), shapes, float(np.sqrt(size @ P @ size)), freedom)
-
-
-def _of_modes(kappa: np.ndarray, slopes: np.ndarray, noise_fraction: float) -> np.ndarray:
-    """Return the information of modes on positions and gains, each of unknown power : (N D + N, N D + N).
-
-    kappa (M, N, N), and slopes d kappa_ij / dx_ia (M, D, N, N), 1/m.
-    """
-    M, D, N = slopes.shape[:3]
-    K, S, one = (1 - noise_fraction) * kappa, (1 - noise_fraction) * slopes, np.eye(N)
-    C = K + noise_fraction * one
-    Ci = np.linalg.inv(C)
-    CS = Ci[:, None] @ S.swapaxes(2, 3)
-    places = Ci[:, None, None] * (S[:, :, None] @ CS[:, None]) + CS[:, None] * CS.swapaxes(2, 3)[:, :, None]
-    places = places.sum(axis=0).transpose(2, 0, 3, 1)
-    mixed = np.sum(Ci[:, None] * S, axis=0) + np.einsum("mnj,manj->an", Ci, S)[:, None] * one
-    mixed = mixed.transpose(1, 0, 2).reshape(N * D, N)
-    F = 2 * np.block([[places.reshape(N * D, N * D), mixed], [mixed.T, np.sum(C * Ci, axis=0) + M * one]])
-    # The Schur complement of the power of the field, dC/ds = K / s.
-    inner = Ci @ K @ Ci
-    cross = [np.einsum("manj,mnj->mna", S, inner).reshape(M, -1), np.einsum("mnj,mnj->mn", Ci, K)]
-    cross = 2 * np.concatenate(cross, axis=1)
-    return F - (cross / np.sum(inner * K, axis=(1, 2))[:, None]).T @ cross
-
-
-def _with_sound_speed(x: np.ndarray, F: np.ndarray) -> Information:
-    """Return information on positions and gains with that on log c, along which the array shrinks."""
-    T = np.vstack([np.eye(len(F)), np.append(-x.ravel(), np.zeros(len(x)))])
-    return Information(x, T @ (F + F.T) @ T.T / 2)
 
 
 def _covariance(information: Information, prior: Prior) -> np.ndarray:

@@ -17,7 +17,7 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.validation import InputError, parse_modes
 from ..session.calibration_run import problem_of, states_of
-from ..session.lesson import IN_USE, Lesson, LessonSetting, LessonStep, load_lesson, states_of_lesson
+from ..session.lesson import IN_USE, Lesson, LessonSetting, load_lesson, states_of_lesson
 from ..session.session import recorded
 from ..session.sources import CalibrationInput, with_settings
 from .options import scene_of
@@ -152,7 +152,16 @@ def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | 
             run = next(runs)
             parts.append(_part(setting.unfolded(), problem) | {"range": [len(states), len(states) + len(run) - 1]})
             states += run
-        steps.append(_texts(step) | {"parts": parts})
+        steps.append(
+            {
+                "text": _paragraphs(step.text),
+                "question": step.question,
+                "choices": list(step.choices),
+                "answer": step.answer - 1,
+                "reveal": _paragraphs(step.reveal),
+                "parts": parts,
+            }
+        )
     page = replay_html(
         scene, measurement, states, lesson.title, reference_cost_of(problem), problem=problem,
         max_bytes=MAX_LESSON_BYTES, lesson={"steps": steps, "following": following},
@@ -161,16 +170,6 @@ def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | 
     n = int(problem.free[0]) if first.microphone is None else first.microphone
     chosen = parse_modes(first.map_modes, len(problem.frequencies)) if first.map_modes not in (None, IN_USE) else None
     return page, picture_of(measurement, problem, states[0], n, chosen)
-
-
-def _texts(step: LessonStep) -> dict:
-    return {
-        "text": _paragraphs(step.text),
-        "question": step.question,
-        "choices": list(step.choices),
-        "answer": step.answer - 1,
-        "reveal": _paragraphs(step.reveal),
-    }
 
 
 def _paragraphs(text: str) -> Sequence[str]:

@@ -120,16 +120,14 @@ class SpaceLattice:
                     total += fits[int(number - numbers[0])].cost_of(rows)
             return total
 
-        everything, stride = np.arange(len(numbers)), self._stride(float(self._k[numbers].max()))
+        # distance of coarse candidates in steps of the lattice, a power of two
+        wavelength = 2 * np.pi / float(self._k[numbers].max())
+        max_stride = min(wavelength * SPACING / self._search.step, (self._shape.min() - 1) / (MIN_COARSE - 1))
+        everything, stride = np.arange(len(numbers)), 2 ** max(int(np.log2(max(max_stride, 1.0))), 0)
         seeds = [self._search.index(start), *self._coarse(cost, stride, everything)]
         found = [self._refined(functools.partial(cost, part=everything), seed, stride) for seed in seeds]
         index, least = min(found, key=lambda one: one[1])
         return self._place(index), least
-
-    def _stride(self, k: float) -> int:
-        """Return the distance of coarse candidates in steps of the lattice, a power of two."""
-        max_stride = min(2 * np.pi / k * SPACING / self._search.step, (self._shape.min() - 1) / (MIN_COARSE - 1))
-        return 2 ** max(int(np.log2(max(max_stride, 1.0))), 0)
 
     def _coarse(self, cost: Callable[..., np.ndarray], stride: int, modes: np.ndarray) -> np.ndarray:
         """Return the indices of the best coarse candidates : (S, 3) int64."""

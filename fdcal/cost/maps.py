@@ -35,7 +35,7 @@ from scipy.special import jv
 from ..acoustics.dictionary import fourier_bessel, max_order
 from ..model.problem import ChannelCorrection, Problem, SolverState, equalised
 from ..model.settings import Search
-from ..model.validation import Complexes, InputError, Integers, Reals, frozen_array
+from ..model.validation import Complexes, InputError, Reals, frozen_array
 from .eq7 import LeaveOneOutFit, coefficients, known_weights, leave_one_out_fits
 from .expansion import (
     FieldExpansion,
@@ -510,14 +510,11 @@ def minima_of(cost: Reals, search: Search) -> Minima:
     lowest = np.array(np.unravel_index(values.argmin(), values.shape))[None]
     found = found[(found != lowest).any(axis=1)]
     fits = values[tuple(found.T)] <= values.min() + DEPTH
-    high, count = float(np.max(cost)), len(found) + int(_is_inside(lowest[0], values.shape))
+    inside = (lowest[0] > 0) & (lowest[0] < np.array(values.shape) - 1)
+    high, count = float(np.max(cost)), len(found) + int(np.all(inside))
     end = high * 10.0**-DECADES if 0 <= np.min(cost) < high * 10.0**-DECADES else None
     marked, others = map_positions(np.concatenate([lowest, found[fits]]), search), map_positions(found[~fits], search)
     return Minima(frozen_array(marked, float), frozen_array(others, float), count, end)
-
-
-def _is_inside(point: Integers, shape: tuple[int, ...]) -> bool:
-    return bool(np.all((point > 0) & (point < np.array(shape) - 1)))
 
 
 def mode_shape(

@@ -124,7 +124,17 @@ def in_frame(positions: Reals, frame: str) -> np.ndarray:
         return positions
     if frame == "minimal":
         apart = positions - positions[0]
-        return apart @ _minimal_axes(apart).T
+        extent = np.linalg.norm(apart, axis=1).max()
+        # An array in a line or a plane leaves some axes open, which those of the coordinates complete.
+        candidates = [(vector, COLLINEAR * extent) for vector in apart[1:]]
+        candidates += [(axis, INDEPENDENT) for axis in np.eye(apart.shape[1])]
+        axes = np.zeros((0, apart.shape[1]))
+        for vector, least in candidates:
+            rest = vector - axes.T @ (axes @ vector)
+            rest = rest - axes.T @ (axes @ rest)  # removes rounding
+            if len(axes) < apart.shape[1] and np.linalg.norm(rest) > least:
+                axes = np.vstack([axes, rest / np.linalg.norm(rest)])
+        return apart @ axes.T
     return (positions - positions.mean(axis=0)) @ principal_axes(positions)
 
 
@@ -133,18 +143,3 @@ def principal_axes(positions: Reals) -> np.ndarray:
     centred = positions - positions.mean(axis=0)
     axes = np.linalg.svd(centred, full_matrices=True)[2].T
     return axes * np.where(np.sum((centred @ axes) ** 3, axis=0) < 0, -1.0, 1.0)
-
-
-def _minimal_axes(apart: np.ndarray) -> np.ndarray:
-    """Return the axes (D, D), in rows, of the frame "minimal", from offsets (N, D) from the first microphone."""
-    extent = np.linalg.norm(apart, axis=1).max()
-    # An array in a line or a plane leaves some axes open, which those of the coordinates complete.
-    candidates = [(vector, COLLINEAR * extent) for vector in apart[1:]]
-    candidates += [(axis, INDEPENDENT) for axis in np.eye(apart.shape[1])]
-    axes = np.zeros((0, apart.shape[1]))
-    for vector, least in candidates:
-        rest = vector - axes.T @ (axes @ vector)
-        rest = rest - axes.T @ (axes @ rest)  # removes rounding
-        if len(axes) < apart.shape[1] and np.linalg.norm(rest) > least:
-            axes = np.vstack([axes, rest / np.linalg.norm(rest)])
-    return axes

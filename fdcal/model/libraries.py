@@ -34,11 +34,6 @@ def extra_of(package: str) -> str | None:
     return min((extra for extra in brought if library in brought[extra]), key=lambda e: len(brought[e]), default=None)
 
 
-def install_remedy(extra: str) -> str:
-    """Return how to install an extra of fdcal, in a checkout and elsewhere."""
-    return f"install it: pip install -e '.[{extra}]' in a checkout of fdcal, pip install 'fdcal[{extra}]' elsewhere"
-
-
 def missing_library(error: ImportError) -> InputError | None:
     """Return the error for a library of an extra that is not installed; None if something else is wrong."""
     package = (error.name or "").partition(".")[0]
@@ -46,7 +41,10 @@ def missing_library(error: ImportError) -> InputError | None:
     if extra is None:
         return None
     library = LIBRARY.get(package, package)
-    return InputError(f'this needs the library "{library}" of the extra "{extra}"', install_remedy(extra))
+    return InputError(
+        f'this needs the library "{library}" of the extra "{extra}"',
+        f"install it: pip install -e '.[{extra}]' in a checkout of fdcal, pip install 'fdcal[{extra}]' elsewhere",
+    )
 
 
 def needs(name: str) -> ModuleType:

@@ -60,7 +60,14 @@ def load_sdm_response(path: str | Path) -> SdmResponse:
     """Return the response in a .mat file with `p`, `azi_rad`, `ele_rad` and `fs`, from the direct sound on."""
     pressure, azimuth, elevation, sample_rate = _variables(Path(path))
     start = direct_sound(pressure, str(path))
-    require_unwrapped(pressure, start, str(path))
+    # The sound of a room dies away. If the last samples are louder than the quietest ones after the direct sound, they
+    # are the beginning of the response, from a circular deconvolution, and the waves of the file are in a wrong order.
+    segments = min(SEGMENTS, len(pressure) - start)
+    peaks = np.array([np.abs(part).max() for part in np.array_split(pressure[start:], segments)])
+    if len(pressure) - start < len(pressure) / 2 or peaks[-1] > END_PEAK * peaks.min():
+        problem = f"{path}: the response wraps round: its beginning is at the end of the file"
+        remedy = "shift it so that it begins with the direct sound, and take the silence before it off the end"
+        raise InputError(problem, remedy, key="p")
     across = np.cos(elevation)
     directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)], axis=1)
     times = np.arange(len(pressure)) / sample_rate
@@ -73,20 +80,6 @@ def direct_sound(pressure: np.ndarray, path: str = "response") -> int:
     if not level.max() > 0:
         raise InputError(f"{path}: the response is silent", "measure it again", key="p")
     return int(np.argmax(level >= DIRECT_SOUND * level.max()))
-
-
-def require_unwrapped(pressure: np.ndarray, start: int, path: str = "response") -> None:
-    """Raise InputError for a response (T,) that begins at the end of the file.
-
-    The sound of a room dies away. If the last samples are louder than the quietest ones after the direct sound, they
-    are the beginning of the response, from a circular deconvolution, and the waves of the file are in a wrong order.
-    """
-    segments = min(SEGMENTS, len(pressure) - start)
-    peaks = np.array([np.abs(part).max() for part in np.array_split(pressure[start:], segments)])
-    if len(pressure) - start < len(pressure) / 2 or peaks[-1] > END_PEAK * peaks.min():
-        problem = f"{path}: the response wraps round: its beginning is at the end of the file"
-        remedy = "shift it so that it begins with the direct sound, and take the silence before it off the end"
-        raise InputError(problem, remedy, key="p")
 
 
 def _variables(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:

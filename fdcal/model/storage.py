@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import platformdirs
 
 from .validation import LIMITS, InputError, StorageError, shown
 
@@ -84,7 +83,11 @@ def cache_key(*parts: Any) -> str:
 
 def cache_folder() -> Path:
     """Return the folder of the cache: FDCAL_CACHE, or the system's usual one."""
-    return Path(os.environ.get("FDCAL_CACHE") or platformdirs.user_cache_dir("fdcal"))
+    if folder := os.environ.get("FDCAL_CACHE"):
+        return Path(folder)
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("fdcal"))
 
 
 def load_or_make(name: str, make: Callable[..., Any], read: Callable[..., Any], write: Callable[..., Any]):
@@ -102,7 +105,13 @@ def load_or_make(name: str, make: Callable[..., Any], read: Callable[..., Any], 
         write(buffer, value)
         buffer.write(_checksum(buffer.getbuffer()))
         write_atomically(path, lambda temporary: temporary.write_bytes(buffer.getbuffer()), force=True)
-        _delete_least_recently_used(path.parent)
+        files = sorted(
+            (f for f in path.parent.glob("*.np[yz]") if len(f.stem) == 64), key=lambda f: -f.stat().st_mtime_ns
+        )
+        totals = np.cumsum([f.stat().st_size for f in files])
+        old = [f for f in path.parent.glob(f"{TEMPORARY}*") if f.stat().st_mtime < time.time() - ABANDONED]
+        for file in [f for f, total in zip(files[1:], totals[1:], strict=True) if total > CACHE_BYTES] + old:
+            file.unlink(missing_ok=True)
     except OSError as error:
         log.warning("nothing is stored in the cache: %s", error)
     return value
@@ -127,15 +136,6 @@ def load_cached(name: str, read: Callable[..., Any]):
 
 def _checksum(content: Any) -> bytes:
     return hashlib.blake2b(content, digest_size=CHECKSUM).digest()
-
-
-def _delete_least_recently_used(folder: Path) -> None:
-    """Delete cache files until the rest fits in CACHE_BYTES, and temporary files that a killed run has left."""
-    files = sorted((f for f in folder.glob("*.np[yz]") if len(f.stem) == 64), key=lambda f: -f.stat().st_mtime_ns)
-    totals = np.cumsum([f.stat().st_size for f in files])
-    old = [f for f in folder.glob(f"{TEMPORARY}*") if f.stat().st_mtime < time.time() - ABANDONED]
-    for file in [f for f, total in zip(files[1:], totals[1:], strict=True) if total > CACHE_BYTES] + old:
-        file.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

@@ -120,7 +120,12 @@ def stationary_pressures(
     """
     recording = in_memory(decimate(recording, band[1]))
     length, starts = segments(recording, band)
-    grid, powers = channel_powers(recording, band, length, starts)
+    fs = recording.sample_rate
+    first, last = max(2, int(np.ceil(band[0] * length / fs))), int(np.floor(band[1] * length / fs))
+    total = np.zeros((recording.count, last - first + 1))
+    for bare in _bare_spectra(recording, length, starts, first - 1, last + 1):
+        total += np.abs(bare[:, 1:-1] / 2 - (bare[:, :-2] + bare[:, 2:]) / 4) ** 2
+    grid, powers = np.arange(first, last + 1) * fs / length, total / len(starts)
     window = 2 * recording.sample_rate / length
     spacing = room_spacing(powers, window)
     power = powers.mean(axis=0)
@@ -186,16 +191,6 @@ def segments(recording: Recording, band: tuple[float, float]) -> tuple[int, np.n
 def min_duration(low: float) -> float:
     """Return the least seconds of a recording from which a mean can be taken at `low` Hz."""
     return 4 * max(SEGMENTS.min_duration, 8 / low)
-
-
-def channel_powers(recording: Recording, band, length: int, starts) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequencies (B,), Hz, and the power (N, B) of each channel there, mean over segments."""
-    fs = recording.sample_rate
-    first, last = max(2, int(np.ceil(band[0] * length / fs))), int(np.floor(band[1] * length / fs))
-    total = np.zeros((recording.count, last - first + 1))
-    for bare in _bare_spectra(recording, length, starts, first - 1, last + 1):
-        total += np.abs(bare[:, 1:-1] / 2 - (bare[:, :-2] + bare[:, 2:]) / 4) ** 2
-    return np.arange(first, last + 1) * fs / length, total / len(starts)
 
 
 def room_spacing(powers: np.ndarray, window: float) -> Spacing:

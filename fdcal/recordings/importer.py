@@ -338,7 +338,20 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
     left_out = ", ".join(f"{name} ({reason})" for name, reason in report.left_out.items()) or "none"
     left_out = f"left out     {left_out}; none of the others is silent, clipped or a copy"
     if report.takes:
-        lines = _take_lines(report.takes, measurement, left_out)
+        counts = [len(one.pressures.frequencies) for one in report.takes]
+        even = f"{counts[0]}" if len(set(counts)) == 1 else f"{min(counts)} to {max(counts)}"
+        f = measurement.frequencies
+        lines = [
+            f"takes        {len(report.takes)} of {measurement.count} channels",
+            f"rows         {even} per take, {len(f)} in all, {f[0]:.1f} to {f[-1]:.1f} Hz",
+            left_out,
+        ]
+        for number, one in enumerate(report.takes):
+            snr = _snr(one.pressures)
+            level = "modelled" if one.recording.modelled else "SNR unknown" if snr is None else f"SNR {_median(snr)}"
+            kind = KIND_WORDS[one.kind].partition(":")[0]
+            lines.append(f"{f'take {number}':<12} {one.recording.path}: {_duration(one.recording)} ({kind})")
+            lines.append(f"             {one.pressures.how}; {_band(one.pressures)}; {level}")
     else:
         lines = [
             f"channels     {recording.count}, {_duration(recording)} ({KIND_WORDS[report.kind]})",
@@ -372,25 +385,6 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
     if count < needed:
         lines.append(f"warning: {count} microphones are too few to be found: use {needed} or more, {MANY} in a room")
     return "\n".join(lines)
-
-
-def _take_lines(takes: Sequence[ImportReport], measurement: Measurement, left_out: str) -> list[str]:
-    """Return a line for each take: its rows, where they are from, and their signal-to-noise ratio."""
-    counts = [len(one.pressures.frequencies) for one in takes]
-    even = f"{counts[0]}" if len(set(counts)) == 1 else f"{min(counts)} to {max(counts)}"
-    f = measurement.frequencies
-    lines = [
-        f"takes        {len(takes)} of {measurement.count} channels",
-        f"rows         {even} per take, {len(f)} in all, {f[0]:.1f} to {f[-1]:.1f} Hz",
-        left_out,
-    ]
-    for number, one in enumerate(takes):
-        snr = _snr(one.pressures)
-        level = "modelled" if one.recording.modelled else "SNR unknown" if snr is None else f"SNR {_median(snr)}"
-        kind = KIND_WORDS[one.kind].partition(":")[0]
-        lines.append(f"{f'take {number}':<12} {one.recording.path}: {_duration(one.recording)} ({kind})")
-        lines.append(f"             {one.pressures.how}; {_band(one.pressures)}; {level}")
-    return lines
 
 
 def _duration(recording: Recording) -> str:

@@ -171,33 +171,6 @@ def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarra
     return total / len(reduced)
 
 
-def whitened_levels(recording: Recording, band: tuple[float, float]) -> np.ndarray:
-    """Return the power in half-overlapping segments, each frequency of the band relative to its own quiet quarter.
-
-    It is a mean over a few channels, a geometric one over the frequencies : (2 segments,), about 1 for noise alone.
-    Frequencies with less than three periods in a segment are left out, down to a third of the band.
-    """
-    reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
-    samples = reduced.shape[1]
-    length = max(8, samples // DECAY.segments)
-    low = max(band[0], min(3 * fs / length, band[1] / 3))
-    starts = np.linspace(0, samples - length, 2 * DECAY.segments).astype(int)
-    whole, padded = fast_length(SPECTRUM.padding * samples), fast_length(SPECTRUM.padding * length)
-    above = np.sin(np.pi / 2 * np.clip(2 * np.arange(whole // 2 + 1) * fs / whole / low - 1, 0, 1)) ** 2
-    f = np.arange(padded // 2 + 1) * fs / padded
-    inside = (f >= low) & (f <= max(band[1], low + fs / length))
-    edge = np.clip(np.arange(1, length + 1) / (length / 8), 0, 1)
-    taper = np.sin(np.pi / 2 * np.minimum(edge, edge[::-1])) ** 2
-    power = np.zeros((len(starts), int(inside.sum())))
-    for row in reduced:
-        kept = irfft(rfft(row, whole) * above, whole)
-        for at, start in enumerate(starts):
-            power[at] += np.abs(rfft(kept[start : start + length] * taper, padded)[inside]) ** 2
-    floor = 1e-12 * max(power.max(), 1e-300)
-    quiet = np.percentile(power, 25, axis=0)
-    return np.exp(np.mean(np.log(np.maximum(power, floor) / np.maximum(quiet, floor)), axis=1))
-
-
 def _reduced(recording: Recording, channels: np.ndarray, min_rate: float) -> tuple[np.ndarray, float]:
     """Return channels (n, t) averaged over neighbouring samples, at `min_rate`, Hz, at least if possible."""
     factor = max(1, int(recording.sample_rate / min_rate))
@@ -319,7 +292,25 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
         end, lowest = float(level[0]), float(level.min())
     rises = end > max(RISE * lowest, DECAY.min_power * level.max())
     if rises and top < last:
-        even = whitened_levels(recording, band)
+        reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
+        samples = reduced.shape[1]
+        length = max(8, samples // DECAY.segments)
+        low = max(band[0], min(3 * fs / length, band[1] / 3))
+        starts = np.linspace(0, samples - length, 2 * DECAY.segments).astype(int)
+        whole, padded = fast_length(SPECTRUM.padding * samples), fast_length(SPECTRUM.padding * length)
+        above = np.sin(np.pi / 2 * np.clip(2 * np.arange(whole // 2 + 1) * fs / whole / low - 1, 0, 1)) ** 2
+        f = np.arange(padded // 2 + 1) * fs / padded
+        inside = (f >= low) & (f <= max(band[1], low + fs / length))
+        edge = np.clip(np.arange(1, length + 1) / (length / 8), 0, 1)
+        taper = np.sin(np.pi / 2 * np.minimum(edge, edge[::-1])) ** 2
+        power = np.zeros((len(starts), int(inside.sum())))
+        for row in reduced:
+            kept = irfft(rfft(row, whole) * above, whole)
+            for at, start in enumerate(starts):
+                power[at] += np.abs(rfft(kept[start : start + length] * taper, padded)[inside]) ** 2
+        floor = 1e-12 * max(power.max(), 1e-300)
+        quiet = np.percentile(power, 25, axis=0)
+        even = np.exp(np.mean(np.log(np.maximum(power, floor) / np.maximum(quiet, floor)), axis=1))
         count = len(even) // DECAY.segments
         rises = bool(even[-2 * count :].max() > RISE * even[min(top * count, len(even) - 2) :].min())
     if rises:

@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 import numpy as np
 
 from ..acoustics.dictionary import array_f_max
-from ..acoustics.measure import cached_measurement
 from ..acoustics.room_modes import independent_frequencies
 from ..assessment.uncertainty import Prior
 from ..model.arrays import WALL_DISTANCE_M, ball, box, circle, positions_of, rectangle
@@ -66,6 +65,8 @@ def read_layout(text: str, seed: int = 0) -> Layout:
         if not isinstance(scene, MeasuredScene):
             positions = positions_of(scene)
             return Layout(scene.name, tuple(map(str, range(len(positions)))), positions, scene)
+        from ..acoustics.measure import cached_measurement  # brings the signal library, which no other layout needs
+
         measurement = cached_measurement(scene)
         if measurement.positions is not None:
             return Layout(scene.name, measurement.names, measurement.positions)

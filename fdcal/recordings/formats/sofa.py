@@ -209,7 +209,33 @@ def _write(path: Path, placed: MicrophonePositions, original: str | None) -> Non
             sofa.GLOBAL_Title = "microphone positions found by fdcal; Data.IR is a placeholder"
             for name, direction in (("View", [1.0, 0, 0]), ("Up", [0, 0, 1.0])):  # orientations are unknown
                 setattr(sofa, f"Receiver{name}", np.tile(direction, (count, 1))[:, :, None])
-        _fill_in(sofa, placed, original)
+        receivers = np.shape(sofa.Data_IR)[1]
+        measurements, repetition = np.shape(sofa.Data_IR)[0], np.arange(np.shape(sofa.Data_IR)[0])
+        source = np.atleast_2d(np.asarray(sofa.SourcePosition, float))
+        if len(source) == measurements:  # how often the source of each measurement was recorded before it
+            cells = np.round(source.reshape(measurements, -1) / SAME_POSITION)
+            which = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+            repetition = np.array([np.sum(which[:m] == one) for m, one in enumerate(which)])
+        microphone = repetition[:, None] * receivers + np.arange(receivers)  # of each measurement and receiver (M, R)
+        if not np.array_equal(np.unique(microphone), np.arange(len(placed.names))):
+            problem = (
+                f"{original} has {microphone.max() + 1} receiver positions, the result {len(placed.names)} microphones"
+            )
+            raise InputError(problem, "leave out <original>, or calibrate all of them", key="original", value=original)
+        _require_one_order(sofa, repetition, original)
+        positions, numbers = placed.positions, {str(n): n for n in range(len(placed.names))}
+        if set(placed.names) == set(numbers):  # the names are the numbers of the channels
+            positions = positions[np.argsort([numbers[name] for name in placed.names])]
+        positions = positions[microphone]
+        moved = repetition.max() > 0
+        carried = moved and receivers == 1
+        receiver = np.zeros((1, 3, 1)) if carried else np.moveaxis(positions if moved else positions[:1], 0, 2)
+        if receiver.shape[2] == 1 and np.ndim(sofa.ReceiverPosition) == 2:
+            receiver = receiver[:, :, 0]
+        _set_cartesian(sofa, "ListenerPosition", positions[:, 0] if carried else np.zeros((1, 3)))
+        _set_cartesian(sofa, "ReceiverPosition", receiver)
+        _set_cartesian(sofa, "ListenerView", np.array([[1.0, 0, 0]]))
+        _set_cartesian(sofa, "ListenerUp", np.array([[0, 0, 1.0]]))
         for name in [name for name in vars(sofa) if name.endswith("Descriptions")]:
             sofa.delete(name)  # optional, and with netCDF4 1.7.5 sofar cannot write a text for each receiver
         try:
@@ -239,37 +265,6 @@ def _copied(sofar, original: str):
     except Exception as error:  # a damaged file raises anything
         raise InputError(f"original = {original} cannot be read: {error}", key="original", value=original) from error
     return sofa
-
-
-def _fill_in(sofa, placed: MicrophonePositions, original: str | None) -> None:
-    """Set the positions of the receivers, or those of the listener who carries one receiver from place to place."""
-    receivers = np.shape(sofa.Data_IR)[1]
-    measurements, repetition = np.shape(sofa.Data_IR)[0], np.arange(np.shape(sofa.Data_IR)[0])
-    source = np.atleast_2d(np.asarray(sofa.SourcePosition, float))
-    if len(source) == measurements:  # how often the source of each measurement was recorded before it
-        cells = np.round(source.reshape(measurements, -1) / SAME_POSITION)
-        which = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-        repetition = np.array([np.sum(which[:m] == one) for m, one in enumerate(which)])
-    microphone = repetition[:, None] * receivers + np.arange(receivers)  # of each measurement and receiver (M, R)
-    if not np.array_equal(np.unique(microphone), np.arange(len(placed.names))):
-        problem = (
-            f"{original} has {microphone.max() + 1} receiver positions, the result {len(placed.names)} microphones"
-        )
-        raise InputError(problem, "leave out <original>, or calibrate all of them", key="original", value=original)
-    _require_one_order(sofa, repetition, original)
-    positions, numbers = placed.positions, {str(n): n for n in range(len(placed.names))}
-    if set(placed.names) == set(numbers):  # the names are the numbers of the channels
-        positions = positions[np.argsort([numbers[name] for name in placed.names])]
-    positions = positions[microphone]
-    moved = repetition.max() > 0
-    carried = moved and receivers == 1
-    receiver = np.zeros((1, 3, 1)) if carried else np.moveaxis(positions if moved else positions[:1], 0, 2)
-    if receiver.shape[2] == 1 and np.ndim(sofa.ReceiverPosition) == 2:
-        receiver = receiver[:, :, 0]
-    _set_cartesian(sofa, "ListenerPosition", positions[:, 0] if carried else np.zeros((1, 3)))
-    _set_cartesian(sofa, "ReceiverPosition", receiver)
-    _set_cartesian(sofa, "ListenerView", np.array([[1.0, 0, 0]]))
-    _set_cartesian(sofa, "ListenerUp", np.array([[0, 0, 1.0]]))
 
 
 def _set_cartesian(sofa, name: str, value: np.ndarray) -> None:

@@ -38,7 +38,10 @@ def _read_sound(path: Path, source: int | None = None) -> Recording:
         raise InputError(f"{path} is not a sound file that can be read: {reason}") from error
     if not seekable or samples >= 2**62:
         raise InputError(f"the length of {path} is unknown", "convert it to WAV or FLAC")
-    _require_whole(path, log)
+    note = LENGTH.search(log)
+    if note and int(note[2]) < int(note[1]) != UNKNOWN_LENGTH:
+        problem = f"{path} is truncated: its header announces {note[1]} bytes of sound, {note[2]} are there"
+        raise InputError(problem, "copy it again")
 
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
         dtype = "float32" if whole else "float64"
@@ -71,14 +74,6 @@ def open_for_writing(path: Path, rate: float, channels: int, subtype: str = "FLO
 
     require_whole_rate(rate)
     return soundfile.SoundFile(_name(path), "w", round(rate), channels, subtype)
-
-
-def _require_whole(path: Path, log: str) -> None:
-    """Raise InputError where the header announces more samples than there are: libsndfile only logs it."""
-    note = LENGTH.search(log)
-    if note and int(note[2]) < int(note[1]) != UNKNOWN_LENGTH:
-        problem = f"{path} is truncated: its header announces {note[1]} bytes of sound, {note[2]} are there"
-        raise InputError(problem, "copy it again")
 
 
 FORMATS = (Format((".wav", ".flac", ".w64", ".rf64", ".aiff", ".aif", ".caf", ".au"), read=_read_sound),)
