@@ -50,9 +50,6 @@ class Grid:
 
 def make_grid(room: Room, sample_rate: float) -> Grid:
     """Return the coefficients of the scheme; InputError above the stability limit, or for three dimensions."""
-    if room.dimension != 2:
-        problem = f"room.size = {list(room.size or ())} has three lengths, and the grid has two"
-        raise InputError(problem, "compute its field with fdcal.acoustics.box_field", key="room.size", value=room.size)
     courant = room.sound_speed / (sample_rate * room.cell_size)
     if courant > math.sqrt(0.5) * (1 + 1e-12):
         least = math.ceil(math.sqrt(2) * room.sound_speed / room.cell_size)
@@ -70,24 +67,12 @@ def make_grid(room: Room, sample_rate: float) -> Grid:
 
 
 def cell_mask(room: Room) -> np.ndarray:
-    """Return the cells whose centre lies inside the room : (ny, nx) bool array, x along the rows; one piece."""
+    """Return the cells whose centre lies inside the room : (ny, nx) bool array, x along the rows; one piece.
+
+    InputError unless walls parallel to an axis lie on cell faces, and none left of or below the origin.
+    """
     from scipy.ndimage import label  # takes half a second to load, which reading a cached simulation does not need
 
-    _check_walls(room)
-    h = room.cell_size
-    nx, ny = (math.ceil(length / h - FACE_TOLERANCE) for length in room.vertices.max(axis=0))
-    centres = np.stack(np.meshgrid((np.arange(nx) + 0.5) * h, (np.arange(ny) + 0.5) * h), axis=-1)
-    mask = in_polygon(centres, room.vertices)
-    _, pieces = label(mask)  # pyright: ignore[reportGeneralTypeIssues, reportAssignmentType]
-    if pieces != 1:
-        key = "room.size" if room.size else "room.outline"
-        what = f"falls into {pieces} pieces" if pieces else "holds no cell centre"
-        raise InputError(f"{key} {what} with room.cell = {h:g} m", "use a smaller cell or another outline", key=key)
-    return mask
-
-
-def _check_walls(room: Room) -> None:
-    """Raise InputError unless walls parallel to an axis lie on cell faces, and none left of or below the origin."""
     key = "room.size" if room.size else "room.outline"
     corners, h = room.vertices, room.cell_size
     if corners.min() < 0:
@@ -100,6 +85,14 @@ def _check_walls(room: Room) -> None:
             below, above = (f(cells) * h for f in (math.floor, math.ceil))
             problem = f"{key} has a wall at {value:g} m, which is not a whole number of cells of room.cell = {h:g} m"
             raise InputError(problem, f"use {below:g} or {above:g} m, or a cell that divides it", key=key, value=value)
+    nx, ny = (math.ceil(length / h - FACE_TOLERANCE) for length in room.vertices.max(axis=0))
+    centres = np.stack(np.meshgrid((np.arange(nx) + 0.5) * h, (np.arange(ny) + 0.5) * h), axis=-1)
+    mask = in_polygon(centres, room.vertices)
+    _, pieces = label(mask)  # pyright: ignore[reportGeneralTypeIssues, reportAssignmentType]
+    if pieces != 1:
+        what = f"falls into {pieces} pieces" if pieces else "holds no cell centre"
+        raise InputError(f"{key} {what} with room.cell = {h:g} m", "use a smaller cell or another outline", key=key)
+    return mask
 
 
 def neighbour_sum(p: np.ndarray) -> np.ndarray:

@@ -82,7 +82,22 @@ def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=Non
         from .box_field import modal_pressures
 
         return modal_pressures(room, scene.emitter, positions_3d(scene), sensing, progress)
-    return _from_recordings(scene, positions_of(scene), recordings, progress)
+    from . import spectrum
+
+    if recordings is None:
+        from .fdtd import simulate
+
+        recordings = simulate(scene.room, scene.emitter, positions_of(scene), progress)
+    fs, c, sensing = scene.emitter.band.sample_rate, scene.room.sound_speed, scene.measurement
+    first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest, sensing.resolution)
+    frequencies = spectrum.pick_peaks(power, first, step, sensing.prominence_db, sensing.resolution)
+    s = spectrum.window_rate(recordings, fs)
+    k = spectrum.wavenumber_continuous(frequencies, s, c)
+    if sensing.wavenumber == "discrete":
+        k = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell_size, fs)
+    pressures = spectrum.laplace_transform(recordings, fs, s, frequencies)
+    points = np.stack([first + step * np.arange(len(power)), power])
+    return spectrum.ModalPressures(frequencies, k, pressures, points)
 
 
 def measured(scene: Scene, fields: Sequence[ModalPressures]) -> Measurement:
@@ -90,31 +105,28 @@ def measured(scene: Scene, fields: Sequence[ModalPressures]) -> Measurement:
 
     With noise, drawn for each take, and the faults of the channels, which all takes share.
     """
-    takes = [_measured(scene, modes, number) for number, modes in enumerate(fields)]
+    positions, takes = positions_of(scene), []
+    for number, modes in enumerate(fields):
+        take = [number] if number else []  # the noise of the first take is that of a scene with one place
+        noise, noise_of_dead = (np.random.default_rng([scene.seed, stream, *take]) for stream in (1, 3))
+        takes.append(
+            draw_measurement(
+                modes,
+                mode_power(modes.pressures) * 10 ** (-scene.measurement.snr_db / 10),
+                noise,
+                gains=scene.faults.gains(len(positions), scene.seed),
+                dead=scene.faults.dead,
+                dead_rng=noise_of_dead,
+                sound_speed=scene.room.sound_speed,
+                sound_speed_error=scene.measurement.sound_speed_error,
+                dimension=scene.room.dimension,
+                array_dimension=positions.shape[1],
+                positions=positions,
+                known=scene.gauge.indices(len(positions)),
+                search=scene.search,
+            )
+        )
     return takes[0] if len(takes) == 1 else Measurement.from_takes(takes)
-
-
-def _measured(scene: Scene, modes: ModalPressures, take: int) -> Measurement:
-    positions = positions_of(scene)
-
-    def noise_of(stream: int) -> np.random.Generator:  # that of the first take is that of a scene with one place
-        return np.random.default_rng([scene.seed, stream, *([take] if take else [])])
-
-    return draw_measurement(
-        modes,
-        mode_power(modes.pressures) * 10 ** (-scene.measurement.snr_db / 10),
-        noise_of(1),
-        gains=scene.faults.gains(len(positions), scene.seed),
-        dead=scene.faults.dead,
-        dead_rng=noise_of(3),
-        sound_speed=scene.room.sound_speed,
-        sound_speed_error=scene.measurement.sound_speed_error,
-        dimension=scene.room.dimension,
-        array_dimension=positions.shape[1],
-        positions=positions,
-        known=scene.gauge.indices(len(positions)),
-        search=scene.search,
-    )
 
 
 def draw_measurement(
@@ -176,26 +188,6 @@ def draw_measurement(
     )
 
 
-def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPressures:
-    """Return the pressures at the modes of recordings, which are simulated unless given."""
-    from . import spectrum
-
-    if recordings is None:
-        from .fdtd import simulate
-
-        recordings = simulate(scene.room, scene.emitter, positions, progress)
-    fs, c, sensing = scene.emitter.band.sample_rate, scene.room.sound_speed, scene.measurement
-    first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest, sensing.resolution)
-    frequencies = spectrum.pick_peaks(power, first, step, sensing.prominence_db, sensing.resolution)
-    s = spectrum.window_rate(recordings, fs)
-    k = spectrum.wavenumber_continuous(frequencies, s, c)
-    if sensing.wavenumber == "discrete":
-        k = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell_size, fs)
-    pressures = spectrum.laplace_transform(recordings, fs, s, frequencies)
-    points = np.stack([first + step * np.arange(len(power)), power])
-    return spectrum.ModalPressures(frequencies, k, pressures, points)
-
-
 def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
     """Return what the microphones of a scene of two dimensions with one place of the source record : (N, T), cached."""
     positions = positions_of(scene)
@@ -213,19 +205,18 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
     """Return what `measure` returns for the scene, cached; that of a measured scene is read from its file."""
     if isinstance(scene, MeasuredScene):
         return _recorded(scene)
-    require_measurable(scene)
-
-    def write(file, measurement: Measurement) -> None:
-        save_measurement(measurement, file)
 
     def make() -> Measurement:
+        require_measurable(scene)
         fields = []
         for scene_of_take, done in each_take(scene, progress):
             recordings = cached_recordings(scene_of_take, done) if scene.room.dimension == 2 else None
             fields.append(sound_field(scene_of_take, recordings, done))
         return measured(scene, fields)
 
-    return load_or_make(_measurement_name(scene), make, load_measurement, write)
+    return load_or_make(
+        _measurement_name(scene), make, load_measurement, lambda file, made: save_measurement(made, file)
+    )
 
 
 def load_cached_measurement(scene: Scene) -> Measurement | None:

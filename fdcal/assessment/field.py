@@ -25,7 +25,7 @@ from ..cost.likelihood import FieldModel, isotropic_field
 from ..cost.noise import DIFFUSE_FLOOR, estimate_noise
 from ..model.measurement import Measurement
 from ..model.problem import Problem, mode_power
-from ..model.validation import InputError, frozen_array, require_positive
+from ..model.validation import Hertz, InputError, Metres, convert, frozen_array
 
 NOISE_DEFLATION = 3.0  # times less noise is assumed: a room's field is less isotropic than this prior
 TINY = np.finfo(float).tiny
@@ -206,7 +206,7 @@ def _nearest(measured: np.ndarray, wanted) -> list[int]:
         return sorted({0, len(measured) // 2, len(measured) - 1})
     found = set()
     for f in wanted:
-        require_positive("frequencies", f, "Hz")
+        convert(f, Hertz, "frequencies")
         nearest = int(np.argmin(np.abs(measured - f)))
         if abs(measured[nearest] - f) > FREQUENCY_TOLERANCE * f:
             problem = f"frequencies = {f:g} Hz: nothing was measured there, the nearest is {measured[nearest]:.4g} Hz"
@@ -222,7 +222,7 @@ def _lattice(positions: np.ndarray, step: float | None) -> tuple[tuple[np.ndarra
 
     low, extent = positions.min(axis=0), np.ptp(positions, axis=0)
     step = float(extent.max() / CELLS if step is None else step)
-    require_positive("step", step, "m")
+    convert(step, Metres, "step")
     counts = np.maximum(np.ceil(extent / step * (1 - EDGE)) + 1, 2)
     if np.prod(counts) > MAX_POINTS:
         problem = f"step = {step:g} m makes {np.prod(counts):.3g} points, more than {MAX_POINTS}"

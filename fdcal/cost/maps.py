@@ -358,44 +358,30 @@ def likelihood_maps(
         if few:
             rows = _node_rows(problem, range(len(problem.pressures))[modes][m], k, int(orders[m]))
             W = circular_dictionary(others, k, int(orders[m]), middle)
-            constant, h, f = _expansion_fit(W, rows, rest, s, v)
+            # With an ample order W W^T is the kernel, and A = W^T W + mu I = G G^T takes the place of C_-n:
+            # f = w A^-1 W^T p_-n and h = |G^-1 w|^2, O(K^2) per node.
+            mu = v / s
+            G = np.linalg.cholesky(W.T @ W + mu * np.eye(W.shape[1]))
+            inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+            alpha = inverse.T @ (inverse @ (W.T @ rest))
+            r0 = np.vdot(rest, rest - W @ alpha).real
+            constant = 2 * np.log(np.diagonal(G)).sum() - len(G) * np.log(mu) + r0 / v
+            t = rows @ inverse.T
+            h, f = np.einsum("ij,ij->i", t, t), rows @ alpha
         else:
-            constant, h, f = _kernel_fit(between, to_nodes(counts), rest, k, s, v, problem.dimension)
+            # C_-n = G G^T, c the covariance with a node, t = G^-1 c: f = t^T G^-1 p_-n and v V = s + v - |t|^2. This
+            # is cheaper in space and for a very wide array.
+            G = np.linalg.cholesky(s * diffuse_correlation(k * between, problem.dimension) + v * np.eye(len(rest)))
+            inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+            y = inverse @ rest
+            t = (s * inverse) @ diffuse_correlation(k * to_nodes(counts), problem.dimension)
+            constant = 2 * np.log(np.diagonal(G)).sum() - len(rest) * np.log(v) + np.vdot(y, y).real
+            h, f = (s - np.einsum("ij,ij->j", t, t)) / v, y @ t
         onto = _onto_lattice(domain, domain if search is None else search, counts)
         h, re, im = _interpolated(_stacked(h, f, counts), onto)
         error = (p[m, n].real - re) ** 2 + (p[m, n].imag - im) ** 2
         maps.append(constant + np.log1p(h) + error / (v * (1.0 + h)))
     return np.stack(maps)
-
-
-def _expansion_fit(W: Reals, rows: Reals, p: Complexes, s: float, v: float) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the first two terms of the cost, and h and f at the nodes, from real dictionaries W (N-1, K), rows (C, K).
-
-    With an ample order W W^T is the kernel, and A = W^T W + mu I = G G^T, mu = v / s, takes the place of C_-n:
-    f = w A^-1 W^T p_-n and h = |G^-1 w|^2, O(K^2) per node.
-    """
-    mu = v / s
-    G = np.linalg.cholesky(W.T @ W + mu * np.eye(W.shape[1]))
-    inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
-    alpha = inverse.T @ (inverse @ (W.T @ p))
-    r0 = np.vdot(p, p - W @ alpha).real
-    constant = 2 * np.log(np.diagonal(G)).sum() - len(G) * np.log(mu) + r0 / v
-    t = rows @ inverse.T
-    return constant, np.einsum("ij,ij->i", t, t), rows @ alpha
-
-
-def _kernel_fit(between: Reals, to_nodes: Reals, p: Complexes, k: float, s: float, v: float, dimension: int):
-    """Return the same from distances, metres: `between` the others, and (N - 1, C) from them to the nodes.
-
-    With C_-n = G G^T, c the covariance with a node and t = G^-1 c: f = t^T G^-1 p_-n and v V = s + v - |t|^2. In space
-    and for a very wide array this is cheaper.
-    """
-    G = np.linalg.cholesky(s * diffuse_correlation(k * between, dimension) + v * np.eye(len(p)))
-    inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
-    y = inverse @ p
-    t = (s * inverse) @ diffuse_correlation(k * to_nodes, dimension)
-    constant = 2 * np.log(np.diagonal(G)).sum() - len(p) * np.log(v) + np.vdot(y, y).real
-    return constant, (s - np.einsum("ij,ij->j", t, t)) / v, y @ t
 
 
 def _distances(a: Reals, b: Reals) -> np.ndarray:

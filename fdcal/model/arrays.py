@@ -32,7 +32,7 @@ def positions_of(scene: Scene) -> np.ndarray:
         positions = positions_3d(scene)[:, : scene.array.dimension]
     else:
         cell = scene.room.cell_size
-        positions = snap(_geometry(scene.array, cell, np.random.default_rng([scene.seed, 0])), cell)
+        positions = snap(_geometry(scene.array, np.random.default_rng([scene.seed, 0]), cell), cell)
         _check_plane(positions, scene)
     known = scene.gauge.indices(len(positions))
     if len(known) == len(positions):
@@ -58,15 +58,22 @@ def positions_of(scene: Scene) -> np.ndarray:
     return frozen_array(positions, float)
 
 
-def _geometry(array: Array, cell: float, rng: np.random.Generator) -> np.ndarray:
-    """Return the positions before they are snapped : (N, 2), metres."""
-    center, shape, size = array.center or (0.0, 0.0), array.shape or (), array.size or ()
+def _geometry(array: Array, rng: np.random.Generator, cell: float = 0.0) -> np.ndarray:
+    """Return the positions, before they are snapped to any cells : (N, 2) or (N, 3), metres."""
+    center, count, radius = array.center or (0.0, 0.0), array.count or 0, array.radius or 0.0
+    shape, size = array.shape or (), array.size or ()
     if array.geometry == "circle":
-        return circle(array.count or 0, array.radius or 0.0) + center
+        return circle(count, radius) + center
     if array.geometry == "rectangle":
         return rectangle(shape, size) + center
     if array.geometry == "rectangle+random":
         return rectangle_plus_random(shape, size, array.random, cell, rng, center)
+    if array.geometry == "ball":
+        return ball(count, radius, rng) + center
+    if array.geometry == "box":
+        return box(count, array.size, rng) + center
+    if array.geometry == "plane":
+        return plane(shape, size) + center
     return np.array(array.positions, dtype=float) + center
 
 
@@ -110,7 +117,7 @@ CLEARANCE = 1e-6  # metres: microphones closer than this count as one
 
 def positions_3d(scene: Scene) -> np.ndarray:
     """Return the positions of a scene's microphones in space : (N, 3) float64, metres; InputError as `positions_of`."""
-    positions = _geometry_3d(scene.array, np.random.default_rng([scene.seed, 0])) + (scene.array.center or 0.0)
+    positions = _geometry(scene.array, np.random.default_rng([scene.seed, 0]))
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1) + np.eye(len(positions))
     first, second = divmod(int(distance.argmin()), len(distance))
     if distance[first, second] < CLEARANCE:
@@ -138,17 +145,6 @@ def encloses_3d(points: np.ndarray, point: np.ndarray) -> bool:
 
     equations = np.vstack([np.asarray(points, float).T, np.ones(len(points))])
     return linprog(np.zeros(len(points)), A_eq=equations, b_eq=np.append(point, 1.0)).status == 0
-
-
-def _geometry_3d(array: Array, rng: np.random.Generator) -> np.ndarray:
-    """Return the positions about the array's centre : (N, 3), metres."""
-    if array.geometry == "ball":
-        return ball(array.count or 0, array.radius or 0.0, rng)
-    if array.geometry == "box":
-        return box(array.count or 0, array.size, rng)
-    if array.geometry == "plane":
-        return plane(array.shape or (), array.size or ())
-    return np.array(array.positions, dtype=float)
 
 
 ROUNDING = 1e-9  # of a coordinate, metres, and of an angle, radians: differences this small are none

@@ -328,7 +328,8 @@ class Measurement:
             if len(one.known) and not same:
                 problem = f"measurement {number} gives other known positions than another take"
                 raise InputError(problem, "give them once, or alike", key="known")
-        numbers = [_take_rows(one) for one in each]
+        # the number of takes of each, counted to the last that has a row or arrivals
+        numbers = [max(int(m.takes.max()) + 1, 0 if m.arrivals is None else len(m.arrivals)) for m in each]
         f = np.concatenate([one.frequencies for one in each])
         firsts = np.cumsum([0, *numbers[:-1]])
         takes = np.concatenate([one.takes + first for one, first in zip(each, firsts, strict=True)])
@@ -519,12 +520,6 @@ class Measurement:
             arrivals=self.arrivals,
             arrival_sigma=self.arrival_sigma,
         )
-
-
-def _take_rows(measurement: Measurement) -> int:
-    """Return the number of takes, counted to the last that has a row or arrivals."""
-    own = 0 if measurement.arrivals is None else len(measurement.arrivals)
-    return max(int(measurement.takes.max()) + 1, own)
 
 
 def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:

@@ -54,16 +54,8 @@ def is_response_file(text: str) -> bool:
     return text.lower().endswith(SUFFIX)
 
 
-def require_response_name(text: str) -> None:
-    """Raise InputError for a text that is neither the path of a response nor one of `response_names()`."""
-    if not is_response_file(text) and text not in response_names():
-        remedy = f"use {', '.join(response_names())} or the path of a {SUFFIX} file"
-        raise refusal("room.response", text, "is unknown", remedy)
-
-
 def response_path(text: str) -> Path:
     """Return the file of a response that is given by its name or its path; StorageError where it is missing."""
-    require_response_name(text)
     path = Path(text) if is_response_file(text) else response_folder() / f"{text}{SUFFIX}"
     if not path.is_file():
         raise StorageError(f"cannot read {path}: No such file or directory")
@@ -108,7 +100,9 @@ class Room:
 
     def __post_init__(self):
         if self.response is not None:
-            require_response_name(self.response)
+            if not is_response_file(self.response) and self.response not in response_names():
+                remedy = f"use {', '.join(response_names())} or the path of a {SUFFIX} file"
+                raise refusal("room.response", self.response, "is unknown", remedy)
             for key in ("size", "outline", "cell", "walls", "admittance"):
                 value = getattr(self, key)
                 if value and value != UNKNOWN_WALLS:

@@ -120,7 +120,11 @@ class Scene:
 
     def __post_init__(self):
         check(self)
-        self.faults.require_channels(self.array.number)
+        for key in ("inverted", "dead"):
+            for n in getattr(self.faults, key):
+                if not 0 <= n < self.array.number:
+                    remedy = f"the array has 0 to {self.array.number - 1}"
+                    raise InputError(f"faults.{key} names microphone {n}", remedy, key=f"faults.{key}", value=n)
         D = self.room.dimension
         if self.room.response is not None:
             if self.source is not None:

@@ -79,17 +79,8 @@ class Faults:
             problem = f"faults.inverted and faults.dead both name microphone {both[0]}"
             raise InputError(problem, "name it once", key="faults.dead", value=both[0])
 
-    def require_channels(self, count: int) -> None:
-        """Raise InputError for a microphone that an array of `count` lacks."""
-        for key in ("inverted", "dead"):
-            for n in getattr(self, key):
-                if not 0 <= n < count:
-                    problem = f"faults.{key} names microphone {n}"
-                    raise InputError(problem, f"the array has 0 to {count - 1}", key=f"faults.{key}", value=n)
-
     def gains(self, count: int, seed: int) -> np.ndarray:
         """Return the gain of every channel, 0 of a dead one : (N,) complex128."""
-        self.require_channels(count)
         draws = np.random.default_rng([seed, 2]).normal(size=(2, count))
         gains = 10 ** (self.gain_db * draws[0] / 20) * np.exp(1j * np.radians(self.phase_deg * draws[1]))
         gains[list(self.inverted)] *= -1

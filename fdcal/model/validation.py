@@ -291,11 +291,6 @@ def _plain(value: Any, key: str) -> Any:
     return float(value)
 
 
-def require_positive(key: str, value: object, unit: str = "") -> None:
-    """Raise InputError unless `value` is a number above zero."""
-    convert(value, Annotated[float, positive(unit)], key)
-
-
 def refused(key: str, value: object, kind: Any) -> InputError:
     """Return the error for a value that is not of the type `kind`."""
     bare, meta = _bare(kind)
@@ -369,21 +364,16 @@ def build(cls: Any, table: dict[str, Any], prefix: str = "", whole: str = "scene
     `from_text(text)` may be given as a text. `prefix`, as "room.", and `whole`, the file, are words of the messages.
     """
     fields = [field.name for field in dataclasses.fields(cls)]
-    require_known(table, fields, prefix, whole)
+    for given in table:
+        if given not in fields:  # the one that may be meant is named
+            near = difflib.get_close_matches(given[:LONGEST_KEY], fields, 1)
+            remedy = f'did you mean "{prefix}{near[0]}"?' if near else f"known keys: {', '.join(fields)}"
+            raise InputError(f"{prefix}{shown(given)} is not a key of a {whole}", remedy, key=f"{prefix}{given}")
     optional = cls.optional(table) if hasattr(cls, "optional") else getattr(cls, "OPTIONAL", ())
     for key in fields:
         if key not in table and key not in optional:
             raise InputError(f"{prefix}{key} is missing", f"add it to the {whole}", key=f"{prefix}{key}")
     return cls(**{key: _built(_hints(cls)[key], value, prefix + key, whole) for key, value in table.items()})
-
-
-def require_known(table: Iterable[str], fields: Iterable[str], prefix: str = "", whole: str = "scene") -> None:
-    """Raise InputError for a key that is none of `fields`, with the one that may be meant."""
-    for key in table:
-        if key not in fields:
-            near = difflib.get_close_matches(key[:LONGEST_KEY], fields, 1)
-            remedy = f'did you mean "{prefix}{near[0]}"?' if near else f"known keys: {', '.join(fields)}"
-            raise InputError(f"{prefix}{shown(key)} is not a key of a {whole}", remedy, key=f"{prefix}{key}")
 
 
 def _built(kind: Any, value: Any, key: str, whole: str) -> Any:

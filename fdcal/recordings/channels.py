@@ -77,7 +77,10 @@ class ChannelWatch:
         for n, samples in enumerate(np.ascontiguousarray(block)):
             self._hashes[n].update(samples)
             greatest = top[n] > 0 and top[n] >= self._peak[n]
-            run = _longest_run(np.abs(samples) >= top[n]) if greatest else 0
+            run = 0
+            if greatest:  # the longest run of samples at this magnitude
+                edges = np.flatnonzero(np.diff(np.concatenate([[False], np.abs(samples) >= top[n], [False]])))
+                run = int(np.max(edges[1::2] - edges[::2]))
             self._longest[n] = run if top[n] > self._peak[n] else max(self._longest[n], run)
             high, low = self._edges[n]
             self._edges[n] = _edge(samples, high), _edge(-samples, low)
@@ -127,12 +130,6 @@ def _is_clipped(pair: tuple[Edge, Edge], full_scale: float | None) -> bool:
         if rare and sum(times for _, times, _ in at_full) >= CLIPPING.full_scale_count:
             return True
     return any(n >= CLIPPING.edge_count and n >= CLIPPING.edge_ratio * next_times for _, n, next_times in edges)
-
-
-def _longest_run(flags: np.ndarray) -> int:
-    """Return the length of the longest run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def require_usable_channels(recording: Recording, health: ChannelHealth) -> None:
@@ -224,19 +221,14 @@ def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.n
         problem = f"known = {text}: {recording.path} contains no positions"
         raise InputError(problem, "give a table: <known> FILE.csv", key="known")
     if text == CORNERS:
-        indices = _corners(recording.positions)
+        low, high = recording.positions.min(axis=0), recording.positions.max(axis=0)
+        sides = [(a,) if a == b else (a, b) for a, b in zip(low, high, strict=True)]
+        corners = np.stack([c.ravel() for c in np.meshgrid(*sides)], axis=1)
+        distances = np.linalg.norm(recording.positions[None] - corners[:, None], axis=2)
+        indices = np.unique(np.argmin(distances, axis=1))
     else:
         indices = np.array([_index_of(recording, part.strip(), "known") for part in text.split(",")])
     return indices, recording.positions[indices]
-
-
-def _corners(positions: np.ndarray) -> np.ndarray:
-    """Return the indices of the microphones nearest to the corners of the bounding box."""
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    sides = [(a,) if a == b else (a, b) for a, b in zip(low, high, strict=True)]
-    corners = np.stack([c.ravel() for c in np.meshgrid(*sides)], axis=1)
-    distances = np.linalg.norm(positions[None] - corners[:, None], axis=2)
-    return np.unique(np.argmin(distances, axis=1))
 
 
 def _index_of(recording: Recording, name: str, key: str) -> int:

@@ -65,17 +65,14 @@ def decimate(recording: Recording, highest: float, settings: DecimationSettings 
         out = np.empty((len(channels), end - start), dtype=np.float32)
         step = max(1, settings.block_samples // (factor * len(channels)))
         for begin in range(start, end, step):
-            filter_into(out[:, begin - start :][:, : min(step, end - begin)], begin, channels)
+            until = min(begin + step, end)
+            first, last = begin * factor - half, (until - 1) * factor + half + 1
+            inside = max(first, 0), min(last, recording.samples)
+            values = np.zeros((len(channels), last - first), dtype=np.float32)
+            values[:, inside[0] - first : inside[1] - first] = recording.block(*inside, channels)
+            for row, samples in zip(out[:, begin - start : until - start], values, strict=True):
+                row[:] = upfirdn(taps, samples, 1, factor)[2 * half // factor :][: until - begin]
         return out
-
-    def filter_into(out: np.ndarray, begin: int, channels: np.ndarray) -> None:
-        end = begin + out.shape[1]
-        first, last = begin * factor - half, (end - 1) * factor + half + 1
-        inside = max(first, 0), min(last, recording.samples)
-        values = np.zeros((len(channels), last - first), dtype=np.float32)
-        values[:, inside[0] - first : inside[1] - first] = recording.block(*inside, channels)
-        for row, samples in zip(out, values, strict=True):
-            row[:] = upfirdn(taps, samples, 1, factor)[2 * half // factor :][: end - begin]
 
     return replace(recording, sample_rate=fs / factor, samples=recording.samples // factor, block=block)
 

@@ -20,12 +20,13 @@ import numpy as np
 from ..model.validation import (
     LIMITS,
     InputError,
+    MetresPerSecond,
     Seconds,
     check,
+    convert,
     frozen_array,
     positive,
     require_array,
-    require_positive,
     within,
 )
 
@@ -76,7 +77,7 @@ class Recording:
             problem = f"{self.path} holds {self.samples} samples per channel, which is too short for a recording"
             raise InputError(problem, f"give {MIN_SAMPLES} or more", key="samples", value=self.samples)
         if self.sound_speed is not None:
-            require_positive(f"{self.path}: sound speed", self.sound_speed, "m/s")
+            convert(self.sound_speed, MetresPerSecond, f"{self.path}: sound speed")
         names = tuple(self.names) or tuple(str(n) for n in range(self.count))
         if len(names) != self.count or len(set(names)) < len(names):
             raise InputError(f"{self.path}: its channels must have {self.count} different names", key="names")

@@ -165,16 +165,10 @@ def replayed(
     return SoundStream(str(path), recording.sample_rate, recording.names, full_scale, blocks, live=False)
 
 
-def fits_wav(stream: SoundStream, seconds: float) -> bool:
-    """Return whether a WAV file can hold so much of a stream."""
-    width = 3 if stream.full_scale else 4
-    return round(seconds * stream.sample_rate) * len(stream.names) * width <= WAV_BYTES
-
-
 def check_take(stream: SoundStream, path: Path, seconds: float) -> None:
     """Raise InputError where a file of this name cannot hold so much of a stream."""
-    count = len(stream.names)
-    if path.suffix.lower() == ".wav" and not fits_wav(stream, seconds):
+    count, width = len(stream.names), 3 if stream.full_scale else 4
+    if path.suffix.lower() == ".wav" and round(seconds * stream.sample_rate) * count * width > WAV_BYTES:
         problem = f"{count} channels of {seconds:g} s at {stream.sample_rate:g} Hz are more than a WAV file holds, 4 GB"
         raise InputError(problem, f"write {path.stem}.w64, or record fewer <seconds>", key="seconds", value=seconds)
     require_whole_rate(stream.sample_rate)

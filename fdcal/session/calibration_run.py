@@ -19,7 +19,7 @@ from ..model.gauge import move_to_frame, principal_axes, turn_to_frame
 from ..model.measurement import Measurement, check_channels, microphone_index
 from ..model.problem import Problem
 from ..model.settings import SolverSettings, search_around
-from ..model.validation import InputError, frozen_array, require_positive
+from ..model.validation import InputError, Metres, Seconds, convert, frozen_array
 from ..solvers import load, run
 from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
 from ..solvers.requirements import check_solvable, needed_modes
@@ -40,7 +40,7 @@ def require_length(inputs: CalibrationInput, problem: Problem) -> None:
         if len(problem.known):
             fault = "distance is for arrays without known microphones, which fix the size already"
             raise InputError(fault, "leave out <distance>", key="distance")
-        require_positive("distance", inputs.distance[2], "m")
+        convert(inputs.distance[2], Metres, "distance")
         distance_pair(inputs)
     elif inputs.estimate_sound_speed and len(problem.known) < 2:
         fault = "the sound speed follows from a known length, and fewer than two microphones are known"
@@ -169,7 +169,7 @@ def solve(
     problem = problem_of(inputs)
     require_length(inputs, problem)
     if inputs.time_limit is not None:
-        require_positive("time_limit", inputs.time_limit, "s")
+        convert(inputs.time_limit, Seconds, "time_limit")
     start = time.perf_counter()
     with one_blas_thread():
         # Before the first run nothing but the coherence speaks for the size of the array. A second one takes the modes
