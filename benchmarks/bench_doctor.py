@@ -26,11 +26,12 @@ import numpy as np
 import soundfile
 from scipy.signal import lfilter, oaconvolve, resample_poly
 
+from fdcal.assessment.findings import Answer
 from fdcal.model.validation import InputError
 from fdcal.recordings.formats import read, render
 from fdcal.recordings.recording import ImportOptions, read_samples
 from fdcal.session import doctor
-from fdcal.session.doctor import Answer, examine
+from fdcal.session.doctor import examine
 from fdcal_bench.rooms import RATE, SPEED, draw_array, draw_source, responses
 
 from .bench_real import DEAD, FRL, LIVING, NOMINAL

@@ -35,6 +35,10 @@ FOUND = "The microphone is found"
 PURPOSE = "fdcal finds where microphones are, from the resonances of a room."
 MARGINS = (24, 24, 24, 128)  # pixels left, bottom, right and top of the map, for the words above it
 NEAR = 1e-6  # metres
+FILM_MARKS = {
+    "true": "microphones/true", "known": "microphones/known", "lowest": "lowest", "minima": "minima",
+    "ball": "microphones/ball",
+}  # fmt: skip
 
 
 def main() -> None:
@@ -113,8 +117,7 @@ def look(measurement, floor) -> dict:
         "after": [cameras.BROAD_MARGINS, cameras.MARGINS, [*cameras.PHONE_MARGINS, cameras.PHONE_PANEL]],
         "broad": [cameras.BROAD, cameras.BROAD_RATIO, cameras.PHONE_WIDTH],
         "light": heatmap.TOWARDS_LIGHT.tolist(), "darkest": heatmap.DARKEST,
-        "brightest": heatmap.BRIGHTEST, "known_colour": marks.KNOWN, "minimum_colour": marks.LOWEST,
-        "ball_colour": marks.ESTIMATE,
+        "brightest": heatmap.BRIGHTEST, "marks": film_marks(),
         "themes": [
             {
                 "background": theme.background, "foreground": theme.foreground,
@@ -123,6 +126,12 @@ def look(measurement, floor) -> dict:
             for theme in (LIGHT, DARK)
         ],
     }  # fmt: skip
+
+
+def film_marks() -> dict:
+    """Return colours and sizes of the marks, which the film draws by itself."""
+    table = marks.marks_json(FILM_MARKS).items()
+    return {name: {key: mark[key] for key in ("colour", "reach", "width", "halo")} for name, mark in table}
 
 
 def listed(values, digits: int) -> list:

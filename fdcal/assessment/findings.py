@@ -18,7 +18,7 @@ A remedy names arguments in angle brackets, as in `fdcal.model.validation.InputE
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -41,6 +41,50 @@ CAUSES = (
 )
 ROOM_CAUSES = "another size or shape, objects in the room, several sources, a source within a metre, or faulty channels"
 MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpolate, in a remedy
+
+
+AnswerState = Literal["fine", "differs", "fault", "unknown"]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve of a chart: points (x, y), joined by lines unless `marks`."""
+
+    label: str
+    x: np.ndarray
+    y: np.ndarray
+    marks: bool = False
+
+
+@dataclass(frozen=True)
+class Chart:
+    """What a finding rests on, to be drawn."""
+
+    x: str  # name and unit of the axis
+    y: str
+    curves: tuple[Curve, ...]
+    names: tuple[str, ...] = ()  # of the microphones, where x counts them
+    equal: bool = False  # whether both axes have the same scale, as a map has
+    limit: float | None = None  # of y, beyond which there is a finding
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to one question about a recording or a data set, as `fdcal.session.doctor` gives it."""
+
+    question: str  # of those in the head of `fdcal.session.doctor`
+    state: AnswerState
+    text: str
+    value: float | None = None
+    unit: str = ""
+    charts: tuple[Chart, ...] = ()
+    # what differs or is at fault: kind, a key of `FAULTS`, and microphone, "" where it is none of one
+    found: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def line(self) -> str:
+        """The answer in one line."""
+        return f"{self.question:<12} {self.state:<8} {self.text}"
 
 
 @dataclass(frozen=True)

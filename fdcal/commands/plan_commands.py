@@ -114,12 +114,14 @@ def _write(path, found, force: bool) -> None:
     from ..model.storage import write_atomically
     from ..session.plan import plan_dict, plan_sentences, plan_table
 
-    suffix = path.suffix.lower()
+    suffix, layout = path.suffix.lower(), found.request.layout
     if suffix == ".png":
-        content = figure_bytes(draw_plan(found), "png")
+        content = figure_bytes(draw_plan(layout.positions, found.bound), "png")
     else:
         text = (
-            plan_html(found, plan_sentences(found), plan_table(found))
+            plan_html(
+                layout.name, layout.names, layout.positions, found.bound, plan_sentences(found), plan_table(found)
+            )
             if suffix == ".html"
             else json.dumps(plan_dict(found), indent=1) + "\n"
         )

@@ -6,7 +6,6 @@ both read the same entries.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, lifted, project
 from .marks import MARKS, Mark, symbol
-from .primitives import Colour, ColourBar, Label, Picture, Theme, by_rank, halo_of
+from .primitives import Colour, ColourBar, Label, Picture, by_rank, halo_of
 
 OUTLINE: Colour = (128, 128, 128)  # of an area, which may be as light as the page
 
@@ -44,43 +43,9 @@ def legend_of(picture: Picture) -> tuple[Mark, ...]:
 SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
 
 
-def legend_rows(entries: Sequence[Mark], width: float, letters: ImageFont.FreeTypeFont) -> tuple[tuple[Mark, ...], ...]:
-    """Return the entries in rows that fit into `width` pixels."""
-    rows: list[list[Mark]] = []
-    used = 0.0
-    for entry in entries:
-        length = entry_width(entry, letters)
-        if not rows or used + length > width:
-            rows.append([])
-            used = 0.0
-        rows[-1].append(entry)
-        used += length
-    return tuple(tuple(row) for row in rows)
-
-
 def entry_width(entry: Mark, letters: ImageFont.FreeTypeFont) -> float:
     """Return the pixels that an entry takes, with the space to the next one."""
     return (SYMBOL * 1.35 + GAP) * letters.size / 16 + letters.getlength(entry.text)
-
-
-def draw_legend(
-    image: Image.Image,
-    rows: Sequence[Sequence[Mark]],
-    corner: tuple[float, float],
-    letters: ImageFont.FreeTypeFont,
-    theme: Theme,
-) -> None:
-    """Write rows of entries, of `legend_rows`, over an image; `corner`: left and top of the first row, pixels."""
-    draw, scale = ImageDraw.Draw(image), letters.size / 16
-    left, top = corner
-    for i, row in enumerate(rows):
-        x, middle = left, top + (i + 0.5) * ROW * scale
-        for entry in row:
-            edge = round(SYMBOL * scale)
-            stamp = symbol(entry, edge)
-            image.paste(stamp, (round(x), round(middle - edge / 2)), stamp)
-            draw.text((x + 1.35 * edge, middle), entry.text, fill=theme.foreground, font=letters, anchor="lm")
-            x += entry_width(entry, letters)
 
 
 ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label, to Pillow's
@@ -107,12 +72,21 @@ def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, floa
 
 def legend_height(picture: Picture, size: tuple[int, int]) -> float:
     """Return the pixels that the legend takes below a picture."""
-    return len(_legend(picture, size)) * ROW * text_scale(size)
+    return len(_legend_rows(picture, size)) * ROW * text_scale(size)
 
 
-def _legend(picture: Picture, size: tuple[int, int]) -> tuple[tuple[Mark, ...], ...]:
+def _legend_rows(picture: Picture, size: tuple[int, int]) -> list[list[Mark]]:
+    """Return the entries of the legend in rows that fit into an image."""
     scale = text_scale(size)
-    return legend_rows(legend_of(picture), size[0] - 2 * LEGEND_EDGE * scale, font(16 * scale))
+    letters, rows, used = font(16 * scale), list[list[Mark]](), 0.0
+    for entry in legend_of(picture):
+        length = entry_width(entry, letters)
+        if not rows or used + length > size[0] - 2 * LEGEND_EDGE * scale:
+            rows.append([])
+            used = 0.0
+        rows[-1].append(entry)
+        used += length
+    return rows
 
 
 def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray:
@@ -124,11 +98,24 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
     for label, place in uncovered(draw, picture, camera, letters):
         outline = halo_of(label.colour, picture.theme)
         _write(draw, place, label.text, letters, label.colour, anchor(label), outline, scale)
-    _draw_title(draw, picture, scale)
-    corner = LEGEND_EDGE * scale, size[1] - legend_height(picture, size) - LEGEND_EDGE / 4 * scale
-    draw_legend(image, _legend(picture, size), corner, letters, picture.theme)
+    if picture.title:  # on a rectangle of the background's colour, in the upper left corner
+        place, edge, points = (18 * scale, 13 * scale), 7 * scale, 19 * scale
+        end = draw.multiline_textbbox(place, picture.title, font=font(points))[2]
+        large = font(points * min(1.0, (size[0] - 2 * place[0]) / (end - place[0])))
+        left, top, right, bottom = draw.multiline_textbbox(place, picture.title, font=large)
+        draw.rectangle([left - edge, top - edge, right + edge, bottom + edge], fill=picture.theme.background)
+        draw.multiline_text(place, picture.title, font=large, fill=picture.theme.foreground)
+    rows, edge = _legend_rows(picture, size), round(SYMBOL * scale)
+    first = size[1] - len(rows) * ROW * scale - LEGEND_EDGE / 4 * scale
+    for i, row in enumerate(rows):
+        x, middle = LEGEND_EDGE * scale, first + (i + 0.5) * ROW * scale
+        for entry in row:
+            stamp = symbol(entry, edge)
+            image.paste(stamp, (round(x), round(middle - edge / 2)), stamp)
+            draw.text((x + 1.35 * edge, middle), entry.text, fill=picture.theme.foreground, font=letters, anchor="lm")
+            x += entry_width(entry, letters)
     if picture.bar is not None:
-        _draw_bar(draw, picture.bar, picture.theme, letters, _bar_place(picture, camera, size))
+        _draw_bar(draw, picture, picture.bar, camera, letters)
     return np.asarray(image)
 
 
@@ -160,33 +147,14 @@ def _write(draw, place: tuple[float, float], text: str, letters, colour, anchor:
     draw.text(place, text, fill=colour, font=letters, anchor=anchor, stroke_width=width, stroke_fill=outline)
 
 
-def _draw_title(draw, picture: Picture, scale: float) -> None:
-    """The title in the upper left corner, on a rectangle of the background's colour."""
-    if not picture.title:
-        return
-    place, edge, points = (18 * scale, 13 * scale), 7 * scale, 19 * scale
-    end = draw.multiline_textbbox(place, picture.title, font=font(points))[2]
-    letters = font(points * min(1.0, (draw.im.size[0] - 2 * place[0]) / (end - place[0])))
-    left, top, right, bottom = draw.multiline_textbbox(place, picture.title, font=letters)
-    draw.rectangle([left - edge, top - edge, right + edge, bottom + edge], fill=picture.theme.background)
-    draw.multiline_text(place, picture.title, font=letters, fill=picture.theme.foreground)
-
-
-def _bar_place(picture: Picture, camera: Camera, size: tuple[int, int]) -> tuple[float, float, float]:
-    """Left, top and bottom edge of the colour bar, pixels: beside the map from the top, at the image's edge in 3-D."""
-    scale = text_scale(size)
-    edge = size[0] - 126 * scale
-    if camera.fov:
-        return edge, 0.24 * size[1], 0.86 * size[1]
-    corners = [(*picture.focus[:2], picture.z_range[0]), (*picture.focus[2:], picture.z_range[0])]
-    (_, bottom), (right, top) = project(camera, size, corners)
-    return min(right + 46 * scale, edge), top + 46 * scale, bottom
-
-
-def _draw_bar(draw, bar: ColourBar, theme: Theme, letters, place: tuple[float, float, float]) -> None:
-    """The colour bar with its ticks, and its label above."""
-    scale = letters.size / 16
-    left, top, bottom = place
+def _draw_bar(draw, picture: Picture, bar: ColourBar, camera: Camera, letters) -> None:
+    """Draw the colour bar with its ticks, and its label above: beside the map, or in 3-D at the image's edge."""
+    scale, size, theme = letters.size / 16, draw.im.size, picture.theme
+    left, top, bottom = size[0] - 126 * scale, 0.24 * size[1], 0.86 * size[1]
+    if not camera.fov:
+        corners = [(*picture.focus[:2], picture.z_range[0]), (*picture.focus[2:], picture.z_range[0])]
+        (_, bottom), (edge, highest) = project(camera, size, corners)
+        left, top = min(edge + 46 * scale, left), highest + 46 * scale
     right, rows, stroke = left + 22 * scale, np.arange(round(top), round(bottom)), max(round(scale), 1)
     colours = matplotlib.colormaps[bar.colour_map]((bottom - rows) / (bottom - top), bytes=True)[:, :3]
     for row, colour in zip(rows, colours, strict=True):

@@ -87,8 +87,20 @@ def microphones_vtp(
         "uncertainty": (unknown if sigma is None else np.asarray(sigma, float))[number],
     }
     points = np.concatenate([_in_space(members, height) for _, _, members in groups])
-    lines = np.zeros((0, 2)) if truth is None else np.column_stack([everyone + N, everyone])
-    return _points(points, lines, fields)
+    lines = np.zeros((0, 2), int) if truth is None else np.column_stack([everyone + N, everyone])
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    data, places = vtkPolyData(), vtkPoints()
+    places.SetData(numpy_support.numpy_to_vtk(np.ascontiguousarray(points, float), deep=True))
+    data.SetPoints(places)
+    for members, add in ((np.arange(len(points))[:, None], data.SetVerts), (lines, data.SetLines)):
+        cells, connectivity = vtkCellArray(), numpy_support.numpy_to_vtkIdTypeArray(members.ravel(), deep=True)
+        cells.SetData(members.shape[1], connectivity)
+        add(cells)
+    return _xml(vtkXMLPolyDataWriter(), data, fields)
 
 
 def _in_space(values, height: float) -> np.ndarray:
@@ -109,23 +121,6 @@ def image(
     data.SetOrigin(*map(float, origin))
     data.SetSpacing(*map(float, spacing))
     return _xml(vtkXMLImageDataWriter(), data, {name: np.ravel(values) for name, values in fields.items()})
-
-
-def _points(positions: np.ndarray, lines: np.ndarray, fields: Mapping[str, np.ndarray]) -> str:
-    """Return the text of a file (.vtp) of points (P, 3), metres, `lines` (S, 2) between some, and their fields."""
-    from vtkmodules.util import numpy_support
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
-
-    data, places = vtkPolyData(), vtkPoints()
-    places.SetData(numpy_support.numpy_to_vtk(np.ascontiguousarray(positions, float), deep=True))
-    data.SetPoints(places)
-    for members, add in ((np.arange(len(positions))[:, None], data.SetVerts), (np.asarray(lines, int), data.SetLines)):
-        cells, connectivity = vtkCellArray(), numpy_support.numpy_to_vtkIdTypeArray(members.ravel(), deep=True)
-        cells.SetData(members.shape[1], connectivity)
-        add(cells)
-    return _xml(vtkXMLPolyDataWriter(), data, fields)
 
 
 def _xml(writer, data, fields: Mapping[str, np.ndarray]) -> str:
@@ -203,28 +198,23 @@ def _write_png(path: Path, field: FieldMap) -> None:
     layer = (..., len(field.axes[2]) // 2) if len(field.axes) == 3 else ...
     figure = Figure(figsize=(13.5, 3.9 * count), dpi=110, layout="constrained")
     panels = figure.subplots(count, 3, squeeze=False)
+    x, y = field.axes[:2]
+    half = (x[1] - x[0]) / 2
+    extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
     for row, f, p in zip(panels, field.frequencies, field.pressure, strict=True):
-        _draw_row(row, f, p, layer, field)
+        largest = float(np.nanmax(np.abs(p)))
+        parts = {"real part": np.real(p), "imaginary part": np.imag(p), "magnitude": np.abs(p)}
+        for panel, (part, values) in zip(row, parts.items(), strict=True):
+            low, colours = (0, COLOUR_MAP) if part == "magnitude" else (-largest, DIVERGING_COLOUR_MAP)
+            shown = panel.imshow(values[layer].T, origin="lower", extent=extent, cmap=colours, vmin=low, vmax=largest)
+            panel.plot(*field.microphones[:, :2].T, ".", color="black", markersize=3)
+            panel.set(title=f"{f:.1f} Hz, {part}", xlabel="x (m)", ylabel="y (m)")
+            figure.colorbar(shown, ax=panel, label="pressure (unit of the measurement)")
     title = "Sound field inside the array"
     if len(field.axes) == 3:
         title += f" at z = {field.axes[2][len(field.axes[2]) // 2]:.3g} m"
     figure.suptitle(title)
     figure.savefig(path, format="png")
-
-
-def _draw_row(panels, f: float, p: np.ndarray, layer, field: FieldMap) -> None:
-    """Draw real part, imaginary part and magnitude of one layer of the pressures (nx, ny[, nz]) of a frequency, Hz."""
-    x, y = field.axes[:2]
-    half = (x[1] - x[0]) / 2
-    extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
-    largest = float(np.nanmax(np.abs(p)))
-    parts = {"real part": np.real(p), "imaginary part": np.imag(p), "magnitude": np.abs(p)}
-    for panel, (part, values) in zip(panels, parts.items(), strict=True):
-        low, colours = (0, COLOUR_MAP) if part == "magnitude" else (-largest, DIVERGING_COLOUR_MAP)
-        image = panel.imshow(values[layer].T, origin="lower", extent=extent, cmap=colours, vmin=low, vmax=largest)
-        panel.plot(*field.microphones[:, :2].T, ".", color="black", markersize=3)
-        panel.set(title=f"{f:.1f} Hz, {part}", xlabel="x (m)", ylabel="y (m)")
-        panel.figure.colorbar(image, ax=panel, label="pressure (unit of the measurement)")
 
 
 FIELD_WRITERS = {".npz": _write_npz, ".csv": _write_csv, ".png": _write_png, ".vti": _write_vti}

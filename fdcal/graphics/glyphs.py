@@ -102,25 +102,18 @@ def walls(vertices, height: float) -> Triangles:
 def floor_grid(vertices, spacing: float, z: float) -> np.ndarray:
     """Return grid lines (S, 2, 3) at height `z` clipped to an outline (V, 2), metres."""
     vertices = np.asarray(vertices, float)
-    pieces = []
+    following, pieces = np.roll(vertices, -1, axis=0), []
     for axis in (0, 1):
         low, high = vertices[:, axis].min(), vertices[:, axis].max()
         for level in np.arange(np.floor(low / spacing) + 1, np.ceil(high / spacing)) * spacing:
-            for start, end in _clip(vertices, axis, level):
-                ends = np.full((2, 3), z)
-                ends[:, axis], ends[:, 1 - axis] = level, (start, end)
-                pieces.append(ends)
-    return np.array(pieces).reshape(-1, 2, 3)
-
-
-def _clip(vertices: np.ndarray, axis: int, level: float) -> list[tuple[float, float]]:
-    """Intervals of the line `coordinate[axis] = level` inside the outline."""
-    a, b = vertices, np.roll(vertices, -1, axis=0)
-    crossing = (a[:, axis] > level) != (b[:, axis] > level)
-    a, b = a[crossing], b[crossing]
-    fraction = (level - a[:, axis]) / (b[:, axis] - a[:, axis])
-    crossings = np.sort(a[:, 1 - axis] + fraction * (b[:, 1 - axis] - a[:, 1 - axis]))
-    return list(zip(crossings[::2], crossings[1::2], strict=True))
+            crossing = (vertices[:, axis] > level) != (following[:, axis] > level)
+            a, b = vertices[crossing], following[crossing]
+            fraction = (level - a[:, axis]) / (b[:, axis] - a[:, axis])
+            crossings = np.sort(a[:, 1 - axis] + fraction * (b[:, 1 - axis] - a[:, 1 - axis]))
+            ends = np.full((len(crossings) // 2, 2, 3), z)  # the line is inside from every other crossing to the next
+            ends[..., axis], ends[..., 1 - axis] = level, crossings.reshape(-1, 2)
+            pieces.append(ends)
+    return np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
 
 
 def round_ticks(low: float, high: float, count: int) -> np.ndarray:
@@ -144,15 +137,6 @@ def ruler(
     places = ends[:, 1].copy()
     places[:, 1 - axis] -= 0.6 * length
     return ends, places, tick_texts(values)
-
-
-def upright_ruler(corner, low: float, high: float, length: float) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the ticks of heights along a vertical edge at `corner` (2,), to the side of low x; else as `ruler`."""
-    values = round_ticks(low, high, 5)
-    ends = np.zeros((len(values), 2, 3))
-    ends[..., :2], ends[..., 2] = corner, values[:, None]
-    ends[:, 1, 0] -= length
-    return ends, ends[:, 1] - [0.6 * length, 0.0, 0.0], tick_texts(values)
 
 
 def tick_texts(values: np.ndarray) -> tuple[str, ...]:

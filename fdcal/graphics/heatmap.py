@@ -256,18 +256,13 @@ TABLE = np.array((PLACE, *LARGEST, OTHERS, EDGE, BORDER), np.uint8)
 BYTES = np.array([1 << 16, 1 << 8, 1])  # of a colour in one number
 
 
-@dataclass(frozen=True)
-class BasinImage:
-    """A map of basins as numbers of colours of TABLE."""
+def basin_image(
+    basins: Basins, here: int, name: str, labels: np.ndarray | None = None
+) -> tuple[np.ndarray, tuple[Area, ...]]:
+    """Return numbers (h, w) uint8 of colours of TABLE, row 0 at low y, and what they stand for, in the legend's order.
 
-    numbers: np.ndarray  # (h, w) uint8, row 0 at low y
-    areas: tuple[Area, ...]  # of the legend, in its order
-
-
-def basin_image(basins: Basins, here: int, name: str, labels: np.ndarray | None = None) -> BasinImage:
-    """Return the colours of basins and what they stand for; `labels` (h, w) are of a slice through a volume.
-
-    `here`: the basin that has the first colour, of the place `name`; OUTSIDE for no such basin.
+    `labels` (h, w): of a slice through a volume; `here`: the basin that has the first colour, of the place `name`;
+    OUTSIDE for no such basin.
     """
     labels = basins.labels if labels is None else labels
     finer = -(-BASIN_PIXELS // max(labels.shape))
@@ -291,7 +286,7 @@ def basin_image(basins: Basins, here: int, name: str, labels: np.ndarray | None 
         areas.append(Area("basins/others", text, OTHERS))
     if basins.outside:
         areas.append(Area("basins/edge", f"leaves the map {_percent(basins.outside)}", EDGE))
-    return BasinImage(numbers, tuple(areas))
+    return numbers, tuple(areas)
 
 
 def table_numbers(rgb: np.ndarray) -> np.ndarray:
@@ -305,18 +300,18 @@ def basin_floor(
     basins: Basins, search: Search, minima: Minima, place=None, name: str = "true position", height: float = 0.0
 ) -> Floor:
     """Return the map of basins of attraction, the first colour for that of `place` (2,), metres, if it is given."""
-    image = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name)
+    numbers, areas = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name)
     half, (ny, nx) = search.step / 2, basins.labels.shape
     lowest, others = marks_of(minima)
     return Floor(
-        rgb=frozen_array(TABLE[image.numbers], np.uint8),
+        rgb=frozen_array(TABLE[numbers], np.uint8),
         origin=(search.origin[0] - half, search.origin[1] - half),
         size=(nx * search.step, ny * search.step),
         bar=None,
         lowest=lowest,
         height=height,
         minima=others,
-        areas=image.areas,
+        areas=areas,
     )
 
 

@@ -44,11 +44,11 @@ def draw_basins(panel: Any, cost: np.ndarray, search: Search, place, name: str) 
     from matplotlib.patches import Patch
 
     basins = basins_of(cost)
-    image = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name)
-    panel.imshow(TABLE[image.numbers], origin="lower", extent=_extent(search, cost.shape), interpolation="nearest")
+    numbers, areas = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name)
+    panel.imshow(TABLE[numbers], origin="lower", extent=_extent(search, cost.shape), interpolation="nearest")
     patches = [
         Patch(facecolor=f"#{bytes(area.colour).hex()}", edgecolor="black", linewidth=0.5, label=area.text)
-        for area in image.areas
+        for area in areas
     ]
     style = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "fontsize": "small"}
     panel.legend(handles=patches, handlelength=1.2, **style)
@@ -58,19 +58,6 @@ def _extent(search: Search, shape: tuple[int, ...]) -> tuple[float, float, float
     """The edges of a map (ny, nx), of which a pixel is one cell of the lattice."""
     half, (x, y), (ny, nx) = search.step / 2, search.origin[:2], shape
     return x - half, x + nx * search.step - half, y - half, y + ny * search.step - half
-
-
-def label_axes(axes, count: int, columns: int) -> None:
-    """Label the outer panels in metres, and hide the frames without a panel."""
-    for i, panel in enumerate(axes):
-        if i >= count:
-            panel.set_visible(False)
-            continue
-        panel.tick_params(labelbottom=True)
-        if i + columns >= count:
-            panel.set_xlabel("x (m)")
-        if i % columns == 0:
-            panel.set_ylabel("y (m)")
 
 
 MAX_TICKS = 5  # of a colour bar in decibels
@@ -132,7 +119,10 @@ def draw_landscape(
         plot_marks(panel, "lowest", minima.lowest)
         plot_marks(panel, "microphones/estimate", None if estimate is None else [estimate])
         panel.set_title(title)
-    label_axes(axes, count, columns)
+    for i, panel in enumerate(axes):
+        panel.set_visible(i < count)
+        panel.tick_params(labelbottom=True)
+        panel.set(xlabel="x (m)" if i + columns >= count else "", ylabel="" if i % columns else "y (m)")
     heading = heading or f"{'Basins of attraction' if basins else 'Cost'} of moving microphone {panels.microphone}"
     figure.suptitle(heading, x=0.02, ha="left", parse_math=False)
     marks = {name: line for panel in axes for line, name in zip(*panel.get_legend_handles_labels(), strict=True)}

@@ -5,8 +5,8 @@ orange diamond, faulty channels violet circles with a bar. The shapes differ fir
 eyes, too. A white halo around each keeps it legible on the map and on any background.
 
 In a scene marks are flat meshes, whose size is in the room, not on the screen; in a legend they are symbols, as SVG or
-as an image; matplotlib has a marker for each; the replay's page gets the table as JSON. Lengths are metres, colours RGB
-from 0 to 255.
+as an image; matplotlib has a marker for each; the pages of replays and the film get the table as JSON. Lengths are
+metres, colours RGB from 0 to 255.
 """
 
 from __future__ import annotations
@@ -267,13 +267,14 @@ def css(colour) -> str:
 
 
 def marks_json(names: dict[str, str]) -> dict[str, dict[str, Any]]:
-    """Return marks as the page of a replay reads them; `names`: of the marks, by how the page calls them."""
+    """Return marks as a script of a page reads them; `names`: of the marks, by how the script calls them."""
     return {
         key: {
             "text": MARKS[name].text,
             "colour": css(MARKS[name].colour),
             "reach": MARKS[name].reach,
             "width": MARKS[name].width,
+            "halo": MARKS[name].halo,
             "symbol": symbol_svg(MARKS[name]),
         }
         for key, name in names.items()

@@ -29,14 +29,16 @@ from .primitives import Colour, Floor, Label, Lines, Mesh, Picture
 from .volume import AXES, Volume
 
 _DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
+SECTIONS = {
+    2: ((1, 0),),
+    3: ((2, 1), (2, 0), (1, 0)),
+}  # of D axes: pairs of half axes, that of the largest section first
 ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
 NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn
 SMALL_ELLIPSE = 0.5  # of the radius of a marker: half axis below which an ellipse is hidden by the marks
 VISIBLE = 0.03  # of the extent: half axis to which the median ellipse is enlarged
-CUT_RADIUS, CUT_PIECES = (
-    MARKS["cut"].reach,
-    80,
-)  # of the ring at an end, radii of a marker; pieces of the line over a relief
+CUT_RADIUS = MARKS["cut"].reach  # of the ring at an end, radii of a marker
+CUT_PIECES = 80  # of the line over a relief
 
 
 def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
@@ -72,37 +74,35 @@ def enlargement(half_axis: float, extent: float) -> float:
     return float(next(power * step for step in (1, 2, 5, 10) if power * step >= wanted * (1 - 1e-9)))
 
 
-def _rims(one: np.ndarray, other: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """Return the outlines (S, 2, 3) of ellipses of two half axes (N, 3) each, metres."""
-    angles = np.linspace(0, 2 * np.pi, ELLIPSE_SIDES + 1)[:, None, None]
-    rim = np.cos(angles) * one + np.sin(angles) * other + centres
-    return np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3)
-
-
 def with_ellipses(
-    picture: Picture, positions, axes, floor: Floor | None = None, scale: float = 1.0, note: str = ""
+    picture: Picture,
+    positions,
+    axes,
+    floor: Floor | None = None,
+    scale: float = 1.0,
+    note: str = "",
+    text: str = MARKS["ellipses"].text,
+    sections: int = 1,
 ) -> Picture:
     """Return the picture with an error ellipse around each microphone, none where it is no larger than a dot.
 
-    The legend says by how much the ellipses are enlarged, or that they are too small to be seen; `note` adds words.
-    `axes` as of `ellipse_scale`; the largest section of an ellipsoid is drawn, `scale` times enlarged.
+    The legend says by how much the ellipses are enlarged, or that they are too small to be seen: `text` is their word,
+    and `note` adds to it. `axes` as of `ellipse_scale`; so many of SECTIONS are drawn, `scale` times enlarged.
     """
-    axes, positions = scale * np.asarray(axes, float), np.asarray(positions, float)
-    long, middle = axes[:, -1], axes[:, -2]
-    lengths = np.linalg.norm(long, axis=1)
+    axes, positions, radius = scale * np.asarray(axes, float), np.asarray(positions, float), picture.marker_radius
+    lengths = np.linalg.norm(axes[:, -1], axis=1)
     seen = np.flatnonzero(lengths > scale * NO_ELLIPSE)
     if not len(seen):
         return picture
-    centres = on_layer(
-        drape(positions[seen], floor, picture.marker_radius), picture.z_range[0], picture.marker_radius, Layer.ELLIPSE
-    )
-    pad = ((0, 0), (0, 3 - axes.shape[2]))
-    long, middle = np.pad(long[seen], pad), np.pad(middle[seen], pad)
-    pieces = _rims(long, middle, centres)
-    text = MARKS["ellipses"].text
+    centres = on_layer(drape(positions[seen], floor, radius), picture.z_range[0], radius, Layer.ELLIPSE)
+    D = axes.shape[2]
+    half = np.pad(axes[seen], ((0, 0), (0, 0), (0, 3 - D)))
+    angles = np.linspace(0, 2 * np.pi, ELLIPSE_SIDES + 1)[:, None, None]
+    rims = [np.cos(angles) * half[:, a] + np.sin(angles) * half[:, b] + centres for a, b in SECTIONS[D][:sections]]
+    pieces = np.concatenate([np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3) for rim in rims])
     if scale > 1:
         text += f", drawn {scale:g} times larger"
-    elif lengths.max() < SMALL_ELLIPSE * picture.marker_radius:
+    elif lengths.max() < SMALL_ELLIPSE * radius:
         text += ", too small to be seen"
     captions = (*picture.captions, ("ellipses", f"{text}; {note}" if note else text))
     return replace(picture, captions=captions).plus(lines("ellipses", pieces, ELLIPSE, 2.5))
@@ -127,12 +127,12 @@ def with_volume(picture: Picture, volume: Volume | None) -> Picture:
         return picture
     radius = picture.marker_radius
     lowest, others = ((), ()) if volume.minima is None else (volume.minima.lowest, volume.minima.others)
-    for name, places, reach, width in (("minima", others, 1.6, 0.32), ("lowest", lowest, 2.8, 0.45)):
+    for name, places in (("minima", others), ("lowest", lowest)):
         if len(places):
             loops = [glyphs.loop(np.roll(_DIAMOND, turn, axis=1), 0.0) for turn in (0, 1)]
-            shape = reach * radius * np.concatenate(loops)
+            shape = MARKS[name].reach * radius * np.concatenate(loops)
             segments = (np.array(places)[:, None, None, :] + shape).reshape(-1, 2, 3)
-            picture = picture.plus(*strokes(name, segments, radius, width))
+            picture = picture.plus(*strokes(name, segments, radius))
     plates = () if volume.plate is None else (volume.plate,)
     surfaces = (volume.surface,) if len(volume.surface.faces) else ()
     places = [("slice", f"slice at {AXES[plate.axis]} = {plate.position:z.2f} m") for plate in plates]
@@ -157,7 +157,6 @@ def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:
 
 
 BOUND_TEXT = "least error (95 %)"  # in the legend
-SECTIONS = ((-1, -2), (-1, 0), (-2, 0))  # pairs of half axes: the principal sections of an ellipsoid
 
 
 def with_bound(picture: Picture, positions, axes) -> Picture:
@@ -165,21 +164,10 @@ def with_bound(picture: Picture, positions, axes) -> Picture:
 
     The legend says by how much they are enlarged. `axes` as of `ellipse_scale`; zeros of a microphone that is given.
     """
-    axes, positions = np.asarray(axes, float), np.asarray(positions, float)
-    captions = (*picture.captions, ("microphones/true", "planned microphone"))
-    picture = replace(picture, captions=captions)
-    seen = np.flatnonzero(np.linalg.norm(axes[:, -1], axis=1) > NO_ELLIPSE)
-    if not len(seen):
-        return picture
+    picture = replace(picture, captions=(*picture.captions, ("microphones/true", "planned microphone")))
     x0, y0, x1, y1 = picture.focus
     scale = ellipse_scale(axes, max(x1 - x0, y1 - y0))
-    D = axes.shape[2]
-    half = np.pad(scale * axes[seen], ((0, 0), (0, 0), (0, 3 - D)))
-    centres = on_layer(positions[seen], picture.z_range[0], picture.marker_radius, Layer.ELLIPSE)
-    pieces = [_rims(half[:, a], half[:, b], centres) for a, b in SECTIONS[: 1 if D == 2 else 3]]
-    text = BOUND_TEXT + (f", drawn {scale:g} times larger" if scale > 1 else "")
-    picture = replace(picture, captions=(*captions, ("ellipses", text)))
-    return picture.plus(lines("ellipses", np.concatenate(pieces), ELLIPSE, 2.0))
+    return with_ellipses(picture, positions, axes, None, scale, text=BOUND_TEXT, sections=3)
 
 
 BALL_RADIUS = MARKS["microphones/ball"].reach  # of the ball, in radii of a marker
@@ -207,12 +195,8 @@ def ball_centre(picture: Picture, place, floor: Floor | None) -> np.ndarray:
     """Return the middle (3,), metres, of a ball at `place` (D,), on the edges of a hole that is too narrow for it."""
     ball = BALL_RADIUS * picture.marker_radius
     ground = _on(np.asarray(place, float)[None], floor, picture.z_range[0], ball)[0]
-    return ground if len(place) == 3 else ground + [0.0, 0.0, _above(picture) + 0.75 * ball]
-
-
-def _above(picture: Picture) -> float:
-    """Height over a map of what stands on it, metres."""
-    return layer_height(Layer.MINIMUM, picture.marker_radius)
+    above = layer_height(Layer.MINIMUM, picture.marker_radius)  # of what stands on a map
+    return ground if len(place) == 3 else ground + [0.0, 0.0, above + 0.75 * ball]
 
 
 def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str = "") -> Picture:
@@ -231,7 +215,11 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
         shadow = centre - [*(0.5 * ball * BALL_LIGHT[:2]), 0.75 * ball]
         drawn.append(mesh("ball/shadow", glyphs.annuli(shadow[None], 0.55 * ball, 1.1 * ball), (0, 0, 0), 0.3))
     if path is not None and len(path) > 1:
-        way = _on(np.asarray(path, float), floor, base) + [0.0, 0.0, 0.0 if in_space else _above(picture)]
+        way = _on(np.asarray(path, float), floor, base) + [
+            0.0,
+            0.0,
+            0.0 if in_space else layer_height(Layer.MINIMUM, picture.marker_radius),
+        ]
         colour = picture.theme.foreground if in_space else WHITE  # seen beside what is below it
         drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), colour, PATH_WIDTH))
     raised = in_space or (floor is not None and floor.heights is not None)

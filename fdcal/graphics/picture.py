@@ -61,43 +61,39 @@ def wall_height(scene: Scene) -> float:
     return PLANE_WALLS * float(np.ptp(scene.room.vertices, axis=0).max())
 
 
-def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[Part, ...]:
-    """Return the outline of the search domain at height `base`, metres, with its rulers."""
-    x0, y0, x1, y1 = focus
-    level = base + layer_height(Layer.FRAME, marker_radius)
-    pieces = [glyphs.loop([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], level)]
-    labels: list[Label] = []
+HEIGHT_TICKS = "frame_ticks"  # name of the ruler's ticks; seen from the top they overlap
+
+
+def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> tuple[Part, ...]:
+    """Return the outline of the search domain with its rulers; of one in space also the edges above its base.
+
+    From the top the numbers of the heights coincide, and one label gives their whole range.
+    """
+    (x0, y0, x1, y1), (low, high), tick = focus, z_range, 1.2 * marker_radius
+    level, corners = low + layer_height(Layer.FRAME, marker_radius), [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    pieces, labels = [glyphs.loop(corners, level)], list[Label]()
     edges: list[tuple[float, float, float, Anchor]] = [(x0, x1, y0, "top-center"), (y0, y1, x0, "center-right")]
-    for axis, (low, high, across, anchor) in enumerate(edges):
-        ticks, places, texts = glyphs.ruler(low, high, across, axis, 1.2 * marker_radius, level)
+    for axis, (start, end, across, anchor) in enumerate(edges):
+        ticks, places, texts = glyphs.ruler(start, end, across, axis, tick, level)
         pieces.append(ticks)
         labels += _numbers("xy"[axis], places, texts, theme, anchor)
     labels.append(Label("frame/x", "x (m)", (x1, y0 - 3.8 * marker_radius, level), theme.foreground, "top-right"))
     labels.append(Label("frame/y", "y (m)", (x0, y1 + 2.0 * marker_radius, level), theme.foreground, "bottom-center"))
-    return lines("frame", np.concatenate(pieces), theme.foreground, 1.5), *labels
-
-
-HEIGHT_TICKS = "frame_ticks"  # name of the ruler's ticks; seen from the top they overlap
-
-
-def upper_frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> tuple[Part, ...]:
-    """Return the edges of a search domain in space above its base, with a ruler of heights at its left edge.
-
-    From the top its numbers coincide, and one label gives the whole range of heights.
-    """
-    x0, y0, x1, y1 = focus
-    low, high = z_range
-    corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
-    uprights = glyphs.stems(glyphs.lift(corners, low), high)
-    ticks, places, texts = glyphs.upright_ruler((x0, y1), low, high, 1.2 * marker_radius)
-    text = f"z {low:z.2f} to {high:z.2f} m"
+    outline = lines("frame", np.concatenate(pieces), theme.foreground, 1.5)
+    if high <= low:
+        return outline, *labels
+    values = glyphs.round_ticks(low, high, 5)
+    ticks = np.array([[(x0, y1, z), (x0 - tick, y1, z)] for z in values]).reshape(-1, 2, 3)
+    text, place = f"z {low:z.2f} to {high:z.2f} m", (x1, y1 + marker_radius, high)
     return (
-        lines("frame_uprights", uprights, theme.grid, 1.5),
+        outline,
+        *labels,
+        lines("frame_uprights", glyphs.stems(glyphs.lift(corners, low), high), theme.grid, 1.5),
         lines("frame_top", glyphs.loop(corners, high), theme.foreground, 1.0),
         lines(HEIGHT_TICKS, ticks, theme.foreground, 1.0),
-        Label("frame/range", text, (x1, y1 + marker_radius, high), theme.foreground, "bottom-right"),
+        Label("frame/range", text, place, theme.foreground, "bottom-right"),
         Label("frame/z", "z (m)", (x0, y1, high + 3 * marker_radius), theme.foreground, "bottom-center"),
-        *_numbers("z", places, texts, theme, "center-right"),
+        *_numbers("z", ticks[:, 1] - [0.6 * tick, 0.0, 0.0], glyphs.tick_texts(values), theme, "center-right"),
     )
 
 
@@ -114,10 +110,20 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme, take: int 
 
     Of several places of the source each is marked with its take; where one take is chosen, the others are drawn small.
     """
-    parts = _room(scene, marker_radius, theme)
-    places = glyphs.lift(np.array(scene.emitter.places, float), layer_height(Layer.SOURCE, marker_radius))
-    several = len(places) > 1
-    extent = float(np.ptp(scene.room.vertices, axis=0).max())
+    vertices, height, sources = scene.room.vertices, wall_height(scene), np.array(scene.emitter.places, float)
+    several, extent = len(sources) > 1, float(np.ptp(vertices, axis=0).max())
+    edges = glyphs.loop(vertices, layer_height(Layer.WALLS, marker_radius))
+    grid = glyphs.floor_grid(vertices, 1.0 if extent > 3.0 else 0.2, layer_height(Layer.GRID, marker_radius))
+    if scene.room.dimension == 3:  # a box by its edges alone: walls of full height would veil what is in the room
+        feet = np.concatenate([glyphs.lift(vertices, height), sources[: len(sources) == 1]])
+        box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
+        first, colour, width = lines("room/box", box, theme.grid, 1.0), theme.quiet, 1.0  # which crosses the array
+    else:
+        edges = np.concatenate([edges, glyphs.loop(vertices, height)])
+        first = mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12)
+        colour, width = theme.foreground, 2.0
+    parts = [first, lines("room/grid", grid, theme.grid, 1.0), lines("room/edges", edges, colour, width)]
+    places = glyphs.lift(sources, layer_height(Layer.SOURCE, marker_radius))
     seen_whole = several or scene.room.dimension == 3  # in a room that is far larger than the array
     radius = max(marker_radius, MIN_SOURCE * extent) if seen_whole else marker_radius
     for number, place in enumerate(places):
@@ -131,24 +137,6 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme, take: int 
         text = f"source, {text}" if several and chosen else text
         parts.append(Label(f"{name}/name", text, (x, y - 3 * size, z), colour, "top-center"))
     return parts
-
-
-def _room(scene: Scene, marker_radius: float, theme: Theme) -> list[Part]:
-    """Walls and floor grid; a box by its edges alone, for walls of full height would veil what is in the room."""
-    vertices, height = scene.room.vertices, wall_height(scene)
-    extent = float(np.ptp(vertices, axis=0).max())
-    edges = glyphs.loop(vertices, layer_height(Layer.WALLS, marker_radius))
-    grid = glyphs.floor_grid(vertices, 1.0 if extent > 3.0 else 0.2, layer_height(Layer.GRID, marker_radius))
-    if scene.room.dimension == 3:
-        sources = np.array(scene.emitter.places, float)
-        feet = np.concatenate([glyphs.lift(vertices, height), sources[: len(sources) == 1]])
-        box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
-        first, colour, width = lines("room/box", box, theme.grid, 1.0), theme.quiet, 1.0  # which crosses the array
-    else:
-        edges = np.concatenate([edges, glyphs.loop(vertices, height)])
-        first = mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12)
-        colour, width = theme.foreground, 2.0
-    return [first, lines("room/grid", grid, theme.grid, 1.0), lines("room/edges", edges, colour, width)]
 
 
 # In radii of a marker: sizes of a text on the screen where the search domain fills it, and distances.
@@ -178,35 +166,19 @@ def name_place(
     text: str, place, marks, focus: tuple[float, float, float, float], marker_radius: float
 ) -> tuple[tuple[float, float], Anchor]:
     """Return where the name of a microphone at `place` stands, metres, and its anchor: in `focus`, clear of `marks`."""
-    best, fewest = SIDES[0], np.inf
-    for side in SIDES:
-        box = _box(text, place, side, marker_radius)
-        beyond = box[0] < focus[0] or box[1] < focus[1] or box[2] > focus[2] or box[3] > focus[3]
-        hidden = OUTSIDE * beyond + _hidden(box, np.reshape(marks, (-1, 2)), MARK * marker_radius)
-        if hidden < fewest:
-            best, fewest = side, hidden
-    return _point(place, best, marker_radius), best[2]
-
-
-def _point(place, side: tuple[float, float, Anchor], marker_radius: float) -> tuple[float, float]:
-    reach = marker_radius * (ABOVE if side[0] == 0 else BESIDE)
-    return float(place[0] + side[0] * reach), float(place[1] + side[1] * reach)
-
-
-def _box(text: str, place, side: tuple[float, float, Anchor], marker_radius: float) -> np.ndarray:
-    """The box (x0, y0, x1, y1) that a name takes on one side of a microphone, metres."""
     width, height = LETTER * len(text) * marker_radius, HEIGHT * marker_radius
-    x, y = _point(place, side, marker_radius)
-    left = x - width * (0.5 if side[0] == 0 else float(side[0] < 0))
-    low = y - height * (0.5 if side[1] == 0 else float(side[1] < 0))
-    return np.array([left, low, left + width, low + height])
-
-
-def _hidden(box: np.ndarray, marks: np.ndarray, reach: float) -> int:
-    """How many marks, as squares of half edge `reach`, metres, a box touches."""
-    low, high = marks - reach, marks + reach
-    touches = (low[:, 0] < box[2]) & (high[:, 0] > box[0]) & (low[:, 1] < box[3]) & (high[:, 1] > box[1])
-    return int(touches.sum())
+    low, high = (np.reshape(marks, (-1, 2)) + reach for reach in (-MARK * marker_radius, MARK * marker_radius))
+    found = []
+    for across, up, anchor in SIDES:
+        reach = marker_radius * (ABOVE if across == 0 else BESIDE)
+        x, y = float(place[0] + across * reach), float(place[1] + up * reach)
+        left = x - width * (0.5 if across == 0 else float(across < 0))
+        bottom = y - height * (0.5 if up == 0 else float(up < 0))
+        right, top = left + width, bottom + height
+        beyond = left < focus[0] or bottom < focus[1] or right > focus[2] or top > focus[3]
+        touched = (low[:, 0] < right) & (high[:, 0] > left) & (low[:, 1] < top) & (high[:, 1] > bottom)
+        found.append((OUTSIDE * beyond + int(touched.sum()), (x, y), anchor))
+    return min(found, key=lambda one: one[0])[1:]
 
 
 NOMINAL = (("microphones/true", "nominal"), ("microphones/error", "deviation"))  # words of the legend
@@ -255,9 +227,7 @@ def static_picture(
         (x0, y0), (x1, y1) = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
         bounds = (x0, y0, x1, y1)
         parts += room_and_source(scene, radius, theme, take)
-    parts += frame(focus, base, radius, theme)
-    if top > base:
-        parts += upper_frame(focus, z_range, radius, theme)
+    parts += frame(focus, z_range, radius, theme)
     if measurement.positions is not None:
         parts += true_microphones(drape(measurement.positions, floor, radius), z_range, radius, theme)
     if len(measurement.known):
@@ -313,12 +283,20 @@ def with_estimate(
     `microphone`: the selected one.
     """
     truth = measurement.aligned_truth(positions) if truth is None else truth
-    radius, known = picture.marker_radius, measurement.known
-    crossed = _seen_elsewhere(measurement.known_positions, known, np.asarray(positions, float), radius)
-    errors = np.empty((0, 2, 3)) if truth is None else _error_lines(truth, np.asarray(positions, float), floor, picture)
-    truth = None if truth is None else drape(truth, floor, radius)
+    radius, base, known = picture.marker_radius, picture.z_range[0], measurement.known
+    estimates, errors = np.asarray(positions, float), None
+    crossed = np.ones(len(estimates), bool)  # not the known ones whose square hides the cross
+    if len(known):
+        crossed[known] = np.linalg.norm(estimates[known] - measurement.known_positions, axis=1) > radius
+    if truth is not None:  # lines from each true position to its estimate, unless the marks hide them
+        far = np.linalg.norm(estimates - truth, axis=1) > radius
+        on_relief = floor is not None and floor.heights is not None and estimates.shape[1] == 2
+        way = np.linspace(truth[far], estimates[far], ERROR_PIECES + 1 if on_relief else 2)  # (P, F, D)
+        points = drape(way.reshape(-1, way.shape[2]), floor, radius / 2)
+        points = on_layer(points, base, radius, Layer.ERROR).reshape(*way.shape[:2], 3)
+        errors = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3)
+        truth = drape(truth, floor, radius)
     positions = drape(positions, floor, radius)
-    base = picture.z_range[0]
     if truth is not None and measurement.blind:
         moved = true_microphones(truth, picture.z_range, radius, picture.theme)
         picture = _without(picture, "microphones/true", "microphones/stems").plus(*moved)
@@ -326,7 +304,7 @@ def with_estimate(
         places = on_layer(drape(measurement.known_positions, floor, radius), base, radius, Layer.KNOWN)
         squares = marked("microphones/known", places, radius)
         picture = _without(picture, "microphones/known").plus(*squares)
-    if len(errors):
+    if errors is not None and len(errors):
         picture = picture.plus(*strokes("microphones/error", errors, radius))
     places = on_layer(positions[crossed], base, radius, Layer.ESTIMATE)
     picture = picture.plus(*marked("microphones/estimate", places, radius))
@@ -340,25 +318,6 @@ def with_estimate(
 
 
 ERROR_PIECES = 40  # of an error line over a relief, on which it lies: straight, it would go through hills
-
-
-def _error_lines(truth: Reals, positions: Reals, floor: Floor | None, picture: Picture) -> np.ndarray:
-    """Return pieces (S, 2, 3), metres, from each true position (N, D) to its estimate, unless the marks hide them."""
-    radius = picture.marker_radius
-    far = np.linalg.norm(positions - truth, axis=1) > radius
-    on_relief = floor is not None and floor.heights is not None and positions.shape[1] == 2
-    way = np.linspace(truth[far], positions[far], ERROR_PIECES + 1 if on_relief else 2)  # (P, F, D)
-    points = drape(way.reshape(-1, way.shape[2]), floor, radius / 2)
-    points = on_layer(points, picture.z_range[0], radius, Layer.ERROR).reshape(*way.shape[:2], 3)
-    return np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3)
-
-
-def _seen_elsewhere(places, known: np.ndarray, positions: np.ndarray, radius: float) -> np.ndarray:
-    """Whether each of the `positions` (N, D) is free or farther from its place (K, D) than a mark hides : (N,) bool."""
-    away = np.ones(len(positions), bool)
-    if len(known):
-        away[known] = np.linalg.norm(positions[known] - places, axis=1) > radius
-    return away
 
 
 def _without(picture: Picture, *names: str) -> Picture:

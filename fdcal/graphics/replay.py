@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..cost.expansion import CarriedModes, ReferenceCost, carried_modes, expansion_of, reference_cost_of
+from ..cost.expansion import ReferenceCost, carried_modes, expansion_of, reference_cost_of
 from ..cost.maps import eq7_maps, refined
 from ..cost.scale import DECADES, DEPTH, FEW_MODES, LEAST_RANGE
 from ..model.gauge import align, fixes_gauge
@@ -36,7 +36,7 @@ from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.settings import SolverSettings, search_around
 from .heatmap import colour_limits, normalise, to_rgb
-from .marks import MARKS, css, marks_json
+from .marks import EDGE, MARKS, marks_json, symbol_svg
 from .picture import focus_of, wall_height, z_range_of
 
 
@@ -45,41 +45,36 @@ def packed(arrays: Mapping[str, np.ndarray]) -> dict:
 
     A wrap round of differences is undone by the next one.
     """
-    listed = {name: np.asarray(values) for name, values in arrays.items()}
-    content = b"".join(_planes(values) for values in listed.values())
-    return {
-        "arrays": {name: [_code(values), list(values.shape)] for name, values in listed.items()},
-        "bytes": base64.b64encode(zlib.compress(content, 9)).decode("ascii"),
-    }
-
-
-def _code(values: np.ndarray) -> str:
-    return f"{values.dtype.kind}{values.dtype.itemsize}"
-
-
-def _planes(values: np.ndarray) -> bytes:
-    """Return the bytes of an array, the lowest of all values first."""
-    if _code(values) == "i4" and len(values):
-        values = np.concatenate([values[:1], np.diff(values, axis=0)]).astype(values.dtype)
-    flat = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).reshape(-1, 1)
-    return flat.view(np.uint8).reshape(len(flat), -1).T.tobytes()
+    listed, content = {}, b""
+    for name, values in arrays.items():
+        values = np.asarray(values)
+        code = f"{values.dtype.kind}{values.dtype.itemsize}"
+        listed[name] = [code, list(values.shape)]
+        if code == "i4" and len(values):
+            values = np.concatenate([values[:1], np.diff(values, axis=0)]).astype(values.dtype)
+        flat = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).reshape(-1, 1)
+        content += flat.view(np.uint8).reshape(len(flat), -1).T.tobytes()  # the lowest byte of all values first
+    return {"arrays": listed, "bytes": base64.b64encode(zlib.compress(content, 9)).decode("ascii")}
 
 
 MAX_PRESSURES = 200_000  # complex numbers, 0.8 MB before compression
 LEVELS = 32767  # of a real or imaginary part, of the largest of its mode: 96 dB below it
 
 
-def map_data(problem: Problem) -> tuple[dict, dict[str, np.ndarray]] | None:
+def map_data(problem: Problem, settings: SolverSettings) -> tuple[dict, dict[str, np.ndarray]] | None:
     """Return data and arrays that the maps of a problem need; None where there is no search domain or mode carried.
 
-    "pressures" (M, N, 2) int16 are multiplied by "mode_scale" (M,) and "channel_scale" (N,).
+    "pressures" (M, N, 2) int16 are multiplied by "mode_scale" (M,) and "channel_scale" (N,); "descent" is what steps of
+    descent in the browser need, None of a problem that descent cannot solve; `settings`: of the solver.
     """
     reference_cost = reference_cost_of(problem)
     if reference_cost is None or problem.search is None:
         return None
     carried = carried_modes(problem, reference_cost.order_offset)
     kept = slice(0, max(1, MAX_PRESSURES // problem.pressures.shape[1]))
-    modes, search = carried.modes[kept], problem.search
+    modes, search, own = carried.modes[kept], problem.search, ("order_offset", "ample_modes", "known_weight")
+    descends = problem.dimension == problem.array_dimension == 2 and fixes_gauge(problem.known_positions)
+    descends = descends and settings.order_offset <= carried.order_offset  # no order of a step may exceed the maps'
     data = {
         "origin": list(search.origin[:2]),
         "step": search.step,
@@ -94,18 +89,15 @@ def map_data(problem: Problem) -> tuple[dict, dict[str, np.ndarray]] | None:
         "depth": DEPTH,
         "few": FEW_MODES,
         "colours": to_rgb(np.arange(256) / 255).ravel().tolist(),
+        "descent": {name: getattr(settings, name) for name in own} if descends else None,
     }
-    return data, _arrays(problem, CarriedModes(modes, carried.orders[kept], carried.order_offset))
-
-
-def _arrays(problem: Problem, carried: CarriedModes) -> dict[str, np.ndarray]:
-    pressures, k = problem.pressures[carried.modes], np.asarray(problem.wavenumbers[carried.modes], complex)
+    pressures, k = problem.pressures[modes], np.asarray(problem.wavenumbers[modes], complex)
     channel = np.sqrt(np.mean(np.abs(pressures) ** 2, axis=0))
     channel[channel == 0] = 1.0
     parts = _parts(pressures) / channel[:, None]
     mode = np.abs(parts).max(axis=(1, 2), initial=0.0)
     mode[mode == 0] = 1.0
-    return {
+    return data, {
         "wavenumbers": _parts(k),
         "pressures": np.rint(parts / mode[:, None, None] * LEVELS).astype("<i2"),
         "mode_scale": (mode / LEVELS).astype("<f8"),
@@ -118,27 +110,8 @@ def _parts(values: np.ndarray) -> np.ndarray:
     return np.stack([np.real(values), np.imag(values)], axis=-1)
 
 
-def channel_arrays(states: Sequence) -> dict[str, np.ndarray]:
-    """Return gain (T, N, 2) and noise (T, N) of the channels in every state, where a solver estimates them."""
-    found = [state.channels for state in states]
-    if all(channels is None for channels in found):
-        return {}
-    count = len(states[0].positions)
-    gains = np.array([np.ones(count) if one is None else one.gains for one in found], complex)
-    noise = np.array([np.ones(count) if one is None else one.noise for one in found], float)
-    return {"gains": _parts(gains).astype("<f4"), "noise": noise.astype("<f4")}
-
-
 MAX_BYTES = 4_500_000  # of a file; of a longer run fewer states are kept, evenly spaced
-STATE_NUMBERS = (
-    "step",
-    "sweep",
-    "stage",
-    "restart",
-    "moved",
-    "first",
-    "last",
-)  # of a state, in the file as they are called here
+STATE_NUMBERS = tuple("step sweep stage restart moved first last".split())  # of a state, with its names
 MAX_COSTS = 400  # states whose cost is computed, evenly spaced
 BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
 POSITION_LEVELS = 2**28  # of a coordinate, of the largest distance from the middle of the array
@@ -178,68 +151,34 @@ def replay_html(
         search = search_around(states[-1].positions, search, truth)
         measurement = replace(measurement, search=search)
         problem = None if problem is None else replace(problem, search=search)
-    maps = None if problem is None else map_data(problem)
-    data, arrays = _static_data(scene, measurement), {}
-    if maps is not None:
-        data["maps"], arrays = maps
-        data["maps"]["descent"] = _descent(problem, states[-1], data["maps"]["order_offset"])
-    channels = {} if maps is None else channel_arrays(states)
-    room = max_bytes - BASE_BYTES - NAME_BYTES * measurement.count - sum(a.nbytes for a in arrays.values()) * 4 / 3
-    kept = _kept_states(len(states), room, measurement.positions is not None, states[0].positions.shape, bool(channels))
-    shown, parts = (
-        [states[i] for i in kept],
-        [part for step in (lesson or {"steps": []})["steps"] for part in step["parts"]],
-    )
+    settings = getattr(states[-1], "settings", SolverSettings())
+    maps, arrays = (None if problem is None else map_data(problem, settings)) or (None, {})
+    corrected = maps is not None and any(state.channels is not None for state in states)  # by gains and noise
+    (N, D), count, numbers = states[0].positions.shape, len(states), 2 if truth is None else 4
+    room = max_bytes - BASE_BYTES - NAME_BYTES * N - sum(a.nbytes for a in arrays.values()) * 4 / 3
+    each = 4 * N * (D + 3 * corrected) + 4 * len(STATE_NUMBERS) + 8 * numbers  # bytes of a state before they are coded
+    most = max(2, int(room / (each * 4 / 3)))
+    kept = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+    parts = [part for step in (lesson or {"steps": []})["steps"] for part in step["parts"]]
     for part in parts:
         part["range"] = np.searchsorted(kept, part["range"]).tolist()
     ends = [end for part in parts for end in part["range"]]
-    changing, table = _state_data(measurement, shown, reference_cost, sought, ends)
-    arrays = arrays | table | {name: values[kept] for name, values in channels.items()}
-    data |= changing | {
-        "title": title,
-        "taken": len(states),
-        "microphone": microphone,
-        "lesson": lesson,
-        "opens_at": opens_at,
-    }
-    data["packed"] = packed(arrays)
-    return _page(title, json.dumps(data, separators=(",", ":"), allow_nan=False))
-
-
-def _descent(problem: Problem | None, state, order_offset: int) -> dict | None:
-    """Return what steps of descent in the browser need; None of a problem that descent cannot solve.
-
-    `order_offset`: of the maps, which no order of a step may exceed.
-    """
-    settings = getattr(state, "settings", SolverSettings())
-    if problem is None or not problem.dimension == problem.array_dimension == 2:
-        return None
-    if not fixes_gauge(problem.known_positions) or settings.order_offset > order_offset:
-        return None
-    return {name: getattr(settings, name) for name in ("order_offset", "ample_modes", "known_weight")}
-
-
-def _page(title: str, data: str) -> str:
-    """Return the page from its parts; in the data no tag can end."""
-    parts = {
+    changing, table = _state_data(measurement, [states[i] for i in kept], reference_cost, sought, ends, corrected)
+    data = _static_data(scene, measurement) | changing | {"title": title, "taken": count, "microphone": microphone}
+    data |= {"maps": maps, "lesson": lesson, "opens_at": opens_at, "packed": packed(arrays | table)}
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    page = {
         "TITLE": escape(title),
         "STYLE": (PAGE / "page.css").read_text(encoding="utf-8"),
         "SCRIPT": "\n".join((PAGE / name).read_text(encoding="utf-8") for name in SCRIPTS),
-        "DATA": data.replace("<", "\\u003c"),
+        "DATA": text.replace("<", "\\u003c"),  # so that no tag can end in it
     }
-    return filled((PAGE / "page.html").read_text(encoding="utf-8"), parts)
+    return filled((PAGE / "page.html").read_text(encoding="utf-8"), page)
 
 
 def filled(template: str, parts: Mapping[str, str]) -> str:
     """Return a template with each @NAME@ replaced by the part of that name; what a part holds stays as it is."""
     return re.sub(r"@([A-Z]+)@", lambda match: parts[match[1]], template)
-
-
-def _kept_states(count: int, room: float, scored: bool, shape: tuple[int, int], channels: bool) -> np.ndarray:
-    """Indices of the states to be kept of `count`, the positions of which have `shape`, in `room` bytes."""
-    each = 4 * shape[0] * (shape[1] + 3 * channels) + 4 * len(STATE_NUMBERS) + 8 * (4 if scored else 2)
-    most = max(2, int(room / (each * 4 / 3)))
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
 def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
@@ -256,7 +195,6 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
         "focus": focus_of(measurement),
         "heights": z_range_of(scene, measurement),
         "marks": marks_json(PAGE_MARKS),
-        "maps": None,
         "outline": None,
         "sources": [],
         "tall": 0.0,
@@ -272,9 +210,12 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
 
 
 def _state_data(
-    measurement: Measurement, states: Sequence, reference_cost, sought, ends: Sequence[int] = ()
+    measurement: Measurement, states: Sequence, reference_cost, sought, ends: Sequence[int], corrected: bool
 ) -> tuple[dict, dict[str, np.ndarray]]:
-    """What changes from state to state: where and in what unit the positions are, and the arrays."""
+    """What changes from state to state: where and in what unit the positions are, and the arrays.
+
+    `ends`: of `_costs`; `corrected`: whether gain (T, N, 2) and noise (T, N) of the channels are among them.
+    """
     positions, truth = np.array([state.positions for state in states], float), measurement.positions
     free = np.setdiff1d(np.arange(measurement.count), measurement.known) if sought is None else sought
     counted = free if len(free) else slice(None)
@@ -284,6 +225,11 @@ def _state_data(
     unit = float(np.abs(positions - origin).max()) / POSITION_LEVELS or 1.0
     arrays = {name: np.array([getattr(state, name) for state in states], "<i4") for name in STATE_NUMBERS}
     arrays["positions"] = np.rint((positions - origin) / unit).astype("<i4")
+    if corrected:
+        none = np.ones(measurement.count)
+        gains = np.array([none if (one := state.channels) is None else one.gains for state in states], complex)
+        noise = np.array([none if (one := state.channels) is None else one.noise for state in states], float)
+        arrays |= {"gains": _parts(gains).astype("<f4"), "noise": noise.astype("<f4")}
     if reference_cost is not None:
         arrays["cost"] = _costs(states, reference_cost, ends)
     if truth is not None:
@@ -302,6 +248,7 @@ def _costs(states: Sequence, reference_cost: ReferenceCost, ends: Sequence[int])
 
 
 THUMBNAIL = 96  # pixels along the longer edge of the map in a picture of the index
+MARK_EDGE = 6  # pixels of it, of a symbol
 
 
 @dataclass(frozen=True)
@@ -323,7 +270,14 @@ def index_html(title: str, introduction: str, entries: Sequence[GalleryEntry], o
         f"<p class='figures'>{escape(entry.figures)}</p></a>"
         for entry in entries
     )
+    middle, scale = EDGE / 2, MARK_EDGE / EDGE
+    marks = "".join(
+        f'<g id="{one}" transform="scale({scale:g}) translate({-middle:g} {-middle:g})">{symbol_svg(MARKS[name])}</g>'
+        for one, name in PAGE_MARKS.items()
+        if one in ("true", "estimate")
+    )
     parts = {"TITLE": escape(title), "INTRODUCTION": escape(introduction), "CARDS": cards, "OPENING": escape(opening)}
+    parts["MARKS"] = marks
     return filled((PAGE / "index.html").read_text(encoding="utf-8"), parts)
 
 
@@ -335,7 +289,7 @@ def picture_of(
     modes: Sequence[int] | None,
     by: np.ndarray | slice = slice(None),
 ) -> str:
-    """Return a picture of the map of microphone `n` with the true and the estimated positions, as SVG.
+    """Return a picture of the map of microphone `n` with the true and the estimated positions, as SVG for the index.
 
     `modes`: counted from 1; all that the microphones can carry unless given; `by`: numbers of the microphones by which
     a blind array is aligned.
@@ -358,14 +312,10 @@ def picture_of(
         places = (np.asarray(positions, float)[:, :2] - corner) / lattice.step
         return np.column_stack([places[:, 0], height - places[:, 1]])
 
-    true, estimate = css(MARKS["microphones/true"].colour), css(MARKS["microphones/estimate"].colour)
-    marks = ""
-    if truth is not None:
-        circles = (f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.7"/>' for x, y in pixels(truth))
-        marks = f'<g fill="none" stroke="{true}" stroke-width="0.7">{"".join(circles)}</g>'
-    path = "".join(f"M{x - 1:.1f} {y - 1:.1f}l2 2m0-2l-2 2" for x, y in pixels(state.positions))
-    marks += f'<path d="{path}" stroke="#fff" stroke-width="1.3"/>'
-    marks += f'<path d="{path}" stroke="{estimate}" stroke-width="0.7"/>'
+    groups = {"estimate": state.positions} if truth is None else {"true": truth, "estimate": state.positions}
+    marks = "".join(
+        f'<use href="#{name}" x="{x:.1f}" y="{y:.1f}"/>' for name, group in groups.items() for x, y in pixels(group)
+    )
     coded = base64.b64encode(file.getvalue()).decode("ascii")
     return (
         f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="Map with the microphones">'

@@ -10,13 +10,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..assessment.calibration import Calibration
-from ..assessment.uncertainty import confidence_factor, ellipse_axes
+from ..assessment.findings import Answer
+from ..assessment.uncertainty import Bound, confidence_factor, ellipse_axes
 from ..cost.expansion import reference_cost_of
 from ..model.settings import search_around
 from ..model.validation import InputError, length_text
@@ -25,10 +25,6 @@ from .marks import ELLIPSE, TRUE, plot_marks
 from .overlays import enlargement
 from .primitives import fractions
 from .replay import replay_html
-
-if TYPE_CHECKING:
-    from ..session.doctor import Answer, Chart
-    from ..session.plan import Plan
 
 SIDES = 60  # of the polygon that is drawn for an ellipse
 MARK_SCALE = 2 / 3  # of marks, of those on a map: there are many
@@ -68,10 +64,20 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
     if places is not None and places.shape != result.positions.shape:
         problem = f"truth has shape {places.shape} and the positions {result.positions.shape}"
         raise InputError(problem, "give one position a microphone", key="truth")
+    known = np.isin(result.names, result.known or ())
     views = ((0, 1),) if D == 2 else ((0, 1), (0, 2))
     figure = Figure(figsize=(5.6 * len(views), 5.6), dpi=100, layout="constrained")
     for panel, view in zip(figure.subplots(1, len(views), squeeze=False).ravel(), views, strict=True):
-        _draw_view(panel, result, places, list(view))
+        axes, shown = list(view), result.positions[:, view]
+        if result.covariance is not None:
+            enlarged_ellipses(panel, shown, result.covariance[:, axes][:, :, axes], result.positions)
+        if places is not None:
+            plot_marks(panel, "microphones/true", places[:, axes], scale=MARK_SCALE)
+        plot_marks(panel, "microphones/estimate", shown[~known], scale=MARK_SCALE)
+        plot_marks(panel, "microphones/known", shown[known], scale=MARK_SCALE)
+        panel.set_aspect("equal", adjustable="datalim")
+        panel.set(xlabel=f"{'xyz'[view[0]]} (m)", ylabel=f"{'xyz'[view[1]]} (m)")
+        panel.grid(alpha=0.3)
     error = "" if result.mean_error is None else f", mean error {length_text(result.mean_error, 2)}"
     figure.suptitle(f"{len(result.positions)} microphones, {result.verdict or 'no verdict'}{error}", parse_math=False)
     handles, labels = figure.axes[0].get_legend_handles_labels()
@@ -79,22 +85,7 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
     return figure
 
 
-def _draw_view(panel: Any, result: Calibration, truth: np.ndarray | None, view: list[int]) -> None:
-    """Draw the coordinates `view` of the microphones."""
-    known = np.isin(result.names, result.known or ())
-    places = result.positions[:, view]
-    if result.covariance is not None:
-        enlarged_ellipses(panel, places, result.covariance[:, view][:, :, view], result.positions)
-    if truth is not None:
-        plot_marks(panel, "microphones/true", truth[:, view], scale=MARK_SCALE)
-    plot_marks(panel, "microphones/estimate", places[~known], scale=MARK_SCALE)
-    plot_marks(panel, "microphones/known", places[known], scale=MARK_SCALE)
-    panel.set_aspect("equal", adjustable="datalim")
-    panel.set(xlabel=f"{'xyz'[view[0]]} (m)", ylabel=f"{'xyz'[view[1]]} (m)")
-    panel.grid(alpha=0.3)
-
-
-def enlarged_ellipses(panel: Any, places: np.ndarray, covariance: np.ndarray, positions: np.ndarray) -> None:
+def enlarged_ellipses(panel, places: np.ndarray, covariance: np.ndarray, positions: np.ndarray) -> None:
     """Draw 95 % ellipses at (N, 2), metres, enlarged by a round factor where they are small beside the array (N, D)."""
     axes = ellipse_axes(covariance, confidence_factor(0.95, 2))
     longest = np.linalg.norm(axes[:, -1], axis=1)
@@ -251,31 +242,27 @@ def draw_finding(finding: Answer) -> Figure:
     """Return the charts of a finding, side by side."""
     figure = Figure(figsize=(5 * len(finding.charts), 3.4), dpi=100, layout="constrained")
     for chart, panel in zip(finding.charts, figure.subplots(1, len(finding.charts), squeeze=False)[0], strict=True):
-        _draw(chart, panel)
+        few = len(chart.curves) <= MANY
+        for number, curve in enumerate(chart.curves):
+            style = "osD^v"[number % 5] if curve.marks else "-"
+            panel.plot(curve.x, curve.y, style, markersize=4, alpha=0.8, label=curve.label if few else None)
+        if chart.limit is not None:
+            panel.axhline(chart.limit, color="grey", linestyle="--", linewidth=1)
+        if chart.names and len(chart.names) <= MANY:
+            panel.set_xticks(range(len(chart.names)), chart.names, rotation=90 if max(map(len, chart.names)) > 2 else 0)
+        if chart.equal:
+            panel.set_aspect("equal", adjustable="datalim")
+        panel.set(xlabel=chart.x, ylabel=chart.y)
+        panel.grid(alpha=0.3)
+        if few and len(chart.curves) > 1:
+            panel.legend(fontsize="x-small", ncols=2 if len(chart.curves) > 6 else 1)
     return figure
 
 
-def _draw(chart: Chart, panel) -> None:
-    for number, curve in enumerate(chart.curves):
-        label = curve.label if len(chart.curves) <= MANY else None
-        panel.plot(curve.x, curve.y, "osD^v"[number % 5] if curve.marks else "-", markersize=4, alpha=0.8, label=label)
-    if chart.limit is not None:
-        panel.axhline(chart.limit, color="grey", linestyle="--", linewidth=1)
-    if chart.names and len(chart.names) <= MANY:
-        panel.set_xticks(range(len(chart.names)), chart.names, rotation=90 if max(map(len, chart.names)) > 2 else 0)
-    if chart.equal:
-        panel.set_aspect("equal", adjustable="datalim")
-    panel.set(xlabel=chart.x, ylabel=chart.y)
-    panel.grid(alpha=0.3)
-    if 1 < len(chart.curves) <= MANY:
-        panel.legend(fontsize="x-small", ncols=2 if len(chart.curves) > 6 else 1)
-
-
-def draw_plan(plan: Plan) -> Figure:
-    """Return the figure of a plan: the microphones from above, with the ellipses of the bound."""
+def draw_plan(positions: np.ndarray, bound: Bound) -> Figure:
+    """Return the figure of a plan: the microphones (N, D), metres, from above, with the ellipses of the bound."""
     figure = Figure(figsize=(5.2, 4.8), dpi=100, layout="constrained")
-    panel, bound, positions = figure.subplots(), plan.bound, plan.request.layout.positions
-    x = positions[:, :2]
+    panel, x = figure.subplots(), positions[:, :2]
     enlarged_ellipses(panel, x, bound.covariance[:, :2, :2], positions)
     panel.plot(*x[bound.free].T, "o", color=fractions(TRUE), markersize=5, label="microphone")
     plot_marks(panel, "microphones/known", x[~bound.free], "position given", MARK_SCALE)
@@ -292,13 +279,23 @@ PLAN_STYLE = (
 )
 
 
-def plan_html(plan: Plan, sentences: tuple[Sequence[str], Sequence[str]], table: Sequence[Sequence[str]]) -> str:
-    """Return the page; it needs no network. `sentences`, `table`: what `fdcal.session.plan` says of the plan."""
-    layout, bound, (before, (caption, advice)) = plan.request.layout, plan.bound, sentences
+def plan_html(
+    name: str,
+    names: Sequence[str],
+    positions: np.ndarray,
+    bound: Bound,
+    sentences: tuple[Sequence[str], Sequence[str]],
+    table: Sequence[Sequence[str]],
+) -> str:
+    """Return the page of a plan; it needs no network.
+
+    `name`, `names`, `positions` (N, D), metres: of the array; `sentences`, `table`: what `fdcal.session.plan` says.
+    """
+    before, (caption, advice) = sentences
     listed = "".join(f"<li>{escape(line)}</li>" for line in before)
-    picture = f'<img alt="least error of each microphone" src="{png_uri(draw_plan(plan))}">'
+    picture = f'<img alt="least error of each microphone" src="{png_uri(draw_plan(positions, bound))}">'
     sigma = [f"{1e3 * one:.2f}" if free else "given" for one, free in zip(bound.sigma, bound.free, strict=True)]
     head, *rows = table
     promised = f"<p>{escape(caption)}</p>{html_table(head, rows)}<p>{escape(advice)}</p>"
-    places = position_table(layout.names, layout.positions, {"least one sigma (mm)": sigma})
-    return html_page(f"Plan: {layout.name}", PLAN_STYLE, f"<ul>{listed}</ul>{promised}{picture}{places}")
+    places = position_table(names, positions, {"least one sigma (mm)": sigma})
+    return html_page(f"Plan: {name}", PLAN_STYLE, f"<ul>{listed}</ul>{promised}{picture}{places}")

@@ -30,7 +30,11 @@ TIMEOUT = 120.0  # s
 
 def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = "top") -> bytes:
     """Return the bytes of the PNG, drawn by a child process; StorageError without a GL library of a fitting version."""
-    require_size(size)
+    if len(size) != 2 or not all(MIN_EDGE <= length <= MAX_EDGE for length in size):
+        text = "x".join(str(length) for length in size)
+        problem = f"size = {text} pixels is not usable"
+        remedy = f"give <size> as two lengths from {MIN_EDGE} to {MAX_EDGE}, as in 1280x800"
+        raise InputError(problem, remedy, key="size", value=size)
     require_choice("view", view, VIEWS)
     try:
         return call(png_bytes, picture, tuple(size), view, seconds=TIMEOUT)
@@ -48,15 +52,6 @@ def png_bytes(picture: Picture, size: tuple[int, int], view: str) -> bytes:
     return png.getvalue()
 
 
-def require_size(size: Sequence[int]) -> None:
-    """Raise InputError unless `size` is (width, height) of a usable image, pixels."""
-    if len(size) != 2 or not all(MIN_EDGE <= length <= MAX_EDGE for length in size):
-        text = "x".join(str(length) for length in size)
-        problem = f"size = {text} pixels is not usable"
-        remedy = f"give <size> as two lengths from {MIN_EDGE} to {MAX_EDGE}, as in 1280x800"
-        raise InputError(problem, remedy, key="size", value=size)
-
-
 MIN_LINE_WIDTH = 0.75  # pixels
 SUPERSAMPLED = 2.5  # width of a line, where the image is drawn larger and then reduced
 PEELS = 12  # layers of translucent surfaces that are sorted
@@ -69,8 +64,6 @@ def render(
     """Write the picture to a PNG file; `force`: whether to overwrite an existing one."""
     from ..model.storage import write_atomically
 
-    require_size(size)
-    require_choice("view", view, VIEWS)
     path = Path(path)
     if path.exists() and not force:
         raise InputError(f"{path} exists", "use <force> to overwrite it, or another name", key="path", value=path)
@@ -111,10 +104,16 @@ def draw(picture: Picture, size: tuple[int, int], view: str, camera: Camera | No
             width = max(lines.width * text_scale(size), MIN_LINE_WIDTH) * (SUPERSAMPLED if picture.surfaces else 1)
             plotter.add_mesh(polylines, color=lines.colour, line_width=width, lighting=False)
     for surface in picture.surfaces:
-        _add_textured(plotter, pyvista, surface.vertices, surface.faces, surface.places, surface.texture)
+        _add_textured(plotter, surface.vertices, surface.faces, surface.places, surface.texture)
     for plate in picture.plates:
-        _add_textured(plotter, pyvista, plate.corners, RECTANGLE, UNIT_SQUARE, plate.rgb, plate.opacity)
-    _place_camera(plotter, camera)
+        _add_textured(plotter, plate.corners, RECTANGLE, UNIT_SQUARE, plate.rgb, plate.opacity)
+    eye = plotter.camera
+    eye.position, eye.focal_point, eye.up = camera.position, camera.look_at, camera.up
+    if camera.fov:
+        eye.view_angle = float(np.degrees(camera.fov))
+    else:
+        eye.parallel_projection, eye.parallel_scale = True, camera.height / 2
+    plotter.renderer.ResetCameraClippingRange()
     pixels = np.asarray(plotter.screenshot(return_img=True))
     plotter.close()
     return annotate(np.ascontiguousarray(pixels[..., :3]), picture, camera)
@@ -136,25 +135,12 @@ def _add_floor(plotter: Any, pyvista: Any, floor: Floor) -> None:
 
 
 def _add_textured(
-    plotter: Any,
-    pyvista: Any,
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    places: np.ndarray,
-    image: np.ndarray,
-    opacity=1.0,
+    plotter: Any, vertices: np.ndarray, faces: np.ndarray, places: np.ndarray, image: np.ndarray, opacity: float = 1.0
 ) -> None:
+    """Add triangles whose colours are those of an image; `places`: of the vertices in it."""
+    import pyvista
+
     triangles = pyvista.PolyData.from_regular_faces(vertices, faces)
     triangles.active_texture_coordinates = places
     texture = pyvista.Texture(np.ascontiguousarray(image[::-1]))  # its first row is at the top
     plotter.add_mesh(triangles, texture=texture, lighting=False, opacity=opacity)
-
-
-def _place_camera(plotter: Any, camera: Camera) -> None:
-    eye = plotter.camera
-    eye.position, eye.focal_point, eye.up = camera.position, camera.look_at, camera.up
-    if camera.fov:
-        eye.view_angle = float(np.degrees(camera.fov))
-    else:
-        eye.parallel_projection, eye.parallel_scale = True, camera.height / 2
-    plotter.renderer.ResetCameraClippingRange()

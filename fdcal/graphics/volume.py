@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -41,7 +41,11 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
     """
     if level > values.max():
         return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3))
-    vtk_core, vtk_data, arrays = _vtk()
+    # VTK takes a third of a second to load, so only a page with isosurfaces does
+    import vtkmodules.util.numpy_support as arrays
+    import vtkmodules.vtkCommonDataModel as vtk_data
+    import vtkmodules.vtkFiltersCore as vtk_core
+
     closed = np.pad(np.asarray(values, float), 1, constant_values=float(values.max()) + BEYOND)
     low = np.array(search.origin)
     image = vtk_data.vtkImageData()
@@ -64,15 +68,6 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
     normals = arrays.vtk_to_numpy(found.GetPointData().GetNormals()).astype(float)
     vertices = np.clip(vertices, low, low + search.step * (np.array(values.shape[::-1]) - 1))
     return vertices, faces, -normals  # VTK's point towards lower values
-
-
-def _vtk() -> tuple[Any, Any, Any]:
-    """The parts of VTK that filter: they take a third of a second to load, so only a page with isosurfaces does."""
-    import vtkmodules.util.numpy_support as arrays
-    import vtkmodules.vtkCommonDataModel as data
-    import vtkmodules.vtkFiltersCore as core
-
-    return core, data, arrays
 
 
 AXES = "xyz"
@@ -217,12 +212,9 @@ def sampled_volume(
     step = max(domain.size) / (count - 1)
     shape = [max(int(length / step + 1e-6), 1) + 1 for length in domain.size]
     search = replace(domain, size=tuple((n - 1) * step for n in shape), step=step)
-    axes = [origin + step * np.arange(n) for origin, n in zip(search.origin, shape, strict=True)]
-    x, y, z = axes
+    x, y, z = (origin + step * np.arange(n) for origin, n in zip(search.origin, shape, strict=True))
     cost = terms.on(x, y, z, cancelled)
-    if cost is None:
-        return None
-    return SampledVolume(terms, search, cost, minima_of(cost, search))
+    return None if cost is None else SampledVolume(terms, search, cost, minima_of(cost, search))
 
 
 def drawn_volume(sampled: SampledVolume, log: bool = True, minima: bool = True) -> Volume:
@@ -280,7 +272,7 @@ def basin_slice(
     number, domain = AXES.index(axis), np.stack([search.origin, np.add(search.origin, search.size)])
     at = int(np.clip(np.rint((position - domain[0][number]) / search.step), 0, basins.labels.shape[2 - number] - 1))
     labels = basins.labels.take(at, axis=2 - number)
-    image = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name, labels)
+    numbers, areas = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name, labels)
     edges = domain + np.multiply([[-0.5], [0.5]], search.step)
-    plate = plate_of(TABLE[image.numbers], number, domain[0][number] + at * search.step, edges)
-    return Volume(NO_SURFACE, plate, None, (), minima, image.areas)
+    plate = plate_of(TABLE[numbers], number, domain[0][number] + at * search.step, edges)
+    return Volume(NO_SURFACE, plate, None, (), minima, areas)

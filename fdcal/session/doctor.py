@@ -15,12 +15,12 @@ Positions, gains and faults are those of `fdcal.session.calibration_run.solve`: 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from ..assessment.calibration import FAULTS, OF_LIST, Calibration, ChannelFault
 from ..assessment.field import leave_one_out_errors, summarise
+from ..assessment.findings import Answer, AnswerState, Chart, Curve
 from ..assessment.position_check import LIST_RULES, ListFit, PositionCheck, compare_positions, fit_result
 from ..assessment.words import faults_text, gain_words, list_faults
 from ..model.gauge import align
@@ -36,49 +36,6 @@ from ..recordings.synchrony import ClockFault, channel_delays
 from ..solvers import arrival_misfits
 from .calibration_run import solve
 from .sources import CalibrationInput, ProgressReport, compared_with_file, is_recording, load_input, measurement_input
-
-State = Literal["fine", "differs", "fault", "unknown"]
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One curve of a chart: points (x, y), joined by lines unless `marks`."""
-
-    label: str
-    x: np.ndarray
-    y: np.ndarray
-    marks: bool = False
-
-
-@dataclass(frozen=True)
-class Chart:
-    """What a finding rests on, to be drawn."""
-
-    x: str  # name and unit of the axis
-    y: str
-    curves: tuple[Curve, ...]
-    names: tuple[str, ...] = ()  # of the microphones, where x counts them
-    equal: bool = False  # whether both axes have the same scale, as a map has
-    limit: float | None = None  # of y, beyond which there is a finding
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The answer to one question."""
-
-    question: str  # of the head of the module
-    state: State
-    text: str
-    value: float | None = None
-    unit: str = ""
-    charts: tuple[Chart, ...] = ()
-    # what differs or is at fault: kind, a key of `FAULTS`, and microphone, "" where it is none of one
-    found: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def line(self) -> str:
-        """The finding in one line."""
-        return f"{self.question:<12} {self.state:<8} {self.text}"
 
 
 @dataclass(frozen=True)
@@ -128,7 +85,7 @@ def examine(
             measurement, report = importer.measurement_of_takes(takes, wanted)
         except InputError as error:
             wraps = isinstance(error, WrapsRound)
-            state: State = "fault" if wraps or isinstance(error, NothingAboveNoise) else "unknown"
+            state: AnswerState = "fault" if wraps or isinstance(error, NothingAboveNoise) else "unknown"
             question = "wrapped" if wraps else "field"
             yield Answer(
                 question, state, str(error), charts=levels, found=((question, ""),) if state == "fault" else ()
@@ -327,7 +284,9 @@ def _channels(result: Calibration) -> Answer:
         for what, values in (("gain (dB)", channels.gain_db), ("phase (degrees)", channels.phase_deg))
     )
     text = faults_text(faults) or f"gains {gain_words(result)}"
-    state: State = "fine" if not faults else "differs" if all(FAULTS[one.kind].minor for one in faults) else "fault"
+    state: AnswerState = (
+        "fine" if not faults else "differs" if all(FAULTS[one.kind].minor for one in faults) else "fault"
+    )
     kinds = tuple((one.kind, one.name) for one in faults)
     return Answer("channels", state, text, len(faults), "channels", charts, kinds)
 

@@ -154,6 +154,9 @@ function drawRelief(camera) {
 
 // --- below: the shadow; above: marks and texts
 
+// Of the table of fdcal/graphics/marks.py: reach and width in radii of a marker. A known microphone is a ring around a disc.
+const marks = data.marks, ringEdges = [1, -1].map(side => marks.true.reach + side * marks.true.width / 2);
+const knownRings = [[ringEdges[0] + marks.true.halo / 2, "#fff"], [ringEdges[0], marks.true.colour], [ringEdges[1], "#fff"], [marks.known.reach * Math.SQRT2, marks.known.colour]];
 const theme = () => data.themes[dark.matches ? 1 : 0], css = colour => `rgb(${colour.join()})`;
 function pen(canvas, {wide, tall}) {
   const ratio = canvas.width / wide, drawn = canvas.getContext("2d");
@@ -194,17 +197,17 @@ function drawMarks(camera, now) {
   for (const [a, b] of data.frame) { trace(drawn, [project(camera, a), project(camera, b)]); drawn.stroke(); }
   const halo = (text, x, y) => { drawn.lineWidth = 4; drawn.strokeStyle = css(background); drawn.fillStyle = css(foreground); drawn.strokeText(text, x, y); drawn.fillText(text, x, y); };
   const spots = known.map(p => on(p, data.marker)).filter(p => seen(camera, p)).map(p => project(camera, p));
-  for (const [reach, colour] of [[1.5, "#fff"], [1.15, "#000"], [0.85, "#fff"], [0.68, css(data.known_colour)]]) for (const [x, y] of spots) {
+  for (const [reach, colour] of knownRings) for (const [x, y] of spots) {
     drawn.fillStyle = colour;
     drawn.beginPath();
     drawn.arc(x, y, reach * r, 0, 7);
     drawn.fill();
   }
-  if (now.share == 1) for (const [places, reach] of [[minima[now.index].others, 2.2], [minima[now.index].lowest, 2.8]]) for (const place of places) {
+  if (now.share == 1) for (const [places, {reach, colour: own}] of [[minima[now.index].others, marks.minima], [minima[now.index].lowest, marks.lowest]]) for (const place of places) {
     const s = reach * data.marker, p = on(place, s);
     if (!seen(camera, p)) continue;
     trace(drawn, [[s, 0], [0, s], [-s, 0], [0, -s]].map(([x, y]) => project(camera, [p[0] + x, p[1] + y, p[2]])), true);
-    for (const [colour, width] of [["#fff", 5], [css(data.minimum_colour), 2.8]]) { drawn.strokeStyle = colour; drawn.lineWidth = width; drawn.stroke(); }
+    for (const [colour, width] of [["#fff", 5], [own, 2.8]]) { drawn.strokeStyle = colour; drawn.lineWidth = width; drawn.stroke(); }
   }
   drawn.font = "12px system-ui, sans-serif";
   const taken = [];
@@ -218,13 +221,13 @@ function drawMarks(camera, now) {
     halo(text, x, y);
   }
   if (over) return;  // the session draws it where it is there
-  const ball = 1.9 * r, ground = on(along(now.rolled), 1.7 * data.marker), [x, y] = project(camera, plus(ground, [0, 0, 1.3 * data.marker]));
+  const ball = marks.ball.reach * r, ground = on(along(now.rolled), marks.ball.reach * data.marker), [x, y] = project(camera, plus(ground, [0, 0, 1.3 * data.marker]));
   drawn.fillStyle = "rgba(0, 0, 0, 0.35)";
   drawn.beginPath();
   drawn.ellipse(x + 0.35 * ball, y + 0.55 * ball, ball, 0.6 * ball, 0, 0, 7);
   drawn.fill();
   const shine = drawn.createRadialGradient(x - 0.35 * ball, y - 0.4 * ball, 0.05 * ball, x, y, ball);
-  [[0, "#ffffff"], [0.18, "#f2616d"], [0.6, css(data.ball_colour)], [1, "#8f0d1c"]].forEach(stop => shine.addColorStop(...stop));
+  [[0, "#ffffff"], [0.18, "#f2616d"], [0.6, marks.ball.colour], [1, "#8f0d1c"]].forEach(stop => shine.addColorStop(...stop));
   drawn.fillStyle = shine;
   drawn.beginPath();
   drawn.arc(x, y, ball, 0, 7);

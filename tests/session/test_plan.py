@@ -138,9 +138,11 @@ def test_json_figure_and_page_hold_the_plan():
     table = json.loads(json.dumps(plan_dict(plan)))
     assert table["bound_rms_m"] == plan.bound.rms
     assert table["text"] == plan_lines(plan)
-    assert len(draw_plan(plan).axes) == 1
+    assert len(draw_plan(plan.request.layout.positions, plan.bound).axes) == 1
     assert table["table"]["expected_rms_m"][0][0] == plan.forecast.rms
-    page = plan_html(plan, plan_sentences(plan), plan_table(plan))
+    layout = plan.request.layout
+    said = plan_sentences(plan), plan_table(plan)
+    page = plan_html(layout.name, layout.names, layout.positions, plan.bound, *said)
     assert page.startswith("<!doctype html>")
     assert "http" not in page.replace("http-equiv", "")
     assert page.count("<tr>") == 17 + len(plan.takes) + 1

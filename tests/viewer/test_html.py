@@ -10,7 +10,7 @@ from doubles import State, view_of
 
 from fdcal.assessment.calibration import GivenPosition
 from fdcal.assessment.uncertainty import confidence_factor
-from fdcal.graphics.picture import static_picture, upper_frame
+from fdcal.graphics.picture import frame, static_picture
 from fdcal.graphics.primitives import format_number
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.gui.binding import Tick
@@ -52,7 +52,7 @@ def test_no_minus_stands_before_a_zero_and_no_digit_that_means_nothing_beside_an
     assert row.endswith("<td>0</td><td>&lt; 0.01</td>")
     assert "<td>0.0411</td>" in microphones.table(exact, places, 10 * sigma, 6)
     theme, name = static_picture(None, exact).theme, "frame/range"
-    (height,) = [part.text for part in upper_frame((0, 0, 1, 1), (-1e-5, 0.5), 0.01, theme) if part.name == name]
+    (height,) = [part.text for part in frame((0, 0, 1, 1), (-1e-5, 0.5), 0.01, theme) if part.name == name]
     assert height == "z 0.00 to 0.50 m" and format_number(-0.0, 3) == "0"
     given = GivenPosition("7", (-1e-6, 0.2), (0.1, -1e-6), 0.001, False)
     found = SimpleNamespace(channels=SimpleNamespace(given=(given,)))
