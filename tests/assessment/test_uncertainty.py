@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fields import measured
 from scipy.special import j0, jv
+from scipy.stats import chi2
 from solving import estimated_at, run_from
 
 from fdcal.acoustics.room_modes import independent_frequencies, mode_count
@@ -81,9 +82,12 @@ def blind() -> Estimate:
 
 @pytest.mark.parametrize("given", [KNOWN, NONE], ids=["known", "blind"])
 def test_95_percent_ellipses_cover_95_percent(given):
-    """Of draws of a diffuse field; they may cover more, since a room's field is less isotropic than assumed."""
+    """Of draws of a diffuse field; they may cover more, since a room's field is less isotropic than assumed.
+
+    Of rooms and over many draws: `python -m benchmarks claim`.
+    """
     rng, covered, ratios, free = np.random.default_rng(1), [], [], np.setdiff1d(np.arange(len(TRUTH)), given)
-    for _ in range(10):
+    for _ in range(5):
         found = ended(diffuse(rng, given))
         x = found.positions if len(given) else align(found.positions, TRUTH)
         blocks, error = covariance_of(found if len(given) else replace(found, positions=x)), x - TRUTH
@@ -101,7 +105,7 @@ def test_95_percent_ellipses_cover_95_percent(given):
 def test_one_sigma_is_the_error_of_rooms():
     """Standing waves are not as diffuse as assumed; the curvature alone would promise too much."""
     claimed, error = [], []
-    for seed in range(5):
+    for seed in range(3):
         found = ended(measured(TRUTH, KNOWN, highest=230, snr_db=40, seed=seed, source=(5.6 - 0.2 * seed, 4.5)))
         claimed.append(np.mean(one_sigma(covariance_of(found)) ** 2))
         error.append(np.mean(np.sum((found.positions - TRUTH) ** 2, axis=1)))
@@ -112,19 +116,15 @@ def test_one_sigma_is_the_error_of_rooms():
 def test_known_microphones_have_no_uncertainty_and_noise_adds_to_that_of_the_others(known):
     sigma = one_sigma(covariance_of(known))
     assert not sigma[KNOWN].any() and np.all(np.delete(sigma, KNOWN) > 0)
-    noisier = at(diffuse(np.random.default_rng(0), KNOWN, 100 * NOISE))
-    assert np.all(np.delete(one_sigma(covariance_of(noisier)), KNOWN) > np.delete(sigma, KNOWN))
-
-
-def test_sigma_falls_with_the_noise_that_the_data_show():
-    """Whether the noise is reported or found; a field that is known to be random helps more where there is more."""
-    k, sigma = np.linspace(0.5, 4.2, 32), []
-    for noise in (1e-2, 1e-4):
-        reported = diffuse(np.random.default_rng(8), KNOWN, noise, wavenumbers=k)
-        for measurement in (reported, replace(reported, noise_power=None)):
-            sigma.append(float(np.sqrt(np.mean(one_sigma(covariance_of(ended(measurement))) ** 2))))
-    assert sigma[2] < 0.4 * sigma[0] and sigma[3] < 0.4 * sigma[1]
-    assert sigma[1] == pytest.approx(sigma[0], rel=0.3) and sigma[3] == pytest.approx(sigma[2], rel=0.3)
+    reported = diffuse(np.random.default_rng(0), KNOWN, 100 * NOISE)
+    for noisier in (reported, replace(reported, noise_power=None)):
+        more = one_sigma(covariance_of(at(noisier)))
+        assert np.all(np.delete(more, KNOWN) > np.delete(sigma, KNOWN)) and np.mean(more) > 2.5 * np.mean(sigma)
+    step = np.zeros_like(known.positions)
+    step[3] = [0.01, -0.02]
+    moving = replace(known, spread=replace(known.spread, step=step))
+    added = (covariance_of(moving) - covariance_of(known))[3]
+    np.testing.assert_allclose(added, np.outer(step[3], step[3]), err_msg="so does the step that is left")
 
 
 @pytest.mark.parametrize("given", [KNOWN, NONE], ids=["known", "blind"])
@@ -180,18 +180,10 @@ def test_what_a_prior_states_is_no_error_of_the_data_and_not_widened(known, blin
         for one in (at(diffuse(np.random.default_rng(0), KNOWN), sound_speed_sigma=s).spread for s in (1.0, 0.03, 1e-4))
     ]
     assert shares[0] > 0.99 and shares[1] < 0.9 and shares[2] > 0.999, "a speed that the prior and the data tell"
-    measurement, x = diffuse(np.random.default_rng(0)), (TRUTH - TRUTH.mean(axis=0)).ravel()
-    wide = replace(at(measurement, sound_speed_sigma=0.03).spread, dispersion=5.0)
-    narrow = replace(at(measurement).spread, dispersion=5.0)
+    unsure, x = at(diffuse(np.random.default_rng(0)), sound_speed_sigma=0.03), (TRUTH - TRUTH.mean(axis=0)).ravel()
+    wide, narrow = (replace(one.spread, dispersion=5.0) for one in (unsure, blind))
     np.testing.assert_allclose(wide.covariance - narrow.covariance, 0.03**2 * np.outer(x, x), atol=1e-9)
-
-
-def test_the_step_that_is_left_adds_to_the_covariance(known):
-    still = replace(known, spread=replace(known.spread, step=np.zeros_like(known.spread.step)))
-    step = np.zeros_like(known.positions)
-    step[3] = [0.01, -0.02]
-    moving = replace(known, spread=replace(known.spread, step=step))
-    np.testing.assert_allclose((covariance_of(moving) - covariance_of(still))[3], np.outer(step[3], step[3]))
+    assert unsure.log_speed_sigma == 0.03
 
 
 def test_modes_measured_twice_say_nothing_new():
@@ -212,12 +204,9 @@ def test_the_sandwich_equals_the_inverse_hessian_where_the_model_holds():
     found = [at(diffuse(np.random.default_rng(seed), KNOWN, wavenumbers=k)).spread for seed in range(16)]
     assert np.mean([one.dispersion for one in found]) == pytest.approx(1.0, abs=0.35)
     assert all(np.trace(one.covariance) < 3.25 * np.trace(one.newton) for one in found)
-
-
-def test_too_few_modes_for_blocks_leave_the_covariance_of_the_model():
-    found = at(diffuse(np.random.default_rng(2), KNOWN, wavenumbers=np.linspace(1.0, 4.0, 7)))
-    assert found.spread.dispersion == 1.0
-    np.testing.assert_array_equal(found.spread.covariance, found.spread.newton)
+    few = at(diffuse(np.random.default_rng(2), KNOWN, wavenumbers=k[:7])).spread
+    assert few.dispersion == 1.0, "too few modes for blocks"
+    np.testing.assert_array_equal(few.covariance, few.newton)
 
 
 def linear_model(seed: int, blocks: int, scale: float) -> tuple[float, float]:
@@ -238,7 +227,7 @@ def linear_model(seed: int, blocks: int, scale: float) -> tuple[float, float]:
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
 def test_the_dispersion_of_a_linear_gaussian_model_is_that_of_its_noise(scale):
-    errors, dispersions = np.transpose([linear_model(seed, 10, scale) for seed in range(400)])
+    errors, dispersions = np.transpose([linear_model(seed, 10, scale) for seed in range(200)])
     assert np.mean(errors) == pytest.approx(scale**2, rel=0.2)
     assert np.mean(dispersions) == pytest.approx(scale**2, rel=0.1)
 
@@ -287,68 +276,28 @@ def test_the_sigma_of_the_size_is_that_of_the_move_that_stretches(blind):
     assert scale_sigma_of(replace(blind, spread=replace(wide, dispersion=5.0)), EVERY) == pytest.approx(0.4)
 
 
-def test_an_uncertain_sound_speed_makes_the_size_of_a_blind_array_as_uncertain():
-    measurement = diffuse(np.random.default_rng(0))
-    sure, unsure = at(measurement), at(measurement, sound_speed_sigma=0.03)
-    x = (TRUTH - TRUTH.mean(axis=0)).ravel()
-    np.testing.assert_allclose(unsure.spread.newton - sure.spread.newton, 0.03**2 * np.outer(x, x), atol=1e-9)
-    assert unsure.log_speed_sigma == 0.03
+def assert_holds_95_percent(axes: np.ndarray, covariance: np.ndarray) -> None:
+    """Half axes in rows are those of the ellipse that holds 95 % of a Gaussian."""
+    np.testing.assert_allclose(axes.T @ axes, chi2.ppf(0.95, len(axes)) * covariance, rtol=1e-9, atol=1e-15)
 
 
-def test_ellipse_axes_are_those_of_the_covariance():
-    blocks = np.array([[[4.0, 0.0], [0.0, 9.0]], [[2.0, 1.0], [1.0, 2.0]]])
-    axes = ellipse_axes(blocks, factor=2.0)
-    np.testing.assert_allclose(np.linalg.norm(axes, axis=2), [[4, 6], [2, 2 * np.sqrt(3)]])
-    np.testing.assert_allclose(np.einsum("nka,nkb->nab", axes, axes) / 4, blocks, atol=1e-12)
-
-
-# An ellipse holds the share of a Gaussian that it says, in one, two and three dimensions, wherever it is drawn.
-
-
-DRAWS, SIGMAS = 20_000, 4.0  # draws of each Gaussian; sampling errors that a share may be off
-
-
-def covariances(dimension: int, count: int = 3) -> np.ndarray:
-    """Return covariances of positions (count, D, D), metres^2, long and turned."""
-    maps = np.random.default_rng(dimension).normal(size=(count, dimension, dimension)) * 0.003
-    return maps @ maps.swapaxes(1, 2)
-
-
-def share_inside(axes: np.ndarray, covariance: np.ndarray) -> float:
-    """Return the share of draws of a Gaussian that fall inside an ellipse with half axes in rows."""
-    draws = np.random.default_rng(7).multivariate_normal(np.zeros(len(axes)), covariance, DRAWS)
-    return float(np.mean(np.sum(np.linalg.solve(axes.T, draws.T) ** 2, axis=0) < 1))
-
-
-def assert_holds(axes: np.ndarray, covariance: np.ndarray, probability: float) -> None:
-    sampling = np.sqrt(probability * (1 - probability) / DRAWS)
-    assert share_inside(axes, covariance) == pytest.approx(probability, abs=SIGMAS * sampling)
-
-
-@pytest.mark.parametrize("dimension", [1, 2, 3])
-@pytest.mark.parametrize("probability", [0.5, 0.95])
-def test_an_ellipse_holds_the_share_that_its_factor_is_for(dimension, probability):
-    blocks = covariances(dimension)
-    for axes, block in zip(ellipse_axes(blocks, confidence_factor(probability, dimension)), blocks, strict=True):
-        assert_holds(axes, block, probability)
-
-
-def test_the_factor_in_the_plane_has_a_closed_form():
-    assert confidence_factor(0.95, 2) == pytest.approx(np.sqrt(-2 * np.log(0.05)), rel=1e-12)
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_the_ellipses_of_the_page_hold_95_percent(dimension):
-    blocks = covariances(dimension)
+@pytest.mark.parametrize(("dimension", "name"), [(1, ""), (2, "tiny"), (3, "ball3d")])
+def test_every_ellipse_holds_95_percent(dimension, name):
+    """By the formula, on the page, in a plan and in a figure."""
+    maps = np.random.default_rng(dimension).normal(size=(3, dimension, dimension)) * 0.003
+    blocks = maps @ maps.swapaxes(1, 2)
+    for axes, block in zip(ellipse_axes(blocks, confidence_factor(0.95, dimension)), blocks, strict=True):
+        assert_holds_95_percent(axes, block)
+        gram = axes @ axes.T
+        np.testing.assert_allclose(gram, np.diag(np.diag(gram)), atol=1e-15, err_msg="half axes are at right angles")
+    assert confidence_factor(0.5, dimension) == pytest.approx(np.sqrt(chi2.ppf(0.5, dimension)))
+    if dimension == 1:
+        return
     found = SimpleNamespace(
         room=None, covariance=blocks, uncertainty=np.ones(len(blocks)), verdict="good", verdict_text="", channels=None
     )
     for axes, block in zip(uncertainty_of(found).axes, blocks, strict=True):
-        assert_holds(axes, block, 0.95)
-
-
-@pytest.mark.parametrize("name", ["tiny", "ball3d"])
-def test_the_ellipses_of_a_plan_hold_95_percent(name):
+        assert_holds_95_percent(axes, block)
     scene = load_scene(name)
     places = positions_of(scene)
     measurement = SimpleNamespace(
@@ -356,21 +305,15 @@ def test_the_ellipses_of_a_plan_hold_95_percent(name):
     )
     run = SimpleNamespace(measurement=measurement, scene=scene, known_scene=scene)
     choices = PlanChoices(known=(0, 1, 2, 3), frequencies=12)
-    request = plan_request(run, choices)
-    bound = make_plan(request).bound
-    drawn = planned_array(run, choices)
+    bound, drawn = make_plan(plan_request(run, choices)).bound, planned_array(run, choices)
     for n in np.flatnonzero(bound.free)[:3]:
-        assert_holds(drawn.axes[n], bound.covariance[n], 0.95)
-
-
-def test_the_ellipses_of_a_figure_hold_95_percent():
-    drawn = []
-    panel = SimpleNamespace(plot=lambda x, y, *_, **__: drawn.append(np.stack([x, y], axis=1)))
-    (block,) = covariances(2, 1)
-    enlarged_ellipses(panel, np.zeros((1, 2)), block[None], np.array([[0.0, 0.0], [0.01, 0.01]]))
-    ((*_, outline),) = [drawn]
-    axes = outline[[0, len(outline) // 4]]  # two conjugate half axes: a quarter of the outline apart
-    assert_holds(axes, block, 0.95)
+        assert_holds_95_percent(drawn.axes[n], bound.covariance[n])
+    if dimension == 2:
+        outlines = []
+        panel = SimpleNamespace(plot=lambda x, y, *_, **__: outlines.append(np.stack([x, y], axis=1)))
+        enlarged_ellipses(panel, np.zeros((1, 2)), blocks[:1], np.array([[0.0, 0.0], [0.01, 0.01]]))
+        (outline,) = outlines
+        assert_holds_95_percent(outline[[0, len(outline) // 4]], blocks[0])  # conjugate half axes, a quarter apart
 
 
 # The Fisher information of a diffuse field, against the formula of Slepian and Bangs with numerical derivatives.
@@ -408,43 +351,22 @@ def test_equals_numerical_derivatives_of_the_covariance(axes, dimension):
     expected = by_differences(x, dimension)
     found = diffuse_information(x, WAVENUMBERS, SHARE, dimension).matrix
     assert np.abs(found - expected).max() < 1e-7 * np.abs(expected).max()
-
-
-@pytest.mark.parametrize("axes", [2, 3])
-def test_rigid_motions_carry_no_information(axes):
-    x = array(7, axes)
-    F = diffuse_information(x, WAVENUMBERS, SHARE, axes).matrix[: x.size, : x.size]
-    assert np.abs(F @ rigid_motions(x)).max() < 1e-9 * np.abs(F).max()
-
-
-def test_microphones_given_exactly_have_no_uncertainty_and_more_of_them_help():
-    x = array(10, 2)
-    information = diffuse_information(x, WAVENUMBERS, SHARE, 2)
-    three, four = (position_bound(information, Prior(np.arange(n))) for n in (3, 4))
-    assert three.sigma[:3].max() < 1e-6
-    assert np.all(four.sigma[4:] <= three.sigma[4:] * (1 + 1e-9))
+    if axes == dimension:
+        assert np.abs(found[: x.size, : x.size] @ rigid_motions(x)).max() < 1e-9 * np.abs(found).max()
 
 
 def test_what_is_unknown_can_only_widen_the_bound():
+    """Blind, one per cent in c adds one per cent in size, in quadrature."""
     information, known = diffuse_information(array(10, 2), WAVENUMBERS, SHARE, 2), np.arange(3)
     exact = position_bound(information, Prior(known)).sigma[3:]
     for prior in (Prior(known, 0.005), Prior(known, gain_sigma=0.1), Prior(known, sound_speed_sigma=0.005)):
         assert np.all(position_bound(information, prior).sigma[3:] >= exact * (1 - 1e-9))
-
-
-def test_an_unknown_sound_speed_is_an_unknown_size():
-    """Blind, one per cent in c adds one per cent in size, in quadrature."""
-    information = diffuse_information(array(10, 2), np.linspace(2, 9, 40), 1e-6, 2)
-    exact = position_bound(information, Prior()).scale_sigma
-    found = position_bound(information, Prior(sound_speed_sigma=0.01)).scale_sigma
-    assert found == pytest.approx(np.hypot(exact, 0.01), rel=0.01)
-
-
-def test_the_bound_falls_with_the_root_of_the_number_of_frequencies():
-    x = array(8, 2)
-    information = diffuse_information(x, WAVENUMBERS, SHARE, 2)
-    one, four = (position_bound(i, Prior()).rms for i in (information, information.scaled(4.0)))
-    assert one == pytest.approx(2 * four)
+    assert position_bound(information, Prior()).rms == pytest.approx(
+        2 * position_bound(information.scaled(4.0), Prior()).rms
+    )
+    long = diffuse_information(array(10, 2), np.linspace(2, 9, 40), 1e-6, 2)
+    sizes = [position_bound(long, Prior(sound_speed_sigma=sigma)).scale_sigma for sigma in (0.0, 0.01)]
+    assert sizes[1] == pytest.approx(np.hypot(sizes[0], 0.01), rel=0.01)
 
 
 @pytest.mark.parametrize("size", [(5.0, 4.0), (4.6, 3.8, 2.7)])
@@ -472,4 +394,5 @@ def test_the_bound_grows_with_the_sigma_of_the_given_positions():
         given = one.sigma[known]
         assert np.all(given <= np.sqrt(2) * sigma * (1 + 1e-9)) and np.all(given > before.sigma[known])
         assert one.rms > before.rms
-    assert np.all(bounds[0].sigma[known] < 1e-4)
+    assert np.all(bounds[0].sigma[known] < 1e-6)
+    assert np.all(bounds[0].sigma[4:] <= position_bound(information, Prior(np.arange(3))).sigma[4:] * (1 + 1e-9))

@@ -69,15 +69,6 @@ def test_holes_below_the_end_of_the_scale_fit_equally_and_a_chain_of_them_is_one
     np.testing.assert_allclose([*shallow.lowest, *shallow.others], [[0.3, 0.45], [0.9, 0.45]], atol=1e-9)
 
 
-@pytest.mark.parametrize("factor", [1e-6, 7.0])
-def test_the_marks_do_not_depend_on_the_unit_of_the_cost(factor):
-    x, y = lattice()
-    cost = 12 + waves(np.random.default_rng(2))[0](np.stack([x, y], axis=-1))
-    one, other = minima_of(cost, SEARCH), minima_of(factor * cost, SEARCH)
-    np.testing.assert_array_equal(one.lowest, other.lowest)
-    np.testing.assert_array_equal(one.others, other.others)
-
-
 def climbs(cost):
     """Prominence of every local minimum of a map or volume of different costs, by its flat index."""
     flat, around = cost.ravel(), np.ones((3,) * cost.ndim)
@@ -122,20 +113,7 @@ def test_a_minimum_that_ends_joins_a_lower_one_and_the_chain_ends_at_one_that_su
     assert minima[0] == flat.argmin() and not set(minima) & set(ended)
 
 
-@settings(deadline=None, max_examples=15)
-@given(st.integers(0, 2**32 - 1))
-def test_a_convex_cost_has_one_basin(seed):
-    rng = np.random.default_rng(seed)
-    x, y = lattice()
-    u, v = x - rng.uniform(0.05, 1.15), y - rng.uniform(0.05, 0.85)
-    turn, narrow = rng.uniform(0, np.pi), rng.uniform(1, 15)
-    cost = (np.cos(turn) * u + np.sin(turn) * v) ** 2 + narrow * (np.cos(turn) * v - np.sin(turn) * u) ** 2
-    basins = basins_of(cost, 0.01)  # an oblique narrow valley has a string of shallow minima on a lattice
-    assert (basins.labels == 0).all() and len(basins.minima) == 1
-    assert basins.shares.tolist() == [1.0] and basins.outside == 0
-
-
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_every_place_of_a_basin_ends_at_its_minimum_by_explicit_descent(seed):
     """At all places but those within two steps of a border: there the lattice decides."""
     cost, gradient = waves(np.random.default_rng(seed))
@@ -193,15 +171,6 @@ def test_a_place_has_the_basin_of_the_nearest_point_of_the_lattice():
     basins = basins_of((x - 0.3) ** 2 * (x - 0.9) ** 2 + 0.05 * (y - 0.45) ** 2)
     left, right = (basins.at(SEARCH, place) for place in ((0.304, 0.1), (0.896, 0.8)))
     assert {left, right} == {0, 1} and basins.at(SEARCH, (0.1, -0.2)) == OUTSIDE
-
-
-def test_basins_in_space_do_not_depend_on_the_order_of_the_axes():
-    rng = np.random.default_rng(3)
-    z, y, x = np.meshgrid(*(np.linspace(0, 1, n) for n in (19, 23, 27)), indexing="ij")
-    cost = sum(np.cos(rng.uniform(9, 14) * axis + rng.uniform(0, 6)) for axis in (x + 0.2 * y, y - 0.3 * z, z))
-    basins, turned = basins_of(cost), basins_of(np.ascontiguousarray(cost.transpose(2, 0, 1)))
-    assert len(basins.minima) > 1
-    assert np.mean(basins.labels.transpose(2, 0, 1) == turned.labels) > 0.995
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -55,9 +55,9 @@ def covariances(x, field):
     return s * matrices + field.noise[:, None, None] * np.diag(field.channel_noise), s * D
 
 
-@pytest.mark.parametrize("parameters", [0, 2, 4])
+@pytest.mark.parametrize("parameters", [0, 4])
 @pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)
-def test_the_terms_are_those_of_the_explicit_covariance(kernel, dimension, D, count, parameters):
+def test_the_terms_are_those_of_the_explicit_covariance_and_of_differences(kernel, dimension, D, count, parameters):
     """Whether the covariance itself is factorised or, of many microphones in the plane, its waves."""
     x, p, channels = drawn(D, count)
     field, channels = assumed(kernel, x, dimension), channels[:, :parameters] if parameters else None
@@ -84,24 +84,15 @@ def test_the_terms_are_those_of_the_explicit_covariance(kernel, dimension, D, co
     without = likelihood_terms(x, p, field, channels, derivatives=False)
     for name in ("costs", "weighted", "precision"):
         np.testing.assert_array_equal(getattr(without, name), getattr(found, name))
-
-
-@pytest.mark.parametrize("parameters", [0, 2, 4])
-@pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)
-def test_the_gradient_is_the_limit_of_differences(kernel, dimension, D, count, parameters):
-    x, p, channels = drawn(D, count)
-    field, channels = assumed(kernel, x, dimension), channels[:, :parameters] if parameters else None
-    gradient, _ = likelihood_terms(x, p, field, channels).newton()
-    assert gradient.shape == (count, D + parameters)
-    direction, h = np.random.default_rng(1).normal(size=gradient.shape), 1e-5
+    gradient, _ = found.newton()
+    direction, h = np.random.default_rng(1).normal(size=(count, D + parameters)), 1e-5
 
     def cost(way):
         move = way * h * direction
         moved = None if channels is None else channels + move[:, D:]
         return likelihood_terms(x + move[:, :D], p, field, moved, derivatives=False).cost
 
-    slope = (cost(1) - cost(-1)) / (2 * h)
-    assert slope == pytest.approx(np.sum(gradient * direction), rel=1e-5)
+    assert (cost(1) - cost(-1)) / (2 * h) == pytest.approx(np.sum(gradient * direction), rel=1e-5)
 
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (20, 2)) + [2.61, 2.31]
@@ -192,12 +183,8 @@ def test_power_of_field_and_noise_add_up_to_that_of_the_pressures(dimension, sha
     np.testing.assert_allclose(field.power + field.noise, power, rtol=1e-12)
     assert np.isrealobj(field.wavenumbers) and field.dimension == dimension
     np.testing.assert_array_equal(field.channel_noise, np.ones(len(TRUTH)))
-
-
-def test_pressures_of_pure_noise_still_have_a_field_of_little_power():
-    power = np.mean(np.abs(PROBLEM.pressures) ** 2, axis=1)
-    field = isotropic_field(PROBLEM.pressures, PROBLEM.wavenumbers, 2 * power, 2)
-    assert np.all((field.power > 0) & (field.power < 0.01 * power))
+    loud = isotropic_field(PROBLEM.pressures, PROBLEM.wavenumbers, 2 * power, dimension).power
+    assert np.all((loud > 0) & (loud < 0.01 * power)), "pressures of pure noise still have a field"
 
 
 @pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)

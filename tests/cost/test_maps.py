@@ -133,13 +133,9 @@ def test_a_map_of_descent_is_weighted_eq_7_at_every_point_of_any_lattice(waves, 
                 b = np.sqrt(weights) * p[m]
                 expected = np.sum(np.abs(W @ np.linalg.lstsq(W, b, rcond=None)[0] - b) ** 2)
                 assert maps[m, row, column] == pytest.approx(expected, rel=1e-7)
-
-
-def test_a_map_of_descent_is_about_the_lattice_point_nearest_to_the_centre_of_mass(waves):
-    x = np.random.default_rng(7).uniform(SEARCH.origin, np.add(SEARCH.origin, SEARCH.size), (24, 2))
-    centre = np.array(SEARCH.origin) + SEARCH.step * np.rint((x.mean(axis=0) - SEARCH.origin) / SEARCH.step)
+    nearest = np.array(SEARCH.origin) + SEARCH.step * np.rint((x.mean(axis=0) - SEARCH.origin) / SEARCH.step)
     np.testing.assert_array_equal(
-        descent_maps(waves, x, 7, (1, 2), 1), descent_maps(waves, x, 7, (1, 2), 1, 1.0, centre)
+        descent_maps(waves, x, 7, (1, 2), 1), descent_maps(waves, x, 7, (1, 2), 1, 1.0, nearest)
     )
 
 
@@ -231,7 +227,7 @@ def test_a_finer_lattice_covers_the_same_cells():
         high = low + lattice.step * np.array(lattice.shape)
         np.testing.assert_allclose(low, [0.9875, 1.9875], atol=1e-9)
         np.testing.assert_allclose(high, [1.4125, 2.3125], atol=fine.step)
-    assert fine.shape[0] == 500
+    assert fine.shape[0] == 500 and refined(load_scene("ball3d").search).layer(1.2).shape == (500, 500, 3)
 
 
 def test_a_map_is_read_off_between_its_points():
@@ -257,12 +253,6 @@ def test_the_shape_of_a_mode_is_the_recorded_field(waves):
     basis = np.stack([field.real[inside].ravel(), field.imag[inside].ravel()], axis=1)
     _, left, *_ = np.linalg.lstsq(basis, shape[inside].ravel(), rcond=None)
     assert left[0] < 1e-8, "one moment of the oscillation"
-
-
-def test_a_fine_lattice_of_a_box_is_one_layer():
-    search = load_scene("ball3d").search
-    fine = refined(search)
-    assert fine.shape[:2] == (500, 500) and fine.layer(1.2).shape == (500, 500, 3)
 
 
 # Laws of the likelihood's maps over the search lattice.

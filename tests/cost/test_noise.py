@@ -48,24 +48,10 @@ def unit(p):
     return p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1, keepdims=True))
 
 
-@pytest.mark.parametrize("ratio", [1e-1, 1e-2, 1e-3])
-def test_the_noise_is_recovered_at_the_true_positions(ratio):
-    """Each mode has the same share of noise, whatever power its field was drawn with."""
-    found = []
-    for field, noise in zip(draws(1e-9, 10), draws(1.0, 10, seed=100), strict=True):
-        p = np.sqrt(1 - ratio) * unit(field) + np.sqrt(ratio) * noise
-        model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
-        estimate = estimate_noise(TRUTH, p, model, DIFFUSE_FLOOR)
-        found.append(estimate.alone)
-        assert DIFFUSE_FLOOR <= estimate.noise_fraction <= MAX_NOISE_FRACTION
-    assert np.mean(found) == pytest.approx(ratio, rel=0.15)
-
-
-@pytest.mark.parametrize("spread", [0.015, 0.03])
-def test_position_errors_are_distinguished_from_noise(spread):
+def test_position_errors_are_distinguished_from_noise():
     """Errors of the positions count the more the higher the mode, noise does not."""
-    rng, found = np.random.default_rng(0), []
-    for p in draws(1e-4, 6):
+    rng, found, spread = np.random.default_rng(0), [], 0.03
+    for p in draws(1e-4, 4):
         model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
         estimate = estimate_noise(TRUTH + rng.normal(0, spread, TRUTH.shape), unit(p), model, DIFFUSE_FLOOR)
         found.append((estimate.spread, estimate.noise_fraction))
@@ -103,19 +89,14 @@ def test_the_cost_of_an_estimate_is_that_of_its_noise_in_every_mode(spread):
     assert found.cost == pytest.approx(cost, rel=1e-9)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.2, 2.0])
-def test_the_expected_power_of_healthy_channels_is_that_of_an_isotropic_field(share):
-    (p,) = draws(0.1, 1)
-    field = isotropic_field(p, K, share * np.mean(np.abs(p) ** 2, axis=1), 2)
-    np.testing.assert_allclose(expected_power(field, p), field.power, rtol=1e-12)
-
-
 def test_a_faulty_channel_hardly_counts_in_the_expected_power():
     (p,), others = draws(0.1, 1), np.arange(1, N)
     field = FieldModel(K, ONES, 0.1 * ONES, np.where(np.arange(N), 1.0, 1e6), 2)
     p[:, 0] *= 3.0
     alone = expected_power(replace(field, channel_noise=np.ones(N - 1)), p[:, others])
     np.testing.assert_allclose(expected_power(field, p), alone, rtol=1e-3)
+    healthy = isotropic_field(p, K, 0.2 * np.mean(np.abs(p) ** 2, axis=1), 2)
+    np.testing.assert_allclose(expected_power(healthy, p), healthy.power, rtol=1e-12)
 
 
 def started(seed=0):
