@@ -24,7 +24,7 @@ from fdcal.model.scene import load_scene, scene_folder
 from fdcal.model.storage import parse_json, parse_toml, read_archive, read_bytes, write_atomically
 from fdcal.model.validation import LIMITS, InputError, StorageError, shown
 from fdcal.recordings import formats
-from fdcal.recordings.formats.positions import read_table
+from fdcal.recordings.formats.positions import read_positions, read_table
 from fdcal.session import session_file
 
 DEEP = 100_000
@@ -75,6 +75,7 @@ def test_a_value_of_many_digits_or_letters_is_cut_in_a_message():
         ("zero.toml", load_scene, "more than"),
         ("zero.json", load_result, "more than"),
         ("zero.csv", read_table, ""),
+        ("zero.xml", read_positions, ""),
         ("zero.npz", load_measurement, "no regular file"),
         *((f"zero.{suffix}", formats.read, "no regular file") for suffix in ("wav", "h5", "sofa", "flac")),
         *((f"zero.{suffix}", session_file.read, "no regular file") for suffix in ("zip", "json")),
@@ -148,20 +149,6 @@ def test_a_member_that_is_no_array_is_refused(key, read, tmp_path):
             archive.writestr(f"{other}.npy", b"text" if other == key else file.getvalue())
         archive.writestr(f"{key}.npy", b"text")
     assert f'"{key}"' in refusal(read, tmp_path / "odd.npz")
-
-
-@pytest.mark.parametrize("cell", ["1_0", "1_0.5", "٣", "nan", "inf", "1e400", "0x10", ""])
-def test_what_only_python_takes_for_a_number_is_none(cell, tmp_path):
-    table = tmp_path / "known.csv"
-    table.write_text(f"name,x,y\na,1,2\nb,{cell},3\n", encoding="utf-8")
-    assert "line 3" in refusal(read_table, table)
-
-
-@pytest.mark.parametrize("cell", ["1", "-.5", "+1.5e-3", " 2. "])
-def test_numbers_of_a_table_are_read(cell, tmp_path):
-    table = tmp_path / "known.csv"
-    table.write_text(f"name,x,y\na,{cell},2\n", encoding="utf-8")
-    assert read_table(table)[1].tolist() == [[float(cell), 2.0]]
 
 
 def test_a_session_state_beyond_floats_is_refused(tmp_path):

@@ -25,7 +25,6 @@ from fdcal.model.validation import InputError
 from fdcal.recordings import frequencies
 from fdcal.recordings.channels import exclude_channels, known_microphones, select_plane, select_subset
 from fdcal.recordings.cross_spectra import DecimationSettings, decimate, stationary_pressures
-from fdcal.recordings.formats.positions import read_table
 from fdcal.recordings.importer import import_recording, import_summary
 from fdcal.recordings.impulse_response import deconvolve, estimate_decay, impulse_response_pressures
 from fdcal.recordings.recording import ImportOptions, Recording, read_samples, recording_of
@@ -532,17 +531,6 @@ def test_known_microphones_in_one_corner_do_not_make_the_array_small(tmp_path):
 def test_a_sound_speed_of_no_medium_is_refused(folder):
     with pytest.raises(InputError, match="34 m/s is out of range"):
         import_recording(folder / "responses.wav", ImportOptions(sound_speed=34.0))
-
-
-def test_a_table_of_a_spreadsheet_with_commas_as_decimal_signs(folder, tmp_path):
-    (tmp_path / "english.csv").write_text("name,x,y,z\n1,0.25,0.5,1\n2,0.75,0.5,-1.5\n")
-    (tmp_path / "german.csv").write_text("name;x;y;z\n1;0,25;0,5;1\n2;0,75;0,5;-1,5\n")
-    (tmp_path / "copied.csv").write_text("name\tx\ty\tz\n1\t0,25\t0.5\t1\n2\t0.75\t0,5\t-1,5\n")
-    names, places = read_table(tmp_path / "english.csv")
-    for other in ("german", "copied"):
-        same, also = read_table(tmp_path / f"{other}.csv")
-        assert names == same
-        assert np.array_equal(places, also)
 
 
 @pytest.mark.parametrize(("count", "warned"), [(3, True), (5, False)])
