@@ -14,7 +14,7 @@ import numpy as np
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.basins import basins_of, descent_path
-from fdcal.cost.expansion import ORDER_OFFSET
+from fdcal.cost.eq7 import ORDER_OFFSET
 from fdcal.cost.maps import map_minima, partial_sums
 from fdcal.graphics import camera, heatmap, marks
 from fdcal.graphics.picture import compose

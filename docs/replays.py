@@ -9,7 +9,7 @@ from pathlib import Path
 
 import fdcal
 from fdcal.commands.gallery_pages import MAX_BYTES, OPENING, lesson_html
-from fdcal.cost.expansion import reference_cost_of
+from fdcal.cost.eq7 import reference_cost_of
 from fdcal.graphics.replay import replay_html
 from fdcal.model.measurement import load_measurement
 from fdcal.model.scene import load_scene

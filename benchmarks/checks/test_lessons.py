@@ -6,7 +6,7 @@ import pytest
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.uncertainty import confidence_factor, ellipse_axes
-from fdcal.cost.expansion import ReferenceCost
+from fdcal.cost.eq7 import ReferenceCost
 from fdcal.cost.maps import cost_maps, map_minima, map_positions, minima_of, refined
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from ..acoustics.measure import cached_measurement
-from ..cost.expansion import reference_cost_of
+from ..cost.eq7 import reference_cost_of
 from ..graphics.replay import GalleryEntry, index_html, picture_of, replay_html
 from ..model.measurement import Measurement
 from ..model.problem import Problem

@@ -175,7 +175,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
     """
     path = opt.output_path(output, ".html", force)
-    from ..cost.expansion import reference_cost_of
+    from ..cost.eq7 import reference_cost_of
     from ..graphics.replay import replay_html
     from ..model.settings import search_around
     from ..model.storage import write_atomically

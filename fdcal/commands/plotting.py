@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..assessment.calibration import Calibration
-from ..cost.expansion import ORDER_OFFSET, expansion_of, require_modes, require_plane_field
+from ..cost.eq7 import ORDER_OFFSET, expansion_of, require_modes, require_plane_field
 from ..cost.maps import cost_volume, descent_maps, minima_of
 from ..graphics.heatmap import basin_floor, cost_floor
 from ..graphics.picture import errors_in_words

@@ -1,4 +1,4 @@
-"""The cost of the paper, Eq. 7, in one place.
+"""The cost of the paper, Eq. 7, in one place; rows of W of many modes, and the reference cost of any positions.
 
     W         dictionary of one mode at the estimated positions (Eq. 4)
     alpha     W^+ p, coefficients of the field (Eq. 5)
@@ -15,15 +15,46 @@ w(x) the row of W at x. It equals Eq. 7 where W_-n has full column rank; otherwi
 once for all candidates. The centre of the expansion is the same for all candidates. This is the one formula of every
 search and every map: descent evaluates it in compiled loops (`fdcal.cost.lattice`), maps interpolate f and h
 (`fdcal.cost.maps`).
+
+Rows of W of many modes are made at any points at once. A row of one mode, order l, about a centre that may change with
+every call:
+
+    2-D             J_l(k r) exp(j l theta)            = c_l g_l(k r) (x + j y)^l
+    plane in 3-D    j_l(k r) exp(j m phi), l + m even  = c_l g_l(k r) r^(l - |m|) (x + j y)^m
+    3-D             j_l(k r) Y_lm(theta, phi)          = c_l g_l(k r) r^l Y_lm(theta, phi)
+
+g_l(z) = J_l(z) l! (2 / z)^l, or j_l(z) (2 l + 1)!! / z^l, is entire and even, so that a Chebyshev series in r^2 holds
+it to rounding errors. The constants c_l are left out: Eq. 7 depends on the column space of W alone.
+
+Microphones can carry a mode if it has fewer functions than there are microphones: then Eq. 7 constrains the position of
+each of them, in a plane 2L + 1 < N (Eq. 8).
+
+The reference cost is one number for any positions: Eq. 7 over all these modes, relative to their power, in decibels.
+Solvers minimise costs of their own, which cannot be compared: a likelihood of other modes or another noise, Eq. 7 of
+the modes in use with a weight of the known microphones. Here the modes are all that the microphones can carry, the
+order of each is fixed, and every microphone has the weight 1. It is a residual: 0 dB where the positions explain
+nothing, and it falls as the positions improve, down to the noise or the truncation of the expansion. Rotations,
+translations and mirror images do not change it.
+
+The pressures are those recorded, unless the solver estimates the channels: then they are divided by its gains, and
+each channel has the weight 1 / noise. Otherwise one inverted or dead channel outweighs all positions.
 """
 
+from __future__ import annotations
+
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from numpy.typing import ArrayLike
+from scipy.special import factorial, factorial2, sph_harm_y_all
 
-from ..acoustics.dictionary import fourier_bessel
-from ..model.problem import Problem
+from ..acoustics.dictionary import bessel, degrees, fourier_bessel, max_order
+from ..model.problem import ChannelCorrection, Problem, SolverState, equalised
+from ..model.settings import Search
 from ..model.validation import Complexes, InputError, Integers, Numbers, Reals
 
 RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest count as zero
@@ -144,3 +175,234 @@ def known_weights(problem: Problem, known_weight: float) -> np.ndarray:
     weights = np.ones(problem.pressures.shape[1])
     weights[problem.known] = known_weight
     return weights
+
+
+TABLE_RADIUS = 2.0  # of the tables, in search radii; points further from the centre are evaluated one by one
+TERMS = 48  # of the Chebyshev series before the negligible ones are dropped
+NEGLIGIBLE = 1e-16  # Chebyshev coefficient that is left out; the functions are 1 at the centre
+
+
+@dataclass(frozen=True)
+class CarriedModes:
+    """The modes of a problem that its microphones can carry at a fixed order, and their orders."""
+
+    modes: Integers  # (K,) int64, counted from 0, ascending
+    orders: Integers  # (K,) int64, L of each
+    order_offset: int  # added to ceil(k R)
+
+
+def search_domain(problem: Problem) -> Search:
+    """Return the search domain of a problem; InputError if it has none."""
+    if problem.search is None:
+        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
+    return problem.search
+
+
+def functions(problem: Problem, order: Any):
+    """Return the number of functions of an expansion of `order` L: 2L + 1, (L + 1)^2 or (L + 1)(L + 2) / 2."""
+    if problem.dimension == 2:
+        return 2 * order + 1
+    return (order + 1) ** 2 if problem.array_dimension == 3 else (order + 1) * (order + 2) // 2
+
+
+def carried_modes(problem: Problem, order_offset: int) -> CarriedModes:
+    """Return the modes that the microphones can carry at the order L = ceil(k R) + `order_offset`."""
+    orders = np.asarray(max_order(problem.wavenumbers, search_domain(problem).radius, order_offset))
+    carried = np.flatnonzero(functions(problem, orders) < problem.pressures.shape[1])
+    return CarriedModes(carried, orders[carried], order_offset)
+
+
+def usable_modes(problem: Problem, order_offset: int) -> int:
+    """Return how many of the lowest modes the microphones can carry; all without a search domain, as no lattice is."""
+    if problem.search is None:
+        return len(problem.pressures)
+    carried = carried_modes(problem, order_offset).modes
+    return int(np.count_nonzero(carried == np.arange(len(carried))))
+
+
+def require_modes(problem: Problem, order_offset: int, count: int) -> None:
+    """Raise InputError unless the field has `count` modes and the microphones can carry them."""
+    measured, usable = len(problem.pressures), usable_modes(problem, order_offset)
+    if count > measured:
+        fault = f"{count} modes asked for (solver.modes), but {measured} were measured"
+        raise InputError(fault, f"use at most {measured}", key="modes", value=count)
+    if count <= usable:
+        return
+    R = search_domain(problem).radius
+    L = int(max_order(problem.wavenumbers[usable], R, order_offset))
+    remedies = [f"use at most {usable} modes (solver.modes; {count} asked for)"] if usable else []
+    remedies += [f"a search.radius below {R:g} m"]
+    remedies += [f"a solver.order_offset below {order_offset}"] if order_offset else []
+    formula = "2L + 1" if problem.dimension == 2 else "(L + 1)(L + 2) / 2"
+    formula = "(L + 1)^2" if problem.array_dimension == 3 else formula
+    fault = (
+        f"{_row(problem)} {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order"
+        f" L = ceil(k R) + solver.order_offset = {L} with search.radius = {R:g} m and solver.order_offset ="
+        f" {order_offset}, that is {formula} ="
+        f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
+    )
+    remedy = f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones"
+    raise InputError(fault, remedy, key="modes", value=count)
+
+
+def _row(problem: Problem) -> str:
+    """Return what a row of the pressures is called: a mode, or, of several takes, a row."""
+    return "row" if len(np.unique(problem.takes)) > 1 else "mode"
+
+
+def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -> None:
+    """Raise InputError for one of `modes`, counted from 1, that the microphones cannot carry at its order."""
+    carried = carried_modes(problem, order_offset).modes + 1
+    for mode in sorted(set(modes) - set(carried.tolist())):
+        L = int(max_order(problem.wavenumbers[mode - 1], search_domain(problem).radius, order_offset))
+        fault = (
+            f"{_row(problem)} {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order {L}, that is"
+            f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
+        )
+        remedy = f"use a lower order or lower {_row(problem)}s"
+        raise InputError(fault, remedy, key="order_offset", value=order_offset)
+
+
+def require_plane_field(problem: Problem) -> None:
+    """Raise InputError for a field of three dimensions, of which there is no lattice dictionary."""
+    if problem.dimension != 2:
+        fault = "landscapes of this command need a two-dimensional field, and this one has dimension = 3"
+        raise InputError(fault, "see its maps on the page: fdcal view", key="dimension", value=3)
+
+
+class FieldExpansion:
+    """Rows of W of the modes that the microphones can carry, `carried` : CarriedModes."""
+
+    def __init__(self, problem: Problem, order_offset: int):
+        self.carried = carried_modes(problem, order_offset)
+        self._dimension, self._planar = problem.dimension, problem.array_dimension == 2
+        self._radius = TABLE_RADIUS * search_domain(problem).radius
+        self._k = problem.wavenumbers[self.carried.modes]
+        self._tables: dict[int, np.ndarray] = {}  # by order: (terms, modes of this order, L + 1)
+
+    def groups(self, chosen: Sequence[int] | Integers) -> list[np.ndarray]:
+        """Return the modes of `chosen`, indices of `carried`, in groups of one order."""
+        chosen = np.asarray(chosen, np.int64)
+        orders = self.carried.orders[chosen]
+        return [chosen[orders == order] for order in np.unique(orders)]
+
+    def rows(self, points: np.ndarray, centre: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """Return the rows of W (B, C, K) at points (C, D), metres, up to a factor, for modes (B,) of one order L."""
+        order = int(self.carried.orders[group[0]])
+        offsets = (points - centre) / self._radius
+        radial = self._radial(np.einsum("cd,cd->c", offsets, offsets), order, group)
+        l, angular = self._angular(TABLE_RADIUS * offsets, order)  # noqa: E741
+        return radial[:, :, l] * angular
+
+    def _radial(self, squared: np.ndarray, order: int, group: np.ndarray) -> np.ndarray:
+        """Return g_l at the points whose squared distance, in units of the tables' radius, is given : (B, C, L + 1)."""
+        k = self._k[group] * self._radius
+        if squared.max(initial=0.0) > 1.0:
+            return np.moveaxis(self._functions(np.sqrt(squared), k, order), 0, 1)
+        everyone = np.flatnonzero(self.carried.orders == order)
+        if order not in self._tables:
+            self._tables[order] = self._series(self._k[everyone] * self._radius, order)
+        table = self._tables[order][:, np.searchsorted(everyone, group)]
+        powers = chebvander(2 * squared - 1, len(table) - 1)
+        values = (powers @ table.reshape(len(table), -1).view(float)).view(complex)
+        return np.moveaxis(values.reshape(len(squared), len(group), order + 1), 0, 1)
+
+    def _series(self, k: np.ndarray, order: int) -> np.ndarray:
+        """Return the Chebyshev coefficients of g_l for wavenumbers `k`, times the radius : (terms, B, L + 1)."""
+        t = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)
+        values = self._functions(np.sqrt((1 + t) / 2), k, order)
+        weights = chebvander(t, TERMS - 1).T * (2 / TERMS)
+        weights[0] /= 2
+        series = np.tensordot(weights, values, axes=1)
+        largest = np.abs(series).reshape(TERMS, -1).max(axis=1)
+        return np.ascontiguousarray(series[: int(np.flatnonzero(largest > NEGLIGIBLE)[-1]) + 1])
+
+    def _functions(self, r: np.ndarray, k: np.ndarray, order: int) -> np.ndarray:
+        """Return g_l(k r) : (C, B, L + 1)."""
+        l = np.arange(order + 1)  # noqa: E741
+        z = np.multiply.outer(np.maximum(r, 1e-3), k)  # below it g_l is 1 to rounding errors
+        J, z = np.moveaxis(bessel(z, order, spherical=self._dimension == 3), 0, -1), z[..., None]
+        return J * (factorial(l) * (2 / z) ** l if self._dimension == 2 else factorial2(2 * l + 1) / z**l)
+
+    def _angular(self, offsets: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the degree l of each column (K,), and the other factor (C, K) of the rows."""
+        across = offsets[:, 0] + 1j * offsets[:, 1]
+        powers = np.cumprod(np.column_stack([np.ones(len(across)), *[across] * order]), axis=1)
+        if self._dimension == 2:
+            l = np.arange(-order, order + 1)  # noqa: E741
+            return np.abs(l), np.concatenate([powers[:, :0:-1].conj(), powers], axis=1)
+        if self._planar:
+            l, m = degrees(order, True)  # noqa: E741
+            squared = (np.abs(across) ** 2)[:, None]
+            turning = np.where(m < 0, powers[:, np.abs(m)].conj(), powers[:, np.abs(m)])
+            return l, turning * squared ** ((l - np.abs(m)) // 2)
+        l, m = degrees(order)  # noqa: E741
+        height, distance = offsets[:, 2], np.linalg.norm(offsets, axis=1)
+        Y = sph_harm_y_all(order, order, np.arctan2(np.abs(across), height), np.angle(across))
+        return l, distance[:, None] ** l * Y[l, m].T
+
+
+expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # its tables serve all searches and maps
+
+
+ORDER_OFFSET = 2  # added to ceil(k R): with the paper's 0 the truncation hides a centimetre
+MIN_MODES = 3  # with fewer carried modes the order is lowered
+LOWEST = 1e-16  # relative cost at which the decibels end
+
+
+def decibels(relative_cost: float) -> float:
+    """Return a relative cost in decibels, -160 at least; NaN for NaN."""
+    return float(10 * np.log10(np.maximum(relative_cost, LOWEST)))
+
+
+def reference_cost_of(problem: Problem) -> ReferenceCost | None:
+    """Return the reference cost of a problem; None without a search domain or with too few microphones for any mode."""
+    try:
+        return ReferenceCost(problem)
+    except InputError:
+        return None
+
+
+class ReferenceCost:
+    """Eq. 7 over all modes that the microphones can carry, relative to the power of their pressures.
+
+    `order_offset` is added to ceil(k R) in the order of every mode; it is lowered for an array that carries fewer than
+    MIN_MODES modes with it. `count` is the number of modes. Raises InputError without a search domain, or with too
+    few microphones for any mode.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> measurement = fdcal.load("tiny")
+    >>> round(ReferenceCost(measurement.problem())(measurement.positions))
+    -59
+    """
+
+    def __init__(self, problem: Problem, order_offset: int = ORDER_OFFSET):
+        for offset in range(order_offset, -1, -1):
+            self._expansion = expansion_of(problem, offset)
+            if len(self._expansion.carried.modes) >= min(MIN_MODES, len(problem.pressures)):
+                break
+        carried = self._expansion.carried
+        self.order_offset, self.count = carried.order_offset, len(carried.modes)
+        if not self.count:
+            fault = f"{problem.pressures.shape[1]} microphones are too few for the cost of any mode"
+            raise InputError(fault, "use a smaller <radius>, or more microphones", key="radius")
+        self._groups = self._expansion.groups(np.arange(self.count))
+        self._pressures = problem.pressures[carried.modes]
+
+    def __call__(self, positions: ArrayLike, channels: ChannelCorrection | None = None) -> float:
+        """Return the cost of positions (N, D), metres, in dB, with `RunState.channels`; NaN where one is not finite."""
+        positions = np.asarray(positions, float)
+        if not np.isfinite(positions).all():
+            return float("nan")
+        pressures, scale = equalised(self._pressures, channels)
+        left, centre = 0.0, positions.mean(axis=0)
+        for group in self._groups:
+            W = scale[:, None] * self._expansion.rows(positions, centre, group)
+            left += float(np.sum(fit(W, pressures[group])[2]))
+        return decibels(left / float(np.sum(np.abs(pressures) ** 2)))
+
+    def of(self, state: SolverState) -> float:
+        """Return the cost of a state of any solver (`RunState`), its channels included, dB."""
+        return self(state.positions, state.channels)

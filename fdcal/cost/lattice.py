@@ -16,7 +16,7 @@ than a part of the shortest wavelength in use:
             down to the lattice's own step, until none is lower
 
 The result is the lowest candidate that was tried, never one above the place of the microphone. The rows of W are those
-of `fdcal.cost.expansion`, which differ from those of the paper's dictionary by a factor of each column: Eq. 7 does not
+of `fdcal.cost.eq7`, which differ from those of the paper's dictionary by a factor of each column: Eq. 7 does not
 depend on it.
 
 The compiled loops compute rows of W for many points at once, real and imaginary parts apart and the points along the
@@ -34,8 +34,16 @@ from ..acoustics.compiled import compiled
 from ..acoustics.dictionary import LatticeDictionary, max_order
 from ..model.problem import Problem
 from ..model.validation import Bools, Complexes, Integers, Reals
-from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
-from .expansion import expansion_of, require_modes, require_plane_field, search_domain, usable_modes
+from .eq7 import (
+    LeaveOneOutFit,
+    expansion_of,
+    known_weights,
+    leave_one_out_fits,
+    require_modes,
+    require_plane_field,
+    search_domain,
+    usable_modes,
+)
 
 SPACING = 1 / 8  # of coarse candidates, of the shortest wavelength in use
 MIN_COARSE = 5  # coarse candidates along the shortest axis, at least

@@ -36,11 +36,14 @@ from ..acoustics.dictionary import fourier_bessel, max_order
 from ..model.problem import ChannelCorrection, Problem, SolverState, equalised
 from ..model.settings import Search
 from ..model.validation import Complexes, InputError, Reals, frozen_array
-from .eq7 import LeaveOneOutFit, coefficients, known_weights, leave_one_out_fits
-from .expansion import (
+from .eq7 import (
     FieldExpansion,
+    LeaveOneOutFit,
+    coefficients,
     expansion_of,
     functions,
+    known_weights,
+    leave_one_out_fits,
     require_carried,
     require_modes,
     require_plane_field,
@@ -215,7 +218,7 @@ def _on_the_page(
 ) -> MovedMicrophone:
     """Return the terms at one fixed order, about the centre of the estimate, weighted by the noise of the channels.
 
-    They are those of `fdcal.cost.expansion`, and depend neither on the solver nor on the other modes.
+    They are those of `fdcal.cost.eq7`, and depend neither on the solver nor on the other modes.
     """
     require_carried(problem, modes, order_offset)
     x, (pressures, scale) = np.asarray(positions, float), equalised(problem.pressures, channels)

@@ -11,7 +11,7 @@ packed     arrays as one text that the page unpacks (`replay_page/unpack.js`). I
 map_data   what the browser needs to compute the cost of moving any microphone, at any state, from any modes
            (`replay_page/eq7.js`): the pressures, as 16-bit numbers of each mode and channel, and what a solver
            estimates of the channels. Only modes that the microphones can carry at the order of
-           `fdcal.cost.expansion` are held; of more than MAX_PRESSURES numbers the highest modes are left out
+           `fdcal.cost.eq7` are held; of more than MAX_PRESSURES numbers the highest modes are left out
 """
 
 import base64
@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..cost.expansion import ReferenceCost, carried_modes, expansion_of, reference_cost_of
+from ..cost.eq7 import ReferenceCost, carried_modes, expansion_of, reference_cost_of
 from ..cost.maps import eq7_maps, refined
 from ..cost.scale import DECADES, DEPTH, FEW_MODES, LEAST_RANGE
 from ..model.gauge import align, fixes_gauge

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from ..assessment.calibration import Calibration
 from ..assessment.findings import Answer
 from ..assessment.uncertainty import Bound, confidence_factor, ellipse_axes
-from ..cost.expansion import reference_cost_of
+from ..cost.eq7 import reference_cost_of
 from ..model.settings import search_around
 from ..model.validation import InputError, length_text
 from .landscape import figure_bytes

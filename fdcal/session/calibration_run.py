@@ -14,7 +14,7 @@ from .. import solvers
 from ..assessment.assess import ARGUMENTS, Assessment, assess
 from ..assessment.calibration import Calibration, Run
 from ..assessment.findings import modes_below_limit
-from ..cost.expansion import reference_cost_of
+from ..cost.eq7 import reference_cost_of
 from ..model.gauge import move_to_frame, principal_axes, turn_to_frame
 from ..model.measurement import Measurement, check_channels, microphone_index
 from ..model.problem import Problem
@@ -250,7 +250,7 @@ def last_state(
 
 
 def cost_in_decibels(found: Assessment) -> float | None:
-    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, as `fdcal.cost.expansion`.
+    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, as `fdcal.cost.eq7`.
 
     A problem without a search domain gets one round the positions found, as on the page. None where a position is not
     finite, or the microphones are too few for any mode.

@@ -394,7 +394,7 @@ class Session:
 
     `module`: has `init`, `step` and `use_modes`; the solver named in `settings` unless given; `states`: with which the
     history begins, oldest first, the start alone unless given; `index`: which of them is shown; `reference_cost`:
-    returns the cost of a state, dB, comparable between solvers (`fdcal.cost.expansion`).
+    returns the cost of a state, dB, comparable between solvers (`fdcal.cost.eq7`).
     """
 
     def __init__(

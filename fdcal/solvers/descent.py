@@ -20,9 +20,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..acoustics.dictionary import LatticeDictionary
-from ..cost import expansion
-from ..cost.eq7 import known_weights, leave_one_out_fits
-from ..cost.expansion import require_modes
+from ..cost import eq7
+from ..cost.eq7 import known_weights, leave_one_out_fits, require_modes
 from ..cost.maps import descent_maps
 from ..model.gauge import fixes_gauge
 from ..model.problem import Problem
@@ -191,7 +190,7 @@ def result(problem: Problem, state: State) -> Estimate:
 
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:
     """Return how many of the lowest modes have an expansion with fewer functions than there are microphones."""
-    return expansion.usable_modes(problem, settings.order_offset)
+    return eq7.usable_modes(problem, settings.order_offset)
 
 
 def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
@@ -205,7 +204,7 @@ def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
             " has dimension = 3",
             "use <solver> joint",
         )
-    search, known, count = expansion.search_domain(problem), problem.known.tolist(), problem.pressures.shape[1]
+    search, known, count = eq7.search_domain(problem), problem.known.tolist(), problem.pressures.shape[1]
     if not fixes_gauge(problem.known_positions):
         fewest = "three known microphones that are not on one line"
         if problem.array_dimension == 3:

@@ -53,7 +53,7 @@ from ..acoustics.room_modes import (
     room_pressures,
     room_symmetries,
 )
-from ..cost.expansion import search_domain
+from ..cost.eq7 import search_domain
 from ..model.problem import Problem, mode_power
 from ..model.settings import Search, SolverSettings
 from ..model.validation import Complexes, InputError, Numbers, Reals, frozen_array

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..cost import maps
 from ..cost.basins import basins_of
-from ..cost.expansion import ORDER_OFFSET, expansion_of
+from ..cost.eq7 import ORDER_OFFSET, expansion_of
 from ..cost.scale import LEAST_RANGE, Minima
 from ..graphics.heatmap import basin_floor, cost_floor, cost_label, descent_text, field_floor
 from ..graphics.picture import row_word, z_range_of

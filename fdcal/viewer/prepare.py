@@ -18,7 +18,7 @@ import numpy as np
 
 from .. import solvers
 from ..acoustics.measure import cached_measurement
-from ..cost.expansion import ReferenceCost, reference_cost_of
+from ..cost.eq7 import ReferenceCost, reference_cost_of
 from ..model.gauge import align, rigid_motion
 from ..model.measurement import Measurement
 from ..model.problem import Problem

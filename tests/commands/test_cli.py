@@ -17,7 +17,7 @@ from PIL import Image
 from running import FDCAL, done, exit_code
 
 from fdcal.assessment.result_file import load_result
-from fdcal.cost.expansion import ReferenceCost
+from fdcal.cost.eq7 import ReferenceCost
 from fdcal.graphics.heatmap import PLACE
 from fdcal.model.measurement import load_measurement
 from fdcal.model.problem import ChannelCorrection

@@ -7,8 +7,19 @@ import pytest
 from fields import measured
 
 from fdcal.acoustics.dictionary import fourier_bessel, max_order, spherical_bessel
-from fdcal.cost.eq7 import coefficients, cost, known_weights, landscape, leave_one_out_fits, residual
-from fdcal.cost.expansion import FieldExpansion, carried_modes, functions, require_modes, usable_modes
+from fdcal.cost.eq7 import (
+    FieldExpansion,
+    carried_modes,
+    coefficients,
+    cost,
+    functions,
+    known_weights,
+    landscape,
+    leave_one_out_fits,
+    require_modes,
+    residual,
+    usable_modes,
+)
 from fdcal.cost.lattice import best_candidate, search_lattice
 from fdcal.model.validation import InputError, frozen_array
 

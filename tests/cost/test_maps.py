@@ -11,7 +11,7 @@ from fdcal.acoustics.dictionary import fourier_bessel, max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
 from fdcal.cost.basins import local_minima
-from fdcal.cost.expansion import ORDER_OFFSET, ReferenceCost, decibels
+from fdcal.cost.eq7 import ORDER_OFFSET, ReferenceCost, decibels
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.maps import (
     cost_maps,

@@ -9,8 +9,7 @@ from solving import run_from
 from fdcal import solvers
 from fdcal.acoustics.dictionary import max_order, spherical_bessel
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.eq7 import cost
-from fdcal.cost.expansion import ReferenceCost, decibels, reference_cost_of
+from fdcal.cost.eq7 import ReferenceCost, cost, decibels, reference_cost_of
 from fdcal.cost.maps import eq7_maps, mode_shape, power_shares
 from fdcal.model.problem import ChannelCorrection
 from fdcal.model.scene import load_scene

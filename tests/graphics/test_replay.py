@@ -14,7 +14,7 @@ from running import exit_code
 import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.expansion import ReferenceCost, reference_cost_of
+from fdcal.cost.eq7 import ReferenceCost, reference_cost_of
 from fdcal.cost.maps import eq7_maps, minima_of, refined
 from fdcal.graphics.heatmap import colour_limits, normalise, to_rgb
 from fdcal.graphics.replay import MAX_BYTES, replay_html

@@ -7,7 +7,7 @@ from replays import offline_page, wait_for
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.expansion import reference_cost_of
+from fdcal.cost.eq7 import reference_cost_of
 from fdcal.graphics.replay import replay_html
 from fdcal.model.scene import load_scene
 

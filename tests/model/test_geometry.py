@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import cached_measurement, measure
-from fdcal.cost.expansion import usable_modes
+from fdcal.cost.eq7 import usable_modes
 from fdcal.cost.maps import landscape_panels
 from fdcal.model.arrays import (
     WALL_DISTANCE_M,

@@ -10,7 +10,7 @@ from browsing import COARSE, WAIT, choose, serving_here, tab
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.expansion import ORDER_OFFSET
+from fdcal.cost.eq7 import ORDER_OFFSET
 from fdcal.cost.maps import interpolate, map_minima, partial_sums
 from fdcal.graphics.heatmap import colour_limits, normalise
 from fdcal.model.measurement import load_measurement

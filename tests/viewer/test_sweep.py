@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fdcal.cost.basins import local_minima
-from fdcal.cost.expansion import ReferenceCost
+from fdcal.cost.eq7 import ReferenceCost
 from fdcal.cost.maps import cost_maps, refined
 from fdcal.viewer.drop import LineHandles
 from fdcal.viewer.tabs.cut import MAX_MODES, POINTS, SPAN, cut_series, foot, line_across

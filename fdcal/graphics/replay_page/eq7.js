@@ -38,7 +38,7 @@ function bessel(zr, zi, L, spherical, out) {
   return out;
 }
 
-// Number of functions of an expansion of order L: fdcal.cost.expansion.functions.
+// Number of functions of an expansion of order L: fdcal.cost.eq7.functions.
 function functionsOf(kind, L) {
   return kind == "plane" ? 2 * L + 1 : kind == "layer" ? (L + 1) * (L + 2) / 2 : (L + 1) ** 2;
 }

@@ -19,7 +19,7 @@ import numpy as np
 import viser
 
 from ...assessment.calibration import Channels
-from ...cost.expansion import ORDER_OFFSET
+from ...cost.eq7 import ORDER_OFFSET
 from ...graphics.picture import row_word
 from ...graphics.primitives import Picture
 from ...model.measurement import Measurement

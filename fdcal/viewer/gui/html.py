@@ -131,7 +131,7 @@ def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarr
 
 
 def cost_text(cost: float, corrected: bool = False, row: str = "mode") -> str:
-    """Return a cost of `fdcal.cost.expansion`, dB, and what it is, with gains `corrected`; "unknown" for NaN.
+    """Return a cost of `fdcal.cost.eq7`, dB, and what it is, with gains `corrected`; "unknown" for NaN.
 
     It is that of all modes, or of all rows of several takes, as `row` says.
     """

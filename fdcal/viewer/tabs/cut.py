@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 from viser import uplot
 
-from ...cost.expansion import LOWEST
+from ...cost.eq7 import LOWEST
 from ...cost.maps import eq7_cut
 from ...graphics.picture import row_word
 from ...model.measurement import Measurement

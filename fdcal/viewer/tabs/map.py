@@ -6,7 +6,7 @@ Those are one image, drawn on a thread of its own: a drag does not wait for it.
 import numpy as np
 
 from ...acoustics.dictionary import max_order
-from ...cost.expansion import decibels
+from ...cost.eq7 import decibels
 from ...graphics.landscape import Marks, mosaic
 from ...graphics.picture import row_word
 from ...graphics.primitives import DARK, LIGHT, format_number
