@@ -179,7 +179,6 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     """
     from ..recordings import formats
     from ..recordings.formats.positions import read_positions
-    from ..recordings.recording import ImportOptions, check_options
     from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
     from ..session.takes import Day
 
@@ -189,7 +188,6 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     options = ImportOptions(
         leave_out="bad", files="takes", known=known, temperature=temperature, array_dimension=array_dimension
     )
-    check_options(options)
     # What is wrong with a file is said before anything is recorded.
     if positions is not None:
         read_positions(positions)

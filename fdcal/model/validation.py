@@ -255,6 +255,11 @@ def positive(unit: str = "", **option: Any) -> msgspec.Meta:
     return within(LIMITS.smallest, LIMITS.largest, unit, **option)
 
 
+def option(default: Any, text: str, metavar: str | None = None) -> Any:
+    """Return a field that is an option of the command line, with its help and placeholder."""
+    return dataclasses.field(default=default, metadata={"help": text, "metavar": metavar})
+
+
 Positive = Annotated[float, positive()]
 Metres = Annotated[float, positive("m")]
 Hertz = Annotated[float, positive("Hz")]

@@ -35,7 +35,6 @@ from .recording import (
     SAME_PLACE,
     ImportOptions,
     Recording,
-    check_options,
     join_channels,
     number_in,
     refused_option,
@@ -78,7 +77,6 @@ def import_recording(
     path: str | Path | Sequence[str | Path], options: ImportOptions = DEFAULTS
 ) -> tuple[Measurement, ImportReport]:
     """Return the measurement in a file or folder, or several, as of `ImportOptions.files`, and how it was taken."""
-    check_options(options)
     paths = [path] if isinstance(path, (str, Path)) else list(path)
     return measurement_of_takes(read_takes(paths, options), options)
 
@@ -115,7 +113,7 @@ def _recordings(path: str | Path, options: ImportOptions) -> list[Recording]:
         if positions.shape[1] != 3:
             raise InputError(f"array = {options.array} has two coordinates", "give name,x,y,z", key="array")
         return [formats.render(path, tuple(names), positions, sound_speed_of(None, options)[0])]
-    if not isinstance(options.source, str):  # all of them otherwise, as `check_options` has seen
+    if not isinstance(options.source, str):  # else all of them
         return [formats.read(path, options.source)]
     found = [formats.read(path, number) for number in range(formats.source_count(path))]
     return [replace(one, path=f"{path}, source {n}") for n, one in enumerate(found)] if len(found) > 1 else found
@@ -143,7 +141,6 @@ def measurement_of_takes(
     recordings: Sequence[Recording], options: ImportOptions = DEFAULTS
 ) -> tuple[Measurement, ImportReport]:
     """Return the measurement of recordings of the same channels, each a take, and a report on how it was taken."""
-    check_options(options)
     recordings, left_out = _selected(recordings, options)
     if recordings[0].count < 2:
         problem = f"{recordings[0].path} gives one channel, and an array needs two microphones at least"

@@ -11,9 +11,9 @@ The options of an import are declared here once: for Python, the command line an
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from ..model.validation import (
     check,
     convert,
     frozen_array,
+    option,
     positive,
     require_array,
     within,
@@ -261,11 +262,6 @@ class ImportLimits:
 IMPORT_LIMITS = ImportLimits()
 
 
-def _option(default: Any, text: str, metavar: str | None = None) -> Any:
-    """Return a field that is an option of `fdcal import`, with its help and placeholder."""
-    return field(default=default, metadata={"help": text, "metavar": metavar})
-
-
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions:
     """How a recording is imported; None leaves a choice to the file or to fdcal.
@@ -309,37 +305,37 @@ class ImportOptions:
     """
 
     # In the order in which `fdcal import --help` lists them; the command line declares the last three.
-    frequencies: str = _option("auto", "Band to choose from, Hz.", "auto|LO:HI")
+    frequencies: str = option("auto", "Band to choose from, Hz.", "auto|LO:HI")
     # bound of time and memory, five times what an import takes by itself
-    most: Annotated[int, within(1, 2000)] | None = _option(
+    most: Annotated[int, within(1, 2000)] | None = option(
         None, "Greatest number of rows of all takes.  [default: 400]", "M"
     )
-    kind: Literal["auto", "impulse", "stationary"] = _option(
+    kind: Literal["auto", "impulse", "stationary"] = option(
         "auto",
         "impulse: an impulse response, from silence to silence; stationary: a continuous sound.",
     )
-    window: str = _option("auto", "Exponential window, 1/s.", "auto|none|RATE")
-    temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = _option(
+    window: str = option("auto", "Exponential window, 1/s.", "auto|none|RATE")
+    temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = option(
         None, "Of the air, degrees Celsius; gives the sound speed.", "C"
     )
     # bounds: heavy gases to solids
-    sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = _option(None, "Instead of a temperature.", "M/S")
-    dimension: Literal[2, 3] = _option(3, "Of the sound field.")
-    array_dimension: Literal[2, 3] | None = _option(
+    sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = option(None, "Instead of a temperature.", "M/S")
+    dimension: Literal[2, 3] = option(3, "Of the sound field.")
+    array_dimension: Literal[2, 3] | None = option(
         None,
         "Of the microphones: 2 in a plane.  [default: 2 where all heights are given and agree]",
     )
-    plane: str | None = _option(None, "Use the microphones in a plane only, by the positions in the file.", "z=Z")
-    subset: str | None = _option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")
-    seed: Annotated[int, within(0)] = _option(0, "Random seed of --subset.", "S")
-    leave_out: str | None = _option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
-    known: str | None = _option(
+    plane: str | None = option(None, "Use the microphones in a plane only, by the positions in the file.", "z=Z")
+    subset: str | None = option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")
+    seed: Annotated[int, within(0)] = option(0, "Random seed of --subset.", "S")
+    leave_out: str | None = option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
+    known: str | None = option(
         None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|corners|none|FILE.csv"
     )
-    reference: str | None = _option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")
-    reference_microphone: str | None = _option(None, "Take cross-spectra against this channel.", "NAME")
-    array: str | None = _option(None, "Positions to render a measured room at: name,x,y,z from its centre.", "FILE.csv")
-    array_radius: Annotated[float, positive("m")] | None = _option(
+    reference: str | None = option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")
+    reference_microphone: str | None = option(None, "Take cross-spectra against this channel.", "NAME")
+    array: str | None = option(None, "Positions to render a measured room at: name,x,y,z from its centre.", "FILE.csv")
+    array_radius: Annotated[float, positive("m")] | None = option(
         None, "Metres; determines the highest usable frequency.", "R"
     )
     source: int | str | None = None
@@ -348,6 +344,24 @@ class ImportOptions:
 
     def __post_init__(self):
         object.__setattr__(self, "known", None if self.known == "none" else self.known)
+        check(self)
+        if isinstance(self.source, str) and self.source != "all":
+            raise refused_option(
+                self, "source", f'source = "{self.source}" is no source', "use a number from 0, or all"
+            )
+        if self.split is not None and (self.kind == "impulse" or self.reference or self.array):
+            what = "kind impulse" if self.kind == "impulse" else "a reference" if self.reference else "an array"
+            problem = f"split = {self.split:.3g} s cuts a stationary recording, and {what} is given"
+            raise refused_option(self, "split", problem, "leave out <split>, or record each take on its own")
+        if self.array_dimension == 3 and self.dimension == 2:
+            problem = "array_dimension = 3 is not possible in a field of 2"
+            raise refused_option(self, "array_dimension", problem, "use 2")
+        if self.temperature is not None and self.sound_speed is not None:
+            remedy = "give one of <temperature> and <sound_speed>"
+            raise InputError("a temperature and a sound speed say the same", remedy, key="sound_speed")
+        if self.reference is not None and self.reference_microphone is not None:
+            problem = "a reference signal and a reference microphone exclude each other"
+            raise InputError(problem, "give one of <reference> and <reference_microphone>", key="reference")
 
 
 def refused_option(options: ImportOptions, key: str, problem: str, remedy: str = "") -> InputError:
@@ -361,27 +375,6 @@ def number_in(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
-
-
-def check_options(options: ImportOptions) -> None:
-    """Raise InputError for options that are out of range or contradict each other."""
-    check(options)
-    if isinstance(options.source, str) and options.source != "all":
-        raise refused_option(
-            options, "source", f'source = "{options.source}" is no source', "use a number from 0, or all"
-        )
-    if options.split is not None and (options.kind == "impulse" or options.reference or options.array):
-        what = "kind impulse" if options.kind == "impulse" else "a reference" if options.reference else "an array"
-        problem = f"split = {options.split:.3g} s cuts a stationary recording, and {what} is given"
-        raise refused_option(options, "split", problem, "leave out <split>, or record each take on its own")
-    if options.array_dimension == 3 and options.dimension == 2:
-        raise refused_option(options, "array_dimension", "array_dimension = 3 is not possible in a field of 2", "use 2")
-    if options.temperature is not None and options.sound_speed is not None:
-        remedy = "give one of <temperature> and <sound_speed>"
-        raise InputError("a temperature and a sound speed say the same", remedy, key="sound_speed")
-    if options.reference is not None and options.reference_microphone is not None:
-        remedy = "give one of <reference> and <reference_microphone>"
-        raise InputError("a reference signal and a reference microphone exclude each other", remedy, key="reference")
 
 
 def sound_speed_of(in_file: float | None, options: ImportOptions) -> tuple[float, str]:
