@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from ..acoustics.measure import cached_measurement
 from ..cost.eq7 import reference_cost_of
 from ..graphics.replay import GalleryEntry, index_html, picture_of, replay_html
+from ..model.address import SOLVER, parse_address
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.validation import InputError, parse_modes
 from ..session.calibration_run import problem_of, states_of
-from ..session.lesson import IN_USE, Lesson, LessonSetting, load_lesson, states_of_lesson
+from ..session.lesson import Lesson, LessonSetting, load_lesson, states_of_lesson
 from ..session.session import recorded
 from ..session.sources import CalibrationInput, with_settings
 from .options import scene_of
@@ -110,7 +111,7 @@ def _run(show: Show) -> tuple[str, GalleryEntry]:
         inputs.scene, inputs.measurement, states, show.title, reference_cost_of(problem), sought, problem=problem,
         microphone=show.microphone, max_bytes=MAX_BYTES, opens_at=show.address,
     )  # fmt: skip
-    chosen = dict(part.split("=") for part in show.address.split("&")).get("modes")
+    chosen = parse_address(show.address).get("modes")
     modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
     picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes, sought)
     figures = f"{show.solver}, {_errors(inputs, states[-1], sought)}, {len(text) / 1e6:.2f} MB"
@@ -168,7 +169,7 @@ def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | 
     )  # fmt: skip
     first = lesson.steps[0].page.unfolded()
     n = int(problem.free[0]) if first.microphone is None else first.microphone
-    chosen = parse_modes(first.map_modes, len(problem.frequencies)) if first.map_modes not in (None, IN_USE) else None
+    chosen = parse_modes(first.map_modes, len(problem.frequencies)) if first.map_modes not in (None, SOLVER) else None
     return page, picture_of(measurement, problem, states[0], n, chosen)
 
 
@@ -188,7 +189,7 @@ def _part(setting: LessonSetting, problem: Problem) -> dict:
     }
     part = {name: value for name, value in values.items() if value is not None}
     if setting.map_modes is not None:
-        part["modes"] = None if setting.map_modes == IN_USE else _range(setting.map_modes, problem)
+        part["modes"] = None if setting.map_modes == SOLVER else _range(setting.map_modes, problem)
     return part
 
 

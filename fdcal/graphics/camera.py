@@ -2,13 +2,15 @@
 
 import math
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 
+from ..model.address import View
 from ..model.validation import require_choice
 from .primitives import Picture
 
-VIEWS = ("top", "3d", "close")
+VIEWS = get_args(View)
 MARGIN = {"3d": 1.06, "close": 1.06}  # size of the view, of the room's and of the search domain's with its rulers
 OBLIQUE = (-0.38, -0.8, 1.05)  # direction from the centre to the eye of the 3-D views
 FOV_3D = 35.0  # degrees

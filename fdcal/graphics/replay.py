@@ -30,6 +30,7 @@ from PIL import Image
 from ..cost.eq7 import ReferenceCost, carried_modes, expansion_of, reference_cost_of
 from ..cost.maps import eq7_maps, refined
 from ..cost.scale import DECADES, DEPTH, FEW_MODES, LEAST_RANGE
+from ..model.address import ADDRESS
 from ..model.gauge import align, fixes_gauge
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -195,6 +196,7 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
         "focus": focus_of(measurement),
         "heights": z_range_of(scene, measurement),
         "marks": marks_json(PAGE_MARKS),
+        "address": ADDRESS,
         "outline": None,
         "sources": [],
         "tall": 0.0,

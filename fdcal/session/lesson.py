@@ -1,7 +1,6 @@
 """Lessons: files of steps, each a text, a question and what it sets on the page.
 
 LessonSetting, LessonStep, Lesson   what a file holds; `load_lesson` reads and checks it
-Frame                   a moment of a run, cited as the address of a replay cites it
 LessonProgress          where in the lessons the page is
 states_of_lesson        the runs that a page of the gallery plays
 """
@@ -15,9 +14,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
-from urllib.parse import parse_qsl
 
 from .. import solvers
+from ..model.address import SOLVER, Map, View, parse_address
 from ..model.arrays import positions_of
 from ..model.problem import Problem
 from ..model.scene import Scene, load_scene
@@ -27,73 +26,10 @@ from ..model.validation import InputError, Seed, StorageError, build, parse_mode
 from ..solvers.interface import RunState
 from .scene_edits import edited
 
-# A frame stands after # in the address of a replay, as "step=12&microphone=9&modes=1-20":
-#
-#   step, sweep, stage  the first state of the run with this number; stages count from 1, as on the page
-#   microphone          whose map is shown, from 0, or "none"
-#   modes               of the map, as "1-20", or "solver" for those in use
-#   view                "top", "3d", "close", or azimuth and elevation, degrees, which stand for "3d"
-#   map, trails         "on" or "off"
-#   zoom, theme         are accepted; they are of a window, which a lesson leaves alone
-
-UNITS = ("step", "sweep", "stage")
-ANGLES = re.compile(r"-?\d+(\.\d+)?,-?\d+(\.\d+)?")
-ON_OFF = {"on": True, "off": False}
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A moment of a run, and how it is looked at; None and "" leave a control as it is."""
-
-    unit: str = ""  # one of UNITS, or "" for the state that is shown
-    number: int = 0  # of the step or sweep, from 0; of the stage, from 1
-    microphone: int | None = None  # from 0
-    modes: str | None = None  # of the map, as `fdcal.model.validation.parse_modes` reads them, or "solver"
-    view: str | None = None  # "top", "3d" or "close"
-    # map, trails: whether they are shown
-    map: bool | None = None
-    trails: bool | None = None
-
-
-def parse_frame(text: str) -> Frame:
-    """Return the frame that the address of a replay names, as "#step=12&microphone=9&modes=1-20&view=top"."""
-    parts = parse_qsl(text.strip().removeprefix("#"), keep_blank_values=True)
-    named = [unit for unit, _ in parts if unit in UNITS]
-    if not parts or len(named) > 1 or len(dict(parts)) < len(parts):
-        remedy = 'write as the address of a replay after #, "step=12&microphone=9", with one step, sweep or stage'
-        raise InputError(f'"{shown(text)}" names no frame', remedy, key="frame", value=text)
-    values: dict = {}
-    for name, value in parts:
-        values |= _part(name, value)
-    return Frame(**values)
-
-
-def _part(name: str, value: str) -> dict:
-    """The fields of a Frame that one part of an address sets."""
-    if name in UNITS and re.fullmatch(r"\d{1,6}", value) and int(value) >= (name == "stage"):
-        return {"unit": name, "number": int(value)}
-    if name == "microphone" and re.fullmatch(r"\d{1,6}", value):
-        return {"microphone": int(value)}
-    if name == "modes" and value:
-        return {"modes": value}
-    if name == "view" and (value in ("top", "3d", "close") or ANGLES.fullmatch(value)):
-        return {"view": value if value in ("top", "3d", "close") else "3d"}
-    if name in ("map", "trails") and value in ON_OFF:
-        return {name: ON_OFF[value]}
-    if name in ("zoom", "theme") or (name, value) == ("microphone", "none"):
-        return {}
-    remedy = "use step, sweep or stage, microphone, modes, view, map and trails, as a replay writes them"
-    raise InputError(f'"{shown(name)}={shown(value)}" is not of a frame', remedy, key="frame", value=value)
-
-
-Map = Literal["flat", "relief", "shape", "basins", "volume", "none"]
 Scale = Literal["log", "linear"]
 Quantity = Literal["eq7", "objective"]
-View = Literal["top", "3d", "close"]
-MAPS, SCALES, QUANTITIES, VIEWS = map(typing.get_args, (Map, Scale, Quantity, View))
 MAX_ORDER_OFFSET = 4  # of a map
 MAX_CHOICES = 6  # of one question
-IN_USE = "in use"  # value of map_modes: the modes that the solver uses
 RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
 
 
@@ -110,12 +46,12 @@ class LessonSetting:
     modes: str | None = None  # in use by the solver, as "1-20"
     automatic: bool | None = None  # whether the solver adds modes by itself
     run: str | None = None  # "end", or so far as "3 sweeps", "1 step", "2 stages"
-    # of the run, as the address of a replay names it, "step=12&microphone=9"; see `parse_frame`
+    # a moment of the run and a view, as an address names them: "step=12&microphone=9"
     frame: str | None = None
     microphone: int | None = None  # whose map is shown, from 0
     follow: bool | None = None  # whether the map is that of the microphone which the solver moves
     map: Map | None = None
-    map_modes: str | None = None  # modes of the map alone, as "38" or "1-9, 12", or "in use"
+    map_modes: str | None = None  # modes of the map alone, as "38" or "1-9, 12", or "solver"
     quantity: Quantity | None = None  # of the map: Eq. 7, or what the solver minimises
     # of the map of Eq. 7, added to ceil(k R) in the order of every mode
     order_offset: Annotated[int, within(0, MAX_ORDER_OFFSET)] | None = None
@@ -140,17 +76,15 @@ class LessonSetting:
         """Return the setting with the values of its frame, where they are not given by themselves."""
         if self.frame is None:
             return self
-        frame = parse_frame(self.frame)
-        own = {name: value for name, value in vars(self).items() if value is not None}
-        values = {
-            "microphone": frame.microphone,
-            "follow": None if frame.microphone is None else False,
-            "map": "none" if frame.map is False else None,
-            "map_modes": IN_USE if frame.modes == "solver" else frame.modes,
-            "trails": frame.trails,
-            "view": frame.view,
-        }
-        return LessonSetting(**(values | own))
+        parts, values = parse_address(self.frame), dict[str, typing.Any]()
+        if parts.get("microphone", "none") != "none":
+            values |= {"microphone": int(parts["microphone"]), "follow": False}
+        if "trails" in parts:
+            values["trails"] = parts["trails"] == "on"
+        if (numbers := parts.get("view", "").count(",")) < 9 and "view" in parts:  # a camera is of a window alone
+            values["view"] = "3d" if numbers else parts["view"]
+        values |= {name: parts[key] for key, name in (("map", "map"), ("modes", "map_modes")) if key in parts}
+        return LessonSetting(**(values | {name: value for name, value in vars(self).items() if value is not None}))
 
 
 @dataclass(frozen=True)
@@ -367,10 +301,12 @@ def _check_setting(key: str, setting: LessonSetting, scene: Scene) -> None:
         remedy = "let one step run the solver, and another one show the frame"
         raise InputError(f"{key}.frame and run are both given", remedy, key=f"{key}.frame", value=setting.frame)
     try:
+        if setting.frame is not None and not parse_address(setting.frame):
+            raise InputError(f'"{shown(setting.frame)}" names nothing', 'write as "step=12&microphone=9"')
         setting = setting.unfolded()
     except InputError as error:
         raise error.within(f"{key}.frame") from error
-    chosen = {"modes": setting.modes, "map_modes": None if setting.map_modes == IN_USE else setting.map_modes}
+    chosen = {"modes": setting.modes, "map_modes": None if setting.map_modes == SOLVER else setting.map_modes}
     for name, text in chosen.items():
         if text is None:
             continue

@@ -1,6 +1,7 @@
 """Lessons are read from TOML files: the built-in ones are valid, and an error is reported in one line."""
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import lesson as lessons
-from fdcal.session.lesson import Frame, LessonSetting, lesson_folder, lesson_names, load_lesson, parse_frame
+from fdcal.session.lesson import LessonSetting, lesson_folder, lesson_names, load_lesson
 
 GOOD = """
 title = "Mine"
@@ -108,8 +109,8 @@ def test_a_scene_beside_the_lesson_is_found(written, edited):
         ('modes = "1-5"', "start_seed = -1", "steps[1].page.start_seed = -1"),
         ("microphone = 3", "microphone = 16", "steps[1].page.microphone = 16 is not there; tiny has 0 to 15"),
         ("microphone = 3", "trails = 1", "steps[1].page.trails = 1 must be true or false"),
-        ('modes = "1-5"', 'frame = "step=1&stage=2"', 'steps[1].page.frame: "step=1&stage=2" names no frame'),
-        ('modes = "1-5"', 'frame = "modes=x"', 'steps[1].page.map_modes = "x"'),
+        ('modes = "1-5"', 'frame = "step=1&stage=2"', 'steps[1].page.frame: the address has "stage=2"'),
+        ('modes = "1-5"', 'frame = "modes=x"', 'steps[1].page.frame: the address has "modes=x"'),
         ('run = "2 sweeps"', 'run = "end"\nframe = "step=3"', "steps[1].then.frame and run are both given"),
         ('run = "2 sweeps"', 'run = "2 rounds"', 'steps[1].then.run = "2 rounds" is unknown'),
         ("[[steps]]", "[steps]", "is not valid TOML"),
@@ -134,19 +135,24 @@ def test_a_step_cites_a_frame_of_a_replay(written):
     whole = first.page.unfolded()
     assert (whole.map_modes, whole.view, whole.follow) == ("1-4", "top", False)
     assert whole.microphone == 3, "what the table gives by itself counts more"
-    assert parse_frame(first.page.frame) == Frame("step", 12, 9, "1-4", "top")
 
 
 @pytest.mark.parametrize(
-    ("text", "frame"),
+    ("text", "setting"),
     [
-        ("stage=2", Frame("stage", 2)),
-        ("sweep=0&map=off&trails=on", Frame("sweep", 0, map=False, trails=True)),
-        ("microphone=none&modes=solver&view=-30,40.5&zoom=2,0,0&theme=dark", Frame(modes="solver", view="3d")),
+        ("stage=2", LessonSetting()),
+        ("sweep=0&map=none&trails=on", LessonSetting(map="none", trails=True)),
+        ("microphone=7&modes=2-5&view=close", LessonSetting(microphone=7, follow=False, map_modes="2-5", view="close")),
+        (
+            "microphone=none&modes=solver&view=-30,40.5&zoom=2,0,0&theme=dark",
+            LessonSetting(map_modes="solver", view="3d"),
+        ),
+        ("view=1,2,30,1,2,0,0,1,0,0.02", LessonSetting()),
     ],
 )
-def test_all_that_a_replay_writes_into_its_address_is_a_frame(text, frame):
-    assert parse_frame(text) == parse_frame(f"#{text}") == frame
+def test_a_step_sets_what_an_address_names(text, setting):
+    for frame in (text, f"#{text}"):
+        assert replace(LessonSetting(frame=frame).unfolded(), frame=None) == setting
 
 
 @pytest.mark.parametrize(

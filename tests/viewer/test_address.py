@@ -5,10 +5,11 @@ from types import SimpleNamespace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fdcal.model.address import parse_address
 from fdcal.model.validation import InputError
 from fdcal.session.lesson import load_lesson
 from fdcal.viewer import address
-from fdcal.viewer.address import address_of, parse_address
+from fdcal.viewer.address import address_of, camera_of
 from fdcal.viewer.gui.binding import MAP_KINDS
 
 CAMERA = "1,2,30,1,2,0,0,1,0,0.02"
@@ -40,9 +41,9 @@ def test_an_address_leaves_out_modes_that_it_has_no_room_for(tiny_page, monkeypa
     monkeypatch.setattr(address, "MAX_MODES_TEXT", 20)  # `tiny` has few modes
     page.viewer.tabs.map.choose_modes(range(1, page.viewer.binding.modes + 1, 2))
     written = address_of(page.viewer)
-    assert parse_address(written).scene and "modes" not in written
+    assert parse_address(written)["scene"] and "modes" not in written
     page.viewer.tabs.map.choose_modes((1, 3))
-    assert parse_address(address_of(page.viewer)).modes == "1,3"
+    assert parse_address(address_of(page.viewer))["modes"] == "1,3"
     page.viewer.tabs.map.choose_modes(None)
 
 
@@ -77,29 +78,29 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
     page, turn_until = tiny_page
     lesson = load_lesson("1_many_minima")
     page.lessons._lessons[lesson.title] = lesson
-    command(page, "open=lesson=1_many_minima&step=2")
+    command(page, "open=lesson=1_many_minima&part=2")
     turn_until(lambda: page.viewer.binding.choices.modes == (37,) and page.viewer.run.scene.name == "fig1_square")
     assert page.viewer.binding.choices.microphone == 16, "which the first step sets"
-    turn_until(lambda: address_bar(page) == "lesson=1_many_minima&step=2")
+    turn_until(lambda: address_bar(page) == "lesson=1_many_minima&part=2")
     client = Client()
     camera = lambda: [view for one, view in page.nodes.cameras._requests if one is client and view is not None]  # noqa: E731
     for step in (2, 3):  # one that is shown already, and one that has to be set up
         page.nodes.cameras._requests.clear()
-        command(page, f"open=lesson=1_many_minima&step={step}&view={CAMERA}", client)
+        command(page, f"open=lesson=1_many_minima&part={step}&view={CAMERA}", client)
         page.nodes.cameras.process_requests = lambda clients: None  # they stay to be read
         turn_until(camera)
         turn_until(lambda: page.switcher.idle)
-        assert page.nodes.cameras._requests[-1][1] == parse_address(f"view={CAMERA}").view, (
+        assert page.nodes.cameras._requests[-1][1] == camera_of(parse_address(f"view={CAMERA}")), (
             "after the lesson's own view"
         )
-    command(page, "open=lesson=1_many_minima&step=99", client)
+    command(page, "open=lesson=1_many_minima&part=99", client)
     assert "there is no step 99" in client.told[0]
 
 
 NOT_THERE = (
     "scene=../../etc/passwd", "scene=none_such", "microphone=-1", "microphone=99", "modes=1-9999", "modes=x", "map=up",
-    "step=1&step=2", "view=1,2,3", "view=0,0,1,0,0,1,0,1,0,0.5", "view=0,0,nan,0,0,1,0,1,0,0.5", "other=1", "lesson=x",
-    "scene=100%2525",
+    "step=1&step=2", "step=1&sweep=2", "view=1,2,3", "view=0,0,1,0,0,1,0,1,0,0.5", "other=1", "lesson=x",
+    "view=0,0,nan,0,0,1,0,1,0,0.5", "scene=100%2525",
 )  # fmt: skip
 
 

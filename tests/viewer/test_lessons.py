@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,9 +13,10 @@ from doubles import CallRecorder, set_by_client
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
+from fdcal.model.address import Map
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import parse_modes
-from fdcal.session.lesson import MAPS, Frame, Lesson, LessonSetting, LessonStep, lesson_names, load_lesson
+from fdcal.session.lesson import Lesson, LessonSetting, LessonStep, lesson_names, load_lesson
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
@@ -43,7 +45,7 @@ def controls():
     ), calls
 
 
-@pytest.mark.parametrize("name", MAPS)
+@pytest.mark.parametrize("name", get_args(Map))
 def test_every_map_of_a_lesson_is_one_of_the_page(controls, name):
     made, calls = controls
     apply_setting(LessonSetting(map=name), made, lambda view: None, restarted=False)
@@ -82,7 +84,7 @@ def test_a_setting_is_applied_in_its_documented_order(controls):
         (LessonSetting(run="end"), False, ("play",)),
         (LessonSetting(run="3 steps"), False, ("step", 3)),
         (LessonSetting(run="1 stage"), False, ("stage", 1)),
-        (LessonSetting(map_modes="in use"), False, ("map.choose_modes", None)),
+        (LessonSetting(map_modes="solver"), False, ("map.choose_modes", None)),
     ],
 )
 def test_values_left_out_stay(controls, setting, restarted, calls_expected):
@@ -250,13 +252,13 @@ def test_a_frame_is_shown_or_run_to(kernels):
     session = Session(cached_measurement(scene).problem(), scene.solver, 0)
     session.step(6)
     assert session.wait_for(lambda view: view.state.step == 6, timeout=WAIT)
-    show_frame(session, Frame("step", 4), list(session.view.history))
+    show_frame(session, {"step": "4"}, list(session.view.history))
     assert session.wait_for(lambda view: view.state.step == 4 and not view.running, timeout=WAIT)
     assert session.view.count == 7, "the run so far stays"
-    show_frame(session, Frame("sweep", 1), list(session.view.history))
+    show_frame(session, {"sweep": "1"}, list(session.view.history))
     assert session.wait_for(lambda view: view.state.sweep == 1 and not view.running, timeout=WAIT)
     assert session.view.state.step == len(cached_measurement(scene).problem().free), "it went on from the last state"
-    show_frame(session, Frame("stage", 1), list(session.view.history))
+    show_frame(session, {"stage": "1"}, list(session.view.history))
     assert session.wait_for(lambda view: view.index == 0, timeout=WAIT)
     session.close()
 
@@ -391,7 +393,7 @@ def in_small(lesson):
         changes = {"scene": SMALL, "changes": {"solver.name": "descent"}} if setting.begins else {}
         modes = {} if setting.modes is None else {"modes": "1-20"}
         microphone = {} if setting.microphone is None else {"microphone": setting.microphone % 16}
-        mapped = {"map_modes": "2-4"} if setting.map_modes not in (None, "in use") else {}
+        mapped = {"map_modes": "2-4"} if setting.map_modes not in (None, "solver") else {}
         run = {"run": "3 steps"} if setting.run else {}
         return LessonSetting(**(vars(setting) | changes | modes | microphone | mapped | run))
 

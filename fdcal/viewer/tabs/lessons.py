@@ -17,18 +17,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 import viser
 
 from ...graphics.camera import Camera
+from ...model.address import SOLVER, parse_address, unit_of
 from ...model.scene import Scene
 from ...model.validation import InputError, StorageError, parse_modes, shown
-from ...session.lesson import (
-    IN_USE,
-    MAX_CHOICES,
-    Frame,
-    Lesson,
-    LessonProgress,
-    LessonSetting,
-    parse_frame,
-    run_target,
-)
+from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, LessonSetting, run_target
 from ...session.session import Session
 from ...session.sources import OpenRequest
 from ..gui.binding import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
@@ -68,7 +60,7 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
         "microphone": tabs.map.pick,
         "follow": tabs.map.follow_solver,
         "map": lambda name: tabs.map.show_as(KINDS[name]),
-        "map_modes": lambda text: tabs.map.choose_modes(None if text == IN_USE else parse_modes(text, modes)),
+        "map_modes": lambda text: tabs.map.choose_modes(None if text == SOLVER else parse_modes(text, modes)),
         "quantity": lambda name: tabs.map.show_quantity(QUANTITIES[name]),
         "order_offset": tabs.map.set_order,
         "scale": lambda name: tabs.map.scale_as(SCALES[name]),
@@ -99,24 +91,25 @@ def _drive(setting: LessonSetting, tabs: Tabs, restarted: bool) -> None:
         else:
             {"step": session.step, "sweep": session.sweep, "stage": session.stage}[what](count)
     if setting.frame is not None:
-        show_frame(session, parse_frame(setting.frame), session.view.history[: 1 if restarted else None])
+        show_frame(session, parse_address(setting.frame), session.view.history[: 1 if restarted else None])
 
 
-def show_frame(session: Session, frame: Frame, states: list) -> None:
-    """Show a frame of a run; one that the run has not come to is run to, from its last state.
+def show_frame(session: Session, address: Mapping[str, str], states: list) -> None:
+    """Show the state of a run that an address names; one that the run has not come to is run to, from its last state.
 
-    `frame`: Frame; without a unit, the state that is shown stays; `states`: of the run so far.
+    `states`: of the run so far.
     """
-    if not frame.unit:
+    unit = unit_of(address)
+    if not unit:
         return
-    wanted = frame.number - (frame.unit == "stage")  # a state counts its stages from 0
-    reached = [getattr(state, frame.unit) for state in states]
+    wanted = int(address[unit]) - (unit == "stage")  # a state counts its stages from 0
+    reached = [getattr(state, unit) for state in states]
     session.pause()
     if max(reached) >= wanted:
         session.seek(next(index for index, number in enumerate(reached) if number >= wanted))
         return
     session.seek(len(states) - 1)
-    {"step": session.step, "sweep": session.sweep, "stage": session.stage}[frame.unit](wanted - reached[-1])
+    {"step": session.step, "sweep": session.sweep, "stage": session.stage}[unit](wanted - reached[-1])
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,65 @@
+"""What a link names of a view, after # in an address: one grammar for the page, for lessons and for offline pages.
+
+scene             name of a scene that comes with fdcal, or of the one that is shown
+lesson, part      name of a lesson; number of its step, from 1, and perhaps of the answer given, as "2" or "2,1"
+step, sweep, stage  the first state of the run with this number; stages count from 1, as on the page
+microphone        whose map is shown, from 0, or "none"
+modes             of the map, as "1-20", or "solver" for those in use
+map               "flat", "relief", "shape", "basins", "volume" or "none"
+view              "top", "3d" or "close"; azimuth and elevation, degrees; or a camera: position, target and upward
+                  direction, metres, and field of view, radians
+trails            "on" or "off": whether the path of each estimate is drawn
+zoom              factor, and how far the picture is moved to the right and up, metres
+theme             "light" or "dark"
+embed, opening    "on": without curves and table, for a frame in another page; modes are added one after the other
+
+Whoever has no use for a key leaves it alone: zoom, theme, embed and opening are of an offline page. Its script gets
+ADDRESS as JSON (`fdcal/graphics/replay_page/address.js`).
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Literal, get_args
+from urllib.parse import parse_qsl
+
+from .validation import InputError, shown
+
+Map = Literal["flat", "relief", "shape", "basins", "volume", "none"]
+View = Literal["top", "3d", "close"]
+UNITS = ("step", "sweep", "stage")
+SOLVER = "solver"  # the modes that the solver uses
+NUMBER = r"-?\d{1,9}(\.\d{1,9})?(e[-+]?\d\d?)?"
+ADDRESS = {  # key: regular expression of its values, as Python and JavaScript read it
+    "scene": r".+",
+    "lesson": r".+",
+    "part": r"[1-9]\d?(,[1-9])?",
+    "step": r"\d{1,6}",
+    "sweep": r"\d{1,6}",
+    "stage": r"[1-9]\d{0,5}",
+    "microphone": r"\d{1,5}|none",
+    "modes": rf"[\d, -]{{1,60}}|{SOLVER}",
+    "map": "|".join(get_args(Map)),
+    "view": rf"{'|'.join(get_args(View))}|{NUMBER},{NUMBER}|{NUMBER}(,{NUMBER}){{9}}",
+    "trails": "on|off",
+    "zoom": f"{NUMBER},{NUMBER},{NUMBER}",
+    "theme": "light|dark",
+    "embed": "on",
+    "opening": "on",
+}
+
+
+def parse_address(text: str) -> dict[str, str]:
+    """Return the parts of an address by their keys. Raises InputError: a key or a value that no address has."""
+    parts: dict[str, str] = {}
+    for key, value in parse_qsl(text.strip().removeprefix("#"), keep_blank_values=True):
+        again = key in parts or (key in UNITS and unit_of(parts))
+        if again or key not in ADDRESS or not re.fullmatch(ADDRESS[key], value):
+            remedy = f"use each of {', '.join(ADDRESS)} once, as a page writes them, and one of step, sweep and stage"
+            raise InputError(f'the address has "{shown(key)}={shown(value)}"', remedy, key=key, value=value)
+        parts[key] = value
+    return parts
+
+
+def unit_of(parts: Mapping[str, str]) -> str:
+    """Return by which of UNITS an address names a state of the run; "" where it names none."""
+    return next((unit for unit in UNITS if unit in parts), "")
