@@ -101,7 +101,7 @@ def _numbers(wanted: tuple[str, ...], names: tuple[str, ...]) -> tuple[int, ...]
     unknown = [name for name in wanted if name not in names]
     if unknown:
         remedy = f"the layout has {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}"
-        raise InputError(f"<known> names {unknown[0]}", remedy, key="known", value=unknown[0])
+        raise InputError(f"--known names {unknown[0]}", remedy, key="known", value=unknown[0])
     return tuple(sorted({names.index(name) for name in wanted}))
 
 

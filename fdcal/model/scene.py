@@ -353,11 +353,11 @@ def _rows(values: Any) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in np.asarray(values).tolist())
 
 
-# Files that are taken for scenes: what they are instead, and where they belong.
+# Files that are taken for scenes: what they are instead, and what takes them.
 OTHER_FILES = {
-    ".csv": "a table, which <positions> and the known microphones of an import take",
-    ".xml": "a table of positions, which <positions> takes",
-    ".json": "a result or a session, which `fdcal export` or `fdcal view` takes",
+    ".csv": ("a table", "give positions as <positions>"),
+    ".xml": ("a table of positions", "give it as <positions>"),
+    ".json": ("a result or a session", "use `fdcal export` or `fdcal view`"),
 }
 
 
@@ -422,7 +422,8 @@ def _file_of(path: Path) -> Path:
     if path.suffix == ".npz":
         raise InputError(f"{path} is a measurement", f"give a scene: {available}", key="scene", value=path)
     if path.suffix.lower() in OTHER_FILES and os.path.isfile(path):  # False for a name that is too long
-        raise InputError(f"{path} is {OTHER_FILES[path.suffix.lower()]}", f"give a scene: {available}", key="scene")
+        what, use = OTHER_FILES[path.suffix.lower()]
+        raise InputError(f"{path} is {what}", f"{use}, or give a scene: {available}", key="scene")
     if os.path.isdir(path) and path.name not in scene_names():
         problem = f"{path} is a folder in which no recordings were found"
         raise InputError(problem, f"give a file, a folder of MeshRIR, or {available}", key="scene", value=path)

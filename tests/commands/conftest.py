@@ -1,5 +1,6 @@
 """What the tests of the command line share: a command that must fail, and files made from scene `tiny`."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ def refused(tmp_path, monkeypatch, capsys):
         assert ended.value.code == code, errors
         assert out == ""
         (line,) = [line for line in errors.splitlines() if line.startswith("error: ")]
-        assert errors.endswith(line + "\n")
+        assert errors.endswith(line + "\n") and not re.search("<[a-z_]+>", line), "each argument has its option's name"
         assert sorted(tmp_path.iterdir()) == before, "no output, no temporary file"
         return line
 

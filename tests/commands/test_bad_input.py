@@ -15,37 +15,30 @@ import fdcal
 from fdcal.commands.cli import commands
 from fdcal.commands.options import OPTIONS
 
+LAYOUT = "rectangle 4x4 0.5x0.5"
+
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["nothing"], ["nothing"]),
         (["view", "--port", "65536"], ["--port 65536", "out of range"]),
-        (["view", "--port", "-1"], ["--port -1", "out of range"]),
-        (["view", "--port", "eighty"], ["--port", "eighty"]),
         (["view", "--host", "no such host"], ["--host", "127.0.0.1"]),
-        (["view", "--host", "203.0.113.1"], ["--host", "203.0.113.1", "127.0.0.1"]),
         (["view", "nowhere"], ['"nowhere" is unknown', "tiny"]),
         (["simulate", "tiny"], ["-o"]),
         (["simulate", "tiny", "-o", "tiny.mat"], ["tiny.mat", ".npz"]),
         (["import", "nothing.wav", "-o", "n.npz", "--kind", "music"], ["'auto', 'impulse', 'stationary'"]),
         (["simulate", "old.npz", "-o", "new.npz"], ["old.npz", "give a scene"]),
-        (["calibrate", "tiny", "--modes", "0"], ["modes = 0", "use 1"]),
         (["calibrate", "tiny", "--modes", "10000"], ["solver.modes = 10000", "use at most"]),
-        (["calibrate", "tiny", "--seed", "-4"], ["seed = -4", "0 or more"]),
         (["calibrate", "tiny", "--solver", "joint+descent"], ["'--solver'", "'descent', 'joint', 'robust', 'room'"]),
         (["calibrate", "tiny", "--modes", "3"], ["3 modes are too few", "26 unknown coordinates", "use at least 6"]),
-        (["calibrate", "tiny", "--start", "zero"], ["'--start'", "'zero'", "'affine', 'random'"]),
         (
             ["calibrate", "tiny", "--known", "some"],
             ["leave out --known", "use all, minimal, none", "fdcal import INPUT"],
         ),
         (["calibrate", "tiny", "--noise", "nan"], ["'--noise'", '"nan" is unknown', '"auto", "reported"', "decibels"]),
-        (["calibrate", "tiny", "--noise", "301"], ["'--noise'", '"301" is unknown', "decibels"]),
         (["calibrate", "tiny", "--solver", "descent", "--known", "none"], ['solver.known = "none"', "--known all"]),
-        (["calibrate", "tiny", "--solver", "descent", "--known", "minimal"], ['"minimal"', "--solver joint"]),
         (["calibrate", "tiny", "--search", "0,0,1,1"], ["--search 0,0,1,1", "4 numbers", "give 5", "step"]),
-        (["calibrate", "tiny", "--search", "0,0,1,1,fine"], ["--search", "no list of numbers"]),
         (["calibrate", "tiny", "--search", "0,0,nan,1,0.1"], ["search.size = nan"]),
         (["calibrate", "tiny", "--radius", "-1"], ["search.radius = -1 m", "above zero"]),
         (
@@ -58,48 +51,35 @@ from fdcal.commands.options import OPTIONS
         ),
         (["landscape", "tiny", "--microphone", "16", "-o", "f.png"], ["--microphone 16", "0 to 15"]),
         (["landscape", "tiny", "--microphone", "0", "--mode-numbers", "0", "-o", "f.png"], ["mode 0", "1 to"]),
-        (["landscape", "tiny", "--microphone", "0", "--mode-numbers", "1;2", "-o", "f.png"], ["whole numbers"]),
         (["landscape", "tiny", "--microphone", "0", "--radius", "4", "-o", "f.png"], ["2L + 1 ="]),
         (["snapshot", "tiny", "--size", "big", "-o", "f.png"], ["'--size'", '"big"', "1280x800"]),
-        (["snapshot", "tiny", "--size", "1x1", "-o", "f.png"], ["'--size'", '"1x1"', "64 to 8192"]),
         (["snapshot", "ball3d", "--slice", "w=1", "-o", "f.png"], ["--slice", "w=1", "x=1.5"]),
         (["snapshot", "tiny", "--view", "side", "-o", "f.png"], ["side", "top"]),
         (["snapshot", "tiny", "-o", "."], [".png"]),
         (["calibrate", "tiny", "--solver", "joint", "--gains", "fixed"], ["--solver robust"]),
-        (["calibrate", "tiny", "--solver", "joint", "--gain-sigma", "1dB,5deg"], ["leave out --gain-sigma"]),
         (["calibrate", "tiny", "--start", "affine"], ["leave out --start"]),
-        (["calibrate", "tiny", "--known-sigma", "5mm", "--solver", "descent"], ["leave out --known-sigma"]),
         (["calibrate", "tiny", "--gains", "fixed", "--gain-sigma", "1dB,5deg"], ["--gains auto"]),
         (["calibrate", "tiny", "--gain-sigma", "1..2dB,5deg"], ["as 1dB,5deg"]),
         (["calibrate", "tiny", "--gain-sigma", "0dB,5deg"], ["solver.gain_sigma_db"]),
         (["calibrate", "tiny", "--known-sigma", "5"], ["as 5mm"]),
         (["calibrate", "tiny", "--sound-speed-sigma", "0.3"], ["as 0.3%"]),
-        (["calibrate", "tiny", "--sound-speed-sigma", "0.3%", "--solver", "descent"], ["--solver robust"]),
         (["calibrate", "tiny", "--exclude", "99"], ['"99" names no microphone', "--exclude", "0 to 15"]),
-        (["calibrate", "tiny", "--exclude", "3,,4"], ["--exclude", "3,17"]),
         (["calibrate", "tiny", "--estimate-sound-speed", "--distance", "0,4,1"], ["--distance", "without known"]),
         (["calibrate", "tiny", "--distance", "0,4,1"], ["--estimate-sound-speed"]),
-        (["calibrate", "tiny", "--distance", "0,4"], ["--distance", "0,5,1.25"]),
         (["calibrate", "tiny", "--solver", "descent", "--noise", "30"], ["--noise", "--solver joint"]),
         (["calibrate", "tiny", "--temperature", "21"], ["tiny holds no recordings; leave out --temperature"]),
         (["calibrate", "tiny", "--window", "none"], ["it is an option of fdcal import"]),
+        (["plan", "nothing"], ['"nothing" names no array', '"circle 16 0.2"']),
+        (["plan", LAYOUT, "--known", "99"], ["--known names 99"]),
+        (["plan", LAYOUT, "--frequencies", "all"], ["give --frequencies as LO:HI"]),
+        (["plan", LAYOUT, "--room", "lshape"], ["'--room'", "as 7x6x2.7"]),
+        (["plan", LAYOUT, "--gain-sigma", "1"], ["'--gain-sigma'", "as 1dB"]),
+        (["plan", LAYOUT, "--kind", "speech"], ["'speech' is not one of 'stationary', 'impulse'"]),
+        (["plan", LAYOUT, "-o", "plan.txt"], ["plan.txt", "write plan.html"]),
     ],
 )
 def test_bad_arguments_exit_2(arguments, words, refused):
     line = refused(*arguments)
-    for word in words:
-        assert word in line
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"room.sise": "[1, 1]"}, ["room.sise", 'did you mean "room.size"']),
-        ({"solver.name": '"descent"', "solver.order_offset": "30"}, ["2L + 1 =", "16 microphones"]),
-    ],
-)
-def test_bad_scene_exits_2(edited, changes, words, tmp_path, refused):
-    line = refused("calibrate", edited(changes), "-o", "result.json")
     for word in words:
         assert word in line
 
@@ -132,7 +112,7 @@ def test_bad_results_exit_2(made, tmp_path, refused):
 @pytest.mark.parametrize(
     ("name", "content", "arguments", "words"),
     [
-        ("geometry.csv", b"name,x,y\n0,1,2\n", ["calibrate", "geometry.csv"], "is a table"),
+        ("g.csv", b"name,x,y\n0,1,2\n", ["calibrate", "g.csv"], "is a table; give positions as --positions"),
         ("result.json", b"{}", ["calibrate", "result.json"], "fdcal export"),
         ("notes.md", b"", ["calibrate", "."], "is a folder in which no recordings were found"),
         (
