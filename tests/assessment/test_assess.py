@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
 import solving
 from fields import measured, with_noise
 from solving import estimated_at, run_from, solved_anew
-from test_faulty_channels import KNOWN, MODES, array, estimated
+from test_faulty_channels import KNOWN, MODES, array
 
 import fdcal
 from fdcal.acoustics.dictionary import array_f_max
@@ -51,9 +50,8 @@ def healthy() -> Measurement:
 @pytest.fixture(scope="module")
 def solved(healthy):
     """Problem and last state of a healthy array."""
-    problem = healthy.problem("unit", "all")
-    *_, state = run(problem, SolverSettings(name="robust", modes=MODES), 0)
-    return problem, state
+    end = solving.solved(healthy)
+    return end.problem, end.state
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +63,7 @@ def estimate(solved) -> Estimate:
 
 @pytest.fixture(scope="module")
 def blind(healthy) -> Estimate:
-    found = estimated(replace(healthy, known=np.zeros(0, int), known_positions=None))
+    found = solving.solved(replace(healthy, known=np.zeros(0, int), known_positions=None)).estimate
     return replace(found, tried=(TriedOptimum(found.positions, 0.0, False),))
 
 
@@ -269,7 +267,7 @@ def test_the_residual_is_over_the_noise_of_every_mode_and_channel(estimate):
 def test_the_residual_in_the_words_is_over_the_noise_given(healthy):
     """Whether or not the solver believes that noise."""
     for factor, low, high in ((1.0, 0.8, 1.25), (8.0, 0.8 / 8, 1.25 / 8)):
-        found = assess(estimated(replace(healthy, noise_power=factor * healthy.noise_power)))
+        found = solving.solved(replace(healthy, noise_power=factor * healthy.noise_power)).assessment
         stated = float(found.message.partition("residual ")[2].partition(" times")[0])
         assert found.verdict == "good" and low < stated < high
 
@@ -421,17 +419,20 @@ def test_the_noise_that_the_last_stage_takes_off_is_back_in_the_result(solved):
 
 
 @pytest.mark.parametrize("solver", ["robust", "joint"])
-def test_every_solver_finds_a_healthy_array_good(healthy, solved, solver):
-    found = assess(robust.result(*solved) if solver == "robust" else estimated(healthy, solver))
+def test_every_solver_finds_a_healthy_array_good(healthy, solver):
+    found = solving.solved(healthy, solver).assessment
     assert found.verdict == "good" and found.message.startswith("nothing speaks against these positions")
     assert 0.5 < found.evidence.residual_to_noise < 2
     assert not found.positions.flags.writeable
     assert np.all((found.uncertainty > 0) == ~np.isin(np.arange(len(found.positions)), KNOWN)) or solver == "robust"
     assert np.linalg.norm(found.positions - healthy.positions, axis=1).max() < 0.01
+    if solver == "joint":
+        same = assess(at(healthy, found.positions))
+        assert same.verdict == "good", "whoever reports these positions"
+        np.testing.assert_allclose(same.uncertainty, found.uncertainty, rtol=0.1)
 
 
-@pytest.mark.parametrize("known", [CORNERS, []], ids=["known", "blind"])
-@pytest.mark.parametrize("snr_db", [np.inf, 30, 10])
+@pytest.mark.parametrize(("known", "snr_db"), [(CORNERS, np.inf), (CORNERS, 10), ([], 30)])
 def test_the_true_positions_are_good_whoever_found_them(known, snr_db):
     seed = int(10 * len(known) + min(snr_db, 50))
     measurement = room(known, snr_db, seed, source=(5.6 - 0.01 * seed, 4.53))
@@ -441,24 +442,9 @@ def test_the_true_positions_are_good_whoever_found_them(known, snr_db):
     assert np.all(found.uncertainty[known] == 0) and np.all(np.delete(found.uncertainty, known) > 0)
 
 
-def test_positions_have_the_same_verdict_and_sigma_whichever_solver_reports_them(healthy):
-    end = solving.solved(healthy, "joint")
-    joint, descent = end.assessment, assess(at(healthy, end.state.positions))
-    assert joint.verdict == descent.verdict == "good"
-    np.testing.assert_allclose(descent.uncertainty, joint.uncertainty, rtol=0.1)
-
-
-def test_descent_far_from_the_truth_is_not_good():
-    rng = np.random.default_rng(1)
-    away = TRUTH + 0.1 * rng.normal(size=TRUTH.shape)
-    away[CORNERS] = TRUTH[CORNERS]
-    assert assess(at(room(), away)).verdict != "good"
-
-
 @pytest.mark.parametrize(
-    ("known", "noise_given"), [([], True), (CORNERS, False)], ids=["blind, noise given", "known, noise estimated"]
+    ("kind", "known", "noise_given"), [("gain", [], True), ("phase", CORNERS, False), ("garbage", CORNERS, False)]
 )
-@pytest.mark.parametrize("kind", ["gain", "phase", "garbage"])
 def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(kind, known, noise_given):
     measurement, rng = room(known), np.random.default_rng(1)
     p = np.array(measurement.pressures)
@@ -469,7 +455,7 @@ def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(kind, known, no
         "garbage": np.abs(p).mean(axis=1) * (noise[0] + 1j * noise[1]),
     }[kind]
     altered = without_noise_given(replace(measurement, pressures=p), noise_given)
-    ends = [at(altered), *([estimated(altered, "joint")] if noise_given else [])]
+    ends = [at(altered), *([solving.solved(altered, "joint").estimate] if noise_given else [])]
     for found in map(assess, ends):
         assert [fault.name for fault in found.channels.faults] == ["17"] and found.verdict == "good", found.message
         assert "faulty: microphone 17" in found.message
@@ -477,17 +463,15 @@ def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(kind, known, no
 
 @pytest.mark.parametrize(("snr_db", "known"), [(np.inf, CORNERS), (30, [])], ids=["known", "blind"])
 def test_a_source_inside_the_array_is_not_good(snr_db, known):
-    measurement = room(known, snr_db, source=(2.7, 2.4))
-    ends = [at(measurement), *([estimated(measurement, "joint")] if np.isfinite(snr_db) and not known else [])]
-    for found in map(assess, ends):
-        assert found.verdict in ("model_mismatch", "known_position"), found.message
+    found = assess(at(room(known, snr_db, source=(2.7, 2.4))))
+    assert found.verdict in ("model_mismatch", "known_position"), found.message
 
 
 def test_a_wrong_sound_speed_is_reported_and_estimated():
     right = room(snr_db=40)
     wrong = replace(right, sound_speed=343 * 1.04, wavenumbers=right.wavenumbers / 1.04)
-    assert assess(estimated(wrong, "joint")).verdict != "good" and assess(at(wrong)).verdict != "good"
-    found = assess(estimated(wrong, "joint", sound_speed_sigma=0.05))
+    assert assess(at(wrong)).verdict != "good"
+    found = solving.solved(wrong, "joint", sound_speed_sigma=0.05).assessment
     assert found.verdict == "good"
     assert (
         found.problem.sound_speed == pytest.approx(343, abs=3 * found.sound_speed_sigma) and found.sound_speed_sigma < 1
@@ -499,7 +483,7 @@ def test_a_wrong_sound_speed_is_reported_and_estimated():
 def test_blind_a_given_distance_gives_the_sound_speed():
     right = room([], snr_db=40)
     wrong = replace(right, sound_speed=343 * 1.05, wavenumbers=right.wavenumbers / 1.05)
-    estimate = estimated(wrong, "joint")
+    estimate = solving.solved(wrong, "joint").estimate
     apart = np.linalg.norm(estimate.positions[0] - estimate.positions[24])
     found = assess(estimate, scale=float(np.linalg.norm(TRUTH[0] - TRUTH[24]) / apart))
     assert found.problem.sound_speed == pytest.approx(343, rel=0.01)
@@ -514,8 +498,8 @@ def test_a_swap_that_involves_a_known_microphone_is_not_good(pair, noise_given):
     p = np.array(measurement.pressures)
     p[:, list(pair)] = p[:, list(pair[::-1])]
     swapped = without_noise_given(replace(measurement, pressures=p), noise_given)
-    for found in map(assess, [at(swapped), *([estimated(swapped, "joint")] if noise_given else [])]):
-        assert found.verdict in ("known_position", "model_mismatch"), found.message
+    found = assess(at(swapped))
+    assert found.verdict in ("known_position", "model_mismatch"), found.message
 
 
 def test_an_array_too_wide_for_its_modes_is_undersampled():
@@ -528,9 +512,8 @@ def test_an_array_too_wide_for_its_modes_is_undersampled():
     assert assess(at(measurement, few, int(np.sum(measurement.frequencies < limit)))).verdict != "undersampled"
 
 
-@pytest.mark.parametrize("count", [8, 10])
-def test_a_sparse_array_whose_rim_is_hard_to_predict_has_no_faulty_channel(count):
-    corners = [[2.2, 1.9], [3.0, 1.9], [2.6, 2.7]]
+def test_a_sparse_array_whose_rim_is_hard_to_predict_has_no_faulty_channel():
+    count, corners = 8, [[2.2, 1.9], [3.0, 1.9], [2.6, 2.7]]
     for seed in range(2):
         inside = np.random.default_rng(seed).uniform(-0.5, 0.5, (count - 3, 2)) + [2.6, 2.3]
         few = np.array([*corners, *inside])
@@ -546,13 +529,12 @@ def test_too_much_noise_is_reported():
 
 def test_a_given_position_that_nothing_checks_is_not_good():
     measurement = measured(array(), np.array(KNOWN[:3]), snr_db=15.0, modes=8)
-    assert assess(estimated(measurement)).verdict != "good"
+    assert solving.solved(measurement).assessment.verdict != "good"
 
 
-@pytest.mark.parametrize("count", [24, 160])
-def test_the_scale_of_a_plane_in_space_is_not_determined_blind(count):
+def test_the_scale_of_a_plane_in_space_is_not_determined_blind():
     """A sound field in space, sampled on a plane: sinc in place of J_0."""
-    rng = np.random.default_rng(2)
+    rng, count = np.random.default_rng(2), 160
     k = np.linspace(1.0, 5.0, count)
     directions = rng.normal(size=(count, 60, 3))
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
@@ -574,10 +556,9 @@ def test_a_source_beside_the_array_is_no_mismatch_where_there_is_no_noise():
     assert found.max_error < 1e-3 and found.verdict == "good", found.verdict_text
 
 
-@pytest.mark.parametrize("source", [(2.0, 3.2), (5.47, 4.53)], ids=["near", "far"])
-def test_without_noise_the_right_array_is_accepted_and_one_wrong_by_millimetres_is_not(source):
+def test_without_noise_the_right_array_is_accepted_and_one_wrong_by_millimetres_is_not():
     truth = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
-    measurement = measured(truth, np.array([0, 1, 2]), highest=120.0, source=source)
+    measurement = measured(truth, np.array([0, 1, 2]), highest=120.0, source=(2.0, 3.2))
     measurement = replace(measurement, noise_power=np.zeros(len(measurement.frequencies)))
     assert assess(at(measurement, truth)).verdict == "good"
     wrong = truth + np.random.default_rng(1).normal(0, 0.005, truth.shape)
@@ -685,16 +666,10 @@ def test_the_same_end_has_the_same_sigma(known, snr_db):
         measurement = replace(measurement, pressures=p, noise_power=noise)
     problem, settings = measurement.problem("unit", known), SolverSettings(name="robust", modes=len(p))
     *_, first = run(problem, settings, 0)
-    ends = [first]
-    for metres in (0.03, 0.4):
-        start = np.array(first.positions)
-        start[int(problem.free[3])] += metres * np.array([0.6, 0.8])
-        ends.append(run_from(robust, problem, robust.init(problem, settings, 0, positions=start))[-1])
-    agreeing = 0
-    for one, other in combinations(ends, 2):
-        x = other.positions if len(problem.known) else align(other.positions, one.positions)
-        if np.linalg.norm(x - one.positions, axis=1).max() < 5e-5:
-            agreeing += 1
-            sigmas = (assess(robust.result(problem, state)).uncertainty for state in (one, other))
-            np.testing.assert_allclose(*sigmas, rtol=0.1)
-    assert agreeing > 0
+    start = np.array(first.positions)
+    start[int(problem.free[3])] += 0.2 * np.array([0.6, 0.8])
+    other = run_from(robust, problem, robust.init(problem, settings, 0, positions=start))[-1]
+    x = other.positions if len(problem.known) else align(other.positions, first.positions)
+    assert np.linalg.norm(x - first.positions, axis=1).max() < 5e-5
+    sigmas = (assess(robust.result(problem, state)).uncertainty for state in (first, other))
+    np.testing.assert_allclose(*sigmas, rtol=0.1)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fields import measured
+from solving import solved
 
 import fdcal
 from fdcal.assessment.assess import Assessment, assess, judged
@@ -16,9 +17,7 @@ from fdcal.assessment.channels import exchanged_back, faulty_channels, healthy_c
 from fdcal.assessment.uncertainty import covariance_of
 from fdcal.assessment.words import faults_text
 from fdcal.model.measurement import Measurement
-from fdcal.model.settings import SolverSettings
-from fdcal.solvers import load, run
-from fdcal.solvers.interface import Estimate, GivenHypothesis
+from fdcal.solvers.interface import GivenHypothesis
 
 COUNT, MODES, KNOWN, FAULTY = 20, 32, [0, 5, 11, 17], 7
 NAMES = [str(n) for n in range(COUNT)]
@@ -31,19 +30,10 @@ def array():
     return np.array([2.6, 2.3]) + np.c_[radius * np.cos(angle), radius * np.sin(angle)]
 
 
-def estimated(measurement: Measurement, solver: str = "robust", **settings) -> Estimate:
-    """What a solver finds of a measurement, with all its modes."""
-    problem = measurement.problem("unit", "all")
-    *_, state = run(problem, SolverSettings(name=solver, modes=len(measurement.frequencies), **settings), 0)
-    found = load(solver).result(problem, state)
-    assert isinstance(found, Estimate)
-    return found
-
-
 def found_in(measurement: Measurement) -> tuple[Assessment, Mapping[int, ChannelFault]]:
     """Assessment of the measurement, and its faulty channels by their numbers."""
-    estimate = estimated(measurement)
-    return assess(estimate, measurement.names), judged(estimate, measurement.names).faulty
+    end = solved(measurement)
+    return end.assessment, judged(end.estimate, measurement.names).faulty
 
 
 @pytest.fixture(scope="module")
@@ -53,12 +43,7 @@ def healthy():
 
 @pytest.fixture(scope="module")
 def estimate(healthy):
-    return estimated(healthy)
-
-
-@pytest.fixture(scope="module")
-def reference(healthy):
-    return found_in(healthy)[0]
+    return solved(healthy).estimate
 
 
 def with_channel(measurement, factor):
@@ -72,7 +57,8 @@ def errors(found: Assessment, measurement: Measurement) -> np.ndarray:
     return np.linalg.norm(found.positions - measurement.positions, axis=1)
 
 
-def test_healthy_channels_are_not_at_fault(healthy, reference):
+def test_healthy_channels_are_not_at_fault(healthy):
+    reference = solved(healthy).assessment
     assert reference.channels.faults == () and reference.verdict == "good"
     assert np.max(errors(reference, healthy)) < 0.01
 
@@ -91,10 +77,9 @@ def test_a_delay_counts_by_what_the_field_leaves_uncertain(estimate):
         assert [one.kind for n, one in found.items() if n == FAULTY] == kinds
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_channels_that_all_differ_are_not_at_fault(healthy, seed):
+def test_channels_that_all_differ_are_not_at_fault(healthy):
     """Gains of 3 dB, one sigma: each is found, none is a fault."""
-    gains_db = 3.0 * np.random.default_rng(seed).normal(size=COUNT)
+    gains_db = 3.0 * np.random.default_rng(0).normal(size=COUNT)
     found, faulty = found_in(replace(healthy, pressures=healthy.pressures * 10 ** (gains_db / 20)))
     assert faulty == {} and found.verdict == "good"
     off = found.channels.gain_db - gains_db
@@ -102,14 +87,14 @@ def test_channels_that_all_differ_are_not_at_fault(healthy, seed):
     assert np.max(errors(found, healthy)) < 0.02
 
 
-def test_a_channel_of_pure_noise_moves_no_other_microphone(healthy, reference):
+def test_a_channel_of_pure_noise_moves_no_other_microphone(healthy):
     p, rng = np.array(healthy.pressures), np.random.default_rng(5)
     power = np.sqrt(np.mean(np.abs(p) ** 2, axis=1))
     p[:, FAULTY] = power * (rng.normal(size=MODES) + 1j * rng.normal(size=MODES)) / np.sqrt(2)
     found, faulty = found_in(replace(healthy, pressures=p))
     assert [(n, one.kind) for n, one in faulty.items()] == [(FAULTY, "dead")] and found.verdict == "good"
     others = healthy_channels(COUNT, faulty)
-    shift = np.linalg.norm(found.positions - reference.positions, axis=1)[others]
+    shift = np.linalg.norm(found.positions - solved(healthy).assessment.positions, axis=1)[others]
     # what the channel said about the others is lost, which is within their uncertainty
     assert np.all(shift < 2 * found.uncertainty[others])
 
@@ -119,9 +104,7 @@ def test_a_channel_of_pure_noise_moves_no_other_microphone(healthy, reference):
     [
         ("inverted", "", None, lambda f: -1.0),
         ("gain", "dB", 6.0, lambda f: 10 ** (6 / 20)),
-        ("gain", "dB", -6.0, lambda f: 10 ** (-6 / 20)),
         ("gain", "degrees", 40.0, lambda f: np.exp(1j * np.radians(40))),
-        ("delayed", "s", 1e-3, lambda f: np.exp(-2j * np.pi * f * 1e-3)),
         ("delayed", "s", -2e-4, lambda f: np.exp(2j * np.pi * f * 2e-4)),
         ("high_pass", "Hz", 40.0, lambda f: 1j * f / (40 + 1j * f)),
     ],
@@ -140,18 +123,13 @@ FEW, MANY = [2, 7, 13], [1, 2, 6, 7, 9, 13, 16]
 @pytest.mark.parametrize(
     ("numbers", "factor", "verdict"),
     [
-        (FEW, lambda f: -np.ones_like(f), "good"),
-        (FEW, lambda f: np.full_like(f, 10 ** (6 / 20)), "good"),
         (FEW, lambda f: np.exp(-2j * np.pi * f * 1e-3), "good"),
         (MANY, lambda f: -np.ones_like(f), "model_mismatch"),
-        (FEW, None, "model_mismatch"),  # noise of their own
     ],
 )
 def test_faults_that_the_model_explains_are_no_mismatch_unless_they_are_many(healthy, numbers, factor, verdict):
-    p, rng, f = np.array(healthy.pressures), np.random.default_rng(8), healthy.frequencies
-    for n in numbers:
-        noise = np.sqrt(np.mean(np.abs(p) ** 2, axis=1)) * (rng.normal(size=MODES) + 1j * rng.normal(size=MODES))
-        p[:, n] = noise if factor is None else p[:, n] * factor(f)
+    p = np.array(healthy.pressures)
+    p[:, numbers] *= factor(healthy.frequencies)[:, None]
     found, faulty = found_in(replace(healthy, pressures=p))
     assert found.verdict == verdict, found.message
     assert set(faulty) == set(numbers) or verdict != "good"
@@ -245,19 +223,15 @@ def test_exchanged_given_positions_are_named_with_their_partner(healthy):
     assert faults_text([faulty[5]]) == "microphone 5: exchanged with microphone 11"
 
 
-@pytest.mark.parametrize("pair", [(0, 1), (2, 3)])
-def test_two_of_four_given_positions_are_found_exchanged(healthy, pair):
-    known, order = np.array(KNOWN), np.arange(4)
-    order[list(pair)] = pair[::-1]
-    found, faulty = found_in(replace(healthy, known=known, known_positions=healthy.positions[known][order]))
+def test_two_of_four_given_positions_are_found_exchanged(healthy):
+    found, faulty = found_in(replace(healthy, known_positions=healthy.positions[KNOWN][[0, 1, 3, 2]]))
     assert {(n, one.kind, one.partner) for n, one in faulty.items()} == {
-        (KNOWN[pair[0]], "exchanged", NAMES[KNOWN[pair[1]]]), (KNOWN[pair[1]], "exchanged", NAMES[KNOWN[pair[0]]])
+        (KNOWN[2], "exchanged", NAMES[KNOWN[3]]), (KNOWN[3], "exchanged", NAMES[KNOWN[2]])
     }  # fmt: skip
     assert np.max(errors(found, healthy)) < 0.012
 
 
-@pytest.mark.parametrize("seed", [0, 18])
-@pytest.mark.parametrize("known", ["all", "none"])
+@pytest.mark.parametrize(("seed", "known"), [(0, "all"), (18, "none")])
 def test_a_scene_without_noise_has_no_faulty_channel(seed, known):
     # what a field model of few microphones leaves unexplained, 45 dB below the signal, ends in one channel's noise
     measurement = fdcal.simulate(replace(fdcal.load_scene("tiny"), seed=seed))

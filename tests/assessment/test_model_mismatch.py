@@ -51,12 +51,12 @@ def plate():
     return disc(), f, waves(disc(), 2 * np.pi * np.sqrt(200 * f) / SPEED, 8)
 
 
-def rigid_sphere(count=24, radius=0.1):
+def rigid_sphere(count=20, radius=0.1):
     """Total pressure of plane waves on a rigid sphere (Morse and Ingard, Theoretical Acoustics, 8.2)."""
     i = np.arange(count) + 0.5
     z, t = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
     u = np.c_[np.sqrt(1 - z**2) * np.cos(t), np.sqrt(1 - z**2) * np.sin(t), z]
-    f, rng, rows = np.linspace(150, 2000, MODES), np.random.default_rng(3), []
+    f, rng, rows = np.linspace(150, 2000, 20), np.random.default_rng(3), []
     for k in 2 * np.pi * f / SPEED:
         cosine = u @ directions(8, 3, rng).T
         amplitude, p = rng.normal(size=8) + 1j * rng.normal(size=8), np.zeros(count, complex)
@@ -82,9 +82,8 @@ def odd(found):
     return [fault.name for fault in found.channels.faults]
 
 
-@pytest.mark.parametrize(("dimension", "snr_db"), [(2, 50.0), (3, 20.0)])
-def test_without_reflections_the_field_is_said_to_be_a_single_wave(dimension, snr_db):
-    measurement = measured(anechoic(dimension), snr_db=snr_db)
+def test_without_reflections_the_field_is_said_to_be_a_single_wave():
+    measurement = measured(anechoic(3), snr_db=20.0)
     found = fdcal.calibrate(measurement, solver="robust")
     assert found.verdict == "model_mismatch" and "single wave" in found.verdict_text and odd(found) == []
     with pytest.raises(fdcal.InputError, match="hardly any reflections"):
