@@ -31,13 +31,13 @@ ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "
 
 
 @contextlib.contextmanager
-def serving_here(scene=None, port=0, lessons=()):
+def serving_here(scene=None, port=0, lessons=(), play=False):
     """Serve a scene's page from a thread of this process, which saves another one's imports; give its address.
 
     It has a session, controls and panels of its own. Without a scene the opening plays.
     """
     stop, address = SimpleNamespace(received=False), Queue()
-    request = None if scene is None else OpenRequest(scene)
+    request = None if scene is None else OpenRequest(scene, play=play)
     with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
         patch.setattr(app, "Interrupt", lambda: contextlib.nullcontext(stop))
         served = pool.submit(app.serve, request, port=port, on_ready=address.put, lessons=lessons)

@@ -17,7 +17,6 @@ from fdcal.recordings.importer import import_recording
 from fdcal.session import session_file
 from fdcal.session.sources import measurement_input, measurement_request
 from fdcal.viewer.prepare import Threads
-from fdcal.viewer.server.hardening import is_loopback
 from fdcal.viewer.tabs import open_file as module
 from fdcal.viewer.tabs.open_file import NONE, OpenFile
 
@@ -100,11 +99,3 @@ def test_a_measurement_and_a_session_are_opened_too(tab):
         set_by_client(made.file, file)
         made.press()
         tab.until(lambda name=name: any(request.scene.name == name for request in tab.opened))
-
-
-@pytest.mark.parametrize(
-    ("host", "alone"), [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False), ("", False),
-                        ("192.168.1.2", False), ("example.org", False)],
-)  # fmt: skip
-def test_which_addresses_only_this_machine_reaches(host, alone):
-    assert is_loopback(host) is alone

@@ -10,10 +10,7 @@ from viser import uplot
 
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.scene import load_scene
-from fdcal.session.scene_edits import edited
 from fdcal.session.session import StateCosts
-from fdcal.session.sources import OpenRequest
 from fdcal.viewer.gui import html, plots
 from fdcal.viewer.gui.binding import Binding, Tick
 from fdcal.viewer.gui.plots import Plot
@@ -245,19 +242,6 @@ def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurem
     assert chart.plot.handle.scales["y"]["distr"] == 3, "logarithmic"
     assert low <= here.min() < mean.max() <= high and here.max() < 1e-3 * mean.min()
     server.gui.reset()
-
-
-def test_no_old_status_stands_beside_the_progress_of_the_next_session(tiny_page):
-    page, turn_until = tiny_page
-    first = page.viewer.tabs.run_bar
-    assert first.status.visible
-    page.open(OpenRequest(edited(load_scene("tiny"), {"seed": 3})))
-    turn_until(lambda: page.switcher.progress is not None)
-    assert page.status_bar.line.visible and not first.status.visible and not first.verdict.visible
-    page.switcher.cancel()
-    turn_until(lambda: page.switcher.progress is None)
-    page.tick(0.0)
-    assert first.status.visible
 
 
 def test_the_map_stays_when_the_page_gets_dark_however_long_the_next_one_takes(viewer, work):

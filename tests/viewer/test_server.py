@@ -22,7 +22,6 @@ from browsing import WAIT
 from doubles import INVALID_VALUES, set_by_client
 from PIL import Image
 from viser import _messages, _scene_api
-from viser.infra import _infra
 
 from fdcal.model.validation import InputError
 from fdcal.viewer import app
@@ -63,29 +62,14 @@ def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it
         assert len(own.submit(asyncio.run, first_window()).result(WAIT)) == 1
 
 
-@pytest.mark.parametrize("port", [-1, 65536, 80000])
-def test_a_port_out_of_range_is_refused(port):
-    with pytest.raises(InputError, match="port"):
-        hardening.open_server("127.0.0.1", port)
-
-
-def test_a_port_in_use_is_refused(server):
-    with pytest.raises(InputError, match="port"):
-        hardening.open_server("127.0.0.1", server.get_port())
-
-
-@pytest.mark.parametrize("host", ["no.such.host.invalid", "999.1.1.1", "\x00", "a" * 300])
-def test_a_bad_host_is_refused(host):
-    with pytest.raises(InputError, match="host"):
-        hardening.open_server(host, 0)
-
-
-@pytest.mark.parametrize(
-    ("host", "expected"),
-    [("127.0.0.1", "127.0.0.1"), ("0.0.0.0", "127.0.0.1"), ("::1", "[::1]"), ("localhost", "localhost")],
-)
-def test_the_address_can_be_typed_into_a_browser(host, expected):
-    assert app.address(host, 81) == f"http://{expected}:81"
+def test_the_address_can_be_typed_into_a_browser():
+    hosts = {"127.0.0.1": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::1": "[::1]", "localhost": "localhost"}
+    for host, expected in hosts.items():
+        assert app.address(host, 81) == f"http://{expected}:81"
+    for host in ("127.0.0.1", "localhost", "::1"):
+        assert hardening.is_loopback(host)
+    for host in ("0.0.0.0", "", "192.168.1.2", "example.org"):
+        assert not hardening.is_loopback(host), "other machines reach it"
 
 
 def test_a_host_name_that_does_not_resolve_is_tolerated(monkeypatch):
@@ -94,12 +78,6 @@ def test_a_host_name_that_does_not_resolve_is_tolerated(monkeypatch):
 
     monkeypatch.setattr(hardening.socket, "getaddrinfo", unknown)
     assert any(origin.fullmatch("http://127.0.0.1:81") for origin in hardening.allowed_origins("0.0.0.0"))
-
-
-@pytest.mark.parametrize("value", INVALID_VALUES, ids=lambda value: repr(value)[:12])
-def test_any_value_becomes_a_bounded_number(value):
-    assert 1 <= client_values.bounded(value, 1, 9, 5) <= 9
-    assert client_values.bounded(7, 1, 9, 5) == 7 == client_values.bounded(7.0, 1, 9, 5)
 
 
 def test_an_update_is_one_plain_value():
@@ -111,6 +89,7 @@ def test_an_update_is_one_plain_value():
 
 @pytest.mark.parametrize("value", INVALID_VALUES, ids=lambda value: repr(value)[:12])
 def test_no_control_of_any_tab_takes_an_invalid_value(controls, value):
+    assert 1 <= client_values.bounded(value, 1, 9, 5) <= 9 and client_values.bounded(7.0, 1, 9, 5) == 7
     panel, session = controls
     before = panel.binding.choices
     tabs = [*vars(panel).values(), panel.map.slice]
@@ -176,15 +155,9 @@ def test_only_the_page_itself_may_connect(server, host, origin, status):
         assert client.recv(12, socket.MSG_WAITALL) == f"HTTP/1.1 {status}".encode()
 
 
-def serve_from_elsewhere(patch):
-    """viser no longer takes `serve` from where it was replaced."""
-    elsewhere = SimpleNamespace(asyncio=SimpleNamespace(server=SimpleNamespace(serve=SERVE)))
-    elsewhere.exceptions, elsewhere.datastructures = _infra.websockets.exceptions, _infra.websockets.datastructures
-    elsewhere.asyncio.server.ServerConnection = websockets.asyncio.server.ServerConnection
-    patch.setattr(_infra, "websockets", elsewhere)
-
-
 def serve_ignoring_origins(patch):
+    """A server that takes the restrictions and keeps to none."""
+
     def careless(*arguments, origins=None, max_size=None, create_connection=None, logger=None, **options):
         return SERVE(*arguments, **options)
 
@@ -202,14 +175,14 @@ def serve_without(option, patch):
 
 def viser_without(name, patch):
     class Renamed(viser.ViserServer):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            self.complete = True
+
         def __getattribute__(self, asked):
             if asked == name and object.__getattribute__(self, "__dict__").get("complete"):
                 raise AttributeError(f"no {name}")
             return super().__getattribute__(asked)
-
-        def __init__(self, *arguments, **options):
-            super().__init__(*arguments, **options)
-            self.complete = True
 
         def stop(self):
             self.complete = False
@@ -221,7 +194,6 @@ def viser_without(name, patch):
 @pytest.mark.parametrize(
     ("change", "listens"),  # whether it listens for a moment
     [
-        (serve_from_elsewhere, True),
         (serve_ignoring_origins, True),
         *((partial(serve_without, name), False) for name in ("origins", "max_size", "create_connection", "logger")),
         (lambda patch: patch.delattr(websockets.asyncio.server, "serve"), False),
@@ -248,11 +220,6 @@ def fetched(server, **headers):
         return gzip.decompress(body) if answer.headers["Content-Encoding"] == "gzip" else body
 
 
-def viser_page() -> bytes:
-    """The page as viser has it."""
-    return (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
-
-
 @pytest.mark.parametrize("encoding", ["gzip", "identity"])
 def test_the_page_has_the_programs_name_before_it_has_loaded(server, encoding):
     for _ in range(2):  # the second time it is kept
@@ -263,7 +230,8 @@ def test_the_page_has_the_programs_name_before_it_has_loaded(server, encoding):
 
 def test_the_film_stands_before_the_program_of_viser():
     """A browser draws it while it reads the rest, and the server knows then that the page was sent."""
-    body, film, sent = viser_page(), "<i>film</i>", threading.Event()
+    body = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+    film, sent = "<i>film</i>", threading.Event()
     response = SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "1"}, body=body)
     page = titled(lambda *_: response, film, sent.set)(None, None).body
     assert sent.is_set() and page.index(film.encode()) < 80_000 < len(page) / 2
@@ -272,36 +240,25 @@ def test_the_film_stands_before_the_program_of_viser():
     assert page.count(b"</body>") == 1 and page.rstrip().endswith(b"</html>")
 
 
-@pytest.mark.parametrize(
-    "response",
-    [
-        None,
-        SimpleNamespace(headers={"Content-Type": "image/png"}, body=b"<title>Viser</title>"),
-        SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "20"}, body=b"<title>Other</title>"),
-    ],
-)
-def test_any_other_answer_keeps_its_content(response):
-    before = None if response is None else (dict(response.headers), response.body)
-    assert titled(lambda *_: response)(None, None) is response
-    assert response is None or ({**response.headers, **before[0]}, response.body) == (response.headers, before[1])
+def test_any_other_answer_keeps_its_content():
+    assert titled(lambda *_: None)(None, None) is None
+    for kind, body in (("image/png", b"<title>Viser</title>"), ("text/html", b"<title>Other</title>")):
+        response = SimpleNamespace(headers={"Content-Type": kind, "Content-Length": "20"}, body=body)
+        before = dict(response.headers)
+        assert titled(lambda *_: response)(None, None) is response  # noqa: B023
+        assert ({**response.headers, **before}, response.body) == (response.headers, body)
 
 
-@pytest.mark.parametrize("channels", [3, 4])
-def test_a_png_image_comes_back_as_it_was(channels):
-    image = np.random.default_rng(0).integers(0, 256, (7, 11, channels), dtype=np.uint8)
-    for ordering, shown in (("rgb", image), ("bgr", image[:, :, [2, 1, 0, 3][:channels]])):
-        np.testing.assert_array_equal(Image.open(io.BytesIO(encoded("png", image, None, ordering))), shown)
-
-
-def test_a_jpeg_image_has_the_quality_asked_for():
+def test_images_are_encoded_quickly_and_come_back_as_they_were(server):
+    image = np.random.default_rng(0).integers(0, 256, (7, 11, 4), dtype=np.uint8)
+    for picture in (image, image[..., :3]):
+        for ordering, shown in (("rgb", picture), ("bgr", picture[:, :, [2, 1, 0, 3][: picture.shape[2]]])):
+            np.testing.assert_array_equal(Image.open(io.BytesIO(encoded("png", picture, None, ordering))), shown)
     y, x = np.mgrid[:80, :90]
     image = np.stack([2 * x, 3 * y, x + y], axis=-1).astype(np.uint8)
     fine, coarse = (encoded("jpeg", image, quality, "rgb") for quality in (92, 20))
-    assert Image.open(io.BytesIO(fine)).format == "JPEG" and len(coarse) < len(fine)
+    assert Image.open(io.BytesIO(fine)).format == "JPEG" and len(coarse) < len(fine), "JPEG has the quality asked for"
     assert np.abs(np.asarray(Image.open(io.BytesIO(fine)), int) - image).mean() < 3
-
-
-def test_the_server_encodes_by_it(server):
     assert _scene_api.cv2_imencode_with_fallback is encoded
     handle = server.scene.add_image("/test_encoding", np.zeros((4, 4, 3), np.uint8), 1.0, 1.0, format="png")
     assert Image.open(io.BytesIO(handle._data)).size == (4, 4)
@@ -313,3 +270,12 @@ def test_messages_that_no_page_sends_are_not_handled(server):
         "GuiUpdateMessage", "GuiButtonHoldMessage", "CommandTriggerMessage", "SceneNodeClickMessage",
         "SceneNodeDragMessage", "ScenePointerMessage",
     }  # fmt: skip
+
+
+def test_an_address_that_cannot_be_served_is_refused(server):
+    for port in (-1, 65536, 80000, server.get_port()):
+        with pytest.raises(InputError, match="port"):
+            hardening.open_server("127.0.0.1", port)
+    for host in ("no.such.host.invalid", "999.1.1.1", "\x00", "a" * 300):
+        with pytest.raises(InputError, match="host"):
+            hardening.open_server(host, 0)
