@@ -11,18 +11,16 @@ import viser
 from browsing import WAIT
 from doubles import CallRecorder, set_by_client
 
-from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.address import Map
 from fdcal.model.scene import load_scene
-from fdcal.model.validation import parse_modes
 from fdcal.session.lesson import Lesson, LessonSetting, LessonStep, lesson_names, load_lesson
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.gui.binding import MAP_KINDS, Choices
 from fdcal.viewer.panels import LESSON_MOVES, LESSON_RATE, Panels, watched_rate
-from fdcal.viewer.tabs.lessons import NEXT, RESTORE, Caption, LessonsTab, apply_setting, show_frame
+from fdcal.viewer.tabs.lessons import NEXT, Caption, LessonsTab, apply_setting, show_frame
 
 EVIL = "<script>alert(1)</script>"
 
@@ -35,22 +33,20 @@ def state(first=1, last=3, automatic=True):
 def controls():
     """Controls that record what is done to them, and the records."""
     calls = []
-    session = SimpleNamespace(
-        view=SimpleNamespace(state=state(4, 9, False), history=[state()]),
-        **{name: CallRecorder(calls, name) for name in ("reset", "use_modes", "play", "step", "sweep", "stage")},
-    )
+    session = CallRecorder(calls, view=SimpleNamespace(state=state(4, 9, False), history=[state()]))
     binding = SimpleNamespace(session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None))
     return SimpleNamespace(
         binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view"), run_bar=CallRecorder([])
     ), calls
 
 
-@pytest.mark.parametrize("name", get_args(Map))
-def test_every_map_of_a_lesson_is_one_of_the_page(controls, name):
+def test_every_map_of_a_lesson_is_one_of_the_page(controls):
     made, calls = controls
-    apply_setting(LessonSetting(map=name), made, lambda view: None, restarted=False)
-    called, kind = calls[0]
-    assert called == "map.show_as" and kind in MAP_KINDS
+    for name in get_args(Map):
+        apply_setting(LessonSetting(map=name), made, lambda view: None, restarted=False)
+    assert len(calls) == len(get_args(Map)) and all(
+        called == "map.show_as" and kind in MAP_KINDS for called, kind in calls
+    )
 
 
 def test_a_setting_is_applied_in_its_documented_order(controls):
@@ -74,9 +70,9 @@ def test_a_setting_is_applied_in_its_documented_order(controls):
     ]
 
 
-@pytest.mark.parametrize(
-    ("setting", "restarted", "calls_expected"),
-    [
+def test_values_left_out_stay(controls):
+    made, calls = controls
+    for setting, restarted, expected in (
         (LessonSetting(automatic=True), False, ("use_modes", 4, 9, True)),
         (LessonSetting(automatic=False), True, ("use_modes", 1, 3, False)),
         (LessonSetting(modes="2-5"), False, ("use_modes", 2, 5, False)),
@@ -85,12 +81,10 @@ def test_a_setting_is_applied_in_its_documented_order(controls):
         (LessonSetting(run="3 steps"), False, ("step", 3)),
         (LessonSetting(run="1 stage"), False, ("stage", 1)),
         (LessonSetting(map_modes="solver"), False, ("map.choose_modes", None)),
-    ],
-)
-def test_values_left_out_stay(controls, setting, restarted, calls_expected):
-    made, calls = controls
-    apply_setting(setting, made, lambda view: calls.append(("view", view)), restarted)
-    assert calls == [calls_expected]
+    ):
+        apply_setting(setting, made, lambda view: calls.append(("view", view)), restarted)
+        assert calls == [expected]
+        calls.clear()
 
 
 @pytest.fixture
@@ -143,7 +137,6 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     assert not answers_of(lessons), "no question is asked before its picture is shown"
     lessons.show()
     assert page.calls == [], "nothing is set while another scene is still on the page"
-    assert page.opened[-1].scene.solver.name == "descent"
     page.ready()
     lessons.show()
     assert ("use_modes", 1, 20, False) in page.calls and ("view", "top") in page.calls
@@ -151,16 +144,10 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     assert "being prepared" not in text_of(lessons)
     page.calls.clear()
     lessons.answer(0)
-    answer, wrong = "&#10003; <b>Trapped far from the true positions</b>", "Not quite."
-    assert (
-        answer in text_of(lessons)
-        and wrong in text_of(lessons)
-        and text_of(lessons).count(lesson.steps[0].choices[1]) == 1
-    )
-    assert "After 7 sweeps" in text_of(lessons) and not answers_of(lessons)
+    assert "Not quite." in text_of(lessons) and "After 7 sweeps" in text_of(lessons) and not answers_of(lessons)
     assert ("play",) in page.calls and len(page.opened) == 1, "the scene is there"
     lessons.answer(1)
-    assert answer in text_of(lessons) and wrong in text_of(lessons), "the first answer counts"
+    assert "Not quite." in text_of(lessons), "the first answer counts"
     page.calls.clear()
     lessons.go(NEXT)
     assert page.calls[0] == ("reset", 0) and page.calls[1] == ("use_modes", 1, 20, False)
@@ -190,11 +177,11 @@ def test_a_lesson_ends_with_the_next_one(page):
     assert following() == f"Next lesson: {second.title}"
     lessons.follow()
     assert lessons.progress.lesson is second and not following()
-    lessons.progress = type(lessons.progress)(second, len(second.steps) - 1)
+    lessons.answer(1)
+    page.calls.clear()
     page.ready()
     lessons.show()
-    lessons.answer(2)
-    assert not following(), "there is none after the last"
+    assert page.calls.count(("play",)) == 1, "an answer before the scene is ready is kept"
 
 
 def test_the_lesson_does_not_wait_for_a_refused_scene(page):
@@ -208,42 +195,27 @@ def test_the_lesson_does_not_wait_for_a_refused_scene(page):
     assert page.calls == []
 
 
-def test_an_answer_before_the_scene_is_ready_is_kept(page):
-    lessons = LessonsTab(page, [load_lesson("5_corner_or_centre")])
-    lessons.start("5. Corner or centre")
-    lessons.answer(1)
-    page.ready()
-    lessons.show()
-    assert ("map.show_as", "No map") in page.calls and page.calls.index(("play",)) > 0
-    assert page.calls.count(("play",)) == 1
-
-
 def test_the_next_step_restores_the_scene_of_the_lesson(page):
     lessons = begun(page, load_lesson("4_frozen_grid"))
     page.viewer.binding.run = SimpleNamespace(scene=load_scene("tiny"), opening=None)
     lessons.go(NEXT)
     assert len(page.opened) == 2 and page.opened[1].scene == page.opened[0].scene
-    assert page.opened[1].scene.solver.name == "descent"
 
 
-@pytest.mark.parametrize("junk", ["", "Z", "AB", "Next ", None, EVIL, "a" * 300])
-def test_invalid_values_change_nothing(page, junk):
+def test_invalid_values_change_nothing(page):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
-    lessons.go(junk)
     lessons.start("3. Too many too soon")
     before = lessons.progress
-    lessons.go(junk), lessons.start(junk)
-    lessons.answer(3), lessons.answer(-1)
+    for junk in ("", "Z", "AB", "Next ", None, EVIL, "a" * 300):
+        lessons.go(junk)
+        lessons.start(junk)
+    lessons.answer(3)
+    lessons.answer(-1)
     assert lessons.progress == before
 
 
 def test_a_setting_that_fails_is_shown_as_an_error(page):
-    steps = (LessonStep("Look.", page=LessonSetting(scene="tiny", modes="1-99")),)
-    lessons = begun(page, Lesson("Mine", steps))
-    assert "1 to 20" in text_of(lessons)
-    lessons.go(RESTORE)
-    page.ready()
-    lessons.show()
+    lessons = begun(page, Lesson("Mine", (LessonStep("Look.", page=LessonSetting(scene="tiny", modes="1-99")),)))
     assert "1 to 20" in text_of(lessons)
 
 
@@ -263,60 +235,25 @@ def test_a_frame_is_shown_or_run_to(kernels):
     session.close()
 
 
-def runs_to_the_end(lessons):
-    """Number of steps of runs of lessons that go to their ends, and whether a step moves all microphones.
-
-    Of runs of the same scene whose steps do, which take seconds, one stands for all.
-    """
-    seen = set()
-    for lesson in lessons:
-        begun = None
-        for number, step in enumerate(lesson.steps):
-            for setting, revealed in ((step.page, False), (step.then, True)):
-                scene, seed = lesson.start(number, revealed)
-                solver = solvers.load(scene.solver.name)
-                if begun != scene or setting.begins or setting.reset:
-                    problem = cached_measurement(scene).problem(scene.solver.weights, scene.solver.known)
-                    state = solver.init(problem, solvers.with_mode_count(problem, scene.solver), seed)
-                    begun = scene
-                if setting.modes is not None or setting.automatic is not None:
-                    modes = parse_modes(setting.modes or f"{state.first}-{state.last}", len(problem.pressures))
-                    automatic = state.automatic if setting.automatic is None else setting.automatic
-                    state = solver.use_modes(problem, state, modes[0], modes[-1], automatic)
-                steps, kind = 0, (scene.name, solver.TRAITS.moves_all)
-                while setting.run == "end" and kind not in seen and not state.finished:
-                    state, steps = solver.step(problem, state), steps + 1
-                if steps:
-                    seen |= {kind} if solver.TRAITS.moves_all else set()
-                    yield steps, solver.TRAITS.moves_all
-
-
 def test_a_run_of_a_lesson_can_be_followed_and_takes_ten_seconds_at_most():
-    """By the number of its steps and the speeds that it is given, whatever the machine."""
-    runs = list(runs_to_the_end(map(load_lesson, lesson_names())))
-    assert {moves_all for _, moves_all in runs} == {False, True}
-    for steps, moves_all in runs:
-        rate, done, duration = LESSON_RATE if moves_all else LESSON_MOVES, 0.0, 0.0
-        while done < steps:
-            done, duration = done + 0.01 * watched_rate(rate, duration), duration + 0.01
-        assert 5.0 <= duration <= 10.0, (steps, duration)
+    """Of some number of steps; `python -m benchmarks documents` looks at every run of the lessons."""
+    for rate, every in ((LESSON_RATE, (24, 120)), (LESSON_MOVES, (130, 2000))):
+        for steps in every:
+            done, duration = 0.0, 0.0
+            while done < steps:
+                done, duration = done + 0.01 * watched_rate(rate, duration), duration + 0.01
+            assert 5.0 <= duration <= 10.0, (rate, steps, duration)
 
 
-def test_texts_of_a_file_are_escaped():
-    lesson = Lesson(EVIL, (LessonStep(EVIL, EVIL, (EVIL, EVIL), 1, EVIL),))
-    for choice in (-1, 0, 1):
+def test_a_caption_escapes_its_texts_and_shows_the_answer_given_and_the_right_one():
+    """On a small screen the button below has no place beside all choices."""
+    lesson = Lesson(EVIL, (LessonStep(EVIL, EVIL, ("one", f"{EVIL}two", "three"), 2, EVIL),))
+    for choice, shown in ((1, {"two"}), (0, {"one", "two"}), (2, {"two", "three"})):
         html = Caption(lesson, 0, choice, True, EVIL, EVIL, EVIL).html
         assert "<script" not in html and "&lt;script" in html
-
-
-@pytest.mark.parametrize(("choice", "shown"), [(1, {"two"}), (0, {"one", "two"}), (2, {"two", "three"})])
-def test_an_answered_step_shows_the_answer_given_and_the_right_one(choice, shown):
-    """On a small screen the button below has no place beside all choices."""
-    lesson = Lesson("A lesson", (LessonStep("", "Which?", ("one", "two", "three"), 2, "Why."),))
-    html = Caption(lesson, 0, choice, True, "", "", "").html
-    assert {word for word in ("one", "two", "three") if f">{word}<" in html} == shown
-    assert ("&#10007;" in html) == (choice != 1) and html.count("&#10003;") == 1
-    assert ("Right." in html, "Not quite." in html) == (choice == 1, choice != 1)
+        assert {word for word in ("one", "two", "three") if f"{word}<" in html} == shown
+        assert ("&#10007;" in html) == (choice != 1) and html.count("&#10003;") == 1
+        assert ("Right." in html, "Not quite." in html) == (choice == 1, choice != 1)
 
 
 SMALL = "tiny"
@@ -337,8 +274,7 @@ def set_oddly(viewer):
     """Set the page as no lesson does, as a user would: by its controls."""
     main = viewer.tabs
     main.solver.use_modes(2, 7, False)
-    main.solver.seed.value = 5
-    viewer.binding.choose(seed=5)
+    set_by_client(main.solver.seed, 5)
     main.run_bar.speed.value = 12
     main.run_bar.limit_rate(12)
     main.map.pick(4)
@@ -348,17 +284,18 @@ def set_oddly(viewer):
     main.map.set_order(3)
     main.map.scale_as("Linear")
     main.map.mark_minima(False)
-    set_by_client(main.map.relief, 60)
     main.view.draw(trails=True, ellipses=True)
     main.view.darken(True)
-    set_by_client(main.view.release, True)
     main.export.choose("Map (VTI for ParaView)")
     main.export.kind.value = "Map (VTI for ParaView)"
-    main.scene.radius.value = 0.31
-    main.scene.walls.value = "absorbing"
-    main.scene.noise.value = True
-    main.scene.refresh()
-    set_by_client(main.maps.shared, True)
+    switches = (main.view.release, main.maps.shared, main.scene.noise)
+    for control, value in (
+        *((switch, True) for switch in switches),
+        (main.map.relief, 60),
+        (main.scene.radius, 0.31),
+        (main.scene.walls, "absorbing"),
+    ):
+        set_by_client(control, value)
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Curves and spectrum."""
 
-import dataclasses
 import time
 
 import numpy as np
@@ -38,6 +37,28 @@ def test_plots_hold_finite_numbers_only(curves, measurement):
         *_, marks, stage = plot.data
         assert np.count_nonzero(marks < 1.0) == 1 and marks.min() > 0.9, "one tick at the top as the mode came in"
         assert (stage == 1).all()
+        steps = plot.handle.axes[0]["incrs"]
+        assert steps[0] == 1 and all(step == round(step) for step in steps), "whole sweeps"
+
+
+def test_stages_and_restarts_are_marked_and_the_cost_is_that_of_the_reference_cost(curves, measurement):
+    place = measurement.positions
+    states = [State(place.copy(), i, i, stage=i // 2, last=6, cost=1e5, restart=i // 3) for i in range(4)]
+    costs = costs_of(states, [-1.0, -3.0, np.nan, -9.0])
+    curves.show(Tick(view_of(states[:2], costs=costs), 0.0))
+    np.testing.assert_allclose(curves.cost.data[1], [-1, -3])
+    assert "dB" in curves.cost.title and "Eq. 7" in curves.cost.title and NO_RESTART in curves.remark.content
+    curves.show(Tick(view_of(states, costs=costs), 1.0))
+    x, cost, restarts, marks, stage = curves.cost.data
+    assert cost[np.unique(x, return_index=True)[1]].tolist() == [-1, -3, -6, -9], "straight where one was left out"
+    costs.compute(states[2])
+    curves.show(Tick(view_of(states, costs=costs), 2.0))
+    assert -4.0 in curves.cost.data[1], "computed when the solver rested"
+    assert x[marks < 1].tolist() == [2.0] and x[restarts < 1].tolist() == [3.0]
+    assert restarts.min() < marks.min(), "longer than the tick of a stage"
+    assert stage[x < 2].tolist() == [1, 1] and set(stage[x > 2]) == {2}
+    assert NO_RESTART not in curves.remark.content
+    assert "restart" in [one["label"] for one in curves.cost.handle.series]
 
 
 def costs_of(states, values):
@@ -50,133 +71,69 @@ def costs_of(states, values):
     return costs
 
 
-def test_stages_are_marked_and_the_cost_is_that_of_the_reference_cost(curves, measurement):
-    place = measurement.positions
-    states = [State(place.copy(), i, i, stage=i // 2, last=6, cost=1e5) for i in range(4)]
-    costs = costs_of(states, [-1.0, -3.0, np.nan, -9.0])
-    curves.show(Tick(view_of(states[:2], costs=costs), 0.0))
-    np.testing.assert_allclose(curves.cost.data[1], [-1, -3])
-    assert "dB" in curves.cost.title and "Eq. 7" in curves.cost.title
-    curves.show(Tick(view_of(states, costs=costs), 1.0))
-    x, cost, _, marks, stage = curves.cost.data
-    assert cost[np.unique(x, return_index=True)[1]].tolist() == [-1, -3, -6, -9], "straight where one was left out"
-    costs.compute(states[2])
-    curves.show(Tick(view_of(states, costs=costs), 2.0))
-    assert -4.0 in curves.cost.data[1], "computed when the solver rested"
-    assert x[marks < 1.0].tolist() == [2.0], "the one stage that began"
-    assert stage[x < 2].tolist() == [1, 1] and stage[x > 2].tolist() == [2]
-
-
-def test_restarts_are_marked_apart_from_stages_and_named_once_there_is_one(curves, measurement):
-    shift = np.full((10, 2), 0.01)
-    states = [
-        State(measurement.positions + shift, i, i, stage=stage, last=6, restart=restart)
-        for i, (stage, restart) in enumerate([(0, 0), (1, 0), (2, 1), (2, 1), (3, 2)])
-    ]
-    costs = costs_of(states, np.full(5, -20.0))
-    curves.show(Tick(view_of(states[:2], costs=costs), 0.0))
-    assert NO_RESTART in curves.remark.content
-    curves.show(Tick(view_of(states, costs=costs), 1.0))
-    assert NO_RESTART not in curves.remark.content
-    for plot in (curves.error, curves.cost):
-        x, *_, restarts, marks, _ = plot.data
-        assert x[restarts < 1].tolist() == [2.0, 4.0] and x[marks < 1].tolist() == [1.0]
-        assert restarts.min() < marks.min(), "longer than the tick of a stage"
-        assert "restart" in [one["label"] for one in plot.handle.series]
-
-
-def test_errors_are_those_of_the_microphones_that_count(curves, measurement):
-    shift = np.zeros((10, 2))
-    shift[4] = [0.3, 0.4]  # m
-    views = [view_of([State(measurement.positions + shift), State(measurement.positions + shift / 2, 1)])] * 2
-    curves.show(Tick(views[0], 0.0))
-    np.testing.assert_allclose(curves.error.data[1:3], [[50, 25], [500, 250]])  # mm, mean and largest
-    curves.show(Tick(views[1], 1.0, sought=np.delete(np.arange(10), 4)))
-    assert np.all(np.array(curves.error.data[1:3]) < 10.0 ** min(curves.error.decades)), "no error is below the axis"
-
-
-@pytest.mark.parametrize("count", [3, 12, 57])
-def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(curves, measurement, count):
-    states = [State(measurement.positions, i, i, stage=i, last=6) for i in range(count)]
-    curves.show(Tick(view_of(states, costs=costs_of(states, np.full(count, -20.0))), 0.0))
+def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(curves, measurement):
+    states = [State(measurement.positions, i, i, stage=i, last=6) for i in range(57)]
+    curves.show(Tick(view_of(states, costs=costs_of(states, np.full(57, -20.0))), 0.0))
     x, _, _, marks, stage = curves.cost.data
     seen = marks < 1
-    assert x[seen].tolist() == list(range(1, count)) and set(marks[seen]) == {0.92}, "a tick at the top for each"
-    assert stage.max() == count and curves.cost.handle.scales["stage"]["range"] == (0.0, 1.0)
+    assert x[seen].tolist() == list(range(1, 57)) and set(marks[seen]) == {0.92}, "a tick at the top for each"
+    assert stage.max() == 57 and curves.cost.handle.scales["stage"]["range"] == (0.0, 1.0)
 
 
-def test_the_ticks_of_the_abscissa_are_whole_sweeps(curves, measurement):
-    states = [State(measurement.positions, i) for i in range(3)]
-    curves.show(Tick(view_of(states, costs=costs_of(states, np.full(3, -20.0))), 0.0))
-    for plot in (curves.error, curves.cost):
-        steps = plot.handle.axes[0]["incrs"]
-        assert steps[0] == 1 and all(step == round(step) for step in steps) and steps[-1] > 1e5
-
-
-def test_errors_are_drawn_over_whole_decades(curves, measurement):
-    for now, shift, wanted in ((0.0, 0.2, (100, 1000)), (1.0, 0.0002, (0.1, 1000))):
-        curves.show(Tick(view_of([State(measurement.positions + 0.2), State(measurement.positions + shift, 1)]), now))
-        curves.error.settle()
-        handle = curves.error.handle
-        assert handle.scales["y"]["range"] == pytest.approx(wanted)
-        numbers = handle.axes[1]["values"]
-        assert (numbers[0], numbers[-1]) == (f"{wanted[0]:g}", "1,000")
-        assert len(numbers) == len(handle.axes[1]["splits"]) == 1 + round(np.log10(wanted[1] / wanted[0]))
-
-
-def test_after_a_drag_the_errors_keep_their_axis_and_their_plot_until_another_run(curves, measurement):
+def test_errors_are_drawn_over_whole_decades_which_a_drag_keeps_until_another_run(curves, measurement):
     """A plot that is added again has no width at first, and pushes the one below it off the screen."""
     handles = []
     first, good, dragged = (State(measurement.positions + shift, i) for i, shift in enumerate((0.2, 2e-5, 0.1)))
-    for now, states, low in ((0.0, [first, good], 0.01), (1.0, [first, dragged], 0.01), (2.0, [dragged], 100.0)):
+    for now, states, ends in (
+        (0.0, [first], (100, 1000)),
+        (1.0, [first, good], (0.01, 1000)),
+        (2.0, [first, dragged], (0.01, 1000)),
+        (3.0, [dragged], (100, 1000)),
+    ):
         curves.show(Tick(view_of(states), now))
         curves.error.settle()
-        assert 10.0 ** min(curves.error.decades) == pytest.approx(low)
-        handles.append(curves.error.handle)
-    assert handles[0] is handles[1] is handles[2]
+        handle = curves.error.handle
+        assert handle.scales["y"]["range"] == pytest.approx(ends)
+        numbers = handle.axes[1]["values"]
+        assert (numbers[0], numbers[-1]) == (f"{ends[0]:g}", "1,000")
+        assert len(numbers) == len(handle.axes[1]["splits"]) == 1 + round(np.log10(ends[1] / ends[0]))
+        handles.append(handle)
+    assert all(handle is handles[0] for handle in handles)
 
 
 def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monkeypatch):
     """The page would draw the curve in a corner: it builds a new chart and forgets which part of it is seen."""
-    clock, sent = [0.0], []
+    clock = [0.0]
     monkeypatch.setattr(plots.time, "perf_counter", lambda: clock[0])
     plot = Plot(server.gui, "errors", (uplot.Series(label="x"), uplot.Series(label="y")), "x")
-
-    def show(count, top):
+    for count, top, elapsed, seen in (
+        (1, 9.0, 1.0, (1, 9.0)),
+        (2, 7.0, 0.0, (2, 9.0)),  # first the data
+        (3, 6.0, 0.0, (2, 9.0)),  # a solver runs
+        (4, 6.0, plots.APART, (2, 6.0)),  # then the axes alone, the newest
+        (4, 6.0, 0.0, (2, 6.0)),
+        (4, 6.0, plots.APART, (4, 6.0)),  # and then the data that have come meanwhile
+        (4, 5.0, 0.0, (4, 5.0)),  # of the same extent: at once
+        (5, 5.0, 0.0, (5, 5.0)),  # with the same axes: at once
+    ):
+        clock[0] += elapsed
         plot.show((np.arange(count, dtype=float), np.full(count, 2.0)), limits=(0.0, top))
-
-    def seen():
-        sent.append((len(plot.data[0]), plot.handle.scales["y"]["range"][1]))
-        return sent[-1]
-
-    clock[0] = 1.0
-    show(1, 9.0)
-    show(2, 7.0)
-    assert seen() == (2, 9.0), "first the data"
-    for count in (3, 4):  # a solver runs
-        show(count, 6.0)
-        assert seen() == (2, 9.0)
-    clock[0] += plots.APART
-    plot.settle()
-    assert seen() == (2, 6.0), "then the axes alone, the newest"
-    plot.settle()
-    assert seen() == (2, 6.0)
-    clock[0] += plots.APART
-    plot.settle()
-    assert seen() == (4, 6.0), "and then the data that have come meanwhile"
-    show(4, 5.0)
-    assert seen() == (4, 5.0), "of the same extent: at once"
-    show(5, 5.0)
-    assert seen() == (5, 5.0), "with the same axes: at once"
+        assert (len(plot.data[0]), plot.handle.scales["y"]["range"][1]) == seen
 
 
-def test_plots_follow_a_rewound_history(curves, measurement):
-    states = [State(measurement.positions + 0.1 / (i + 1), i) for i in range(6)]
+def test_errors_are_those_of_the_microphones_sought_and_follow_a_rewound_history(server, measurement):
+    curves = CurvesTab(server.gui, measurement, np.array([4, 5]))
+    away = np.zeros((10, 2))
+    away[4], away[5], away[9] = [0.001, 0.0], [0.003, 0.0], [0.5, 0.0]
+    states = [State(measurement.positions + away / (i + 1), i) for i in range(6)]
     curves.show(Tick(view_of(states), 0.0))
-    another = [*states[:3], State(measurement.positions + 0.5, 3)]
-    curves.show(Tick(view_of(another), 1.0))
-    assert len(curves.error.data[0]) == 4
-    assert curves.error.data[1][-1] == pytest.approx(1e3 * 0.5 * np.sqrt(2))
+    assert [column[0] for column in curves.error.data[1:3]] == pytest.approx([2.0, 3.0])
+    text = html.status(view_of(states[:1]), measurement, sought=np.array([4, 5]))
+    assert "mean <b>2 mm</b>, <span style='white-space: nowrap'>largest 3 mm</span>" in text
+    curves.show(Tick(view_of([*states[:3], State(measurement.positions + 3 * away, 3)]), 1.0))
+    assert curves.error.data[1] == pytest.approx([2, 1, 2 / 3, 6])
+    curves.show(Tick(view_of(states[:1]), 2.0, sought=np.array([4])))
+    assert curves.error.data[1] == pytest.approx([1.0]), "and then without the channels at fault"
 
 
 def test_the_spectrum_is_drawn_with_its_picked_peaks(scene, measurement):
@@ -192,16 +149,9 @@ def test_the_spectrum_is_drawn_with_its_picked_peaks(scene, measurement):
     assert nothing is None and own.max() == pytest.approx(0.0)
 
 
-@pytest.mark.parametrize("has_spectrum", [True, False])
-def test_the_spectrum_shows_the_modes_of_the_map(server, scene, measurement, has_spectrum, work):
-    if has_spectrum:
-        kept = measurement.frequencies
-        spectrum = np.stack([np.linspace(50, 350, 2000), 1 + np.cos(np.linspace(50, 350, 2000)) ** 2])
-        work = dataclasses.replace(work, measurement=dataclasses.replace(measurement, spectrum=spectrum))
-        assert kept[0] > 50
+def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
     binding = Binding(server.gui, work, 6)
-    map_ = map.MapTab(binding)
-    tab = spectrum_plot.SpectrumPanel(binding)
+    map_, tab = map.MapTab(binding), spectrum_plot.SpectrumPanel(binding)
     map_.choose_modes([2])
     tab.show(Tick(work.session.view))
     data = tab.spectrum.handle.data
@@ -219,18 +169,6 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, scene, measurement, has
     inner = tab.spectrum.columns((1,), 200.0)
     assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1
     server.gui.reset()
-
-
-def test_errors_are_averaged_over_the_microphones_sought(server, measurement):
-    curves = CurvesTab(server.gui, measurement, np.array([4, 5]))
-    away = np.zeros((10, 2))
-    away[4], away[5], away[9] = [0.001, 0.0], [0.003, 0.0], [0.5, 0.0]
-    state = State(measurement.positions + away)
-    curves.show(Tick(view_of([state]), 0.0))
-    assert [column[0] for column in curves.error.data[1:3]] == pytest.approx([2.0, 3.0])
-    text = html.status(view_of([state]), measurement, sought=np.array([4, 5]))
-    assert "mean <b>2 mm</b>, <span style='white-space: nowrap'>largest 3 mm</span>" in text
-    assert "<b>1 mm</b>" in html.status(view_of([state]), measurement, sought=np.array([4]))
 
 
 def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurement):

@@ -45,42 +45,20 @@ def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(p
     assert camera.look_at == aim
     placed.place(client, "3d")
     ordered = SimpleNamespace(**vars(camera))
-    camera.look_at = (ordered.position[0], ordered.position[1], 0.0)  # as from the top
-    placed.follow(client)
-    assert camera.look_at == ordered.look_at
-    camera.fov = old_opening
-    placed.follow(client)
-    assert camera.fov == ordered.fov
-    camera.near *= 7
-    placed.follow(client)
-    assert camera.near == ordered.near, "what is nearer would not be drawn"
+    for name, other in (
+        ("look_at", (*ordered.position[:2], 0.0)),  # as from the top
+        ("fov", old_opening),
+        ("near", 7 * camera.near),  # what is nearer would not be drawn
+    ):
+        setattr(camera, name, other)
+        placed.follow(client)
+        assert getattr(camera, name) == getattr(ordered, name)
     camera.look_at, camera.position = (1.0, 1.0, 0.0), (2.0, 2.0, 5.0)
     placed.follow(client)
     assert camera.look_at == (1.0, 1.0, 0.0), "the user has shifted it"
 
 
-def test_the_camera_follows_the_canvas_until_the_user_moves_it(server, placed):
-    client = browser(900)
-    camera = client.camera
-    placed.place(client, "top")
-    near = camera.position
-    camera.image_width = 450
-    placed.follow(client)
-    assert camera.position[2] > 1.5 * near[2], "half the width needs twice the distance"
-    moved = (camera.position[0] + 1.0, *camera.position[1:])
-    camera.position, camera.image_width = moved, 900
-    placed.follow(client)
-    assert camera.position == moved
-    camera.position = near
-    placed.follow(client)
-    assert camera.position == pytest.approx(near), "right for this size"
-    camera.position = server.initial_camera.position
-    placed.follow(client)
-    assert camera.position == pytest.approx(near), "the page learnt late where it was to begin"
-
-
-def test_a_page_that_reports_late_where_viser_starts_was_moved_by_nobody(scene, measurement):
-    """On a slow machine that report follows our command."""
+def test_the_camera_follows_the_canvas_until_the_user_moves_it(scene, measurement):
     fresh = hardening.open_server("127.0.0.1", 0)  # where its cameras start is viser's own choice
     try:
         start = tuple(fresh.initial_camera.position)
@@ -90,11 +68,18 @@ def test_a_page_that_reports_late_where_viser_starts_was_moved_by_nobody(scene, 
         client = browser(900)
         camera = client.camera
         placed.place(client, "top")
-        commanded = camera.position
+        near = camera.position
+        camera.image_width = 450
         placed.follow(client)
-        camera.position = start
+        assert camera.position[2] > 1.5 * near[2], "half the width needs twice the distance"
+        moved = (camera.position[0] + 1.0, *camera.position[1:])
+        camera.position, camera.image_width = moved, 900
         placed.follow(client)
-        assert camera.position == pytest.approx(commanded)
+        assert camera.position == moved
+        for reported in (near, fresh.initial_camera.position, start):  # on a slow machine our command comes before
+            camera.position = reported
+            placed.follow(client)
+            assert camera.position == pytest.approx(near), "right for this size, and nobody has moved it"
     finally:
         fresh.stop()
 
@@ -114,18 +99,6 @@ def test_beside_the_panels_the_map_takes_the_room_of_the_bar(placed):
     placed.show_face(client, True)
     placed.process_requests([client])
     assert camera.position == before, "the user has moved it"
-
-
-def test_on_a_telephone_the_panel_covers_nothing(placed):
-    picture = placed.picture
-    client = browser(390, 844)
-    camera = client.camera
-    placed.place(client, "top")
-    distance = camera.position[2]
-    height = 2 * distance * np.tan(camera.fov / 2)  # metres, of all that is seen
-    lowest = 844 * (0.5 - (picture.focus[1] - camera.look_at[1]) / height)
-    highest = 844 * (0.5 - (picture.focus[3] - camera.look_at[1]) / height)
-    assert 0 < highest < lowest < 0.5 * 844
 
 
 def test_a_page_is_asked_for_the_size_of_its_canvas(placed):
@@ -172,24 +145,40 @@ class SentScene:
         self.sent, self.nodes = [], {}
 
     def add(self, name, *_, **values):
-        scene = self
+        scene, name = self, name.removeprefix("/")
 
         class Node(SimpleNamespace):
             def __setattr__(self, key, value):
-                scene.sent.append(name.removeprefix("/"))
+                scene.sent.append(name)
                 super().__setattr__(key, value)
 
             def remove(self):
-                del scene.nodes[name.removeprefix("/")]
+                del scene.nodes[name]
 
-        self.sent.append(name.removeprefix("/"))
-        self.nodes[name.removeprefix("/")] = node = Node(**values)
+        self.sent.append(name)
+        self.nodes[name] = node = Node(**values)
         return node
 
     add_line_segments = add_image = add_mesh_simple = add_mesh_trimesh = add
 
     def __getattr__(self, name):
         return lambda *_, **__: None  # lights
+
+
+def test_only_what_has_changed_is_sent_and_what_the_next_picture_lacks_is_removed(sent_scene, scene, measurement):
+    made, nodes = sent_scene
+    static = compose(scene, measurement)
+    assert nodes.is_empty
+    nodes.show(with_estimate(static, measurement, measurement.positions, 4))
+    assert "room/walls" in made.sent and "microphones/estimate" in made.sent
+    made.sent.clear()
+    nodes.show(with_estimate(static, measurement, measurement.positions.copy(), 4))
+    assert made.sent == []
+    nodes.show(with_estimate(static, measurement, measurement.positions + 0.01))
+    moved = {"microphones/estimate", "microphones/error"}  # known ones keep their squares
+    assert {name.removesuffix("_halo") for name in made.sent} == moved
+    nodes.show(static)
+    assert made.nodes.keys() == nodes.parts.keys() and not any("selected" in name for name in made.nodes)
 
 
 @pytest.fixture
@@ -199,28 +188,6 @@ def sent_scene():
     gui = SimpleNamespace(add_html=lambda *_, **__: scene.texts)
     server = SimpleNamespace(scene=scene, gui=gui, atomic=contextlib.nullcontext, initial_camera=None)
     return scene, SceneNodes(server)
-
-
-def test_only_what_has_changed_is_sent(sent_scene, scene, measurement):
-    made, nodes = sent_scene
-    static = compose(scene, measurement)
-    nodes.show(with_estimate(static, measurement, measurement.positions))
-    assert "room/walls" in made.sent and "microphones/estimate" in made.sent
-    made.sent.clear()
-    nodes.show(with_estimate(static, measurement, measurement.positions.copy()))
-    assert made.sent == []
-    nodes.show(with_estimate(static, measurement, measurement.positions + 0.01))
-    moved = {"microphones/estimate", "microphones/error"}  # known ones keep their squares
-    assert {name.removesuffix("_halo") for name in made.sent} == moved
-
-
-def test_what_the_next_picture_lacks_is_removed(sent_scene, scene, measurement):
-    made, nodes = sent_scene
-    static = compose(scene, measurement)
-    assert nodes.is_empty
-    nodes.show(with_estimate(static, measurement, measurement.positions, 4))
-    nodes.show(static)
-    assert made.nodes.keys() == nodes.parts.keys() and not any("selected" in name for name in made.nodes)
 
 
 def test_texts_are_sent_as_html_names_first(sent_scene, scene, measurement):
@@ -245,8 +212,8 @@ def test_every_text_stands_out_from_its_outline(scene, measurement, theme):
     assert f"color:rgb{drawn.labels[-1].colour}".replace(" ", "") in labels_html(drawn.labels, theme)
 
 
-@pytest.mark.parametrize("size", [(1280, 720), (1440, 900), (618, 720), (390, 844)])
-@pytest.mark.parametrize("name", ["fig1_square", "ball3d", "array1_circle"])
+@pytest.mark.parametrize("size", [(1280, 720), (618, 720), (390, 844)])
+@pytest.mark.parametrize("name", ["fig1_square", "ball3d"])
 @pytest.mark.parametrize("view", ["top", "close"])
 def test_each_view_of_the_array_fills_the_window(server, name, size, view):
     scene = load_scene(name)
@@ -266,6 +233,10 @@ def test_each_view_of_the_array_fills_the_window(server, name, size, view):
     free = min(size[0], 0.55 * size[1] if size[1] > size[0] else size[1])
     assert np.ptp(pixels, axis=0).max() > 0.6 * free
     assert (pixels > 0).all() and (pixels < size).all()
+    if size == (390, 844) and view == "top":
+        assert pixels[:, 1].max() < 0.5 * size[1], "the panel of a phone covers nothing"
+        "a phone's panel is below"
+    )
 
 
 def test_a_view_from_the_side_makes_room_for_a_relief_that_comes_later(placed, scene, measurement):

@@ -23,26 +23,44 @@ def played(playback, stops, ready, times):
     return [(now, stop) for now, stop in found if stop is not None]
 
 
-def test_a_playback_shows_every_map_at_its_rate():
-    playback, times = Playback(rate=4.0), np.arange(0, 3, 0.05)
-    shown = played(playback, (1, 2, 3, 4, 5), lambda now: 5, times)
-    assert [stop for _, stop in shown] == [1, 2, 3, 4, 5]
-    assert np.diff([now for now, _ in shown]) == pytest.approx(0.25, abs=0.051)
-    assert playback.ended((1, 2, 3, 4, 5), 3.0) and not Playback(4.0).ended((1,), 3.0)
-
-
-def test_a_playback_waits_for_maps_and_leaves_none_out():
-    times = np.arange(0, 10, 0.05)
-    shown = played(Playback(rate=10.0), range(1, 9), lambda now: int(now), times)
-    assert [stop for _, stop in shown] == list(range(1, 9))
-    assert all(now >= stop for now, stop in shown)
-
-
-@pytest.mark.parametrize(("summed", "then"), [(0, 1), (3, 4), (4, 5), (5, 1)])
+@pytest.mark.parametrize(("summed", "then"), [(0, 1), (3, 4), (5, 1)])
 def test_play_goes_on_after_the_present_sum_and_from_the_beginning_after_the_last(summed, then):
     playback = Playback(rate=1.0)
     playback.continue_from(summed, range(1, 6))
     assert playback.advance(range(1, 6), 5, 0.0) == then
+
+
+def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_modes_the_map_has(opened):
+    """The first map is the one that a browser waits for; a sweep takes the processor for seconds."""
+    viewer, turn_until = opened
+    turn_until(lambda: map_on_page(viewer) is not None)
+    viewer.run.session.step()
+    turn_until(lambda: viewer.snapshot.view.index == 1)
+    sweep, state = viewer.tabs.sweep, viewer.binding.session.view.state
+    assert sweep.worker.worker.latest is None and not sweep.worker.worker.busy and not sweep._plot.visible
+    assert viewer.binding.choices.modes is None and state.first == 1 and state.last < viewer.binding.modes
+    turn_until(lambda: sweep.summed.value == state.last)  # where nobody has chosen any, they are the solver's
+    set_by_client(sweep.play, True)
+    turn_until(lambda: viewer.binding.choices.modes == (1,))  # and Play begins with the first one
+    assert sweep.play.label == "Pause"
+    set_by_client(sweep.play, True)
+    turn_until(lambda: sweep.play.label == "Play")
+
+
+def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monkeypatch):
+    viewer, turn_until = opened
+    sweep, slow = viewer.tabs.sweep, SweepWorker._frame
+    set_by_client(sweep.summed, 3)
+    turn_until(lambda: "sum of 3 modes" in sweep.text.content and sweep._plot.visible)
+    monkeypatch.setattr(SweepWorker, "_frame", lambda *args: (time.sleep(0.2), slow(*args))[1])
+    set_by_client(sweep.order, DOWN)
+    set_by_client(sweep.highest, 19)
+    turn_until(lambda: 2 <= computed(sweep) < 19)
+    made = sweep.worker.sweep(sweep._wanted)
+    viewer.run.session.step()
+    turn_until(lambda: sweep._wanted is None and not sweep.worker.worker.busy)
+    assert len(made.frames) < 19
+    turn_until(lambda: "Play adds" in sweep.text.content and not sweep._plot.visible)
 
 
 def map_on_page(viewer):
@@ -108,52 +126,6 @@ def test_a_highest_mode_below_all_that_can_be_summed_leaves_the_lowest(opened, m
     assert viewer.binding.choices.modes == (3,)
 
 
-def test_no_sweep_is_computed_before_someone_asks(opened):
-    """The first map is the one that a browser waits for; a sweep takes the processor for seconds."""
-    viewer, turn_until = opened
-    turn_until(lambda: map_on_page(viewer) is not None)
-    viewer.run.session.step()
-    turn_until(lambda: viewer.snapshot.view.index == 1)
-    sweep = viewer.tabs.sweep
-    assert sweep.worker.worker.latest is None and not sweep.worker.worker.busy and not sweep._plot.visible
-
-
-def test_the_slider_shows_how_many_modes_the_map_has(opened):
-    """Also where nobody has chosen any: then they are the solver's."""
-    viewer, turn_until = opened
-    sweep, state = viewer.tabs.sweep, viewer.binding.session.view.state
-    assert viewer.binding.choices.modes is None and state.first == 1 and state.last < viewer.binding.modes
-    turn_until(lambda: sweep.summed.value == state.last)
-    set_by_client(sweep.play, True)
-    turn_until(lambda: viewer.binding.choices.modes == (1,))  # and Play begins with the first one
-    assert sweep.play.label == "Pause"
-    set_by_client(sweep.play, True)
-    turn_until(lambda: sweep.play.label == "Play")
-
-
-def test_another_state_makes_the_counts_invalid(opened):
-    viewer, turn_until = opened
-    sweep = viewer.tabs.sweep
-    set_by_client(sweep.summed, 3)
-    turn_until(lambda: "sum of 3 modes" in sweep.text.content)
-    viewer.run.session.step()
-    turn_until(lambda: "Play adds" in sweep.text.content and not sweep._plot.visible)
-    set_by_client(sweep.summed, 3)
-    turn_until(lambda: "sum of 3 modes" in sweep.text.content and sweep._plot.visible)
-
-
-def test_a_sweep_of_another_state_stops(opened, monkeypatch):
-    viewer, turn_until = opened
-    sweep, slow = viewer.tabs.sweep, SweepWorker._frame
-    monkeypatch.setattr(SweepWorker, "_frame", lambda *args: (time.sleep(0.2), slow(*args))[1])
-    set_by_client(sweep.highest, 19)
-    turn_until(lambda: computed(sweep) >= 2)
-    made = sweep.worker.sweep(sweep._wanted)
-    viewer.run.session.step()
-    turn_until(lambda: sweep._wanted is None and not sweep.worker.worker.busy)
-    assert len(made.frames) < 19
-
-
 LOW, HIGH = np.array([1.0, 2.0]), np.array([1.4, 2.6])
 
 
@@ -178,10 +150,9 @@ def test_the_foot_of_a_position_is_where_it_projects_and_none_far_from_the_line(
 @pytest.fixture
 def handles():
     """Handles on a line, the choices they change, and a function that passes them a drag."""
-    callbacks, removed, binding = {}, [], SimpleNamespace(choices=SimpleNamespace(cut=None))
-
-    def choose(cut):
-        binding.choices.cut = cut
+    callbacks, removed = {}, []
+    choices = SimpleNamespace(cut=None)
+    binding = SimpleNamespace(choices=choices, choose=lambda cut: setattr(choices, "cut", cut))
 
     def add(name, vertices, faces, turned, places, **_):
         return SimpleNamespace(
@@ -189,17 +160,15 @@ def handles():
             batched_positions=places,
         )  # fmt: skip
 
-    binding.choose = choose
     server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=add))
     picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 0.0), focus=(*LOW, *HIGH))
     made = LineHandles(server, binding, picture)
 
     def drag(index, point, eye=(1.2, 2.2, 5.0)):
-        camera = SimpleNamespace(position=np.array(eye))
-        client = SimpleNamespace(camera=camera)
+        client = SimpleNamespace(camera=SimpleNamespace(position=np.array(eye)))
         finish(callbacks["drag"](SimpleNamespace(instance_index=index, end_position=point, client=client)))
 
-    return SimpleNamespace(made=made, choices=binding.choices, drag=drag, removed=removed)
+    return SimpleNamespace(made=made, choices=choices, drag=drag, removed=removed)
 
 
 LINE = ((1.1, 2.1), (1.3, 2.5))
@@ -221,24 +190,17 @@ def test_a_drag_moves_one_end_and_leaves_the_other(handles):
     assert handles.choices.cut[1] == pytest.approx((1.4, 2.0)), "it stays inside the search domain"
 
 
-@pytest.mark.parametrize(
-    ("index", "point"),
-    [
+def test_no_end_that_is_not_there_and_no_pointer_beside_the_map_moves_anything(handles):
+    shown(handles, LINE)
+    for index, point in [
         *((index, (1.2, 2.4, 0.0)) for index in (None, -1, 2, 10**9, 1.0, "0")),
         *((0, point) for point in ((1.2, 2.4, 9.0), (np.nan, 0, 0), (1.2, 2.4), (np.inf, 0, 0))),
-    ],
-)
-def test_no_end_that_is_not_there_and_no_pointer_beside_the_map_moves_anything(handles, index, point):
-    shown(handles, LINE)
-    handles.drag(index, point)
-    assert handles.choices.cut == LINE
-
-
-def test_without_a_line_there_are_no_handles_and_a_late_drag_moves_nothing(handles):
-    shown(handles, LINE)
+    ]:
+        handles.drag(index, point)
+        assert handles.choices.cut == LINE, (index, point)
     shown(handles, None)
     handles.drag(0, (1.2, 2.4, 0.0))
-    assert handles.choices.cut is None and len(handles.removed) == 1
+    assert handles.choices.cut is None and len(handles.removed) == 1, "without a line there are no handles"
     shown(handles, LINE)
     shown(handles, None)
     assert len(set(handles.removed)) == 2, "a new name each time"
@@ -275,3 +237,15 @@ def test_the_line_to_the_lowest_cost_goes_through_estimate_and_minimum(opened):
     direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     across = np.array([-direction[1], direction[0]])
     assert abs((here - ends[0]) @ across) < 1e-6 and abs((floor.lowest[0] - ends[0]) @ across) < 1e-6
+
+
+def test_a_playback_shows_every_map_at_its_rate_and_waits_for_maps():
+    stops, times = tuple(range(1, 9)), np.arange(0, 10, 0.05)
+    shown = played(Playback(rate=4.0), stops, lambda now: 8, times)
+    assert [stop for _, stop in shown] == list(stops)
+    assert np.diff([now for now, _ in shown]) == pytest.approx(0.25, abs=0.051)
+    playback = Playback(rate=10.0)
+    shown = played(playback, stops, lambda now: int(now), times)
+    assert [stop for _, stop in shown] == list(stops), "it leaves none out"
+    assert all(now >= stop for now, stop in shown)
+    assert playback.ended(stops, 10.0) and not Playback(4.0).ended((1,), 3.0)
