@@ -3,7 +3,6 @@
 import csv
 import dataclasses
 import io
-import os
 import re
 import threading
 import time
@@ -29,7 +28,6 @@ from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare
 from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker
 from fdcal.viewer.gui.binding import Choices
-from fdcal.viewer.prepare import Threads
 from fdcal.viewer.tabs import view as exports
 
 
@@ -53,36 +51,42 @@ def test_the_name_of_a_file_is_a_name(viewer, name):
 
 @pytest.fixture
 def saving(threads):
-    return exports.Exports(threads)
+    """What makes files, and a client that notes what it is told and sent."""
+    made, told, got = exports.Exports(threads), [], []
+    client = SimpleNamespace(
+        add_notification=lambda *words, **_: told.append(words),
+        send_file_download=lambda name, *_, **__: got.append(name),
+    )
+    return made, client, told, got
 
 
 def test_every_page_gets_its_file(viewer, saving, monkeypatch):
-    gate, got, notified = threading.Event(), [], []
+    made, client, told, got = saving
+    gate, count = threading.Event(), exports.MAX_WAITING + 9
     monkeypatch.setitem(exports.KINDS, "gated", exports.Kind(".x", "", lambda _: gate.wait(WAIT) and b"x"))
-    for page in range(exports.MAX_WAITING + 9):
-        client = SimpleNamespace(
-            add_notification=lambda title, *_, **__: notified.append(title),
-            send_file_download=lambda *_, page=page, **__: got.append(page),
-        )
-        saving.ask(client, "gated", viewer.snapshot)
+    for number in range(count):
+        run = dataclasses.replace(viewer.run, scene=dataclasses.replace(viewer.run.scene, name=f"{number}"))
+        made.ask(client, "gated", dataclasses.replace(viewer.snapshot, run=run))
     gate.set()
-    assert saving.worker.wait_for(lambda _: not saving.worker.busy, WAIT)
-    assert len(got) >= exports.MAX_WAITING and got == list(range(len(got)))
-    assert len(got) + notified.count("Too many files are waiting") == exports.MAX_WAITING + 9
+    assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
+    assert len(got) >= exports.MAX_WAITING and got == [f"fdcal-{number}-step-0.x" for number in range(len(got))]
+    assert [title for title, *_ in told] == (count - len(got)) * ["Too many files are waiting"]
 
 
-@pytest.mark.parametrize("error", [InputError("no map"), OSError("disk"), ZeroDivisionError("oh")])
-def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monkeypatch, error):
-    notified = []
+def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monkeypatch):
+    made, client, told, _ = saving
+    errors = [InputError("no map"), OSError("disk"), ZeroDivisionError("oh")]
 
     def fail(_):
-        raise error
+        raise errors[len(told)]
 
     monkeypatch.setitem(exports.KINDS, "broken", exports.Kind(".x", "", fail))
-    client = SimpleNamespace(add_notification=lambda title, body, **_: notified.append((title, body)))
-    saving.ask(client, "broken", viewer.snapshot)
-    assert saving.worker.wait_for(lambda latest: latest is not None, WAIT)
-    assert notified[-1][0] == "The file could not be made" and str(error) in notified[-1][1]
+    for error in errors:
+        made.ask(client, "broken", viewer.snapshot)
+        assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
+        title, body = told[-1][:2]
+        assert title == "The file could not be made" and str(error) in body
+    assert len(told) == len(errors)
 
 
 MICROPHONE, MODES = 9, (7, 9, 20)
@@ -153,20 +157,18 @@ def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
     assert len(panels) == len(MODES) + 1
     for axes, cost in zip(panels, [*drawn.panels.maps, drawn.panels.total], strict=True):
         lines = {line.get_label(): line for line in axes.lines}
-        row, column = np.unravel_index(cost.argmin(), cost.shape)
-        lowest = map_positions(np.array([[row, column]]), drawn.panels.search)[0]
-        assert np.allclose(lines["lowest cost"].get_xydata()[0], lowest)
-        assert np.allclose(lines["true"].get_xydata()[0], snapshot.run.measurement.positions[MICROPHONE])
-        estimate = snapshot.view.state.positions[MICROPHONE]
-        assert np.allclose(lines["estimate"].get_xydata()[0], estimate) and lines["estimate"].get_marker() == "x"
-        assert np.allclose(to_rgb(lines["estimate"].get_color()), np.array(ESTIMATE) / 255), (
-            "a red cross is an estimate"
-        )
-        assert np.allclose(to_rgb(lines["lowest cost"].get_color()), np.array(LOWEST) / 255)
+        lowest = map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), drawn.panels.search)[0]
+        for label, place in (
+            ("lowest cost", lowest),
+            ("true", snapshot.run.measurement.positions[MICROPHONE]),
+            ("estimate", snapshot.view.state.positions[MICROPHONE]),
+        ):
+            assert np.allclose(lines[label].get_xydata()[0], place)
+        assert lines["estimate"].get_marker() == "x", "a red cross is an estimate"
+        for label, colour in (("estimate", ESTIMATE), ("lowest cost", LOWEST)):
+            assert np.allclose(to_rgb(lines[label].get_color()), np.array(colour) / 255)
         assert axes.images[0].get_array().shape == cost.shape, "as fine as the screen"
-    assert np.allclose(
-        {line.get_label(): line for line in panels[-1].lines}["lowest cost"].get_xydata()[0], drawn.floor.lowest[0]
-    )
+    assert np.allclose(lowest, drawn.floor.lowest[0])
 
 
 def test_every_file_shows_the_state_of_the_page(snapshot, drawn, tmp_path, one_painter):
@@ -191,32 +193,14 @@ def test_every_file_shows_the_state_of_the_page(snapshot, drawn, tmp_path, one_p
     assert data["maps"]["modes"] and "pressures" in arrays, "the replay of the page maps the cost, too"
 
 
-def test_files_leave_nothing_open(snapshot, drawn, kernels):
-    """Each session makes them on a thread of its own, for each of which matplotlib would keep fonts open."""
-    shown, got, open_files = dataclasses.replace(snapshot, drawn=drawn), [], []
-    client = SimpleNamespace(
-        add_notification=lambda *_, **__: None, send_file_download=lambda name, *_, **__: got.append(name)
-    )
-    kinds = sorted(
-        exports.KINDS.keys() - {exports.PICTURE, "Maps as in Fig. 1 (SVG)"}
-    )  # one figure of the two, and no picture
-    for _ in range(2):
-        session = Threads()
-        saving = exports.Exports(session)
-        for kind in kinds:
-            saving.ask(client, kind, shown)
-        worker = saving.worker
-        assert worker.wait_for(lambda _, worker=worker: not worker.busy, WAIT)
-        session.close(WAIT)
-        open_files.append(len(os.listdir("/proc/self/fd")))
-    assert len(got) == 2 * len(kinds) and open_files[0] == open_files[1]
-
-
 def test_a_file_takes_the_maps_that_are_on_the_screen_and_computes_others(snapshot, drawn):
     shown = dataclasses.replace(snapshot, drawn=drawn)
     found = shown.fine_panels(8)
     assert found.modes == MODES and found.total is drawn.panels.total and shown.fine_panels(2).modes == (7, 20)
-    assert dataclasses.replace(shown, microphone=MICROPHONE + 1).fine_panels(8) is None
-    assert dataclasses.replace(shown, choices=dataclasses.replace(shown.choices, modes=(7,))).fine_panels(8) is None
-    assert dataclasses.replace(shown, drawn=dataclasses.replace(drawn, fine=False)).fine_panels(8) is None
-    assert snapshot.fine_panels(8) is None
+    for changes in (
+        {"microphone": MICROPHONE + 1},
+        {"choices": dataclasses.replace(shown.choices, modes=(7,))},
+        {"drawn": dataclasses.replace(drawn, fine=False)},
+        {"drawn": None},
+    ):
+        assert dataclasses.replace(shown, **changes).fine_panels(8) is None

@@ -66,6 +66,11 @@ def test_a_map_stands_under_its_own_microphone_only_and_the_legend_says_that_it_
     viewer.tick(0.0)
     assert shown(viewer) is None and "Computing the map of microphone 3" in legend(viewer)
     assert mapped(viewer) == 3 and "Computing" not in legend(viewer)
+    before = viewer.picture.floor
+    viewer.binding.choose_style(opacity=0.4)
+    viewer.tick(1.0)
+    assert viewer.picture.floor.opacity == 0.4 and viewer.picture.floor.rgb is before.rgb
+    assert not viewer.maps.busy, "opacity takes no new map"
     set_by_client(viewer.tabs.map.microphone, 7)
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of microphone 3 stands under microphone 7"
@@ -78,44 +83,34 @@ def test_a_map_stands_under_its_own_microphone_only_and_the_legend_says_that_it_
 
 def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
     side = viewer.tabs.maps.worker
-
-    def drawn():
-        return side.wait_for(lambda _: not side.busy, WAIT)
-
     viewer.tick(0.0)
-    assert side.latest is None and mapped(viewer) == 3 and drawn()
-    viewer.tick(2e9)
-    first = viewer.tabs.maps.image
-    assert first.visible and first.image.ndim == 3
-    light = first.image
-    set_by_client(viewer.tabs.view.dark, True)
-    viewer.tick(3e9)
-    mapped(viewer)
-    viewer.tick(4e9)
-    assert drawn()
-    viewer.tick(5e9)
-    assert viewer.tabs.maps.image.image is not light and viewer.tabs.maps.image.image.shape == light.shape
+    assert side.latest is None
+    images = []
+    for now in (1e9, 3e9):
+        mapped(viewer)
+        viewer.tick(now)
+        assert side.wait_for(lambda _: not side.busy, WAIT)
+        viewer.tick(now + 1e9)
+        images.append(viewer.tabs.maps.image.image)
+        set_by_client(viewer.tabs.view.dark, True)
+        viewer.tick(now + 2e9)
+        assert viewer.picture.floor is not None, "the map stays meanwhile: the gate lets no other pass"
+    assert images[0].ndim == 3 and images[1] is not images[0] and images[1].shape == images[0].shape
 
 
-def test_opacity_takes_no_new_map(viewer):
-    """It is on the screen with the next turn, while a solver runs or not."""
-    viewer.tick(0.0)
-    assert mapped(viewer) == 3
-    before = viewer.picture.floor
-    viewer.binding.choose_style(opacity=0.4)
-    viewer.tick(1.0)
-    assert viewer.picture.floor.opacity == 0.4 and viewer.picture.floor.rgb is before.rgb
-    assert not viewer.maps.busy
+def step_to(viewer, *states, **changes):
+    """Let the session show the last of some states of its run."""
+    session = viewer.run.session
+    history = History(list(states), len(states), session.view.history.lineage)
+    changes = {"index": len(states) - 1, "count": len(states), "history": history, **changes}
+    session.view = dataclasses.replace(session.view, state=states[-1], **changes)
 
 
 def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     """The gate, which every map of costs has to pass, stays shut."""
     viewer.tick(0.0)
     assert mapped(viewer) == 3
-    session, positions = viewer.run.session, viewer.run.measurement.positions
-    states = [session.view.state, State(positions + 0.01, 1)]
-    history = History(states, 2, session.view.history.lineage)
-    session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=history, running=True)
+    step_to(viewer, viewer.view.state, State(viewer.run.measurement.positions + 0.01, 1), running=True)
     set_by_client(viewer.tabs.map.scale, "Linear")
     ready = viewer.maps.worker.latest.ended
     viewer.tick(ready)
@@ -126,8 +121,7 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
 
 def test_a_drag_delays_the_solver_and_speeds_up_the_page(server, work):
     rung = []
-    binding = Binding(server.gui, work, 6, wake=lambda: rung.append(True))
-    tab = map.MapTab(binding)
+    tab = map.MapTab(Binding(server.gui, work, 6, wake=lambda: rung.append(True)))
     set_by_client(tab.relief, 50)
     assert work.session.ways == 1 and rung
     set_by_client(tab.relief, 60, client=False)
@@ -154,20 +148,14 @@ def test_in_a_drag_the_last_map_stays_until_the_next(viewer):
 def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(viewer):
     viewer.tick(0.0)
     assert mapped(viewer) == 3
-    session, positions = viewer.run.session, viewer.run.measurement.positions
-    states = [session.view.state]
-    session.view = dataclasses.replace(session.view, history=History(states, 1), running=True)
+    positions, state = viewer.run.measurement.positions, viewer.view.state
+    step_to(viewer, state, running=True)
     viewer.tick(0.0)
     assert shown(viewer) == 3, "the very same state"
-    states[0] = dataclasses.replace(states[0])
-    session.view = dataclasses.replace(session.view, state=states[0], history=History(states, 1))
-    viewer.tick(1e9)
-    mapped(viewer)
-    states.append(State(positions + 0.01, 1))
-    session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=History(states, 2))
+    step_to(viewer, state, State(positions + 0.01, 1))
     viewer.tick(0.0)
     assert shown(viewer) == 3, "an older state of the same run"
-    session.view = view_of([State(positions + 0.02)])
+    viewer.run.session.view = view_of([State(positions + 0.02)])
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of the run before the reset"
 
@@ -180,17 +168,30 @@ def test_the_legend_names_what_is_drawn(opened):
     assert "trail" not in legend(viewer)
     set_by_client(viewer.tabs.view.trails, True)
     turn_until(lambda: "trail" in legend(viewer))
+    viewer.tabs.map.choose_modes(range(1, 6))
+    viewer.tabs.map.show_as(SHAPE)  # the field of the last mode takes the place of the map
+    turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and "pressure of mode 5" in floor.bar.label)
+    assert viewer.snapshot.picture.floor.bar.colour_map == DIVERGING_COLOUR_MAP
+    turn_until(lambda: "highest in the map: mode 5" in viewer.tabs.spectrum.text.content)
     set_by_client(viewer.tabs.map.kind, NOTHING)
     turn_until(lambda: "dB" not in legend(viewer))
 
 
-def test_the_field_of_the_last_mode_takes_the_place_of_the_map(opened):
-    viewer, turn_until = opened
-    viewer.tabs.map.choose_modes(range(1, 6))
-    viewer.tabs.map.show_as(SHAPE)
-    turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and "pressure of mode 5" in floor.bar.label)
-    assert viewer.snapshot.picture.floor.bar.colour_map == DIVERGING_COLOUR_MAP
-    turn_until(lambda: "highest in the map: mode 5" in viewer.tabs.spectrum.text.content)
+def test_a_sweep_shows_the_basins_of_each_sum_and_the_controls_of_a_scale_are_hidden(basins_shown):
+    viewer, turn_until = basins_shown
+    sweep, tab = viewer.tabs.sweep, viewer.tabs.map
+    assert not tab.scale.visible and tab.order.visible and tab.minima.visible
+    set_by_client(sweep.highest, 5)
+    set_by_client(sweep.summed, 3)
+    turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) == 5)
+    turn_until(lambda: "sum of 3 modes" in tab.caption.content and viewer.snapshot.picture.areas)
+    n = viewer.binding.choices.microphone
+    basins, _, search = expected(viewer, n, (1, 2, 3))
+    wanted = basin_floor(basins, search, NO_MARKS, viewer.run.measurement.positions[n])
+    assert np.mean(viewer.snapshot.picture.floor.rgb == wanted.rgb) > 0.999, "the same to rounding"
+    set_by_client(tab.kind, FLOOR)
+    turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and floor.bar is not None)
+    assert not viewer.snapshot.picture.areas and tab.scale.visible
 
 
 def test_an_exception_on_the_page_is_shown_and_the_page_continues(viewer, monkeypatch, caplog):
@@ -271,29 +272,6 @@ def test_the_basins_are_those_of_the_microphone_and_the_modes(basins_shown, n, m
     assert texts[: len(wanted.areas)] == [area.text for area in wanted.areas]
 
 
-def test_the_controls_of_a_scale_are_hidden_and_the_map_comes_back(basins_shown):
-    viewer, turn_until = basins_shown
-    tab = viewer.tabs.map
-    assert not tab.scale.visible and tab.order.visible and tab.minima.visible
-    set_by_client(tab.kind, FLOOR)
-    turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and floor.bar is not None)
-    assert not viewer.snapshot.picture.areas and tab.scale.visible
-
-
-def test_a_sweep_shows_the_basins_of_each_sum(basins_shown):
-    viewer, turn_until = basins_shown
-    sweep, tab = viewer.tabs.sweep, viewer.tabs.map
-    set_by_client(sweep.highest, 5)
-    set_by_client(sweep.summed, 3)
-    turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) == 5)
-    turn_until(lambda: "sum of 3 modes" in tab.caption.content and viewer.snapshot.picture.areas)
-    n = viewer.binding.choices.microphone
-    basins, _, search = expected(viewer, n, (1, 2, 3))
-    floor = viewer.snapshot.picture.floor
-    wanted = basin_floor(basins, search, NO_MARKS, viewer.run.measurement.positions[n])
-    assert np.mean(floor.rgb == wanted.rgb) > 0.999, "the same to rounding"
-
-
 def test_files_show_the_basins_of_the_page(basins_shown, monkeypatch):
     viewer, turn_until = basins_shown
     viewer.tabs.map.choose_modes((7, 20))
@@ -333,6 +311,11 @@ def test_the_first_colour_is_that_of_the_true_position_and_shares_add_up():
         row, column = (round(value / 0.01) * finer + finer // 2 for value in place[::-1])
         assert tuple(floor.rgb[row, column]) == PLACE
     assert basin_floor(basins, SEARCH, NO_MARKS).areas[0].colour != PLACE
+    near = descent_text(basins, SEARCH, (0.3, 0.45))
+    assert near == "descent from the true position ends within 10 mm; its basin holds 50 % of the map"
+    far = descent_text(basins, SEARCH, (0.3, 0.15), "estimate")
+    assert far == "descent from the estimate ends 300 mm away; its basin holds 50 % of the map"
+    assert "leaves the map" in descent_text(basins, SEARCH, (2.0, 2.0))
 
 
 def test_many_basins_share_a_grey_and_the_edge_has_its_own():
@@ -344,12 +327,3 @@ def test_many_basins_share_a_grey_and_the_edge_has_its_own():
     percent = [float(area.text.split()[-2]) for area in floor.areas]
     assert sum(percent) == pytest.approx(100, abs=3) and percent[1:6] == sorted(percent[1:6], reverse=True)
     np.testing.assert_array_equal(TABLE[table_numbers(floor.rgb)], floor.rgb)
-
-
-def test_the_sentence_says_how_far_descent_ends_from_the_place():
-    basins = basins_of(three_wells())
-    near = descent_text(basins, SEARCH, (0.3, 0.45))
-    assert near == "descent from the true position ends within 10 mm; its basin holds 50 % of the map"
-    far = descent_text(basins, SEARCH, (0.3, 0.15), "estimate")
-    assert far == "descent from the estimate ends 300 mm away; its basin holds 50 % of the map"
-    assert "leaves the map" in descent_text(basins, SEARCH, (2.0, 2.0))

@@ -1,7 +1,5 @@
 """Curves and spectrum."""
 
-import time
-
 import numpy as np
 import pytest
 from doubles import State, view_of
@@ -180,18 +178,3 @@ def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurem
     assert chart.plot.handle.scales["y"]["distr"] == 3, "logarithmic"
     assert low <= here.min() < mean.max() <= high and here.max() < 1e-3 * mean.min()
     server.gui.reset()
-
-
-def test_the_map_stays_when_the_page_gets_dark_however_long_the_next_one_takes(viewer, work):
-    """Another program may keep the processor busy."""
-    work.solver.gate.release()
-    for now in range(500):
-        viewer.tick(float(now))
-        if viewer.picture.floor is not None:
-            break
-        time.sleep(0.02)
-    assert viewer.picture.floor is not None
-    viewer.tabs.view.darken(True)
-    for now in range(1000, 1005):
-        viewer.tick(float(now))
-        assert viewer.picture.floor is not None, "the gate lets no other map pass"

@@ -235,8 +235,6 @@ def test_each_view_of_the_array_fills_the_window(server, name, size, view):
     assert (pixels > 0).all() and (pixels < size).all()
     if size == (390, 844) and view == "top":
         assert pixels[:, 1].max() < 0.5 * size[1], "the panel of a phone covers nothing"
-        "a phone's panel is below"
-    )
 
 
 def test_a_view_from_the_side_makes_room_for_a_relief_that_comes_later(placed, scene, measurement):

@@ -81,8 +81,7 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, sna
     assert fine.cost_here == pytest.approx(coarse.cost_here, rel=0.05)
     assert fine.lowest <= fine.cost_here and coarse.lowest <= coarse.cost_here
     place = fine.volume.minima.lowest[0]
-    truth = snapshot.run.measurement.positions[MICROPHONE]
-    assert np.linalg.norm(place - truth) < 0.05
+    assert np.linalg.norm(place - snapshot.run.measurement.positions[MICROPHONE]) < 0.05
     assert np.linalg.norm(np.subtract(coarse.volume.minima.lowest[0], place)) < 0.05
     assert fine.volume.text in caption(fine, snapshot.run.measurement) and "dB" in fine.volume.text
 
@@ -90,26 +89,20 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, sna
 def test_the_slice_goes_through_the_estimate_until_it_is_moved(worker, snapshot):
     wanted = snapshot.map_request
     place = wanted.state.positions[MICROPHONE]
-    for axis, number in (("x", 0), ("y", 1), ("z", 2)):
-        request = styled(wanted, slice_axis=axis)
-        plate = first(worker, request, False).volume.plate
-        assert (plate.axis, plate.position) == (number, place[number])
-    moved = styled(wanted, slice_position=1.0)
-    assert first(worker, moved, False).volume.plate.position == 1.0
-    beyond = styled(wanted, slice_position=99.0)
-    assert first(worker, beyond, False).volume.plate.position == pytest.approx(1.81), "the edge of the domain"
-    none = styled(wanted, slice_axis="none")
-    assert first(worker, none, False).volume.plate is None
-    assert first(worker, styled(none, basins=True), False).volume.plate is None, "nor one of basins"
-
-
-def test_another_microphone_or_other_modes_make_another_volume(worker, snapshot):
-    wanted = snapshot.map_request
+    for changes, plate in (
+        *(({"slice_axis": axis}, (number, place[number])) for number, axis in enumerate("xyz")),
+        ({"slice_position": 1.0}, (2, 1.0)),
+        ({"slice_position": 99.0}, (2, pytest.approx(1.81))),  # the edge of the domain
+    ):
+        drawn = first(worker, styled(wanted, **changes), False).volume.plate
+        assert (drawn.axis, drawn.position) == plate
+    for basins in (False, True):
+        assert first(worker, styled(wanted, slice_axis="none", basins=basins), False).volume.plate is None
     costs = {
         first(worker, dataclasses.replace(wanted, **change), False).lowest
         for change in ({}, {"microphone": 11}, {"modes": (2, 6)})
     }
-    assert len(costs) == 3
+    assert len(costs) == 3, "another microphone or other modes make another volume"
 
 
 def test_a_moved_slice_is_drawn_from_the_same_volume_and_the_last_one_stays_meanwhile(worker, snapshot):
@@ -154,7 +147,7 @@ def test_the_vti_file_has_the_volume(snapshot, tmp_path):
     np.testing.assert_allclose(10 ** (grid["cost_dB"][place] / 10), grid["cost"][place], rtol=1e-5)
 
 
-def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_plane(server, run, controls):
+def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_plane(server, run, work, controls):
     assert VOLUME not in controls[0].map.kinds
     binding = Binding(server.gui, run, 20)
     tab = MapTab(binding)
@@ -167,53 +160,38 @@ def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_pl
     assert binding.choices.style.slice_position == 2.0
     set_by_client(tab.slice.axis, "None")
     assert not tab.slice.position.visible and binding.choices.style.slice_position is None
-
-
-def test_a_session_keeps_the_slice_and_another_array_gets_no_volume_that_it_cannot_have(run, work):
     choices = Choices(3, style=MapStyle(volume=True, slice_axis="y", slice_position=1.5))
     kept = initial_choices(
         dataclasses.replace(run, opening=OpenRequest(run.scene, choices=choices.to_save())), 20, None
     )
-    assert kept.style.volume and (kept.style.slice_axis, kept.style.slice_position) == ("y", 1.5)
-    assert not initial_choices(work, 5, choices).style.volume
+    assert kept.style.volume and (kept.style.slice_axis, kept.style.slice_position) == ("y", 1.5), "as it was saved"
+    assert not initial_choices(work, 5, choices).style.volume, "another array gets none that it cannot have"
     assert initial_choices(run, 20, choices).style.slice_position is None
     wrong = OpenRequest(run.scene, choices={"slice_axis": "w"})
     with pytest.raises(InputError, match="slice_axis"):
         initial_choices(dataclasses.replace(run, opening=wrong), 20, None)
 
 
-def test_the_scene_has_surfaces_and_slice_and_moves_the_slice_without_a_new_node(server, worker, snapshot, monkeypatch):
-    made, add_image = [], server.scene.add_image
-
-    def adding(*arguments, **named):
-        made.append(add_image(*arguments, **named))
-        return made[-1]
-
-    monkeypatch.setattr(server.scene, "add_image", adding)
-    run, nodes, wanted = snapshot.run, SceneNodes(server), snapshot.map_request
-    picture = compose(run.scene, run.measurement, snapshot.view.state.positions, MICROPHONE)
-    nodes.show(with_volume(picture, first(worker, wanted, True).volume))
-    assert {"isosurfaces", "slice", "lowest"} <= set(nodes.parts)
-    moved = styled(wanted, slice_position=1.2)
-    nodes.show(with_volume(picture, first(worker, moved, True).volume))
-    assert len(made) == 1 and made[0].position[2] == pytest.approx(1.2)
-    nodes.show(picture)
-    assert not {"isosurfaces", "slice"} & set(nodes.parts)
-
-
 def test_surfaces_stay_until_every_page_has_drawn_those_that_replace_them(server, worker, snapshot, monkeypatch):
-    """A page takes a moment to read a surface, and showed none meanwhile."""
-    there = []
+    """A page takes a moment to read a surface, and showed none meanwhile; a slice is moved without a new node."""
+    there, slices, add_image = [], [], server.scene.add_image
 
     def adding(name, *_, **__):
         there.append(name)
         return SimpleNamespace(remove=lambda: there.remove(name))
 
+    def adding_image(*arguments, **named):
+        slices.append(add_image(*arguments, **named))
+        return slices[-1]
+
     monkeypatch.setattr(server.scene, "add_mesh_trimesh", adding)
+    monkeypatch.setattr(server.scene, "add_image", adding_image)
     run, nodes, wanted = snapshot.run, SceneNodes(server), snapshot.map_request
     picture = compose(run.scene, run.measurement, snapshot.view.state.positions, MICROPHONE)
-    for modes in ((1, 2, 3), (1, 2, 3, 4)):
-        nodes.show(with_volume(picture, first(worker, dataclasses.replace(wanted, modes=modes), True).volume))
+    for change in ({"modes": (1, 2, 3)}, {"modes": (1, 2, 3, 4), "style": styled(wanted, slice_position=1.2).style}):
+        nodes.show(with_volume(picture, first(worker, dataclasses.replace(wanted, **change), True).volume))
+    assert {"isosurfaces", "slice", "lowest"} <= set(nodes.parts)
+    assert len(slices) == 1 and slices[0].position[2] == pytest.approx(1.2)
     assert len(set(there)) == 2 and all(re.fullmatch(r"/isosurfaces/\d+", name) for name in there)
     newest = there[-1]
     for now, count in ((0.0, 2), (2.9, 2), (3.1, 1)):
@@ -226,9 +204,7 @@ def test_surfaces_stay_until_every_page_has_drawn_those_that_replace_them(server
     relief = Floor(np.zeros((4, 4, 3), np.uint8), (0.0, 0.0), (1.0, 1.0), None, (), heights=heights)
     nodes.show(dataclasses.replace(picture, floor=relief))
     assert [name[:8] for name in there] == ["/relief/"], "no surface of before comes back"
-    nodes.show(dataclasses.replace(picture, floor=dataclasses.replace(relief)))
-    assert len(there) == 2
     nodes.show(volume)
     assert [name[:13] for name in there] == ["/isosurfaces/"]
     nodes.show(picture)
-    assert not there
+    assert not there and not {"isosurfaces", "slice"} & set(nodes.parts)
