@@ -285,7 +285,7 @@ def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
 
 
 def test_a_session_that_was_replaced_is_released(tiny_page, scene, server, monkeypatch):
-    """Without waiting for Python's own collector; no thread is left, and no message about controls that were removed."""
+    """Without waiting for Python's own collector, and with no thread or message left."""
     monkeypatch.setattr(page_module, "RELEASE_DELAY", 0.1)
     page, turn_until = tiny_page
     messages, sizes, threads = server._websock_server._broadcast_buffer.message_from_id, [], names()
