@@ -5,6 +5,7 @@ import json
 import re
 import runpy
 import tomllib
+from typing import get_args
 
 import click
 import pytest
@@ -17,11 +18,12 @@ from fdcal.acoustics.dictionary import array_f_max
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
 from fdcal.assessment.result_file import FaultRow, GivenRow, Keys
 from fdcal.commands.cli import commands
+from fdcal.model.address import Map, View
 from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import OPTIONAL, REQUIRED, SEARCH
 from fdcal.model.scene import load_scene, scene_names
 from fdcal.recordings import formats
-from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, LessonSetting, LessonStep, load_lesson
+from fdcal.session.lesson import Lesson, LessonSetting, LessonStep, Quantity, Scale, load_lesson
 from fdcal.solvers import names as solver_names
 from fdcal_bench.command import study
 
@@ -121,7 +123,7 @@ NAMED = {
     "options of import": (RECORDING, "`{}", options("import") - {"-o", "--output", "--force", "--seed"}),
     "tables of positions": (RECORDING, "| `{}` |", formats.suffixes("write")),
     "keys of a lesson": (LESSONS, "`{}`", lesson_keys()),
-    "values in a lesson": (LESSONS, '`"{}"`', (*MAPS, *QUANTITIES, *SCALES, *VIEWS)),
+    "values in a lesson": (LESSONS, '`"{}"`', (*get_args(Map), *get_args(Quantity), *get_args(Scale), *get_args(View))),
     "command for a lesson": (LESSONS, "{}", ["--lesson"]),
     "functions and classes": (text_of(DOCS / "reference" / "api.rst"), "\n   {}\n", fdcal.__all__),
 }  # fmt: skip

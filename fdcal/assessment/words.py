@@ -11,6 +11,7 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.validation import length_text, word_arguments
+from ..solvers.interface import RunState
 from .calibration import Calibration, ChannelFault
 from .position_check import MAX_SCALE, TRUSTED, ListFit, PositionCheck
 
@@ -22,6 +23,54 @@ STEP_LEFT = "the step left is small beside one sigma"  # of a run that ended, an
 def end_word(converged: bool, trusted: bool) -> str:
     """Return how a run ended, in the sense of the verdict on it: nothing is said against one that is trusted."""
     return "Converged" if converged else "Ended" if trusted else "Stopped before it converged"
+
+
+def state_word(state: RunState, running: bool, error: str = "", verdict: str = TRUSTED) -> str:
+    """Return what the solver is doing, or how it ended; until there is a `verdict`, nothing is said against the end."""
+    if error or running:
+        return "Stopped by an error" if error else "Running"
+    return end_word(state.converged, verdict == TRUSTED) if state.finished else "Paused"
+
+
+def modes_words(measurement: Measurement, first: int, last: int) -> str:
+    """Return a range of modes and their frequencies, as in "modes 1 to 3, 100.0 to 180.0 Hz".
+
+    Of several takes it is longer, and is written so that it fits into one line of the status.
+    """
+    f = measurement.frequencies
+    if measurement.take_count > 1:
+        numbers = f"row {first}" if first == last else f"rows {first}–{last}"
+        band = f"{f[first - 1]:.1f}" if first == last else f"{f[first - 1]:.0f}–{f[last - 1]:.0f}"
+        return f"{numbers} of {measurement.take_count} takes, {band} Hz"
+    if first == last:
+        return f"mode {first}, {f[last - 1]:.1f} Hz"
+    return f"modes {first} to {last}, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
+
+
+def cost_words(cost: float, corrected: bool = False, row: str = "mode") -> str:
+    """Return a cost of `fdcal.cost.expansion`, dB, and what it is, with gains `corrected`; "unknown" for NaN.
+
+    It is that of all modes, or of all rows of several takes, as `row` says.
+    """
+    number = "unknown" if np.isnan(cost) else f"{cost:.1f} dB"
+    return f"{number} ({'Eq. 7, gains corrected' if corrected else f'Eq. 7, all {row}s'})"
+
+
+def result_title(result: Calibration) -> str:
+    """Return a result in one line, for the head of a picture or a page."""
+    error = "" if result.mean_error is None else f", {error_words(result)}"
+    return f"{len(result.positions)} microphones, solver {result.solver}: {result.verdict or 'no verdict'}{error}"
+
+
+def run_words(result: Calibration) -> str:
+    """Return how a result was found: solver, modes, band and time."""
+    f = result.frequencies
+    return f"solver {result.solver}, {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, {result.elapsed:.1f} s"
+
+
+def verdict_word(code: str) -> str:
+    """Return the code of a verdict as words: "model mismatch" of "model_mismatch"."""
+    return code.replace("_", " ")
 
 
 def counted(count: int, noun: str) -> str:
@@ -109,6 +158,15 @@ def fault_words(fault: ChannelFault) -> str:
     return words.get(fault.kind, fault.kind)
 
 
+def clock_words(kind: str, value: float, since: float) -> str:
+    """Return what is wrong with the clock of a channel: a "drift" of `value` ppm, a "jump" of `value` s, "lost"."""
+    if kind == "drift":
+        return f"drifts by {value:+.3g} ppm"
+    if kind == "jump":
+        return f"jumps by {1e3 * value:+.3g} ms at about {since:.3g} s"
+    return f"shares no clock with the others from {since:.3g} s on"
+
+
 def faults_text(faults: Iterable[ChannelFault]) -> str:
     """Return what is wrong with each microphone: "microphone 4: dead; microphone 17: inverted"."""
     return "; ".join(f"microphone {fault.name}: {fault_words(fault)}" for fault in faults)
@@ -117,7 +175,32 @@ def faults_text(faults: Iterable[ChannelFault]) -> str:
 def error_words(result: Calibration) -> str:
     """Return mean and largest error of a result that has them."""
     assert result.mean_error is not None and result.max_error is not None
-    return f"mean {length_text(result.mean_error)}, largest {length_text(result.max_error)}"
+    return _mean_and_largest(result.mean_error, result.max_error)
+
+
+def _mean_and_largest(mean: float, largest: float) -> str:
+    return f"mean {length_text(mean)}, largest {length_text(largest)}"
+
+
+def error_parts(errors: np.ndarray | None, aligned: bool = False, nominal: bool = False) -> tuple[str, str, str]:
+    """Return what some errors (K,), metres, are called, their figures, and what they are from or after.
+
+    `aligned`: whether the array was moved as a whole onto the positions that it is compared with; `nominal`: whether
+    these are nominal. None: the positions are not known.
+    """
+    if errors is None:
+        return "error", "unknown (no true positions)", ""
+    figures = length_text(float(errors[0]))
+    if len(errors) > 1:
+        figures = _mean_and_largest(float(errors.mean()), float(errors.max()))
+    remarks = ["from nominal"] * nominal + ["after alignment"] * aligned
+    return "deviation" if nominal else "error", figures, ", ".join(remarks)
+
+
+def error_line(errors: np.ndarray | None, aligned: bool = False, nominal: bool = False) -> str:
+    """Return `error_parts` in one line."""
+    noun, *others = error_parts(errors, aligned, nominal)
+    return f"{noun}: {', '.join(filter(None, others))}"
 
 
 def state_error_words(measurement: Measurement, errors: np.ndarray | None, faulty: int = 0) -> str:

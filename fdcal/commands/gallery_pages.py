@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from ..acoustics.measure import cached_measurement
+from ..assessment.words import state_error_words
 from ..cost.eq7 import reference_cost_of
 from ..graphics.replay import GalleryEntry, index_html, picture_of, replay_html
 from ..model.address import SOLVER, parse_address
@@ -20,12 +21,11 @@ from ..model.validation import InputError, parse_modes
 from ..session.calibration_run import problem_of, states_of
 from ..session.lesson import Lesson, LessonSetting, load_lesson, states_of_lesson
 from ..session.session import recorded
-from ..session.sources import CalibrationInput, with_settings
+from ..session.sources import with_settings
 from .options import scene_of
 from .plotting import counted_microphones
 
 MAX_BYTES = 1_000_000  # of one replay
-MIN_ERROR = 0.001  # mm, the least that is worth a number
 TITLE = "Microphone positions from the resonances of a room"
 INTRODUCTION = (
     "Each picture opens a run of fdcal that plays in this browser: microphones, errors, and the cost of moving one of"
@@ -114,17 +114,10 @@ def _run(show: Show) -> tuple[str, GalleryEntry]:
     chosen = parse_address(show.address).get("modes")
     modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
     picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes, sought)
-    figures = f"{show.solver}, {_errors(inputs, states[-1], sought)}, {len(text) / 1e6:.2f} MB"
+    errors = inputs.measurement.errors(states[-1].positions)
+    away = state_error_words(inputs.measurement, None if errors is None else errors[sought])
+    figures = f"{show.solver}, {away}, {len(text) / 1e6:.2f} MB"
     return text, GalleryEntry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)
-
-
-def _errors(inputs: CalibrationInput, state, sought) -> str:
-    """Return the mean error of the microphones that count, in words."""
-    errors = inputs.measurement.errors(state.positions)
-    if errors is None:
-        return ""
-    mean = 1e3 * float(errors[sought].mean())
-    return f"mean error {mean:.2g} mm" if mean >= MIN_ERROR else f"mean error below {MIN_ERROR:g} mm"
 
 
 CAMERAS = {"top": "top", "3d": "3d", "close": "3d"}

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from ..assessment.calibration import Calibration
+from ..assessment.words import error_line
 from ..cost.eq7 import ORDER_OFFSET, expansion_of, require_modes, require_plane_field
 from ..cost.maps import cost_volume, descent_maps, minima_of
 from ..graphics.heatmap import basin_floor, cost_floor
-from ..graphics.picture import errors_in_words
 from ..graphics.volume import SampledVolume, basin_slice, drawn_volume, sampled_volume, sliced
 from ..model.measurement import Measurement
 from ..model.storage import write_atomically
@@ -31,9 +31,8 @@ def error_title(measurement: Measurement, result: Calibration) -> str:
     """Return the errors of a result in words, over the microphones that `fdcal calibrate` averages."""
     given = [n for n, name in enumerate(measurement.names) if name in (result.known or ())]
     compared = result.compared_with(measurement, given)
-    if compared.errors is None:
-        return "true positions unknown"
-    return errors_in_words(compared.errors[result.counted(given)], result.aligned, measurement.nominal)
+    errors = None if compared.errors is None else compared.errors[result.counted(given)]
+    return error_line(errors, result.aligned, measurement.nominal)
 
 
 def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from ..assessment.calibration import Calibration
 from ..assessment.findings import Answer
 from ..assessment.uncertainty import Bound, confidence_factor, ellipse_axes
+from ..assessment.words import result_title, run_words, verdict_word
 from ..cost.eq7 import reference_cost_of
 from ..model.settings import search_around
 from ..model.validation import InputError, length_text
@@ -78,8 +79,7 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
         panel.set_aspect("equal", adjustable="datalim")
         panel.set(xlabel=f"{'xyz'[view[0]]} (m)", ylabel=f"{'xyz'[view[1]]} (m)")
         panel.grid(alpha=0.3)
-    error = "" if result.mean_error is None else f", mean error {length_text(result.mean_error, 2)}"
-    figure.suptitle(f"{len(result.positions)} microphones, {result.verdict or 'no verdict'}{error}", parse_math=False)
+    figure.suptitle(result_title(result), parse_math=False)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2 * len(views), frameon=False)
     return figure
@@ -106,8 +106,6 @@ ROWS = 12  # microphones that are listed; the first ones
 
 def calibration_html(result: Calibration) -> str:
     """Return the verdict with its text, the figure of `draw_calibration`, and a table of the microphones."""
-    f = result.frequencies
-    used = f"solver {escape(result.solver)}, {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, {result.elapsed:.1f} s"
     count, known = len(result.names), result.known or ()
     sigma, error = (
         [""] * count if values is None else [f"{1e3 * value:.2f}" for value in values]
@@ -115,8 +113,9 @@ def calibration_html(result: Calibration) -> str:
     )
     sigma = ["known" if name in known else text for name, text in zip(result.names, sigma, strict=True)]
     table = position_table(result.names, result.positions, {"one sigma (mm)": sigma, "error (mm)": error}, ROWS)
+    verdict, text, run = map(escape, (verdict_word(result.verdict), result.verdict_text, run_words(result)))
     return (
-        f"<p><b>{escape(result.verdict)}</b>: {escape(result.verdict_text)}<br>{used}</p>"
+        f"<p><b>{verdict}</b>: {text}<br>{run}</p>"
         f'<img alt="positions of the microphones" style="max-width:100%" src="{png_uri(draw_calibration(result))}">'
         f"{table}"
     )
@@ -201,8 +200,9 @@ def show_calibration(self: Calibration) -> Replay:
     problem = replace(run.problem, search=measurement.search)
     if not len(problem.known):
         measurement = replace(measurement, known=(), known_positions=None)
-    title = f"{len(self.positions)} microphones, solver {self.solver}: {self.verdict}"
-    return Replay(replay_html(None, measurement, states, title, reference_cost_of(problem), sought, problem=problem))
+    return Replay(
+        replay_html(None, measurement, states, result_title(self), reference_cost_of(problem), sought, problem=problem)
+    )
 
 
 TITLES = {

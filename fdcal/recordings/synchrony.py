@@ -49,8 +49,9 @@ SYNCHRONY = SynchronyRules()
 class ClockFault(NamedTuple):
     """What is wrong with the clock of a channel."""
 
-    kind: str  # "drift", "jump" or "lost"
-    text: str
+    kind: str  # "drift", "jump" or "lost"; `fdcal.assessment.words.clock_words` has the words
+    value: float = 0.0  # of a drift ppm, of a jump seconds
+    since: float = 0.0  # seconds, of a jump and of a clock that is lost
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,7 @@ class ChannelDelays:
         for n, row in enumerate(self.delays):
             lost = np.flatnonzero(~known[n] & (known[usual].sum(axis=0) > usual.sum() / 2))
             if known[n, 1] and len(lost) and np.mean(known[n, lost[0] :]) < 0.2:
-                text = f"shares no clock with the others from {self.times[lost[0]]:.3g} s on"
-                found[names[n]] = ClockFault("lost", text)
+                found[names[n]] = ClockFault("lost", since=float(self.times[lost[0]]))
             elif known[n].sum() >= SYNCHRONY.fewest and np.sum(np.abs(row) > self.limit[n]) >= SYNCHRONY.changed:
                 found[names[n]] = self._change(row)
         return found
@@ -91,9 +91,9 @@ class ChannelDelays:
                  for k in range(1, len(d))]  # fmt: skip
         k = int(np.argmin(steps)) + 1
         if off_line <= steps[k - 1]:
-            return ClockFault("drift", f"drifts by {1e6 * slope:+.3g} ppm")
+            return ClockFault("drift", 1e6 * float(slope))
         jump = float(np.median(d[k:]) - np.median(d[:k]))
-        return ClockFault("jump", f"jumps by {1e3 * jump:+.3g} ms at about {(t[k - 1] + t[k]) / 2:.3g} s")
+        return ClockFault("jump", jump, float(t[k - 1] + t[k]) / 2)
 
 
 def channel_delays(recording: Recording) -> ChannelDelays | None:

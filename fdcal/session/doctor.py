@@ -22,7 +22,7 @@ from ..assessment.calibration import FAULTS, OF_LIST, Calibration, ChannelFault
 from ..assessment.field import leave_one_out_errors, summarise
 from ..assessment.findings import Answer, AnswerState, Chart, Curve
 from ..assessment.position_check import LIST_RULES, ListFit, PositionCheck, compare_positions, fit_result
-from ..assessment.words import faults_text, gain_words, list_faults
+from ..assessment.words import clock_words, faults_text, gain_words, list_faults
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -150,7 +150,7 @@ def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options
             worst, value = float(np.nanmax(over)), 1e6 * float(np.nanmax(np.abs(found.delays)))
             curves = [Curve(name, found.times, 1e6 * row) for name, row in zip(usable, found.delays, strict=True)]
             chart = Chart("time (s)", "delay against the others (µs)", tuple(curves))
-    listed = [f"{name}: {fault.text}" for name, fault in faults.items()]
+    listed = [f"{name}: {clock_words(*fault)}" for name, fault in faults.items()]
     few = [name for name in names if name in unknown and name not in faults]
     listed += [f"{', '.join(few)}: not coherent with the others"] if few else []
     charts = () if chart is None else (chart,)

@@ -13,14 +13,14 @@ from html import escape
 import numpy as np
 import viser
 
-from ..assessment.words import state_error_words
+from ..assessment.words import state_error_words, state_word
 from ..graphics.camera import VIEWS
 from ..model.arrays import positions_of
 from ..model.scene import MeasuredScene, load_scene, scene_names
 from ..model.validation import InputError, StorageError, modes_text, require_choice
 from ..session.session import SessionView
 from ..session.sources import OpenRequest
-from .gui.html import error_message, state_word, whole
+from .gui.html import error_message, whole
 from .session_view import Viewer
 from .tabs.help import KEYS
 from .tabs.lessons import LessonPage, LessonsTab
@@ -225,7 +225,8 @@ class Explore:
         errors = measurement.errors(view.state.positions, sought)
         faulty = len(viewer.run.sought) - len(sought)
         error = state_error_words(measurement, None if errors is None else errors[sought], faulty)
-        return escape(", ".join(filter(None, (state_word(view, viewer.found), error))))
+        verdict = [] if viewer.found is None else [viewer.found.verdict]
+        return escape(", ".join(filter(None, (state_word(view.state, view.running, view.error, *verdict), error))))
 
     def _sheet(self, viewer: Viewer) -> str:
         shown = viewer.run.scene.name

@@ -9,7 +9,7 @@ import fdcal
 from fdcal.assessment.findings import precision
 from fdcal.commands.plotting import error_title
 from fdcal.commands.report import summary
-from fdcal.model.validation import format_mm, length_text
+from fdcal.model.validation import length_text
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
 
@@ -89,8 +89,8 @@ def test_the_title_of_a_snapshot_has_the_errors_that_calibrate_prints():
     measurement = fdcal.load("tiny")
     found = fdcal.calibrate(measurement, modes=12)
     assert found.mean_error > found.errors.mean(), "the known microphones do not count"
-    words = f"mean error {format_mm(found.mean_error)}, largest {format_mm(found.max_error)}"
+    words = f"error: mean {length_text(found.mean_error)}, largest {length_text(found.max_error)}"
     assert error_title(measurement, found) == words
     blind = fdcal.calibrate(measurement, modes=12, known="none", solver="joint")
-    words = f"mean error {format_mm(blind.mean_error)}, largest {format_mm(blind.max_error)}, after alignment"
+    words = f"error: mean {length_text(blind.mean_error)}, largest {length_text(blind.max_error)}, after alignment"
     assert error_title(measurement, blind) == words

@@ -23,7 +23,6 @@ from fdcal.graphics.picture import (
     HEIGHT,
     LETTER,
     compose,
-    error_summary,
     name_place,
     static_picture,
     z_range_of,
@@ -130,7 +129,6 @@ def test_without_truth_nothing_is_drawn_at_it(scene, measurement):
     drawn = compose(scene, blind, measurement.positions, microphone=4)
     assert not names(drawn) & {"microphones/true", "microphones/error", "selected/true"}
     assert "microphones/estimate" in names(drawn)
-    assert error_summary(blind, measurement.positions) == "true positions unknown"
 
 
 def area(mesh) -> float:
@@ -154,11 +152,6 @@ def test_pictures_are_frozen(scene, measurement):
     assert not any(array.flags.writeable for array in arrays)
     with pytest.raises(dataclasses.FrozenInstanceError):
         drawn.title = "another"
-
-
-def test_the_error_summary_is_in_millimetres(measurement):
-    text = error_summary(measurement, measurement.positions + np.array([0.003, 0.004]))
-    assert text == "mean error 5 mm, largest 5 mm"
 
 
 def test_a_measurement_without_search_domain_is_framed_by_its_microphones(measurement):

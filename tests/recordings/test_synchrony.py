@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import oaconvolve, resample_poly
 
+from fdcal.assessment.words import clock_words
 from fdcal.recordings.recording import Recording, recording_of
 from fdcal.recordings.synchrony import ChannelDelays, channel_delays
 
@@ -32,12 +33,8 @@ def faults(samples: np.ndarray) -> dict[str, str]:
 
 
 def in_words(found: ChannelDelays) -> dict[str, str]:
-    """What is wrong; the kind and the words agree."""
-    faults = found.faults(NAMES)
-    assert all(
-        text.startswith({"drift": "drifts", "jump": "jumps", "lost": "shares"}[kind]) for kind, text in faults.values()
-    )
-    return {name: fault.text for name, fault in faults.items()}
+    """What is wrong."""
+    return {name: clock_words(*fault) for name, fault in found.faults(NAMES).items()}
 
 
 def noise_like(row: np.ndarray) -> np.ndarray:

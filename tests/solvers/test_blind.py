@@ -16,12 +16,12 @@ import pytest
 from replays import contents
 
 from fdcal.assessment.result_file import position_table
+from fdcal.assessment.words import error_line
 from fdcal.graphics import exports
-from fdcal.graphics.picture import error_summary, static_picture, with_estimate
+from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.graphics.replay import replay_html
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
-from fdcal.viewer.gui import html
 from fdcal.viewer.tabs import microphones
 
 RNG = np.random.default_rng(2)
@@ -70,11 +70,11 @@ def test_errors_do_not_count_where_the_whole_stands(blind, estimate):
 
 def test_the_page_says_so(blind, estimate):
     largest = f"{1e3 * best(estimate).max():.3g}"
-    for text in (html.error_text(blind, estimate), error_summary(blind, estimate)):
-        assert f"{largest} mm" in text and "after alignment" in text
+    text = error_line(blind.errors(estimate), blind.blind)
+    assert text.startswith("error: mean") and f"largest {largest} mm, after alignment" in text
     assert f"<td>{largest}</td>" in microphones.table(blind, estimate, None, 0)
     known = dataclasses.replace(blind, known=[0, 1, 2], known_positions=None)
-    assert "aligned" not in html.error_text(known, estimate) + error_summary(known, estimate)
+    assert "align" not in error_line(known.errors(estimate), known.blind)
 
 
 def test_the_truth_is_drawn_beside_the_estimate(blind, estimate):

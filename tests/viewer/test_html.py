@@ -10,6 +10,7 @@ from doubles import State, view_of
 
 from fdcal.assessment.calibration import GivenPosition
 from fdcal.assessment.uncertainty import confidence_factor
+from fdcal.assessment.words import cost_words
 from fdcal.graphics.picture import frame, static_picture
 from fdcal.graphics.primitives import format_number
 from fdcal.viewer.gui import html as words
@@ -94,7 +95,7 @@ def test_the_status_shows_units_and_the_state_of_the_solver(measurement):
     html = words.status(view_of([state]), measurement)
     for text in ("Paused", "step 7, sweep 1", "modes 1 to 3, 100.0 to 180.0 Hz", "5 mm", "Eq. 7"):
         assert text in html
-    assert words.cost_text(-41.237).startswith("-41.2 dB") and "unknown" in words.cost_text(float("nan"))
+    assert cost_words(-41.237).startswith("-41.2 dB") and "unknown" in cost_words(float("nan"))
     assert "Running" in words.status(view_of([state], running=True), measurement)
     assert "unknown" in words.status(view_of([state]), dataclasses.replace(measurement, positions=None))
 

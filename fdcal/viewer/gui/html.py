@@ -8,7 +8,6 @@ All texts of a file or a solver are escaped.
 """
 
 import logging
-import math
 import re
 import secrets
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,13 +17,21 @@ from types import MappingProxyType
 import numpy as np
 import viser
 
-from ...assessment.words import STEP_LEFT, end_word, prediction_words
+from ...assessment.words import (
+    STEP_LEFT,
+    cost_words,
+    error_parts,
+    modes_words,
+    prediction_words,
+    state_word,
+    verdict_word,
+)
 from ...graphics.heatmap import to_rgb
 from ...graphics.marks import EDGE, Mark, css, symbol_svg
 from ...graphics.picture import row_word
 from ...graphics.primitives import ColourBar, format_number
 from ...model.measurement import Measurement
-from ...model.validation import InputError, StorageError, length_text
+from ...model.validation import InputError, StorageError
 from ...session.calibration_run import Assessment
 from ...session.session import SessionView
 from ..server import REGIONS, content
@@ -32,6 +39,7 @@ from ..server.process import log_location
 
 CARD = "padding: 0.15em 0.75em; font-size: var(--text); line-height: 1.5;"
 RED = "#d61828"  # of errors and warnings
+DIM = "<span style='opacity: 0.65'>"
 MAX_ERROR_LENGTH = 400  # characters of an exception
 NO_DOMAIN = (
     "the file has no search domain, and the positions could not be estimated to make one. Add search_origin,"
@@ -83,63 +91,6 @@ def waiting(title: str, text: str) -> str:
     return f"<div style='{CARD}'><b>{escape(title)}</b><br>{escape(text)}</div>"
 
 
-def state_word(view: SessionView, found: Assessment | None) -> str:
-    """Return what the solver is doing, or how it ended, as both faces have it, in the sense of the verdict on it.
-
-    `found`: the assessment of the state, or None: until there is one, nothing is said against the end of a run.
-    """
-    if view.error:
-        return "Stopped by an error"
-    if view.running:
-        return "Running"
-    if view.state.finished:
-        return end_word(view.state.converged, found is None or found.verdict == "good")
-    return "Paused"
-
-
-def modes_text(measurement: Measurement, first: int, last: int) -> str:
-    """Return a range of modes and their frequencies, as in "modes 1 to 3, 100.0 to 180.0 Hz".
-
-    Of several takes it is longer, and is written so that it fits into one line of the status.
-    """
-    f = measurement.frequencies
-    if measurement.take_count > 1:
-        numbers = f"row {first}" if first == last else f"rows {first}–{last}"
-        band = f"{f[first - 1]:.1f}" if first == last else f"{f[first - 1]:.0f}–{f[last - 1]:.0f}"
-        return f"{numbers} of {measurement.take_count} takes, {band} Hz"
-    if first == last:
-        return f"mode {first}, {f[last - 1]:.1f} Hz"
-    return f"modes {first} to {last}, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
-
-
-def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = slice(None)) -> str:
-    """Return the mean and largest error of (N, D) positions, in metres, over the microphones `sought`.
-
-    What the positions are compared with stands in a line of its own where they are moved as a whole, or are nominal.
-    """
-    errors = measurement.errors(positions, sought)
-    if errors is None:
-        return "unknown (no true positions)"
-    errors = errors[sought]
-    words = ["from nominal"] if measurement.nominal else []
-    words += ["after alignment"] if measurement.blind else []
-    below = f"<br><span style='opacity: 0.65'>{escape(', '.join(words))}</span>" if words else ""
-    if len(errors) == 1:
-        return f"<b>{length_text(errors[0])}</b>{below}"
-    largest = f"<span style='white-space: nowrap'>largest {length_text(errors.max())}</span>"
-    return f"mean <b>{length_text(errors.mean())}</b>, {largest}{below}"
-
-
-def cost_text(cost: float, corrected: bool = False, row: str = "mode") -> str:
-    """Return a cost of `fdcal.cost.eq7`, dB, and what it is, with gains `corrected`; "unknown" for NaN.
-
-    It is that of all modes, or of all rows of several takes, as `row` says.
-    """
-    number = "unknown" if math.isnan(cost) else f"{cost:.1f} dB"
-    what = "Eq. 7, gains corrected" if corrected else f"Eq. 7, all {row}s"
-    return f"{number} <span style='opacity: 0.65'>({what})</span>"
-
-
 def status(
     view: SessionView,
     measurement: Measurement,
@@ -156,27 +107,31 @@ def status(
     `found`: the assessment of the state, or None; `left_out`: names of microphones with faulty channels, which
     are not among them. Returns HTML.
     """
-    state, error = view.state, "Deviation" if measurement.nominal else "Error"
+    state, errors = view.state, measurement.errors(view.state.positions, sought)
+    found_errors = None if errors is None else errors[sought]
+    error, figures, compared = error_parts(found_errors, measurement.blind, measurement.nominal)
+    error = error.capitalize()
     if left_out:  # in the place of the other word: a line more would move the buttons as the verdict comes
         why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
         error = f"<span title='{escape(why)}'>Healthy</span>"
     rows = {
         "Progress": f"step {state.step}, sweep {state.sweep}",
-        "In use": escape(modes_text(measurement, state.first, state.last)),
-        error: error_text(measurement, state.positions, sought),
-        "Cost": cost_text(view.cost, state.channels is not None, row_word(measurement)),
+        "In use": escape(modes_words(measurement, state.first, state.last)),
+        error: f"<b>{figures}</b>" + (f"<br>{DIM}{compared}</span>" if compared else ""),
+        "Cost": cost_words(view.cost, state.channels is not None, row_word(measurement)).replace(" (", f" {DIM}(")
+        + "</span>",
     }
     cells = "".join(
         f"<tr><td style='opacity: 0.65; padding-right: 0.9em; vertical-align: top'>{name}</td><td>{text}</td></tr>"
         for name, text in rows.items()
     )
-    errors = [view.error[:MAX_ERROR_LENGTH]] if view.error else []
-    errors += [f"The page could not be updated: {fault[:MAX_ERROR_LENGTH]}"] if fault else []
+    faults = [view.error[:MAX_ERROR_LENGTH]] if view.error else []
+    faults += [f"The page could not be updated: {fault[:MAX_ERROR_LENGTH]}"] if fault else []
     lines = "".join(
         f"<div style='color: {RED}; overflow-wrap: anywhere'>{escape(f'{text}; details in {log_location()}')}</div>"
-        for text in errors
+        for text in faults
     )
-    word = state_word(view, found)
+    word = state_word(state, view.running, view.error, *([] if found is None else [found.verdict]))
     note = note or (f"{STEP_LEFT.capitalize()}." if word == "Ended" and found is not None else "")
     lines += f"<div style='opacity: 0.65'>{escape(note)}</div>" if note else ""
     head = f"<div style='font-size: var(--head); font-weight: 600'>{word}</div>"
@@ -225,11 +180,6 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
         f"<summary title='Click to read all of it'>"
         f"<div style='color: {colour}; -webkit-line-clamp: {lines}'>{text}</div>{rest}</summary></details></div></div>"
     )
-
-
-def verdict_word(code: str) -> str:
-    """Return the code of a verdict as words: "model mismatch" of "model_mismatch"."""
-    return code.replace("_", " ")
 
 
 def legend(marks: Iterable[Mark]) -> str:

@@ -11,13 +11,13 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ...assessment.words import fault_words
+from ...assessment.words import fault_words, verdict_word
 from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
 from ...session.session import SessionView
 from ..gui.binding import Binding, Due, PositionUncertainty, Tab, Tick
-from ..gui.html import CARD, verdict_word
+from ..gui.html import CARD
 from ..gui.plots import BLUE, RED, Plot, decades_of, dots
 from ..prepare import Same
 

@@ -14,10 +14,11 @@ import numpy as np
 import viser
 
 from ...assessment.result_file import position_table
+from ...assessment.words import error_line, modes_words
 from ...cost.maps import LandscapePanels, panels_of
 from ...graphics import exports
 from ...graphics.landscape import landscape_bytes
-from ...graphics.picture import error_summary, z_range_of
+from ...graphics.picture import z_range_of
 from ...graphics.primitives import Picture
 from ...graphics.replay import replay_html
 from ...graphics.snapshot import render_png
@@ -155,7 +156,7 @@ class ViewSnapshot:
     def caption(self) -> str:
         """Scene, step and modes in words."""
         state = self.view.state
-        modes = html.modes_text(self.run.measurement, state.first, state.last)
+        modes = modes_words(self.run.measurement, state.first, state.last)
         return f"{self.run.scene.title}: step {state.step}, {modes}"
 
     @property
@@ -173,10 +174,12 @@ log = logging.getLogger(__name__)
 
 def _picture(snapshot: ViewSnapshot) -> bytes:
     """Rendered again in a child process."""
-    errors = error_summary(snapshot.run.measurement, snapshot.view.state.positions, snapshot.counted)
-    title = f"{snapshot.caption}\n{errors}"
+    measurement, counted = snapshot.run.measurement, snapshot.counted
+    errors = measurement.errors(snapshot.view.state.positions, counted)
+    line = error_line(None if errors is None else errors[counted], measurement.blind, measurement.nominal)
+    title = f"{snapshot.caption}\n{line}"
     if snapshot.volume is not None:
-        name = snapshot.run.measurement.names[snapshot.microphone]
+        name = measurement.names[snapshot.microphone]
         title += f"\n{'Basins of attraction' if snapshot.volume.areas else 'Cost'} of moving microphone {name}"
     choices = snapshot.choices
     return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
