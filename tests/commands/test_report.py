@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import fdcal
-from fdcal.assessment.findings import precision
 from fdcal.commands.plotting import error_title
 from fdcal.commands.report import summary
 from fdcal.model.validation import length_text
@@ -60,11 +59,6 @@ def test_error_and_sigma_are_of_the_same_microphones(inputs, found):
     assert f"one sigma {sigma}" in found.verdict_text, "the verdict has the same number"
     unknown = replace(found, mean_error=None, max_error=None, errors=None)
     assert line_of(summary(inputs, unknown), "error").endswith(f"their one sigma {sigma}")
-
-
-def test_the_verdict_leaves_out_known_microphones_that_the_solver_held():
-    assert precision(np.array([0.003, 0.003]), None) == "one sigma 3 mm"
-    assert precision(np.zeros(4), None) == "one sigma 0 mm"
 
 
 def test_the_noise_over_that_given_is_in_the_file_as_the_verdict_says_it(inputs):
