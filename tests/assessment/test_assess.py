@@ -406,15 +406,6 @@ def test_gains_of_the_channels_that_the_solver_found_are_no_error_of_the_predict
     np.testing.assert_allclose(after.microphones_db, before.microphones_db, atol=0.1)
 
 
-def test_the_noise_that_the_last_stage_takes_off_is_back_in_the_result(solved):
-    """It makes the last steps sharper, and no sigma smaller."""
-    problem, state = solved
-    deflated = replace(state, model=replace(state.model, noise=state.model.noise / 3, deflation=3.0))
-    one, other = robust.result(problem, state), robust.result(problem, deflated)
-    np.testing.assert_allclose(other.field.noise, one.field.noise)
-    np.testing.assert_allclose(other.spread.newton, one.spread.newton, rtol=1e-6, atol=1e-15)
-
-
 # --- verdicts of every solver ----------------------------------------------------------------------------------------
 
 

@@ -21,7 +21,6 @@ from fdcal.solvers.robust import channels
 from fdcal.solvers.robust.objective import in_unit_power
 
 SPEED = 343.0
-DEFAULT = SolverSettings().name
 
 
 def diffuse(count: int = 12, modes: int = 16, extent: float = 0.6, known: int = 4, **others) -> Measurement:
@@ -42,97 +41,96 @@ def inputs_of(measurement: Measurement, **others) -> CalibrationInput:
     return CalibrationInput("test", None, measurement, settings, 0, **others)
 
 
-def test_noise_in_decibels_is_refused():
-    with pytest.raises(InputError, match=r"noise_power is .* decibels"):
-        diffuse(noise_power=np.full(16, 35.0))
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"noise_power": np.full(16, 35.0)}, r"noise_power is .* decibels"),
+        ({"noise_power": np.where(np.arange(16) == 3, 300.0, 1e-3)}, r"at 220 Hz.*leave that frequency out"),
+        ({"wavenumbers": 1e12 * np.linspace(0.5, 1, 16)}, r"wavenumbers\[0\].*correct them"),
+        ({"wavenumbers": 1e-12 * np.linspace(0.5, 1, 16)}, r"wavenumbers\[0\].*correct them"),
+    ],
+)
+def test_numbers_that_no_measurement_has_are_refused(values, words):
+    with pytest.raises(InputError, match=words):
+        diffuse(**values)
 
 
-def test_noise_above_the_signal_at_one_frequency_is_refused_with_its_frequency():
-    noise = np.full(16, 1e-3)
-    noise[3] = 300.0
-    with pytest.raises(InputError, match=r"at 220 Hz.*leave that frequency out"):
-        diffuse(noise_power=noise)
-
-
-def test_noise_of_the_power_of_all_that_was_measured_is_accepted():
+def test_noise_of_all_the_power_is_accepted_in_any_unit():
     """A measurement of noise alone has it, and gets the verdict "too_noisy"."""
-    rng = np.random.default_rng(2)
-    for seed in range(20):
-        p = np.random.default_rng(seed).normal(size=(2, 30, 8))
-        Measurement(np.arange(1.0, 31.0), p[0] + 1j * p[1], SPEED, noise_power=np.full(30, 2.0) * rng.uniform(0.8, 1.1))
-
-
-def test_noise_of_any_unit_is_compared():
     p = diffuse().pressures
-    for unit in (1e-150, 1e150):
-        Measurement(np.arange(1.0, 17.0), unit * p, SPEED, noise_power=np.full(16, 0.01 * unit**2 if unit < 1 else 0.0))
-
-
-@pytest.mark.parametrize("k", [1e12, 1e-12])
-def test_wavenumbers_of_no_wave_are_refused(k):
-    with pytest.raises(InputError, match=r"wavenumbers\[0\].*correct them"):
-        diffuse(wavenumbers=k * np.linspace(0.5, 1, 16))
+    power = np.mean(np.abs(p) ** 2, axis=1)
+    for unit, noise in ((1e-150, 1e-300 * power), (1.0, power), (1e150, 0.0 * power)):
+        Measurement(np.arange(1.0, 17.0), unit * p, SPEED, noise_power=noise)
 
 
 @pytest.mark.parametrize("solver", ["joint", "robust"])
-def test_known_positions_in_millimetres_are_refused_before_they_fill_the_memory(solver):
+def test_what_would_fill_the_memory_is_refused_at_once(solver):
     measurement = diffuse()
-    known = 1000 * 10 * measurement.positions[:4]
-    wrong = inputs_of(replace_known(measurement, known))
+    wrong = replace(measurement, positions=None, known_positions=10_000 * measurement.positions[:4])
     with pytest.raises(InputError, match=r"known microphones lie up to .* metres"):
-        solve(replace(wrong, settings=replace(wrong.settings, name=solver)))
-
-
-def replace_known(measurement: Measurement, known) -> Measurement:
-    keys = ("frequencies", "pressures", "sound_speed")
-    table = {key: getattr(measurement, key) for key in keys}
-    return Measurement(**table, known=measurement.known, known_positions=known)
-
-
-@pytest.mark.parametrize("solver", ["joint", "robust"])
-def test_more_microphones_than_memory_are_refused_at_once(solver):
-    rng = np.random.default_rng(0)
-    p = rng.normal(size=(2, 60, 3000))
-    measurement = Measurement(np.arange(100.0, 160.0), p[0] + 1j * p[1], SPEED)
+        solve(replace(inputs_of(wrong), settings=SolverSettings(name=solver, modes=16)))
+    p = np.random.default_rng(0).normal(size=(2, 60, 3000))
+    many = Measurement(np.arange(100.0, 160.0), p[0] + 1j * p[1], SPEED)
     with pytest.raises(InputError, match=r"3000 microphones at 60 frequencies.*use at most 11 modes"):
-        next(solvers.run(measurement.problem(), SolverSettings(name=solver, modes=60), 0))
+        next(solvers.run(many.problem(), SolverSettings(name=solver, modes=60), 0))
 
 
-class Runaway:
-    """A solver that moves one microphone away, a metre more with every step."""
+class Stepping:
+    """The default solver with another step."""
 
-    def __init__(self, solver):
-        self.solver, self.TRAITS = solver, solver.TRAITS
-        self.init = solver.init
-
-    def step(self, problem, state):
-        positions = state.positions.copy()
-        positions[-1] += 2.0 ** (state.step + 1)
-        return replace(state, positions=positions, step=state.step + 1)
+    def __init__(self, step):
+        solver = solvers.load(SolverSettings().name)
+        self.TRAITS, self.init, self.now = solver.TRAITS, solver.init, 0.0
+        self.step = lambda problem, state: replace(state, **step(self, state), step=state.step + 1)
 
 
-def test_a_microphone_that_runs_away_ends_the_run(monkeypatch):
-    runaway = Runaway(solvers.load(DEFAULT))
-    monkeypatch.setattr(solvers, "load", lambda name: runaway)
+@pytest.mark.parametrize(
+    "step",
+    [
+        lambda _, state: {"positions": state.positions + 2.0 ** (state.step + 1) * np.eye(12)[:, 11:]},
+        lambda _, state: {"positions": state.positions * np.nan},
+    ],
+    ids=["runs away", "is no number"],
+)
+def test_a_microphone_that_runs_away_ends_the_run(monkeypatch, step):
+    stepping = Stepping(step)
+    monkeypatch.setattr(solvers, "load", lambda name: stepping)
     problem = diffuse().problem()
     *_, end = itertools.islice(solvers.run(problem, SolverSettings(modes=16), 0), 1000)
     assert end.finished and not end.converged
     assert bounds.radius(end.positions) <= bounds.max_radius(problem, 16) < 20.0
 
 
-def test_positions_that_are_no_numbers_end_the_run(monkeypatch):
-    runaway = Runaway(solvers.load(DEFAULT))
-    monkeypatch.setattr(runaway, "step", lambda problem, state: replace(state, positions=state.positions * np.nan))
-    monkeypatch.setattr(solvers, "load", lambda name: runaway)
-    *_, end = itertools.islice(solvers.run(diffuse().problem(), SolverSettings(modes=16), 0), 1000)
-    assert end.finished and not end.converged and np.isfinite(end.positions).all()
+def takes_a_second(stepping, state):
+    stepping.now += 1.0
+    return {"positions": state.positions + 1e-3}
 
 
-def test_a_time_limit_gives_the_best_so_far():
-    result = solve(inputs_of(diffuse(), time_limit=1e-9))
-    assert result.verdict == "not_converged" and not result.converged
+def looks_at_the_deadline(stepping, state):
+    while True:
+        stepping.now += 1.0
+        check_deadline()
+
+
+@pytest.mark.parametrize(
+    ("step", "limit", "end", "moved"),
+    [
+        (takes_a_second, 1.0, 2.0, 2),
+        (takes_a_second, 4.5, 5.0, 5),
+        (takes_a_second, None, 46.0, 46),
+        (looks_at_the_deadline, 40.0, 41.0, 0),
+    ],
+)
+def test_the_limit_is_kept_to_a_step_or_trial_and_the_last_state_is_the_answer(monkeypatch, step, limit, end, moved):
+    """It holds without being asked for, whatever the solver."""
+    stepping = Stepping(step)
+    monkeypatch.setattr(solvers, "load", lambda name: stepping)
+    inputs = inputs_of(diffuse(), time_limit=limit)
+    first = stepping.init(inputs.measurement.problem(), inputs.settings, 0).positions
+    result = solve(inputs, clock=lambda: stepping.now)
+    assert stepping.now == end and result.verdict == "not_converged" and f"{limit or 45:.3g} s" in result.verdict_text
     assert "processor time" in result.verdict_text and "time_limit" in result.verdict_text
-    assert np.isfinite(result.positions).all()
+    np.testing.assert_allclose(result.positions, first + 1e-3 * moved, atol=1e-12)
 
 
 def test_an_interrupt_gives_the_best_so_far():
@@ -144,24 +142,13 @@ def test_an_interrupt_gives_the_best_so_far():
     assert result.verdict == "not_converged" and "interrupted" in result.verdict_text
 
 
-def test_a_run_that_never_ends_is_ended(monkeypatch):
-    """The limit holds without being asked for, whatever the solver."""
-    endless = Runaway(solvers.load(DEFAULT))
-    monkeypatch.setattr(endless, "step", lambda problem, state: replace(state, step=state.step + 1))
-    monkeypatch.setattr(solvers, "load", lambda name: endless)
-    seconds = iter(range(0, 10**6, 7))
-    result = solve(inputs_of(diffuse()), clock=lambda: next(seconds))
-    assert result.verdict == "not_converged" and "45 s" in result.verdict_text
-
-
 def test_the_limit_grows_with_the_array_only_beyond_64_microphones():
     assert bounds.time_limit(diffuse(count=64, modes=64).problem(), 64) == 45.0
     assert bounds.time_limit(diffuse(count=128, modes=64).problem(), 64) == 180.0
 
 
-@pytest.mark.parametrize("known", [0, 4])
-def test_noise_alone_ends_in_time(known):
-    rng = np.random.default_rng(3)
+def test_noise_alone_ends_in_time():
+    rng, known = np.random.default_rng(3), 4
     p = rng.normal(size=(2, 20, 16))
     places = diffuse(count=16).positions[:known]
     frequencies = np.linspace(100.0, 700.0, 20)
@@ -224,43 +211,6 @@ def test_whatever_is_in_the_file_the_calibration_ends_at_its_limit(kind, solver)
     assert clock.count == 17  # the start, and the first reading past the limit: nothing goes on after that
     assert result.verdict == "not_converged" and not result.converged and "15 s" in result.verdict_text
     assert np.isfinite(result.positions).all() and result.positions.shape == (COUNT, 2)
-
-
-class Counted:
-    """A solver whose steps take a second each; with `trials`, its steps look at the deadline between their trials."""
-
-    def __init__(self, solver, trials: int = 0):
-        self.solver, self.TRAITS, self.init, self.now, self.steps = solver, solver.TRAITS, solver.init, 0.0, 0
-        self.trials = trials
-
-    def step(self, problem, state):
-        self.steps += 1
-        for _ in range(self.trials):
-            self.now += 1.0
-            check_deadline()
-        self.now += 1.0
-        return replace(state, positions=state.positions + 1e-3, step=state.step + 1)
-
-
-@pytest.mark.parametrize("limit", [1.0, 4.5, 20.0])
-def test_the_limit_is_kept_to_a_step_and_its_last_state_is_the_answer(monkeypatch, limit):
-    counted = Counted(solvers.load("joint"))
-    monkeypatch.setattr(solvers, "load", lambda name: counted)
-    inputs = absurd_inputs(absurd("noise"), "joint", limit)
-    first = counted.init(inputs.measurement.problem(), inputs.settings, 0).positions
-    result = solve(inputs, clock=lambda: counted.now)
-    assert limit < counted.now <= limit + 1.0 and counted.steps == counted.now
-    np.testing.assert_allclose(result.positions, first + 1e-3 * counted.steps, atol=1e-12)
-
-
-def test_a_step_of_many_trials_is_given_up_at_the_limit(monkeypatch):
-    counted = Counted(solvers.load("joint"), trials=10**9)
-    monkeypatch.setattr(solvers, "load", lambda name: counted)
-    inputs = absurd_inputs(absurd("noise"), "joint", 40.0)
-    first = counted.init(inputs.measurement.problem(), inputs.settings, 0).positions
-    result = solve(inputs, clock=lambda: counted.now)
-    assert counted.now == 41.0 and result.verdict == "not_converged"
-    np.testing.assert_allclose(result.positions, first, atol=1e-12)
 
 
 def test_the_lattice_searches_of_solver_room_look_at_the_deadline():

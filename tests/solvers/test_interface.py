@@ -10,8 +10,6 @@ from fields import measured
 from solving import run_from
 
 from fdcal import solvers
-from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.scene import load_scene
 from fdcal.model.settings import KNOWN_ROOM_SOLVERS, Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import descent, joint
@@ -19,29 +17,15 @@ from fdcal.solvers.interface import RunState, Traits
 
 
 @pytest.mark.parametrize("name", solvers.names())
-def test_a_solver_has_the_functions_and_traits_of_the_protocol(name):
+def test_a_solver_has_the_functions_and_traits_of_the_protocol_and_frozen_run_states_of_its_name(name):
     solver = solvers.load(name)
     assert isinstance(solver.TRAITS, Traits)
-    assert all(
-        callable(getattr(solver, function))
-        for function in ("init", "step", "use_modes", "landscape", "result", "usable_modes")
-    )
-
-
-@pytest.mark.parametrize("name", solvers.names())
-def test_the_states_of_a_solver_are_frozen_run_states_of_its_name(name):
-    State = solvers.load(name).State
+    for function in ("init", "step", "use_modes", "landscape", "result", "usable_modes"):
+        assert callable(getattr(solver, function))
+    State = solver.State
     assert issubclass(State, RunState) and State.solver == name
     assert State.__dataclass_params__.frozen
     assert {field.name for field in dataclasses.fields(RunState)} < {field.name for field in dataclasses.fields(State)}
-
-
-@pytest.mark.parametrize("name", [name for name in solvers.names() if not solvers.load(name).TRAITS.needs_room])
-def test_a_run_begins_in_the_first_stage(name, cache):
-    problem = cached_measurement(load_scene("tiny")).problem("unit")
-    settings = solvers.with_mode_count(problem, dataclasses.replace(load_scene("tiny").solver, name=name))
-    first = solvers.load(name).init(problem, settings, 0)
-    assert (first.step, first.sweep, first.stage) == (0, 0, 0)
 
 
 def test_the_model_and_the_solvers_agree_on_who_needs_the_room():
@@ -88,12 +72,9 @@ def states(request):
     return list(solvers.run(PROBLEM, dataclasses.replace(SETTINGS, name=request.param), 0))
 
 
-def test_only_the_last_state_is_finished(states):
-    assert [state.finished for state in states] == [False] * (len(states) - 1) + [True]
-
-
 def test_steps_sweeps_and_stages_are_counted_on(states):
     assert states[0].step == states[0].sweep == states[0].stage == 0
+    assert [state.finished for state in states] == [False] * (len(states) - 1) + [True]
     for before, after in pairwise(states):
         assert after.step == before.step + 1
         assert after.sweep - before.sweep in (0, 1) and after.stage - before.stage in (0, 1)
@@ -104,6 +85,8 @@ def test_states_are_frozen_and_the_run_can_be_continued_from_any(states):
     for index in (0, len(states) // 2, len(states) - 2):
         with pytest.raises(dataclasses.FrozenInstanceError):
             states[index].step = 3
+        with pytest.raises(ValueError, match="read-only"):
+            states[index].positions[0] = 0
         after = solver.step(PROBLEM, states[index])
         assert np.array_equal(after.positions, states[index + 1].positions) and after.step == index + 1
     assert solver.step(PROBLEM, states[-1]) is states[-1]

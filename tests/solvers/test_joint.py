@@ -24,7 +24,7 @@ from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import joint as joint
 from fdcal.solvers import robust
 from fdcal.solvers.robust.objective import in_unit_power, objective_of, unknowns_of, used_modes
-from fdcal.solvers.robust.state import FINAL, STAGES
+from fdcal.solvers.robust.state import STAGES
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]
@@ -50,18 +50,14 @@ def clean():
     return solve(measured(TRUTH, KNOWN))
 
 
-def test_three_known_microphones_place_the_rest_within_millimetres(clean):
-    assert clean[-1].finished and clean[-1].converged
+def test_three_known_microphones_never_move_and_place_the_rest_within_millimetres(clean):
+    assert clean[-1].finished and clean[-1].converged and are_held(clean, KNOWN, TRUTH[KNOWN])
     assert position_errors(clean[-1].positions, TRUTH).max() < 2e-3
 
 
 def are_held(states, known, places):
     """Whether known microphones are in place in every state, to the last bit."""
     return all(np.array_equal(state.positions[known], places) for state in states)
-
-
-def test_known_microphones_never_move(clean):
-    assert are_held(clean, KNOWN, TRUTH[KNOWN])
 
 
 def test_known_microphones_never_move_though_their_channels_record_only_noise_or_their_positions_are_wrong():
@@ -127,25 +123,6 @@ def test_a_rigid_motion_of_the_known_microphones_moves_the_answer_with_it_and_no
     assert are_held(states, KNOWN, positions[KNOWN])
 
 
-def test_a_mirror_image_of_room_and_array_has_the_mirror_image_of_the_answer_blind():
-    """The distances are the same: source and walls go with the microphones."""
-    shapes = []
-    for flip, source in ((1, 5.47), (-1, 6.0 - 5.47)):
-        truth = TRUTH * [flip, 1] + (6.0 * (flip < 0), 0.0)
-        found = solve(measured(truth, [], source=(source, 4.53)))[-1].positions
-        shapes.append(np.linalg.norm(found[:, None] - found[None], axis=-1))
-        assert position_errors(align(found, truth), truth).max() < 2e-3
-    np.testing.assert_allclose(shapes[1], shapes[0], atol=1e-4)
-
-
-@pytest.mark.parametrize("known", ["minimal", "none"])
-def test_fewer_known_coordinates_find_the_same_array(known):
-    settings = replace(SETTINGS, known=known)
-    last = list(solvers.run(measured(TRUTH, KNOWN).problem("unit", known), settings, 0))[-1]
-    placed = last.positions if known == "minimal" else align(last.positions, TRUTH)
-    assert last.finished and last.converged and position_errors(placed, TRUTH).max() < 2e-3
-
-
 def in_minimal_gauge(positions):
     """Whether the first known microphone is in place, the second ahead of it and the third on its side; and no more."""
     ahead = TRUTH[1] - TRUTH[0]
@@ -161,6 +138,7 @@ def test_the_minimal_gauge_places_the_array_as_documented(name):
     states = list(solvers.run(problem, replace(SETTINGS, name=name, known="minimal"), 0))
     assert in_minimal_gauge(states[0].positions) and in_minimal_gauge(states[-1].positions)
     assert np.linalg.norm(states[-1].positions[1] - TRUTH[1]) > 1e-6
+    assert position_errors(states[-1].positions, TRUTH).max() < 2e-2
     for state in states:  # the pressures do not hold the array as a whole, but it does not wander about either
         assert np.linalg.norm(state.positions.mean(axis=0) - TRUTH.mean(axis=0)) < 0.5
 
@@ -186,16 +164,6 @@ def test_in_the_minimal_gauge_it_does_not_matter_where_the_solver_has_left_the_a
     np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-3, atol=1e-4 * np.abs(one.covariance).max())
 
 
-def test_the_minimal_gauge_needs_microphones_that_span_the_array():
-    with pytest.raises(InputError, match=r"known = \[0, 1\] does not fix the gauge; the minimal gauge needs 3"):
-        measured(TRUTH, [0, 1]).problem("unit", "minimal")
-
-
-def test_nearly_all_known_leaves_the_rest_to_be_found():
-    last = solve(measured(TRUTH, list(range(39))))[-1]
-    assert last.converged and position_errors(last.positions, TRUTH).max() < 2e-3
-
-
 @settings_of_hypothesis(max_examples=3, deadline=None, derandomize=True)
 @given(strategies.integers(0, 10_000), strategies.floats(3.5, 7.0), strategies.floats(0.6, 0.9))
 def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
@@ -210,18 +178,6 @@ def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
     last = solve(measurement, SolverSettings(modes=len(frequencies)))[-1]
     assert last.converged
     assert position_errors(align(last.positions, truth), truth).max() < 5e-3
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_few_microphones_are_enough_where_there_is_no_noise(seed):
-    """Sixteen microphones, blind: with the noise lowered in stages they ended in wrong positions."""
-    rng = np.random.default_rng([seed, 16])
-    truth = np.array([2.6, 2.3]) + rng.uniform(-0.4, 0.4, (16, 2))
-    frequencies = room_frequencies(300)[:40]
-    wavenumbers = (2 * np.pi * frequencies - 3j) / 343.0
-    pressures = rigid_room(truth, np.array([5.2, 4.2]) + rng.uniform(-0.3, 0.3, 2), wavenumbers)
-    last = solve(Measurement(frequencies, pressures, 343.0, wavenumbers=wavenumbers))[-1]
-    assert position_errors(align(last.positions, truth), truth).max() < 1e-2
 
 
 def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
@@ -241,22 +197,6 @@ def test_work_submitted_while_the_interpreter_ends_is_still_done(monkeypatch):
 
 def fails(_):
     raise RuntimeError("its own")
-
-
-def test_optima_that_do_not_agree_are_followed_by_other_restarts_and_the_likeliest_is_kept():
-    """No start explains a microphone that records only noise."""
-    measurement = measured(TRUTH[:16], [], snr_db=40, seed=2)
-    rng, pressures = np.random.default_rng(0), measurement.pressures.copy()
-    loud = np.sqrt(np.mean(np.abs(pressures) ** 2))
-    for n in range(4):
-        pressures[:, n] = loud * (rng.normal(size=len(pressures)) + 1j * rng.normal(size=len(pressures)))
-    states = solve(replace(measurement, pressures=pressures), SolverSettings(name="joint", modes=14))
-    optima = states[-1].optima
-    assert states[-1].progress.restart > 0 and len(optima) > 1
-    best = min(optima, key=lambda one: one.score)
-    final = next(state for state in states if state.progress.stage == FINAL)
-    healthy = best.model.channel_noise < 4.0
-    assert np.abs(final.positions - best.positions)[healthy].max() < 0.05, "it goes on from the likeliest"
 
 
 def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
@@ -305,6 +245,8 @@ def test_an_unsolvable_problem_is_refused():
         solve(measured(TRUTH, KNOWN), replace(SETTINGS, modes=5000))
     with pytest.raises(InputError, match="span the array, or none"):
         solve(measured(TRUTH, [0, 1]))
+    with pytest.raises(InputError, match=r"known = \[0, 1\] does not fix the gauge; the minimal gauge needs 3"):
+        measured(TRUTH, [0, 1]).problem("unit", "minimal")
     line = np.column_stack([np.linspace(2.2, 3.0, 20), np.full(20, 2.3)])
     with pytest.raises(InputError, match=r"on a line|span the array"):
         solve(measured(line, [0, 1, 2]))

@@ -91,12 +91,9 @@ def test_deformations_are_orthonormal_and_contain_the_affine_maps_and_curved_one
         for coordinate in np.eye(D):
             move = np.outer(column, coordinate).ravel()
             np.testing.assert_allclose(basis @ (basis.T @ move), move, atol=1e-9 * np.abs(move).max())
+    if (D, degree) == (2, 3):
+        assert polynomial_deformations(x[:8], np.zeros(0, int), 3).shape == (16, 6), "few deform by a lower degree"
     assert basis.shape[1] == D * {(2, 2): 6, (2, 3): 10, (3, 2): 10, (3, 3): 20}[D, degree]
-
-
-def test_few_microphones_deform_by_a_lower_degree():
-    x = np.random.default_rng(1).uniform(-0.5, 0.5, (8, 2))
-    assert polynomial_deformations(x, np.zeros(0, int), 3).shape == (16, 6)
 
 
 @pytest.mark.parametrize("held", [[0, 1, 2], list(range(0, 60, 5))])
@@ -159,27 +156,18 @@ def diffuse(x, k, rng, noise: float = 0.0) -> np.ndarray:
     return p + e[0] + 1j * e[1]
 
 
-@pytest.mark.parametrize("D", [2, 3])
-def test_distances_of_near_pairs_follow_from_the_coherence(D):
+@pytest.mark.parametrize(("D", "noise"), [(2, 0.01), (3, 0.01), (2, 0.3)])
+def test_distances_of_near_pairs_follow_from_the_coherence(D, noise):
+    """Noise lowers the coherence as a distance does, unless it is taken into account."""
     rng = np.random.default_rng(1)
     x = rng.uniform(0, 1.0, (12, D))
     k = np.linspace(1.0, 6.0, 600)
-    found, _ = starts.pair_distances(diffuse(x, k, rng, 0.01), k, 0.01, D)
+    found, _ = starts.pair_distances(diffuse(x, k, rng, noise), k, noise, D)
     np.testing.assert_allclose(found, found.T)
     apart = np.linalg.norm(x[:, None] - x[None], axis=-1)
     pairs = np.triu_indices(12, 1)
-    assert np.median(np.abs(np.log(found[pairs] / apart[pairs]))) < 0.06
-
-
-def test_noise_makes_no_pair_more_distant():
-    """It lowers the coherence as a distance does, unless it is taken into account."""
-    rng = np.random.default_rng(1)
-    x = rng.uniform(0, 1.0, (12, 2))
-    k = np.linspace(1.0, 6.0, 600)
-    found, _ = starts.pair_distances(diffuse(x, k, rng, 0.3), k, 0.3, 2)
-    pairs = np.triu_indices(12, 1)
-    apart = np.linalg.norm(x[:, None] - x[None], axis=-1)[pairs]
-    assert abs(np.median(np.log(found[pairs] / apart))) < 0.05
+    off = np.log(found[pairs] / apart[pairs])
+    assert np.median(np.abs(off)) < 0.06 if noise < 0.1 else abs(np.median(off)) < 0.05
 
 
 @pytest.mark.parametrize("noise", [1e-3, 0.1])
