@@ -44,10 +44,6 @@ EXAMPLES = {"beamforming": "08_beamforming_map.py"}  # pictures that a script of
 # Figures of the reports of studies. A study of 2,000 calibrations takes up to hours; it is run once, goes on after an
 # interruption, and its results stay in RESULTS.
 STUDIES = {
-    "study-paper-success": ("paper", "success"),
-    "study-paper-error": ("paper", "error"),
-    "study-paper-error-bars": ("paper", "error-bars"),
-    "study-paper-verdicts": ("paper", "verdicts"),
     "study-sixteen-success": ("sixteen", "success"),
     "study-sixteen-error": ("sixteen", "error"),
     "study-sixteen-error-bars": ("sixteen", "error-bars"),
