@@ -26,7 +26,8 @@ from .validation import InputError, shown
 
 Map = Literal["flat", "relief", "shape", "basins", "volume", "none"]
 View = Literal["top", "3d", "close"]
-UNITS = ("step", "sweep", "stage")
+Unit = Literal["step", "sweep", "stage"]  # by which a state of a run is named
+UNITS: tuple[Unit, ...] = get_args(Unit)
 SOLVER = "solver"  # the modes that the solver uses
 NUMBER = r"-?\d{1,9}(\.\d{1,9})?(e[-+]?\d\d?)?"
 ADDRESS = {  # key: regular expression of its values, as Python and JavaScript read it
@@ -60,6 +61,6 @@ def parse_address(text: str) -> dict[str, str]:
     return parts
 
 
-def unit_of(parts: Mapping[str, str]) -> str:
-    """Return by which of UNITS an address names a state of the run; "" where it names none."""
-    return next((unit for unit in UNITS if unit in parts), "")
+def unit_of(parts: Mapping[str, str]) -> Unit | None:
+    """Return by which of UNITS an address names a state of the run; None where it names none."""
+    return next((unit for unit in UNITS if unit in parts), None)

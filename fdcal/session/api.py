@@ -75,8 +75,19 @@ def load(
     texts, excluded = [str(one) for one in paths], microphone_names("exclude", exclude)
     if sources is not None:
         options["source"] = sources
+    imported = None
+    if options:
+        other = next((text for text in texts if not is_recording(text)), None)
+        if other is not None:
+            raise InputError(f"{other} holds no recordings, which {', '.join(options)} is for", "leave it out")
+        from ..recordings.recording import ImportOptions  # brings the signal library, which only recordings need
+
+        names = [field.name for field in fields(ImportOptions)]
+        for name in sorted(set(options) - set(names)):
+            raise unexpected_argument("load", name, names)
+        imported = ImportOptions(**options)
     with one_blas_thread():
-        measurement = load_input(texts, progress, excluded, _import_options(texts, options)).measurement
+        measurement = load_input(texts, progress, excluded, imported).measurement
     if positions is None:
         return measurement
     if isinstance(positions, (str, PathLike)):
@@ -86,20 +97,6 @@ def load(
     places = require_array("positions", positions, "real", (None, None), "m")
     placed = MicrophonePositions(tuple(map(str, range(len(places)))), places)
     return with_positions(measurement, placed, len(set(excluded)))
-
-
-def _import_options(texts: Sequence[str], options: dict):
-    if not options:
-        return None
-    other = next((text for text in texts if not is_recording(text)), None)
-    if other is not None:
-        raise InputError(f"{other} holds no recordings, which {', '.join(options)} is for", "leave it out")
-    from ..recordings.recording import ImportOptions  # brings the signal library, which only recordings need
-
-    unknown = set(options) - {field.name for field in fields(ImportOptions)}
-    if unknown:
-        raise unexpected_argument("load", sorted(unknown)[0], [field.name for field in fields(ImportOptions)])
-    return ImportOptions(**options)
 
 
 def simulate(scene: Scene | str | PathLike[str], *, progress: ProgressReport | None = None) -> Measurement:

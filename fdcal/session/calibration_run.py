@@ -47,41 +47,43 @@ def require_length(inputs: CalibrationInput, problem: Problem) -> None:
         raise InputError(fault, "name two known microphones at least, or give <distance>", key="estimate_sound_speed")
 
 
-def require_inside_search(inputs: CalibrationInput) -> None:
-    """Raise InputError if the solver searches a lattice and a true position lies outside the search domain."""
-    measurement, traits = inputs.measurement, load(inputs.settings.name).TRAITS
-    if measurement.positions is None or measurement.search is None or not traits.needs_search:
-        return
-    search, free = measurement.search, np.setdiff1d(np.arange(measurement.count), measurement.known)
-    low, high = np.array(search.origin) - search.step, np.add(search.origin, search.size) + search.step
-    truth = measurement.positions[free]
-    outside = free[np.any((truth < low) | (truth > high), axis=1)]
-    if len(outside):
-        problem = (
-            f"microphone {outside[0]} stands at {measurement.positions[outside[0]].tolist()} m, outside the search"
-            f" domain of origin {list(search.origin)} m and size {list(search.size)} m"
-        )
-        raise InputError(problem, "enlarge or move it with <search>", key="search")
-
-
-def require_room_for_array(measurement: Measurement, settings: SolverSettings) -> None:
-    """Raise InputError where the true positions do not fit into the known room."""
-    truth, size = measurement.positions, settings.room
-    if truth is None or size is None or len(size) != measurement.array_dimension:
-        return
-    extent, diagonal = float(np.linalg.norm(truth[:, None] - truth, axis=-1).max()), float(np.linalg.norm(size))
-    if extent > diagonal:
-        text = "x".join(f"{length:g}" for length in size)
-        problem = f"room = {text} m is smaller than the array, whose microphones are up to {extent:.3g} m apart"
-        raise InputError(problem, "give <room> in metres", key="room", value=size)
+def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
+    """Raise InputError where the solver cannot find the array, which is outside of the search domain or the room."""
+    measurement, traits, size = inputs.measurement, load(inputs.settings.name).TRAITS, inputs.settings.room
+    truth, search = measurement.positions, measurement.search
+    if truth is not None and search is not None and traits.needs_search:
+        free = np.setdiff1d(np.arange(measurement.count), measurement.known)
+        low, high = np.array(search.origin) - search.step, np.add(search.origin, search.size) + search.step
+        outside = free[np.any((truth[free] < low) | (truth[free] > high), axis=1)]
+        if len(outside):
+            fault = (
+                f"microphone {outside[0]} stands at {truth[outside[0]].tolist()} m, outside the search"
+                f" domain of origin {list(search.origin)} m and size {list(search.size)} m"
+            )
+            raise InputError(fault, "enlarge or move it with <search>", key="search")
+    check_channels(measurement.pressures, measurement.names)
+    if not traits.needs_room:
+        check_solvable(problem, inputs.settings.modes, measurement.names)
+    elif truth is not None and size is not None and len(size) == measurement.array_dimension:
+        extent, diagonal = float(np.linalg.norm(truth[:, None] - truth, axis=-1).max()), float(np.linalg.norm(size))
+        if extent > diagonal:
+            text = "x".join(f"{length:g}" for length in size)
+            fault = f"room = {text} m is smaller than the array, whose microphones are up to {extent:.3g} m apart"
+            raise InputError(fault, "give <room> in metres", key="room", value=size)
 
 
 def assess_state(
     inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS
 ) -> Assessment:
     """Assess the last state of a run; `wording`: how the verdict's text calls the arguments that it mentions."""
-    estimate = load(inputs.settings.name).result(problem, state)
-    scale = None if inputs.distance is None else scale_of(state.positions, inputs)
+    estimate, scale = load(inputs.settings.name).result(problem, state), None
+    if inputs.distance is not None:  # the factor of size and sound speed: the distance given over the one found
+        pair = distance_pair(inputs)
+        apart = float(np.linalg.norm(np.subtract(*np.asarray(state.positions)[list(pair)])))
+        if not apart > 0:
+            fault = f"microphones {pair[0]} and {pair[1]} were estimated at the same position"
+            raise InputError(fault, "name another pair in <distance>", key="distance")
+        scale = inputs.distance[2] / apart
     found = replace(assess(estimate, inputs.measurement.names, scale), wording=wording)
     if problem.frame is None:
         return found
@@ -99,16 +101,6 @@ def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
     if first == second:
         raise InputError(f"distance names microphone {names[first]} twice", "name two", key="distance")
     return first, second
-
-
-def scale_of(positions, inputs: CalibrationInput) -> float:
-    """Return the given distance over that of the positions found (N, D): the factor of size and sound speed."""
-    pair = distance_pair(inputs)
-    apart = float(np.linalg.norm(np.subtract(*np.asarray(positions)[list(pair)])))
-    if inputs.distance is None or not apart > 0:
-        problem = f"microphones {pair[0]} and {pair[1]} were estimated at the same position"
-        raise InputError(problem, "name another pair in <distance>", key="distance")
-    return inputs.distance[2] / apart
 
 
 def healthy_microphones(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
@@ -133,13 +125,8 @@ def states_of(
 
     `progress`: called with the fraction done, 0 to 1, and a note; what it raises ends the run.
     """
-    require_inside_search(inputs)
     problem, last = problem_of(inputs) if problem is None else problem, inputs.settings.modes
-    check_channels(inputs.measurement.pressures, inputs.measurement.names)
-    if load(inputs.settings.name).TRAITS.needs_room:
-        require_room_for_array(inputs.measurement, inputs.settings)
-    else:
-        check_solvable(problem, last, inputs.measurement.names)
+    require_possible(inputs, problem)
 
     def shown(state: RunState) -> RunState:
         if progress is not None:

@@ -80,7 +80,14 @@ def examine(
         health = [inspect_channels(one) for one in takes]
         yield _samples(takes, health)
         yield _clocks(takes, health, wanted)
-        levels = _levels([one for one in takes if one.samples <= MAX_SAMPLES])
+        curves = []
+        for one in takes:
+            if one.samples <= MAX_SAMPLES:
+                level = segment_levels(one, (IMPORT_LIMITS.low, IMPORT_LIMITS.max_frequency * one.sample_rate))
+                times = (np.arange(len(level)) + 0.5) / len(level) * one.duration
+                decibels = 10 * np.log10(np.maximum(level, 1e-12 * level.max(initial=1e-300)))
+                curves.append(Curve(one.path, times, decibels))
+        levels = (Chart("time (s)", "level, mean of the channels (dB)", tuple(curves)),) if curves else ()
         try:
             measurement, report = importer.measurement_of_takes(takes, wanted)
         except InputError as error:
@@ -97,25 +104,11 @@ def examine(
         inputs = measurement_input(measurement, texts[0])
     else:
         inputs, stationary = load_input(texts, progress), False
-    yield from _of_field(_blind(inputs, positions), stationary, progress)
-
-
-def _levels(takes: Sequence[Recording]) -> tuple[Chart, ...]:
-    """The level of each take over time."""
-    curves = []
-    for one in takes:
-        level = segment_levels(one, (IMPORT_LIMITS.low, IMPORT_LIMITS.max_frequency * one.sample_rate))
-        times = (np.arange(len(level)) + 0.5) / len(level) * one.duration
-        curves.append(Curve(one.path, times, 10 * np.log10(np.maximum(level, 1e-12 * level.max(initial=1e-300)))))
-    return (Chart("time (s)", "level, mean of the channels (dB)", tuple(curves)),) if curves else ()
-
-
-def _blind(inputs: CalibrationInput, positions: str | None) -> CalibrationInput:
-    """Return inputs of which no position is known, with the list to compare with, if there is one."""
     if positions is not None:
         inputs = compared_with_file(inputs, positions)
-    measurement = replace(inputs.measurement, known=np.zeros(0, np.int64), known_positions=None)
-    return replace(measurement_input(measurement, inputs.name), remark=inputs.remark)
+    blind = replace(inputs.measurement, known=np.zeros(0, np.int64), known_positions=None)
+    inputs = replace(measurement_input(blind, inputs.name), remark=inputs.remark)
+    yield from _of_field(inputs, stationary, progress)
 
 
 def _samples(takes: Sequence[Recording], health: Sequence[ChannelHealth]) -> Answer:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from .. import solvers
-from ..model.address import SOLVER, Map, View, parse_address
+from ..model.address import SOLVER, Map, Unit, View, parse_address
 from ..model.arrays import positions_of
 from ..model.problem import Problem
 from ..model.scene import Scene, load_scene
@@ -159,10 +159,10 @@ class LessonProgress:
         return self.step is not None and (self.choice >= 0 or not self.step.choices)
 
 
-def run_target(run: str) -> tuple[str, int]:
+def run_target(run: str) -> tuple[Literal["end"] | Unit, int]:
     """Return what a checked `run` asks for: ("end", 0), or "step", "sweep" or "stage" and how many."""
     match = RUN.fullmatch(run)
-    return (match[2], int(match[1])) if match else ("end", 0)
+    return (typing.cast(Unit, match[2]), int(match[1])) if match else ("end", 0)
 
 
 def states_of_lesson(lesson: Lesson, problem: Problem, settings: SolverSettings, seed: int) -> list[list[RunState]]:

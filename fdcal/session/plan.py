@@ -93,27 +93,22 @@ class Plan:
 
 def make_plan(request: PlanRequest) -> Plan:
     """Return the bound of a request, the error to be expected, and what more takes or a better signal bring."""
-    rules, takes = FORECAST, tuple(sorted({*FORECAST.takes, request.takes}))
+    rules, x, takes = FORECAST, request.layout.positions, tuple(sorted({*FORECAST.takes, request.takes}))
     best = max(rules.max_snr_db, request.snr_db)
     ratios = tuple(sorted({min(request.snr_db + more, best) for more in rules.more_db}))
     with one_blas_thread():
         arrivals = _arrival_information(request, takes)
         others = [replace(request, takes=count) for count in takes]
-        of_frequency = [information_of_frequency(request, snr_db) for snr_db in ratios]
+        used = evenly(request.band_frequencies, max(PLAN_LIMITS.min_frequencies, PLAN_LIMITS.work // len(x)))
+        k, noise = 2 * np.pi * used / request.sound_speed, [10 ** (-snr_db / 10) for snr_db in ratios]
+        of_frequency = [  # in a diffuse field, the mean over the band
+            diffuse_information(x, k, one / (1 + one), request.dimension).scaled(1 / len(used)) for one in noise
+        ]
         table = [[_forecast(other, one, arrivals[other.takes]) for one in of_frequency] for other in others]
         bound = position_bound(_of_takes(request, of_frequency[0]), request.prior)
     expected = np.array([[cell.rms for cell in row] for row in table])
     forecast = table[takes.index(request.takes)][0]
     return Plan(request, bound, forecast, ratios, takes, expected, _degeneracies(request, bound))
-
-
-def information_of_frequency(request: PlanRequest, snr_db: float) -> Information:
-    """Return the information of one frequency in a diffuse field, the mean over the band, at a ratio in dB."""
-    N = len(request.layout.names)
-    used = evenly(request.band_frequencies, max(PLAN_LIMITS.min_frequencies, PLAN_LIMITS.work // N))
-    noise, k = 10 ** (-snr_db / 10), 2 * np.pi * used / request.sound_speed
-    found = diffuse_information(request.layout.positions, k, noise / (1 + noise), request.dimension)
-    return found.scaled(1 / len(used))
 
 
 def _of_takes(request: PlanRequest, of_frequency: Information) -> Information:

@@ -21,11 +21,12 @@ import time
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from .. import solvers
+from ..model.address import Unit
 from ..model.validation import InputError, frozen_array
 from ..solvers.interface import RunState, bounded
 
@@ -162,56 +163,6 @@ class Command:
 NEWEST_ONLY = ("seek", "use_modes", "pace")  # of several such commands in a row only the last counts
 
 
-class CommandQueue:
-    """Commands; any thread may put them, one takes them."""
-
-    def __init__(self):
-        self._queue: queue.SimpleQueue[Command] = queue.SimpleQueue()
-
-    def put(self, name: str, *arguments) -> None:
-        """Append a command."""
-        self._queue.put(Command(name, arguments))
-
-    def take(self, timeout: float | None) -> list[Command]:
-        """Return all commands that wait, without those that a later one replaces.
-
-        If none waits, block for one: for `timeout` seconds, not at all if that is not positive, without limit if None.
-        """
-        commands: list[Command] = []
-        with contextlib.suppress(queue.Empty):
-            if timeout is None or timeout > 0:
-                commands.append(self._queue.get(timeout=timeout))
-            while True:
-                commands.append(self._queue.get_nowait())
-        pairs = itertools.zip_longest(commands, commands[1:])
-        return [command for command, after in pairs if after is None or not after.replaces(command)]
-
-
-class YieldTimer:
-    """When the solver yields to the user interface: for `duration` seconds after every request.
-
-    Continuous requests delay a step by twice that time at most.
-    """
-
-    def __init__(self, duration: float):
-        self._duration, self._start, self._end = duration, 0.0, 0.0  # readings of `time.monotonic`
-
-    def request(self) -> None:
-        """Yield from now on; any thread may ask for it."""
-        now = time.monotonic()
-        self._start = now if now > self._end else self._start
-        self._end = now + self._duration
-
-    def step_taken(self) -> None:
-        """Count the longest delay from now on."""
-        self._start = time.monotonic()
-
-    @property
-    def until(self) -> float:
-        """Reading of `time.monotonic` until which no step begins."""
-        return min(self._end, self._start + 2 * self._duration)
-
-
 log = logging.getLogger(__name__)
 
 
@@ -247,11 +198,6 @@ class SolverRun:
         self._costs.compute(self._states[index])
         self.view = SessionView(self._states[index], index, count, False, "", history, self._costs)
 
-    @property
-    def running(self) -> bool:
-        """Whether steps are being taken."""
-        return self._reached is not None
-
     def guarded(self, function: Callable, *arguments) -> None:
         """Call a function; an exception pauses the run and is shown in the view."""
         try:
@@ -278,7 +224,7 @@ class SolverRun:
     def _keep(self, states: list, error: str = "", lineage: object = None, dragged: bool = False) -> None:
         """Show the last of `states`. Published lists are only appended to, never cut.
 
-        The cost of a state that the next move of a drag will replace is computed when there is time (`fill_in`).
+        The cost of a state that the next move of a drag will replace is computed when there is time.
         """
         self._states, count = states, len(states)
         self._gesture = None
@@ -315,10 +261,7 @@ class SolverRun:
 
     def play(self) -> None:
         """Run until paused or finished."""
-        self._run_to(lambda state: False)
-
-    def _run_to(self, reached: Callable[[Any], bool]) -> None:
-        self._reached = reached
+        self._reached = lambda state: False
         self._publish(running=True, error="")
 
     def pace(self, rate: float) -> None:
@@ -331,14 +274,14 @@ class SolverRun:
         self._costs.compute(self.view.state)
         self._publish(running=False)
 
-    def advance_by(self, unit: Literal["step", "sweep", "stage"], count: int) -> None:
+    def advance_by(self, unit: Unit, count: int) -> None:
         """Run until the number of the state's step, sweep or stage has risen by `count`; the first step at once."""
         end = getattr(self.view.state, unit) + count
+        self._reached = lambda state: getattr(state, unit) >= end
         if unit == "step":
-            self._reached = lambda state: state.step >= end
             self.advance()
         else:
-            self._run_to(lambda state: getattr(state, unit) >= end)
+            self._publish(running=True, error="")
 
     def reset(self, seed: int | None, settings=None) -> None:
         """Restart, with `seed` or the last one used, and perhaps with other `settings`."""
@@ -362,16 +305,6 @@ class SolverRun:
         """Replace the state that is shown: a slider that is dragged must not fill the history."""
         state = self._module.use_modes(self._problem, self.view.state, first, last, automatic)
         self._keep([*self._states[: self.view.index], state])
-
-    @property
-    def costs_missing(self) -> bool:
-        """Whether costs were left out while the solver ran."""
-        return bool(self._costs.missing(self.view.history))
-
-    def fill_in(self) -> None:
-        """Compute one of the costs that were left out."""
-        for state in self._costs.missing(self.view.history)[:1]:
-            self._costs.compute(state)
 
     def place(self, microphone: int, position: tuple, gesture: object) -> None:
         """Append a state with the microphone moved; the next one of the same gesture replaces it."""
@@ -408,7 +341,8 @@ class Session:
         reference_cost: Callable[..., float] | None = None,
         yield_time: float = YIELD_TIME,
     ):
-        self._commands, self._yielding = CommandQueue(), YieldTimer(yield_time)
+        self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self._yield_time, self._yield_from, self._yield_to = yield_time, 0.0, 0.0  # s, readings of `time.monotonic`
         self._changed = threading.Condition()
         self._stepped = 0.0  # reading of `time.monotonic` at the last step
         self._run = SolverRun(problem, settings, seed, module, states, index, self._notify, StateCosts(reference_cost))
@@ -427,54 +361,48 @@ class Session:
 
     def play(self) -> None:
         """Run until `pause` or until the solver has finished."""
-        self._commands.put("play")
+        self._put("play")
 
     def pause(self) -> None:
         """Stop after the present step."""
-        self._commands.put("pause")
+        self._put("pause")
 
-    def step(self, count: int = 1) -> None:
-        """Take one step (one microphone), or `count` of them."""
-        self._commands.put("advance_by", "step", int(count))
-
-    def sweep(self, count: int = 1) -> None:
-        """Run until the state's sweep number has risen by `count` or the solver has finished."""
-        self._commands.put("advance_by", "sweep", int(count))
-
-    def stage(self, count: int = 1) -> None:
-        """Run until the state's stage number has risen by `count` or the solver has finished."""
-        self._commands.put("advance_by", "stage", int(count))
+    def step(self, count: int = 1, unit: Unit = "step") -> None:
+        """Take `count` steps, or run until the number of the sweep or stage has risen by it or the solver ends."""
+        self._put("advance_by", unit, int(count))
 
     def pace(self, rate: float) -> None:
         """Take at most `rate` steps per second while running; 0 stands for no limit."""
-        self._commands.put("pace", float(rate))
+        self._put("pace", float(rate))
 
     def yield_to_ui(self) -> None:
         """Begin no step for `yield_time` seconds, so that the user interface can respond to the user.
 
         Continuous requests slow the run down to one step in twice that time, and do not stop it.
         """
-        self._yielding.request()
+        now = time.monotonic()
+        self._yield_from = now if now > self._yield_to else self._yield_from
+        self._yield_to = now + self._yield_time
 
     def reset(self, seed: int | None = None, settings=None) -> None:
         """Restart, with `seed` or the last one used, and perhaps with other `settings`, another solver included."""
-        self._commands.put("reset", seed, settings)
+        self._put("reset", seed, settings)
 
     def place(self, microphone: int, position, gesture: object = None) -> None:
         """Move a microphone to `position`, metres, its first coordinates or all of them, and pause.
 
         Moves of one `gesture` (any object but None) make one state of the history.
         """
-        self._yielding.request()
-        self._commands.put("place", int(microphone), tuple(map(float, position)), gesture)
+        self.yield_to_ui()
+        self._put("place", int(microphone), tuple(map(float, position)), gesture)
 
     def seek(self, index: int) -> None:
         """Show state `index` of the history (clipped to it) and pause; continuing from there drops the later ones."""
-        self._commands.put("seek", int(index))
+        self._put("seek", int(index))
 
     def use_modes(self, first: int, last: int, automatic: bool) -> None:
         """Set the modes in use (counted from 1, inclusive) and whether the solver adds more."""
-        self._commands.put("use_modes", int(first), int(last), bool(automatic))
+        self._put("use_modes", int(first), int(last), bool(automatic))
 
     @property
     def alive(self) -> bool:
@@ -483,7 +411,7 @@ class Session:
 
     def close(self, timeout: float = 2.0) -> bool:
         """End the thread after the present step; return False if that takes longer than `timeout` seconds."""
-        self._commands.put("close")
+        self._put("close")
         self._thread.join(timeout)
         return not self.alive
 
@@ -491,6 +419,9 @@ class Session:
         """Block until `predicate(view)` is true; return False if it is not within `timeout` seconds."""
         with self._changed:
             return self._changed.wait_for(lambda: predicate(self._run.view), timeout)
+
+    def _put(self, name: str, *arguments) -> None:
+        self._commands.put(Command(name, arguments))
 
     # Below: the solver thread alone.
 
@@ -505,21 +436,36 @@ class Session:
                     self._run.pause()
                     return
                 self._run.guarded(self._run.execute, command)
-            if time.monotonic() >= self._yielding.until:
-                if self._run.running:
+            view = self.view
+            if time.monotonic() >= self._no_step_before:
+                if view.running:
                     self._run.guarded(self._run.advance)
-                    self._stepped = time.monotonic()
-                    self._yielding.step_taken()
-                elif self._run.costs_missing:  # left out while the solver ran or in a drag
-                    self._run.fill_in()
-                    self._yielding.step_taken()
+                    self._stepped = self._yield_from = time.monotonic()
+                elif missing := view.costs.missing(view.history):  # left out while the solver ran or in a drag
+                    view.costs.compute(missing[0])
+                    self._yield_from = time.monotonic()
             time.sleep(0)  # release the interpreter: a solver that never does would starve the page
 
+    @property
+    def _no_step_before(self) -> float:
+        """Reading of `time.monotonic` until which the solver yields to the user interface."""
+        return min(self._yield_to, self._yield_from + 2 * self._yield_time)
+
     def _pending(self) -> list[Command]:
-        """Return the commands that wait; when idle, or before the next step is due, block for one."""
-        due = self._yielding.until
-        if self._run.running:
-            due = max(self._stepped + self._run.pause_between_steps, due)
-        elif not self._run.costs_missing:
-            return self._commands.take(None)
-        return self._commands.take(due - time.monotonic())
+        """Return the commands that wait, without those that a later one replaces.
+
+        When idle, or before the next step is due, block for one.
+        """
+        view, timeout = self.view, None
+        if view.running:
+            timeout = max(self._stepped + self._run.pause_between_steps, self._no_step_before) - time.monotonic()
+        elif view.costs.missing(view.history):
+            timeout = self._no_step_before - time.monotonic()
+        commands: list[Command] = []
+        with contextlib.suppress(queue.Empty):
+            if timeout is None or timeout > 0:
+                commands.append(self._commands.get(timeout=timeout))
+            while True:
+                commands.append(self._commands.get_nowait())
+        pairs = itertools.zip_longest(commands, commands[1:])
+        return [command for command, after in pairs if after is None or not after.replaces(command)]

@@ -269,8 +269,7 @@ class StateReader:
         return array
 
 
-def _not_finite() -> InputError:
-    return InputError("the run has reached numbers that are not finite", "rewind before you save it")
+NOT_FINITE = "the run has reached numbers that are not finite", "rewind before you save it"
 
 
 class _StateWriter:
@@ -296,7 +295,7 @@ class _StateWriter:
         value = value.item() if isinstance(value, np.generic) else value
         if isinstance(value, float) and not math.isfinite(value):
             if math.isnan(value):
-                raise _not_finite()
+                raise InputError(*NOT_FINITE)
             return {"number": str(value)}
         if value is None or isinstance(value, (bool, int, float, str)):
             return value
@@ -305,7 +304,7 @@ class _StateWriter:
     def _array(self, array: np.ndarray) -> dict:
         if id(array) not in self._references:
             if array.dtype.kind not in NUMERIC_KINDS or not np.isfinite(array).all():
-                raise _not_finite()
+                raise InputError(*NOT_FINITE)
             key = (array.dtype.str, array.shape)
             stack = self.stacks.setdefault(key, [])
             stack.append(array)

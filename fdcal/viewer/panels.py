@@ -16,6 +16,7 @@ import numpy as np
 import viser
 
 from .. import solvers
+from ..model.address import Unit
 from ..model.scene import MeasuredScene, no_rectangle
 from ..session.sources import OpenRequest
 from .gui import html
@@ -215,8 +216,11 @@ class RunBar:
 
     def press(self, label: str) -> None:
         """Act on a button of STEPS."""
-        session = self._binding.session
-        {"Step": session.step, "Sweep": session.sweep, "Stage": session.stage, "Reset": self._restart}[label]()
+        units: dict[str, Unit] = {"Step": "step", "Sweep": "sweep", "Stage": "stage"}
+        if label in units:
+            self._binding.session.step(1, units[label])
+        else:
+            self._restart()
 
     def show(self, tick: Tick) -> None:
         """Bring the bar up to date; called by the main loop. A finished solver offers nothing but Reset."""

@@ -114,25 +114,25 @@ def test_play_ends_where_the_solver_finishes(make):
 def test_a_run_stops_where_the_sweep_or_the_stage_has_risen_as_often_as_asked_for(make):
     session = make(Counter())
     session.step()
-    session.sweep()
+    session.step(unit="sweep")
     assert session.wait_for(lambda view: view.state.sweep == 1 and not view.running, WAIT)
     assert session.view.state.step == 3
-    session.stage()
+    session.step(unit="stage")
     assert session.wait_for(lambda view: view.state.stage == 1 and not view.running, WAIT)
     assert session.view.state.step == 6
     session.reset()
     session.step(2)
     assert session.wait_for(lambda view: view.state.step == 2 and not view.running, WAIT)
-    session.sweep(2)
+    session.step(2, "sweep")
     assert session.wait_for(lambda view: view.state.sweep == 2 and not view.running, WAIT)
     assert session.view.state.step == 6
-    session.stage(9)
+    session.step(9, "stage")
     assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
 
 
 def test_seek_is_bounded_and_pauses_and_going_on_from_an_older_state_drops_the_later_ones(make):
     session = make(Counter())
-    session.sweep()
+    session.step(unit="sweep")
     assert session.wait_for(lambda view: view.count == 4 and not view.running, WAIT)
     before = session.view.history
     assert [state.step for state in before[1:3]] == [1, 2] and before[-1].step == 3
@@ -211,7 +211,7 @@ def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, c
         if run.view.refused:
             refused += 1
             assert run.view.state is before.state and run.view.running == before.running, command
-        if run.running:
+        if run.view.running:
             run.guarded(run.advance)
         state = run.view.state
         assert not run.view.error and not caplog.records, (command, run.view.error)

@@ -58,7 +58,7 @@ def test_a_setting_is_applied_in_its_documented_order(controls):
     apply_setting(setting, made, lambda view: calls.append(("view", view)), restarted=False)
     assert calls == [
         ("use_modes", 1, 9, False),
-        ("sweep", 2),
+        ("step", 2, "sweep"),
         ("map.pick", 3),
         ("map.follow_solver", False),
         ("map.show_as", "Relief"),
@@ -78,8 +78,8 @@ def test_values_left_out_stay(controls):
         (LessonSetting(modes="2-5"), False, ("use_modes", 2, 5, False)),
         (LessonSetting(modes="2-5"), True, ("use_modes", 2, 5, True)),
         (LessonSetting(run="end"), False, ("play",)),
-        (LessonSetting(run="3 steps"), False, ("step", 3)),
-        (LessonSetting(run="1 stage"), False, ("stage", 1)),
+        (LessonSetting(run="3 steps"), False, ("step", 3, "step")),
+        (LessonSetting(run="1 stage"), False, ("step", 1, "stage")),
         (LessonSetting(map_modes="solver"), False, ("map.choose_modes", None)),
     ):
         apply_setting(setting, made, lambda view: calls.append(("view", view)), restarted)

@@ -202,7 +202,7 @@ def test_a_saved_session_is_restored(page_of, scene, tmp_path):
     page.open(OpenRequest(edited(scene, {"solver.name": "descent"}), start_seed=3))
     turn_until(lambda: page.viewer is not None)
     first = page.binding
-    first.session.sweep()
+    first.session.step(unit="sweep")
     assert first.session.wait_for(lambda view: view.count == 14 and not view.running, WAIT)
     first.session.seek(5)
     assert first.session.wait_for(lambda view: view.index == 5, WAIT)

@@ -89,7 +89,7 @@ def _drive(setting: LessonSetting, tabs: Tabs, restarted: bool) -> None:
         if what == "end":
             session.play()
         else:
-            {"step": session.step, "sweep": session.sweep, "stage": session.stage}[what](count)
+            session.step(count, what)
     if setting.frame is not None:
         show_frame(session, parse_address(setting.frame), session.view.history[: 1 if restarted else None])
 
@@ -109,7 +109,7 @@ def show_frame(session: Session, address: Mapping[str, str], states: list) -> No
         session.seek(next(index for index, number in enumerate(reached) if number >= wanted))
         return
     session.seek(len(states) - 1)
-    {"step": session.step, "sweep": session.sweep, "stage": session.stage}[unit](wanted - reached[-1])
+    session.step(wanted - reached[-1], unit)
 
 
 @dataclass(frozen=True)
