@@ -288,6 +288,8 @@ class Calibration:
         Gain and noise of every channel, and what is wrong with it; of all solvers but "room".
     sound_speed_sigma : float or None
         One sigma of a sound speed that was estimated with the positions, m/s.
+    order : tuple of str or None
+        Name of the microphone at whose place in a list each one stands, where the file has a comparison that fits.
     run : Run or None
         What `show` plays, of a result of `fdcal.calibrate`; no file holds it.
 
@@ -325,6 +327,7 @@ class Calibration:
     sound_speed_sigma: float | None = None
     rms_error: float | None = None
     cost_db: float | None = None
+    order: tuple[str, ...] | None = None
     run: Run | None = None
 
     # Methods that modules above this one carry out; `fdcal.METHODS` binds them.

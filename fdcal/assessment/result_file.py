@@ -66,6 +66,13 @@ class GivenRow(msgspec.Struct, forbid_unknown_fields=True):
     wrong: bool
 
 
+class CheckRow(msgspec.Struct):
+    """What is read of the comparison with a list: whether it fits, and at whose place each microphone stands."""
+
+    fits: bool
+    order: list[str]
+
+
 class RequiredKeys(TypedDict):
     """Keys of every result; null where the true positions are unknown."""
 
@@ -115,6 +122,7 @@ class Keys(RequiredKeys, total=False):
     odd_channels: list[str]
     odd_channel_details: list[FaultRow]
     given_positions: list[GivenRow]
+    check: CheckRow
 
 
 VERSION = 1  # of a result file
@@ -131,7 +139,7 @@ RENAMED = {
     "leave_one_out_db": "left_out_db", "microphones_db": "left_out_microphones_db",
     "frequencies_db": "left_out_frequencies_db",
 }  # fmt: skip
-PARTS = {"evidence", "room", "channels", "run"}
+PARTS = {"evidence", "room", "channels", "run", "order"}
 RESULT = {f.name: RENAMED.get(f.name, f.name) for f in fields(Calibration) if f.name not in PARTS}
 EVIDENCE = {f.name: RENAMED.get(f.name, f.name) for f in fields(Evidence)}
 CHANNELS = {name: f"channel_{name}" for name in CHANNEL_NUMBERS}
@@ -208,6 +216,8 @@ def read_result(text: str | bytes, where: str = "the result") -> Calibration:
     if "symmetries" in table:
         arrays = tuple((one.map, np.array(one.positions)) for one in table["symmetries"])
         values["room"] = KnownRoom(tuple(table["room"]), table["source"], complex(*table["admittance"]), arrays)
+    if "check" in table and table["check"].fits:
+        values["order"] = tuple(table["check"].order)
     if "channel_gain_db" in table:
         faults = tuple(ChannelFault(**structs.asdict(row)) for row in table.get("odd_channel_details", ()))
         given = tuple(
@@ -230,7 +240,7 @@ def save_result(
     force : bool
         Whether an existing file is overwritten.
     check : PositionCheck, optional
-        A comparison with a list of positions, written as the key "check", which reading leaves out.
+        A comparison with a list of positions, written as the key "check", of which `order` is read again.
 
     Raises
     ------

@@ -6,6 +6,7 @@ order of the channels. Its .npz file is a public format (docs/reference/files.md
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
@@ -329,6 +330,10 @@ class Measurement:
                 problem = f"measurement {number} gives other known positions than another take"
                 raise InputError(problem, "give them once, or alike", key="known")
         # the number of takes of each, counted to the last that has a row or arrivals
+        for (a, one), (b, other) in itertools.combinations(enumerate(each, 1), 2):
+            if _is_same_field(one, other):
+                problem = f"measurements {a} and {b} are copies: their pressures differ by a factor at each frequency"
+                raise InputError(problem, "give each take once", key="takes")
         numbers = [max(int(m.takes.max()) + 1, 0 if m.arrivals is None else len(m.arrivals)) for m in each]
         f = np.concatenate([one.frequencies for one in each])
         firsts = np.cumsum([0, *numbers[:-1]])
@@ -724,6 +729,15 @@ def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
             problem = f'microphones "{names[a]}" and "{names[b]}" recorded the same at every frequency'
             remedy = f"leave one out: <exclude> {names[b]}"
             raise InputError(f"{problem}: one recording, or one place", remedy, key="pressures")
+
+
+def _is_same_field(one: Measurement, other: Measurement) -> bool:
+    """Return whether two measurements have the same pressures up to a factor at each frequency."""
+    if one.pressures.shape != other.pressures.shape or not np.allclose(one.frequencies, other.frequencies):
+        return False
+    unit = [m.pressures / np.abs(m.pressures).max(axis=1)[:, None] for m in (one, other)]  # no square overflows
+    unit = [p / np.linalg.norm(p, axis=1)[:, None] for p in unit]
+    return bool(np.all(np.abs(np.sum(unit[0].conj() * unit[1], axis=1)) > 1 - DUPLICATE))
 
 
 @dataclass(frozen=True)

@@ -225,7 +225,8 @@ class Correction:
 def correction_of(result: Calibration, recording: Recording) -> Correction:
     """Return the correction of a recording by the calibration of one with the same channels.
 
-    Channels are matched by name. InputError where no name is in both, or the calibration sought no gains.
+    Channels are matched by name; those at each other's places, by given positions or by a list, are exchanged.
+    InputError where no name is in both, or the calibration sought no gains.
     """
     channels = result.channels
     if channels is None or not channels.gains_sought:
@@ -259,6 +260,10 @@ def correction_of(result: Calibration, recording: Recording) -> Correction:
     for n, partner in exchanged:
         if (partner, n) in exchanged:  # else no channel is left for the partner
             source[n] = partner
+    own, places = source.copy(), [row.get(name) for name in result.order or ()]
+    for n, place in zip(rows, places, strict=False):
+        if n is not None and place is not None:
+            source[place] = own[n]
     dead = tuple(fault.name for fault in channels.faults if fault.kind == "dead")
     unknown = tuple(name for name in recording.names if name not in result.names)
     return Correction(source, gain[source], delay[source], corner[source], dead, unknown)

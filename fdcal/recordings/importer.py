@@ -237,6 +237,9 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
     if "bad" not in parts:
         for one, state in zip(chosen, health, strict=True):
             select.require_usable_channels(one, state)
+    if len(chosen) > 1 and chosen[0].count > 2:
+        select.require_different_takes(chosen, health)
+    if "bad" not in parts:
         return chosen, left_out
     for one, state in zip(chosen, health, strict=True):
         left_out |= {one.names[n]: state.fault(n, one.names) for n in state.bad}

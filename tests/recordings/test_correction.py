@@ -106,6 +106,21 @@ def test_an_exchange_that_is_not_mutual_moves_no_channel(sound, result):
     assert corrections.correction_of(chain, recording).source.tolist() == list(range(N))
 
 
+def test_channels_that_a_list_shows_exchanged_change_places(sound, result, tmp_path):
+    plain = dataclasses.replace(result, channels=dataclasses.replace(result.channels, faults=()))
+    line = plain.positions + np.array([[0.0, y] for y in (0, 0.3, 0.9, 0.2, 0.7, 0.1)])
+    plain = dataclasses.replace(plain, positions=line)
+    # M1 and M2 are exchanged; M3, M4 and M5 stand in each other's places.
+    check = fdcal.compare_positions(line, line[[0, 2, 1, 4, 5, 3]])
+    assert check.fits and check.swapped == ((1, 2),) and len(check.permuted) == 1
+    plain.save(tmp_path / "result.json", check=check)
+    recording = recording_of("sound", None, RATE, sound, names=NAMES)
+    source = corrections.correction_of(fdcal.Calibration.load(tmp_path / "result.json"), recording).source
+    # The microphone of channel n stands where the list has row order[n], whose channel gets its samples.
+    assert source[check.order].tolist() == list(range(N))
+    assert corrections.correction_of(plain, recording).source.tolist() == list(range(N))
+
+
 def test_other_channels_and_results_without_gains_are_refused(sound, result, tmp_path):
     recording = recording_of("sound", None, RATE, sound, names=tuple("abcdef"))
     with pytest.raises(fdcal.InputError) as refused:

@@ -1,5 +1,6 @@
 """Several files, sources or parts of a recording: takes of one array, or the channels of one take."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -210,6 +211,43 @@ def test_a_channel_that_is_faulty_in_one_take_is_left_out_of_all(folder, tmp_pat
     measurement, report = import_recording(files, ImportOptions(leave_out="bad", **GIVEN))
     assert measurement.count == COUNT - 1 and "3" not in measurement.names
     assert report.left_out == {"3": "silent"}
+
+
+COPIES = {
+    "scaled": lambda x: -0.3 * x,
+    "cut": lambda x: x[:, 3011:],
+    "resampled": lambda x: resample_poly(resample_poly(x, 147, 160, axis=1), 160, 147, axis=1),
+}
+
+
+@pytest.mark.parametrize("copied", [*COPIES])
+def test_a_copy_of_a_take_is_no_take(tmp_path, copied):
+    samples = noisy(playing(0, 12, 1), 40)
+    one = write(tmp_path / "one.wav", samples)
+    other = write(tmp_path / "copy.wav", COPIES[copied](samples))
+    moved = write(tmp_path / "moved.wav", noisy(playing(1, 12, 1), 40))  # the same sound from another place
+    with pytest.raises(InputError, match=r"copy\.wav is a copy of .*one\.wav.*give each take once"):
+        import_recording([one, moved, other], ImportOptions(files="takes", **GIVEN))
+    assert import_recording([one, moved], ImportOptions(files="takes", most=FEW, **GIVEN))[0].take_count == 2
+
+
+def test_copies_of_measurements_are_no_takes():
+    one = fdcal.load("tiny")
+    copy = dataclasses.replace(one, pressures=one.pressures * np.exp(1j * np.arange(len(one.frequencies)))[:, None])
+    with pytest.raises(InputError, match="measurements 1 and 2 are copies"):
+        fdcal.Measurement.from_takes([one, copy])
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_take_whose_channels_are_rotated_is_named(tmp_path, silent):
+    first, second = (noisy(playing(s, 12, s), 40, seed=s) for s in range(2))
+    if silent:
+        first[COUNT - 2 :], second[COUNT - 2 :] = 0, 0
+    one, other = write(tmp_path / "one.wav", first), write(tmp_path / "other.wav", np.roll(second, 2, axis=0))
+    with pytest.raises(
+        InputError, match=r"other\.wav has the channels of .*one\.wav rotated by 2: its channel 2 is channel 0"
+    ):
+        import_recording([one, other], ImportOptions(files="takes", leave_out="bad", **GIVEN))
 
 
 def test_every_source_of_a_folder_is_a_take(tmp_path):
