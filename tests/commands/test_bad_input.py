@@ -25,6 +25,8 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["view", "--port", "65536"], ["--port 65536", "out of range"]),
         (["view", "--host", "no such host"], ["--host", "127.0.0.1"]),
         (["view", "nowhere"], ['"nowhere" is unknown', "tiny"]),
+        (["calibrate", "array1"], ["did you mean array1_circle?"]),
+        (["simulate", "lshpae", "-o", "x.npz"], ["did you mean lshape?"]),
         (["simulate", "tiny"], ["-o"]),
         (["simulate", "tiny", "-o", "tiny.mat"], ["tiny.mat", ".npz"]),
         (["import", "nothing.wav", "-o", "n.npz", "--kind", "music"], ["'auto', 'impulse', 'stationary'"]),
@@ -133,6 +135,7 @@ def test_a_file_of_another_kind_is_said_to_be_one(tmp_path, refused, name, conte
     ("arguments", "words"),
     [
         (["calibrate", "gone.json"], r"cannot read scene gone\.json: No such file or directory"),
+        (["calibrate", "gone.wav"], r"gone\.wav: No such file or directory"),
         (["calibrate", "gone.npz"], r"cannot read gone\.npz: No such file or directory"),
         (["import", "gone.wav", "-o", "a.npz"], r"cannot read gone\.wav: No such file or directory"),
         (["plan", "gone.csv"], r"cannot read gone\.csv: No such file or directory"),

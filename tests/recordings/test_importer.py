@@ -4,7 +4,7 @@ import io
 import re
 import zipfile
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +16,6 @@ from recorded import FS, SPEED, exact, mismatch_db, noisy, places, responses, st
 from running import exit_code
 from scipy.signal import chirp, fftconvolve
 
-import fdcal
 from fdcal.acoustics.dictionary import f_max
 from fdcal.commands.file_commands import import_
 from fdcal.commands.options import OPTIONS
@@ -124,16 +123,9 @@ def test_a_lower_rate_changes_nothing_in_the_band():
         assert np.allclose(row[100:-100], np.cos(2 * np.pi * f * at + 0.3)[100:-100], atol=1e-5)
     assert np.abs(kept[3:, 100:-100]).max() < 1e-4, "1700 and 5000 Hz would fold to 300 and 1000 Hz"
     assert np.array_equal(read_samples(slow, 700, 900, [1]), kept[[1], 700:900])
-
-
-def test_a_lower_rate_is_the_same_whole_or_in_pieces():
-    samples = np.random.default_rng(0).standard_normal((2, 30_000))
-    recording = recording_of("file", "stationary", 8000.0, samples)
-    whole, pieces = (
-        decimate(recording, 500.0, s) for s in (DecimationSettings(), DecimationSettings(block_samples=1000))
-    )
-    chosen = (3, whole.samples - 5, np.array([1, 0]))
-    assert np.array_equal(pieces.block(*chosen), whole.block(*chosen))
+    pieces = decimate(recording_of("file", "stationary", fs, tones), 500.0, DecimationSettings(block_samples=1000))
+    chosen = (3, slow.samples - 5, np.array([1, 0]))
+    assert np.array_equal(pieces.block(*chosen), slow.block(*chosen)), "whole or in pieces"
 
 
 def test_a_narrow_resonance_keeps_its_own_frequency():
@@ -214,8 +206,7 @@ def ringing(seconds: float, snr_db: float, slow: float = 5.0) -> tuple[np.ndarra
     return clean + level * rng.standard_normal(clean.shape), truth
 
 
-@pytest.mark.parametrize("seconds", [4, 8])
-@pytest.mark.parametrize("snr_db", [20, 30, 45])
+@pytest.mark.parametrize(("seconds", "snr_db"), [(4, 20), (8, 30), (8, 45)])
 def test_a_mode_that_rings_on_is_not_cut_off(seconds, snr_db):
     recorded_samples, truth = ringing(seconds, snr_db)
     taken = pressures_of(recorded_samples)
@@ -338,43 +329,16 @@ def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, 
     assert (folder / name).read_bytes() == before
 
 
-@pytest.mark.parametrize(("name", "solver"), [("noise", "joint"), ("sweep", "robust")])
-def test_the_uncertainty_of_few_microphones_in_a_room_is_not_too_small(name, solver, folder, tmp_path):
-    """Both doubt the field or the known positions here: a false alarm, not a wrong claim."""
-    recorded_samples = stationary_source(20, 30)[0] if name == "noise" else swept(5, 30)[0]
+def test_the_uncertainty_of_few_microphones_in_a_room_is_not_too_small(folder, tmp_path):
+    """The known positions are doubted here: a false alarm, not a wrong claim."""
+    recorded_samples = swept(5, 30)[0]
     soundfile.write(tmp_path / "a.wav", recorded_samples.T / np.abs(recorded_samples).max() * 0.9, FS, subtype="PCM_24")
     measurement, _ = import_recording(
         tmp_path / "a.wav", ImportOptions(known=str(folder / "known.csv"), sound_speed=SPEED, most=80)
     )
-    inputs = measurement_input(measurement, "a")
-    inputs = replace(inputs, settings=replace(inputs.settings, name=solver))
-    result = solve(inputs)
+    result = solve(measurement_input(measurement, "a"))
     error = np.sqrt(np.mean(np.sum((result.positions - places()) ** 2, axis=1)))
     assert error < 1.8 * np.sqrt(np.mean(np.square(result.uncertainty)))
-
-
-def test_a_swap_in_the_file_is_named(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    said = places().copy()
-    said[[7, 12]] = said[[12, 7]]
-    np.savez("a.npz", recordings=noisy(responses(), 40), sample_rate=FS, kind="impulse", positions=said)
-    run("import", "a.npz", "-o", "m.npz", "--known", "0,1,2,3,4", "--sound-speed", SPEED)
-    exit_code("calibrate", "m.npz", "--solver", "joint", "--check")
-    assert "channels 7 and 12 are swapped" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("words", ["the list is 5.0 % too large", "7 is 141 mm from its place"])
-def test_a_list_of_another_size_or_with_a_wrong_row_ends_with_5(words, tmp_path, capsys):
-    listed = fdcal.load("tiny").positions.copy()
-    if "large" in words:
-        listed *= 1.05
-    else:
-        listed[7] += 0.1
-    rows = [f"{n},{x:.6f},{y:.6f}" for n, (x, y) in enumerate(listed)]
-    (tmp_path / "list.csv").write_text("\n".join(["name,x,y", *rows]) + "\n")
-    options = ("--known", "none", "--check", "--positions", tmp_path / "list.csv")
-    assert exit_code("calibrate", "tiny", *options) == 5
-    assert words in capsys.readouterr().out
 
 
 def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve_them(folder, tmp_path):
@@ -447,6 +411,7 @@ def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_no
         (["--kind", "music"], "'auto', 'impulse', 'stationary'", 2),
         (["--temperature", "300"], "degrees Celsius", 2),
         (["--temperature", "20", "--sound-speed", "343"], "say the same", 2),
+        (["--sound-speed", "34"], "34 m/s is out of range", 2),
         (["--dimension", "4"], "'2', '3'", 2),
         (["--most", "0"], "1 to 2000", 2),
         (["--subset", "1"], "two microphones", 2),
@@ -494,12 +459,6 @@ def test_an_archive_larger_than_memory_is_refused_in_one_line(tmp_path, monkeypa
     assert not Path("m.npz").exists()
 
 
-def test_a_recording_that_is_not_there_is_no_scene(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    run("calibrate", "nothing.wav", code=3)
-    assert "nothing.wav: No such file or directory" in capsys.readouterr().err
-
-
 def test_an_output_that_exists_is_kept(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("m.npz").write_text("mine")
@@ -526,11 +485,6 @@ def test_known_microphones_in_one_corner_do_not_make_the_array_small(tmp_path):
     _, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED, known=str(known)))
     limit = f_max(24, np.linalg.norm(places() - places().mean(axis=0), axis=1).max(), SPEED, 3)
     assert limit / 2 < report.highest_frequency < 2 * limit
-
-
-def test_a_sound_speed_of_no_medium_is_refused(folder):
-    with pytest.raises(InputError, match="34 m/s is out of range"):
-        import_recording(folder / "responses.wav", ImportOptions(sound_speed=34.0))
 
 
 @pytest.mark.parametrize(("count", "warned"), [(3, True), (5, False)])
@@ -611,9 +565,3 @@ def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch, capsys)
     assert exit_code("calibrate", "tiny", "--check") == 5
     Compared.agrees = True
     assert exit_code("calibrate", "tiny", "--check") == 4
-
-
-@pytest.mark.parametrize(("name", "meant"), [("array1", "array1_circle"), ("lshpae", "lshape")])
-def test_a_scene_that_may_be_meant_is_suggested(name, meant, capsys):
-    for command in (["calibrate", name], ["simulate", name, "-o", "x.npz"]):
-        assert exit_code(*command) == 2 and f"did you mean {meant}?" in capsys.readouterr().err

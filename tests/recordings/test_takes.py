@@ -254,13 +254,13 @@ def test_every_source_of_a_folder_is_a_take(tmp_path):
     path = tmp_path / "mesh"
     path.mkdir()
     np.save(path / "pos_mic.npy", places(COUNT))
-    np.save(path / "pos_src.npy", np.array(SOURCES))
-    every = np.array([resample_poly(noisy(responses(s), 50, seed=s), 12, 1, axis=1) for s in range(3)])  # at 48 kHz
+    np.save(path / "pos_src.npy", np.array(SOURCES[:2]))
+    every = np.array([resample_poly(noisy(responses(s), 50, seed=s), 12, 1, axis=1) for s in range(2)])  # at 48 kHz
     for n in range(COUNT):
         np.save(path / f"ir_{n}.npy", every[:, n])
     options = {"sound_speed": SPEED, "frequencies": "50:350"}
-    single = [fdcal.load(path, sources=s, most=30, **options) for s in range(3)]
-    together = fdcal.load(path, sources="all", most=90, **options)
+    single = [fdcal.load(path, sources=s, most=30, **options) for s in range(2)]
+    together = fdcal.load(path, sources="all", most=60, **options)
     same(together, fdcal.Measurement.from_takes(single))
     assert np.allclose(together.positions, places(COUNT))
 
