@@ -31,6 +31,9 @@ def layout_of(path, places) -> Layout:
     return read_layout(str(path))
 
 
+CENTIMETRES = Layout("cm", tuple("0123456789"), np.random.default_rng(0).uniform(0, 60, (10, 3)))
+
+
 def request_of(text="circle 12 0.3", **others):
     return PlanRequest(read_layout(text), **others)
 
@@ -59,43 +62,24 @@ def test_layouts_from_files(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["nothing", "circle", "circle 12", "circle x 0.3", "circle 12 -0.3", "cone 12 0.3", "gone.csv"]
-)
-def test_no_layout_is_one_line(text):
-    with pytest.raises((InputError, StorageError)) as caught:
-        read_layout(text)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
     ("wrong", "key"),
     [
         ({"snr_db": 0.0}, "snr"),
-        ({"snr_db": np.nan}, "snr"),
-        ({"reverberation_time": -1.0}, "reverberation_time"),
         ({"reverberation_time": 1e9}, "frequencies"),
         ({"band": (300.0, 200.0)}, "frequencies"),
         ({"band": (20.0, 21.0)}, "frequencies"),
         ({"band": (5000.0, 6000.0)}, "frequencies"),
-        ({"band": (np.nan, 200.0)}, "frequencies"),
-        ({"known": (-1,)}, "known"),
         ({"known": (0, 0)}, "known"),
         ({"known": (99,)}, "known"),
         ({"known": tuple(range(12))}, "known"),
         ({"known": (0, 4, 8), "known_sigma": -1.0}, "known_sigma"),
         ({"known_sigma": 0.005}, "known_sigma"),
-        ({"gain_sigma_db": -3.0}, "gain_sigma_db"),
         ({"modes": 0}, "modes"),
-        ({"modes": 4.5}, "modes"),
         ({"room": (5.0,)}, "room"),
-        ({"room": (5.0, -4.0)}, "room"),
         ({"text": "ball 12 0.3", "room": (5.0, 4.0)}, "room"),
-        ({"seed": -1}, "seed"),
         ({"kind": "speech"}, "kind"),
         ({"kind": "impulse"}, "room"),
-        ({"takes": 0}, "takes"),
         ({"takes": 101}, "takes"),
-        ({"takes": 2.5}, "takes"),
         ({"text": "circle 12 0.2 vertical", "room": (4.0, 3.0)}, "room"),
         ({"text": "ball 12 0.2 vertical"}, None),
         # larger than the room: a plane, a ball that has no band either, an upright plane, an array in a plane room
@@ -111,41 +95,50 @@ def test_requests_out_of_range(wrong, key):
     assert (key is None or caught.value.key == key) and "\n" not in str(caught.value)
 
 
-def test_a_refused_request_names_microphones_sizes_and_frequencies_with_their_digits():
-    layout = read_layout("circle 8 0.2")
-    doubled = replace(layout, positions=layout.positions[[0, 1, 2, 3, 4, 2, 6, 7]])
-    with pytest.raises(InputError, match="microphones 2 and 5 are at one place"):
-        PlanRequest(doubled)
-    with pytest.raises(InputError, match=r"the array, 0\.6 x 0 x 0\.6 m, does not fit .* 5 x 4 x 0\.6 m") as large:
-        request_of("circle 16 0.3 vertical", room=(5.0, 4.0, 0.6))
-    assert "smaller array or a larger" in large.value.remedy
-    with pytest.raises(InputError, match=r"^2000\.0 to 2004\.0 Hz with a reverberation time of 0\.5 s hold"):
-        request_of("circle 12 0.02", band=(2000.0, 2004.0))
+@pytest.mark.parametrize(
+    "text", ["nothing", "circle", "circle 12", "circle x 0.3", "circle 12 -0.3", "cone 12 0.3", "gone.csv"]
+)
+def test_no_layout_is_one_line(text):
+    with pytest.raises((InputError, StorageError)) as caught:
+        read_layout(text)
+    assert "\n" not in str(caught.value)
 
 
-def test_a_plan_says_what_is_undetermined():
-    blind = make_plan(request_of())
-    given = make_plan(request_of(known=(0, 4, 8)))
+def moved(count: int, places) -> Layout:
+    """A circle with the places of some microphones changed."""
+    layout = read_layout(f"circle {count} 0.2")
+    positions = np.array(layout.positions)
+    positions[list(places)] = list(places.values())
+    return replace(layout, positions=positions)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: PlanRequest(moved(8, {5: (-0.2, 0.0), 4: (-0.2, 0.0)})), "microphones 4 and 5 are at one place"),
+        (lambda: request_of("circle 16 0.3 vertical", room=(5.0, 4.0, 0.6)),
+         r"the array, 0\.6 x 0 x 0\.6 m, does not fit .* 5 x 4 x 0\.6 m.*smaller array or a larger"),
+        (lambda: request_of("circle 12 0.02", band=(2000.0, 2004.0)),
+         r"^2000\.0 to 2004\.0 Hz with a reverberation time of 0\.5 s hold"),
+        (lambda: PlanRequest(CENTIMETRES), "in metres, not in centimetres"),
+        (lambda: PlanRequest(CENTIMETRES, band=(50.0, 400.0)), "in metres, not in centimetres"),
+    ],
+)  # fmt: skip
+def test_a_refused_request_names_microphones_sizes_and_frequencies_with_their_digits(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
+
+
+def test_a_plan_says_what_is_undetermined_and_its_bound_falls_with_the_root_of_the_number_of_takes():
+    blind, given, few, several = (make_plan(request_of(*text, **others)) for text, others in (
+        ((), {}), ((), {"known": (0, 4, 8)}), (("rectangle 4x4 0.4x0.4",), {"band": (20.0, 150.0)}), ((), {"takes": 4})
+    ))  # fmt: skip
     assert any("mirror" in line for line in blind.degeneracies)
     assert not any("mirror" in line for line in given.degeneracies)
-    few = make_plan(request_of("rectangle 4x4 0.4x0.4", band=(20.0, 150.0)))
     assert any("determined to" in line for line in few.degeneracies)
-
-
-def test_json_figure_and_page_hold_the_plan():
-    request = request_of("rectangle 4x4 0.5x0.5", room=(6.0, 5.0, 2.7), known=(0, 3, 12))
-    plan = make_plan(request)
-    table = json.loads(json.dumps(plan_dict(plan)))
-    assert table["bound_rms_m"] == plan.bound.rms
-    assert table["text"] == plan_lines(plan)
-    assert len(draw_plan(plan.request.layout.positions, plan.bound).axes) == 1
-    assert table["table"]["expected_rms_m"][0][0] == plan.forecast.rms
-    layout = plan.request.layout
-    said = plan_sentences(plan), plan_table(plan)
-    page = plan_html(layout.name, layout.names, layout.positions, plan.bound, *said)
-    assert page.startswith("<!doctype html>")
-    assert "http" not in page.replace("http-equiv", "")
-    assert page.count("<tr>") == 17 + len(plan.takes) + 1
+    assert several.bound.rms == pytest.approx(blind.bound.rms / 2)
+    np.testing.assert_allclose(blind.expected[:, 0], blind.forecast.rms / np.sqrt(blind.takes))
+    np.testing.assert_allclose(several.expected, blind.expected)
 
 
 def test_an_array_that_does_not_lie_in_the_room_is_said_to_be_moved(tmp_path):
@@ -169,19 +162,8 @@ def test_a_plane_array_is_planned_in_its_plane_however_it_is_turned(tmp_path, ti
     bounds = [make_plan(one).bound.rms for one in (replace(request, room=None), other)]
     assert bounds[0] == pytest.approx(bounds[1], rel=1e-6)
     assert any("not level" in line for line in plan_lines(make_plan(request))) == (tilt > 0)
-
-
-def test_an_upright_array_in_words_stands_along_x_and_z():
-    places = places_in_room(request_of("rectangle 4x3 0.6x0.4 vertical", room=(4.0, 3.0, 2.5)))
-    np.testing.assert_allclose(np.ptp(places, axis=0), [0.6, 0, 0.4], atol=1e-12)
-
-
-def test_positions_in_centimetres_are_suspected(tmp_path):
-    places = np.random.default_rng(0).uniform(0, 60, (10, 3))
-    layout = layout_of(tmp_path / "cm.csv", places)
-    for band in (None, (50.0, 400.0)):
-        with pytest.raises(InputError, match="in metres, not in centimetres"):
-            PlanRequest(layout, band=band)
+    upright = places_in_room(request_of("rectangle 4x3 0.6x0.4 vertical", room=(4.0, 3.0, 2.5)))
+    np.testing.assert_allclose(np.ptp(upright, axis=0), [0.6, 0, 0.4], atol=1e-12, err_msg="along x and z")
 
 
 def test_several_takes_of_a_large_array_have_the_frequencies_that_an_import_takes():
@@ -271,22 +253,9 @@ def test_more_signal_and_more_takes_never_make_the_forecast_worse(text, others):
         assert plan.snr_db[0] == plan.request.snr_db and plan.snr_db[-1] <= max(FORECAST.max_snr_db, plan.snr_db[0])
     for name in ("rms", "low", "high"):
         assert np.all(np.diff([getattr(plan.forecast, name) for plan in plans]) <= 0)
+    other = make_plan(replace(plans[2].request, takes=8, snr_db=36.0)).forecast.rms
+    assert plans[2].expected[plans[2].takes.index(8), plans[2].snr_db.index(36.0)] == pytest.approx(other, rel=1e-12)
     assert np.all(np.diff([plan.bound.rms for plan in plans]) <= 0)
-
-
-def test_a_cell_of_the_table_is_the_forecast_of_a_plan_with_these_takes_and_this_ratio():
-    plan = make_plan(request_of("ball 16 0.4", kind="impulse", **LIVING))
-    for takes in (2, 8):
-        other = make_plan(replace(plan.request, takes=takes, snr_db=36.0)).forecast.rms
-        assert plan.expected[plan.takes.index(takes), plan.snr_db.index(36.0)] == pytest.approx(other, rel=1e-12)
-
-
-def test_takes_are_independent_so_that_the_bound_falls_with_the_root_of_their_number():
-    one, four = (make_plan(request_of("ball 12 0.3", takes=takes)) for takes in (1, 4))
-    assert four.bound.rms == pytest.approx(one.bound.rms / 2)
-    np.testing.assert_allclose(one.expected[:, 0], one.forecast.rms / np.sqrt(one.takes))
-    np.testing.assert_allclose(four.expected, one.expected)
-    assert make_plan(request_of("ball 12 0.3", takes=3)).takes == (1, 2, 3, 4, 8)
 
 
 def test_places_that_share_the_rows_of_an_import_are_worth_more_since_their_rows_are_farther_apart():
@@ -342,8 +311,17 @@ def test_the_advice_follows_from_the_table(text, others):
                 assert reached[row, column], "what is advised is in the table"
 
 
-def test_the_table_in_words_has_the_numbers_of_the_plan():
+def test_words_json_figure_and_page_have_the_numbers_of_the_plan():
     plan = make_plan(request_of("ball 12 0.3", takes=3))
+    table = json.loads(json.dumps(plan_dict(plan)))
+    assert (table["bound_rms_m"], table["text"]) == (plan.bound.rms, plan_lines(plan))
+    assert table["table"]["expected_rms_m"][2][0] == plan.forecast.rms
+    layout = plan.request.layout
+    assert len(draw_plan(layout.positions, plan.bound).axes) == 1
+    said = plan_sentences(plan), plan_table(plan)
+    page = plan_html(layout.name, layout.names, layout.positions, plan.bound, *said)
+    assert page.startswith("<!doctype html>") and "http" not in page.replace("http-equiv", "")
+    assert page.count("<tr>") == 13 + len(plan.takes) + 1
     lines, head, *rows = plan_lines(plan), *plan_table(plan)
     low, high, rms = (f"{1e3 * value:.3g} mm" for value in (plan.forecast.low, plan.forecast.high, plan.forecast.rms))
     assert lines[2] == f"expected error: {rms} rms, {low} to {high} in 8 of 10 recordings"
