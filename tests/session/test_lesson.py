@@ -1,17 +1,15 @@
 """Lessons are read from TOML files: the built-in ones are valid, and an error is reported in one line."""
 
-import tomllib
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from running import exit_code
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.validation import InputError, StorageError
+from fdcal.model.validation import InputError
 from fdcal.session import lesson as lessons
-from fdcal.session.lesson import LessonSetting, lesson_folder, lesson_names, load_lesson
+from fdcal.session.lesson import LessonSetting, lesson_names, load_lesson
 
 GOOD = """
 title = "Mine"
@@ -62,23 +60,22 @@ def test_a_lesson_is_read_as_written(written):
     assert (lesson.title, lesson.name) == ("Mine", "mine")
     assert (first.choices, first.answer, first.reveal) == (("one", "two"), 2, "Two.")
     assert first.page.modes == "1-5" and first.then == LessonSetting(run="2 sweeps")
+    targets = [lessons.run_target(run) for run in ("end", "1 step", "3 sweeps", "12 stages")]
+    assert targets == [("end", 0), ("step", 1), ("sweep", 3), ("stage", 12)]
     assert second == lessons.LessonStep("Again.")
 
 
-def test_a_step_stands_on_the_last_scene_named(written):
+def test_a_step_stands_on_the_last_scene_named(written, edited):
     lesson = load_lesson(written('text = "Again."', 'text = "Again."\n[steps.page]\nchanges = { "seed" = 4 }'))
     scene, seed = lesson.start(0)
     assert (scene.name, scene.solver.name, seed) == ("tiny", "descent", 0)
     scene, seed = lesson.start(1)
     assert (scene.solver.name, seed) == ("robust", 4), "the changes are of the scene, not of what was changed before"
+    edited({"title": '"Other"'}, "beside")
+    beside = load_lesson(written('scene = "tiny"', 'scene = "beside.toml"'))
+    assert beside.start(0)[0].title == "Other", "a scene beside the lesson is found"
     unchanged = load_lesson(written())
     assert unchanged.start(0) == unchanged.start(0, revealed=True) == unchanged.start(1)
-
-
-def test_a_scene_beside_the_lesson_is_found(written, edited):
-    edited({"title": '"Other"'}, "beside")
-    lesson = load_lesson(written('scene = "tiny"', 'scene = "beside.toml"'))
-    assert lesson.start(0)[0].title == "Other"
 
 
 @pytest.mark.parametrize(
@@ -123,13 +120,6 @@ def test_an_error_in_a_lesson_is_reported_in_one_line(written, old, new, words):
     assert words in str(caught.value) and "\n" not in str(caught.value) and str(path) in str(caught.value)
 
 
-def test_a_lesson_that_is_not_there(tmp_path):
-    with pytest.raises(InputError, match='did you mean "1_many_minima"'):
-        load_lesson("many_minima")
-    with pytest.raises(StorageError, match="cannot read lesson"):
-        load_lesson(tmp_path / "none.toml")
-
-
 def test_a_step_cites_a_frame_of_a_replay(written):
     first, *_ = load_lesson(written('modes = "1-5"', 'frame = "#step=12&microphone=9&modes=1-4&view=top"')).steps
     whole = first.page.unfolded()
@@ -155,24 +145,15 @@ def test_a_step_sets_what_an_address_names(text, setting):
         assert replace(LessonSetting(frame=frame).unfolded(), frame=None) == setting
 
 
-@pytest.mark.parametrize(
-    ("run", "meant"),
-    [("end", ("end", 0)), ("1 step", ("step", 1)), ("3 sweeps", ("sweep", 3)), ("12 stages", ("stage", 12))],
-)
-def test_how_far_a_run_goes(run, meant):
-    assert lessons.run_target(run) == meant
-
-
 def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(written, capsys):
-    caught = exit_code("view", "--lesson", str(written("answer = 2", "answer = 3")), "--no-browser")
-    error = capsys.readouterr().err
-    assert caught == 2 and "steps[1].answer = 3" in error and error.count("\n") == 1
-
-
-def test_an_installed_package_brings_the_lessons_along():
-    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
-    taken = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    assert taken["lessons"] == "fdcal/lessons" and lesson_folder().name == "lessons"
+    for name, code, words in (
+        (written("answer = 2", "answer = 3"), 2, "steps[1].answer = 3"),
+        ("many_minima", 2, 'did you mean "1_many_minima"'),
+        ("none.toml", 3, "cannot read lesson"),
+    ):
+        assert exit_code("view", "--lesson", str(name), "--no-browser") == code
+        error = capsys.readouterr().err
+        assert words in error and error.count("\n") == 1
 
 
 def test_a_lesson_states_the_error_of_its_scene():

@@ -103,6 +103,37 @@ def test_a_reopened_session_equals_the_saved_one_and_its_run_goes_on_as_if_it_ha
     assert state.finished
 
 
+def test_the_two_files_may_lie_in_a_folder_and_both_are_needed(folder, joint_session, tmp_path):
+    path = folder()
+    assert all(map(same, session_file.read(path).states, joint_session.states))
+    assert same(load_measurement(tmp_path / "session.npz"), joint_session.measurement), "a measurement file"
+    (tmp_path / "session.npz").unlink()
+    for missing, words in ((path, r"session\.npz"), (tmp_path / "nowhere.zip", "nowhere")):
+        with pytest.raises(StorageError, match=words):
+            session_file.read(missing)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04junk", pickle.dumps({"a": 1}), b"[" * 100_000, b"NaN", b"\xff"])
+def test_no_session_file_is_refused_in_one_line(tmp_path, capsys, content):
+    for suffix in ("zip", "json"):
+        (tmp_path / f"broken.{suffix}").write_bytes(content)
+        (tmp_path / "broken.npz").write_bytes(content)
+        assert exit_code("view", tmp_path / f"broken.{suffix}", "--port", "0", "--no-browser") == 2
+        errors = capsys.readouterr().err
+        assert errors.startswith("error: ") and errors.count("\n") == 1
+
+
+def test_of_a_long_run_fewer_states_are_written_and_none_that_is_not_finite(joint_session, monkeypatch):
+    states = [dataclasses.replace(joint_session.states[-1], step=i) for i in range(100)]
+    assert session_file.kept_states(states, 17) == list(range(100))
+    monkeypatch.setattr(session_file, "WRITTEN_BYTES", 6 * session_file.state_bytes(joint_session.states[0]))
+    kept = session_file.kept_states(states, 17)
+    assert 4 <= len(kept) <= 6 and {0, 17, 99} <= set(kept)
+    bad = dataclasses.replace(joint_session.states[-1], cost=float("nan"))
+    with pytest.raises(InputError, match="rewind"):
+        session_file.write(dataclasses.replace(joint_session, states=(bad,), index=0))
+
+
 @pytest.mark.parametrize("name", ["tiny", "listening_lab"])
 def test_a_scene_without_noise_and_one_in_a_measured_room_come_back_too(name, reopened):
     scene = load_scene(name)
@@ -111,33 +142,9 @@ def test_a_scene_without_noise_and_one_in_a_measured_room_come_back_too(name, re
     state = solvers.load(scene.solver.name).init(measurement.problem(scene.solver.weights), scene.solver, 0)
     assert np.isinf(scene.measurement.snr_db) or name != "tiny"
     assert reopened(OpenRequest(scene, 0, measurement, (state,))).scene == scene
-
-
-def test_a_measurement_without_a_scene_stays_one(joint_session, reopened):
-    scene = placeholder_scene(joint_session.measurement, "mine", joint_session.scene.solver)
-    found = reopened(dataclasses.replace(joint_session, scene=scene)).scene
-    assert found == scene and type(found) is type(scene), "no walls are drawn of an unknown room"
-
-
-def test_the_two_files_may_lie_in_a_folder(folder, joint_session, tmp_path):
-    found = session_file.read(folder())
-    assert all(map(same, found.states, joint_session.states))
-    assert same(load_measurement(tmp_path / "session.npz"), joint_session.measurement), "a measurement file"
-
-
-def test_of_a_long_run_fewer_states_are_written(joint_session, monkeypatch):
-    monkeypatch.setattr(session_file, "WRITTEN_BYTES", 6 * session_file.state_bytes(joint_session.states[0]))
-    states = [dataclasses.replace(joint_session.states[-1], step=i) for i in range(100)]
-    kept = session_file.kept_states(states, 17)
-    assert 4 <= len(kept) <= 6 and {0, 17, 99} <= set(kept)
-    monkeypatch.undo()
-    assert session_file.kept_states(states, 17) == list(range(100))
-
-
-def test_a_run_that_is_not_finite_is_not_saved(joint_session):
-    bad = dataclasses.replace(joint_session.states[-1], cost=float("nan"))
-    with pytest.raises(InputError, match="rewind"):
-        session_file.write(dataclasses.replace(joint_session, states=(bad,), index=0))
+    bare = placeholder_scene(measurement, "mine", scene.solver)
+    found = reopened(OpenRequest(bare, 0, measurement, (state,))).scene
+    assert found == bare and type(found) is type(bare), "no walls are drawn of an unknown room"
 
 
 class Trap:
@@ -234,25 +241,3 @@ def test_a_file_that_claims_or_unpacks_to_too_much_is_refused(tmp_path, folder, 
             archive.writestr("session.npz", packed)
         with pytest.raises(InputError):
             session_file.read(path)
-
-
-@pytest.mark.parametrize(
-    "content", [b"", b"PK\x03\x04junk", pickle.dumps({"a": 1}), b"[" * 100_000, b"{}", b"NaN", b"\xff\xfe"]
-)
-@pytest.mark.parametrize("suffix", ["zip", "json"])
-def test_an_invalid_session_file_is_refused_in_one_line(tmp_path, capsys, content, suffix):
-    path = tmp_path / f"broken.{suffix}"
-    path.write_bytes(content)
-    path.with_suffix(".npz").write_bytes(content)
-    left = exit_code("view", path, "--port", "0", "--no-browser")
-    errors = capsys.readouterr().err
-    assert left == 2 and errors.startswith("error: ") and errors.count("\n") == 1
-
-
-def test_a_missing_half_is_reported(folder, tmp_path):
-    path = folder()
-    (tmp_path / "session.npz").unlink()
-    with pytest.raises(StorageError, match=r"session\.npz"):
-        session_file.read(path)
-    with pytest.raises(StorageError, match="nowhere"):
-        session_file.read(tmp_path / "nowhere.zip")
