@@ -40,17 +40,17 @@ def test_right_positions_are_all_held_and_put_the_array_in_their_frame():
     assert np.max(np.abs(best.positions - x)) < 5e-3
 
 
-@pytest.mark.parametrize("wrong", [1, 4])
-def test_a_wrong_position_holds_nothing(wrong):
-    x = array()
-    places = x[KNOWN]
-    places[wrong] += [0.04, -0.03]
-    best = likeliest(places)
-    assert np.flatnonzero(~best.right).tolist() == [wrong]
+@pytest.mark.parametrize(("count", "away"), [(6, [0.04, -0.03]), (8, [-0.3, 0.1]), (20, [-0.3, 0.1])])
+def test_a_wrong_position_holds_nothing(count, away):
+    x, known = array(40), np.arange(0, 2 * count, 2)
+    places = x[known]
+    places[5] += away
+    best = likeliest(places, x, known)
+    assert np.flatnonzero(~best.right).tolist() == [5]
     assert np.max(np.abs(best.positions - x)) < 5e-3
 
 
-@pytest.mark.parametrize("count", [3, 6, 12])
+@pytest.mark.parametrize("count", [3, 12])
 def test_exchanged_positions_are_put_right(count):
     x, known = array(), np.arange(0, 2 * count, 2)
     order = np.arange(count)
@@ -91,15 +91,6 @@ def test_the_frame_changes_no_evidence():
     mirrored = places[:, ::-1] + [3.0, -1.0]
     one, other = (hypotheses(free(x), KNOWN, p, None, True) for p in (places, mirrored))
     assert np.allclose([h.log_evidence for h in one], [h.log_evidence for h in other], atol=1e-6)
-
-
-@pytest.mark.parametrize("count", [8, 20])
-def test_of_many_positions_the_wrong_one_is_found(count):
-    x = array(40)
-    known = np.arange(0, 2 * count, 2)
-    places = x[known]
-    places[5] += [-0.3, 0.1]
-    assert np.flatnonzero(~likeliest(places, x, known).right).tolist() == [5]
 
 
 @pytest.fixture(scope="module")
@@ -191,16 +182,13 @@ def test_how_far_an_exact_position_is_from_its_microphone_is_said(sound, away):
     assert np.linalg.norm(np.array(row.found) - sound.positions[KNOWN[2]]) < 5e-3
 
 
-def test_a_dead_channel_at_an_exact_position_is_dead_and_not_misplaced(sound):
-    pressures, rng = sound.pressures.copy(), np.random.default_rng(3)
-    loud = np.sqrt(np.mean(np.abs(pressures) ** 2))
-    pressures[:, KNOWN[1]] = loud * (rng.normal(size=MODES) + 1j * rng.normal(size=MODES))
-    assert solved(replace(sound, pressures=pressures), "joint").faulty == [(KNOWN[1], "dead")]
-
-
-@pytest.mark.parametrize("partner", [KNOWN[4], 7])
-def test_a_channel_at_an_exact_position_that_is_exchanged_is_found_and_put_back(sound, partner):
+@pytest.mark.parametrize("partner", [KNOWN[4], 7, None])
+def test_a_channel_at_an_exact_position_that_is_exchanged_is_put_back_and_one_that_is_dead_is_so(sound, partner):
     pressures = sound.pressures.copy()
+    if partner is None:
+        pressures[:, KNOWN[1]] = np.random.default_rng(3).normal(size=(MODES, 2)) @ [1, 1j]
+        assert solved(replace(sound, pressures=pressures), "joint").faulty == [(KNOWN[1], "dead")]
+        return
     pressures[:, [KNOWN[1], partner]] = pressures[:, [partner, KNOWN[1]]]
     end = solved(replace(sound, pressures=pressures), "joint")
     assert sorted(end.faulty) == sorted([(KNOWN[1], "exchanged"), (partner, "exchanged")])

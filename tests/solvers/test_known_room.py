@@ -1,6 +1,7 @@
 """Absolute positions in a room of known size, through the command line."""
 
 import json
+import re
 import warnings
 from dataclasses import replace
 
@@ -119,6 +120,7 @@ def test_modes_chosen_by_the_user_must_be_enough():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (["--room", "5.2x5.2"], r"known microphone 7.*outside"),
         (["--room", "6"], "no size of a room"),
         (["--room", "6xfive"], "no size of a room"),
         (["--room", "6x-5"], "above zero"),
@@ -133,21 +135,13 @@ def test_modes_chosen_by_the_user_must_be_enough():
     ],
 )
 def test_a_bad_room_is_refused_in_one_line(calibrate, options, words):
-    code, _, lines, result = calibrate(measurement(), *options)
+    code, _, lines, result = calibrate(measurement(known=[7] if "7" in words else ()), *options)
     assert (code, len(lines), result) == (2, 1, None)
-    assert words in lines[0]
+    assert re.search(words, lines[0])
 
 
-def test_a_known_microphone_outside_the_room_is_named(calibrate):
-    code, _, (line,), _ = calibrate(measurement(known=[7]), "--room", "5.2x5.2")
-    assert code == 2
-    assert "known microphone 7" in line
-    assert "outside" in line
-
-
-@pytest.mark.parametrize("scene", ["lshape"])
-def test_a_scene_that_is_no_rectangle_is_refused(scene):
-    inputs = CalibrationInput(scene, load_scene(scene), measurement(), load_scene(scene).solver, 0)
+def test_a_scene_that_is_no_rectangle_is_refused():
+    inputs = CalibrationInput("lshape", load_scene("lshape"), measurement(), load_scene("lshape").solver, 0)
     with pytest.raises(InputError, match="is no rectangle"):
         with_settings(inputs, solver="room", room=(6.0, 5.0))
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -153,8 +154,7 @@ def test_given_positions_correct_an_uncertain_sound_speed_and_leave_one_that_is_
     measurement = at_another_speed(measured(), factor)
     exact, found = (solved(measurement, sound_speed_sigma=one).assessment for one in (None, sigma))
     assert abs(found.problem.sound_speed - 343.0) < 3 * found.sound_speed_sigma < 3 * least * 343
-    free = np.setdiff1d(np.arange(COUNT), KNOWN)
-    errors = [rms(one.positions, measurement.positions, free) for one in (found, exact)]
+    errors = [rms(one.positions, measurement.positions, FREE) for one in (found, exact)]
     assert errors[0] < (min(errors[1], 0.0035) if factor > 1 else 1.3 * errors[1] + 5e-4)
     assert exact.problem.sound_speed == measurement.sound_speed and exact.sound_speed_sigma is None
     assert factor > 1 or np.sum(found.uncertainty**2) > np.sum(exact.uncertainty**2)
@@ -185,6 +185,69 @@ def test_without_noise_one_restart_that_explains_all_is_enough():
 def test_without_noise_a_gain_is_still_sought():
     gains = solved(noiseless(lambda p: p * np.where(np.arange(COUNT) == 4, 1.3, 1.0))).state.gains
     assert gains[4, 0] - np.median(gains[:, 0]) == pytest.approx(np.log(1.3), abs=0.02)
+
+
+# Delays and high-passes of all channels: they are found, and cost nothing where there are none.
+
+
+FREE = np.setdiff1d(np.arange(COUNT), KNOWN)
+CORNER_TO_HZ = 343.0 / (2 * np.pi)
+
+
+def filtered(delays: Any = 0.0, corners=None, lowest=0, count=MODES) -> Measurement:
+    """A measurement in a rigid room at 50 dB by channels with delays, s, and first-order high-passes, Hz."""
+
+    def change(p, _, f):
+        p = p * np.exp(-2j * np.pi * np.outer(f, delays * np.ones(COUNT)))
+        return p if corners is None else p / (1 - 1j * corners / f[:, None])
+
+    return measured(change, snr=50.0, modes=slice(lowest, lowest + count))
+
+
+def drawn() -> tuple[np.ndarray, np.ndarray]:
+    """Delays of 0.05 ms (standard deviation) and corners of 20 to 60 Hz."""
+    rng = np.random.default_rng(7)
+    return 5e-5 * rng.standard_normal(COUNT), rng.uniform(20, 60, COUNT)
+
+
+@pytest.fixture(scope="module")
+def matched():
+    return solved(filtered())
+
+
+def test_matched_channels_have_no_filters_and_lose_nothing(matched):
+    model, fixed = matched.state.model, solved(filtered(), gains="fixed")
+    assert not np.any(model.filters) and model.delay_sigma == model.corner_sigma == 0
+    truth = filtered().positions
+    errors = [rms(end.assessment.positions, truth, FREE) for end in (matched, fixed)]
+    assert errors[0] < 1.3 * errors[1] + 5e-4 and errors[1] < 0.004
+
+
+@pytest.mark.parametrize("which", ["corners", "both"])
+def test_filters_of_all_channels_come_back_and_the_positions_are_as_exact_as_without(matched, which):
+    delays, corners = drawn()
+    delays = delays if which != "corners" else 0 * delays
+    end = solved(filtered(delays, corners if which != "delays" else None))
+    truth = filtered().positions
+    assert rms(end.assessment.positions, truth, FREE) < 1.5 * rms(matched.assessment.positions, truth, FREE) + 5e-4
+    assert end.assessment.verdict == "good" and not end.faulty
+    found, sigma = end.estimate.channels.filters, end.estimate.channels.filter_sigma
+    error = found[:, 0] - 343.0 * delays
+    error = error - np.median(error)  # a delay that all share belongs to the source
+    assert np.mean(np.abs(error) < 3 * sigma[:, 0] + 2e-4) > 0.9
+    if which != "delays":  # a corner that all share is hardly seen
+        error = found[:, 1] - corners / CORNER_TO_HZ
+        error = error - np.median(error)
+        assert np.mean(np.abs(error) < 3 * sigma[:, 1] + 0.02) > 0.9
+
+
+def test_a_narrow_band_does_not_take_a_phase_for_a_delay():
+    """Phases of the channels over less than an octave: whatever they are called, the positions stay."""
+    plain = filtered(lowest=24, count=16)
+    phases = 0.1 * np.random.default_rng(3).standard_normal(COUNT)
+    turned = solved(replace(plain, pressures=plain.pressures * np.exp(1j * phases)))
+    errors = [rms(end.assessment.positions, plain.positions, FREE) for end in (turned, solved(plain))]
+    assert errors[0] < 1.5 * errors[1] + 1e-3
 
 
 # A measured room: the array is found blind, to millimetres, and the verdict is good.
