@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from fields import rigid_room
 
-from fdcal.acoustics import box_field
 from fdcal.acoustics.box_field import modal_pressures, point_source_pressures
 from fdcal.acoustics.measure import measure
 from fdcal.acoustics.room_modes import (
@@ -73,19 +72,6 @@ def test_every_wall_has_its_condition(room):
                 np.testing.assert_allclose(p[:, 0], 0, atol=1e-12)
             else:
                 np.testing.assert_allclose(outwards, -1j * K * room.admittance * p[:, 0], atol=1e-6 * np.abs(p).max())
-
-
-@pytest.mark.parametrize("axis", range(3))
-def test_the_axis_of_the_closed_form_makes_no_difference(axis, room):
-    """Three sums over other eigenfunctions: none may be missing or stand twice, and the reflections must be theirs."""
-    order = [(axis + 1) % 3, (axis + 2) % 3, axis]
-    lengths, source, places = np.array(SIZE)[order], SOURCE[order], PLACES[:, order]
-    terms = box_field.eigenfunction_numbers(
-        lengths, box_field.EXACT / np.abs(places[:, 2] - source[2]).min(), abs(K[-1]), 0
-    )
-    along = box_field.closed_form_sum(room, lengths, source, places, np.asarray(K), terms)
-    found = point_source_pressures(room, SOURCE, PLACES, K)
-    np.testing.assert_allclose(along, found, atol=1e-11 * np.abs(found).max())
 
 
 def images(places, source, size, k, sign, reach):
@@ -177,18 +163,16 @@ def differs(values, truth) -> float:
     return float(np.abs(ratio / ratio.mean(axis=1, keepdims=True) - 1).max())
 
 
-def test_the_sum_is_the_closed_form_in_a_rigid_plane():
-    room = point_source_model(RECTANGLE, WAVENUMBERS, 0)
-    truth = rigid_room(IN_RECTANGLE, SOURCE_IN_RECTANGLE, WAVENUMBERS)
-    assert differs(room_pressures(room.excitation(SOURCE_IN_RECTANGLE), room.shapes(IN_RECTANGLE)), truth) < 1e-4
-
-
 @pytest.mark.parametrize("admittance", [0.0, 0.02, 0.1])
 def test_the_sum_is_the_closed_form_in_a_box(admittance):
     walls = Room(size=BOX, walls="absorbing", admittance=admittance) if admittance else Room(size=BOX)
     room = point_source_model(BOX, WAVENUMBERS, admittance)
     truth = point_source_pressures(walls, BOX_SOURCE, HIGH, WAVENUMBERS)
     assert differs(room_pressures(room.excitation(BOX_SOURCE), room.shapes(HIGH)), truth) < 1e-5
+    if not admittance:
+        room, source = point_source_model(RECTANGLE, WAVENUMBERS, 0), SOURCE_IN_RECTANGLE
+        truth = rigid_room(IN_RECTANGLE, source, WAVENUMBERS)
+        assert differs(room_pressures(room.excitation(source), room.shapes(IN_RECTANGLE)), truth) < 1e-4
 
 
 def noisy() -> tuple[np.ndarray, np.ndarray]:
@@ -204,22 +188,12 @@ def slope(function, x, i: int, h: float = 1e-6) -> float:
     return (function(ahead) - function(behind)) / (2 * h)
 
 
-@pytest.mark.parametrize(("size", "places"), [(RECTANGLE, IN_RECTANGLE), (BOX, HIGH)], ids=["plane", "space"])
-def test_the_diffuse_models_gradient_is_its_slope(size, places):
-    p, noise = noisy()
-    model, x = diffuse_model(size, WAVENUMBERS, 0.01), places.ravel()
-    gradient = diffuse_terms(x, p, noise, model).gradient
-    for i in (0, 3, 7):
-        wanted = slope(lambda y: diffuse_terms(y, p, noise, model).cost, x, i)
-        assert gradient[i] == pytest.approx(wanted, rel=1e-4, abs=1e-4)
-
-
 @pytest.mark.parametrize(
     ("size", "places", "source"),
     [(RECTANGLE, IN_RECTANGLE, SOURCE_IN_RECTANGLE), (BOX, HIGH, BOX_SOURCE)],
     ids=["plane", "space"],
 )
-def test_the_exact_models_gradient_is_its_slope(size, places, source):
+def test_the_gradients_of_the_exact_and_the_diffuse_model_are_their_slopes(size, places, source):
     p, noise = noisy()
     D = len(size)
     theta = np.concatenate([places.ravel(), source, [0.03, 0.01], np.full(D, 0.01)])
@@ -230,6 +204,11 @@ def test_the_exact_models_gradient_is_its_slope(size, places, source):
     gradient = exact(theta, p, noise, WAVENUMBERS, size).terms.gradient
     for i in (1, 6 * D - 1, 6 * D, 7 * D, 7 * D + 1, len(theta) - 1):
         assert gradient[i] == pytest.approx(slope(cost, theta, i), rel=2e-3, abs=2e-3)
+    model, x = diffuse_model(size, WAVENUMBERS, 0.01), places.ravel()
+    gradient = diffuse_terms(x, p, noise, model).gradient
+    for i in (0, 3, 7):
+        wanted = slope(lambda y: diffuse_terms(y, p, noise, model).cost, x, i)
+        assert gradient[i] == pytest.approx(wanted, rel=1e-4, abs=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from dataclasses import fields, replace
-from html.parser import HTMLParser
+from xml.etree import ElementTree
 
 import numpy as np
-import pyfar
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -370,15 +370,14 @@ def test_the_figure_shows_every_microphone_once(D, panels):
         result(D).plot(FOUR_POSITIONS[:, : 5 - D])
 
 
-def test_an_ellipse_is_as_long_as_the_covariance_says():
-    axes = result(2).plot().axes[0]
-    ellipses = [line for line in axes.lines if line.get_linestyle() == "-"]
-    assert len(ellipses) == 3  # a known microphone has none
-    label = next(line.get_label() for line in ellipses if "ellipse" in line.get_label())
-    factor = float(label.split(", ")[1].split()[0])
-    for line, sigma, place in zip(ellipses, [1e-3, 2e-3, 1e-3], FOUR_POSITIONS[1:, :2], strict=True):
-        distance = np.linalg.norm(np.column_stack(line.get_data()) - place, axis=1)
-        np.testing.assert_allclose(distance, factor * sigma * np.sqrt(-2 * np.log(0.05)), rtol=1e-4)
+def test_the_html_of_a_notebook_escapes_names():
+    """It is well-formed but for the tags that have no end."""
+    text = result()._repr_html_()
+    page = ElementTree.fromstring(f"<div>{re.sub('<(img|br)([^>]*)/?>', r'<x/>', text)}</div>")
+    assert len(list(page.iter("td"))) == 4 * 6 and not list(page.iter("script"))
+    assert "<b>good</b>: 1 &lt; 2" in text
+    bare = replace(result(2), covariance=None, uncertainty=None, verdict="", known=None)
+    assert "data:image/png;base64," in bare._repr_html_()
 
 
 @pytest.mark.parametrize("half_axis", [1e-6, 3e-4, 7e-3, 0.03, 0.5])
@@ -388,35 +387,3 @@ def test_the_enlargement_is_round_and_makes_ellipses_visible(half_axis):
     assert factor * half_axis >= VISIBLE * 0.999
     assert factor == 1 or factor * half_axis < 2.5 * VISIBLE
     assert f"{factor:.0e}"[0] in "125"
-
-
-def test_the_html_of_a_notebook_is_well_formed_and_escapes_names():
-    class Reader(HTMLParser):
-        def __init__(self):
-            super().__init__()
-            self.open, self.cells = [], 0
-
-        def handle_starttag(self, tag, attributes):
-            assert tag != "script"
-            self.cells += tag == "td"
-            if tag not in ("img", "br"):
-                self.open.append(tag)
-
-        def handle_endtag(self, tag):
-            assert self.open.pop() == tag
-
-    reader, text = Reader(), result()._repr_html_()
-    reader.feed(text)
-    assert not reader.open
-    assert reader.cells == 4 * 6
-    assert "<b>good</b>: 1 &lt; 2" in text
-    bare = replace(result(2), covariance=None, uncertainty=None, verdict="", known=None)
-    assert "data:image/png;base64," in bare._repr_html_()
-
-
-def test_positions_reach_pyfar_and_come_back():
-    coordinates = result().to_pyfar()
-    assert isinstance(coordinates, pyfar.Coordinates)
-    np.testing.assert_allclose(coordinates.cartesian, FOUR_POSITIONS, atol=1e-12)
-    flat = result(2).to_pyfar(frame="minimal")
-    np.testing.assert_allclose(flat.cartesian[:2], [[0, 0, 0], [1, 0, 0]], atol=1e-12)

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fields import measured
 from scipy.special import j0, jv
 from scipy.stats import chi2
 from solving import estimated_at, run_from
@@ -102,17 +101,6 @@ def test_95_percent_ellipses_cover_95_percent(given):
     assert np.sqrt(np.mean(ratios)) > 0.4
 
 
-def test_one_sigma_is_the_error_of_rooms():
-    """Standing waves are not as diffuse as assumed; the curvature alone would promise too much."""
-    claimed, error = [], []
-    for seed in range(3):
-        found = ended(measured(TRUTH, KNOWN, highest=230, snr_db=40, seed=seed, source=(5.6 - 0.2 * seed, 4.5)))
-        claimed.append(np.mean(one_sigma(covariance_of(found)) ** 2))
-        error.append(np.mean(np.sum((found.positions - TRUTH) ** 2, axis=1)))
-    claimed, error = np.sqrt(np.mean(claimed)), np.sqrt(np.mean(error))
-    assert error / 2.5 < claimed < 2.5 * error
-
-
 def test_known_microphones_have_no_uncertainty_and_noise_adds_to_that_of_the_others(known):
     sigma = one_sigma(covariance_of(known))
     assert not sigma[KNOWN].any() and np.all(np.delete(sigma, KNOWN) > 0)
@@ -198,14 +186,9 @@ def test_modes_measured_twice_say_nothing_new():
     assert two.dispersion == pytest.approx(2 * one.dispersion, rel=0.25)
 
 
-def test_the_sandwich_equals_the_inverse_hessian_where_the_model_holds():
-    """On average over draws of the field that is assumed, though its frequencies are few."""
-    k = np.linspace(1.0, 4.0, 16)
-    found = [at(diffuse(np.random.default_rng(seed), KNOWN, wavenumbers=k)).spread for seed in range(16)]
-    assert np.mean([one.dispersion for one in found]) == pytest.approx(1.0, abs=0.35)
-    assert all(np.trace(one.covariance) < 3.25 * np.trace(one.newton) for one in found)
-    few = at(diffuse(np.random.default_rng(2), KNOWN, wavenumbers=k[:7])).spread
-    assert few.dispersion == 1.0, "too few modes for blocks"
+def test_too_few_modes_for_blocks_leave_the_covariance_of_the_model():
+    few = at(diffuse(np.random.default_rng(2), KNOWN, wavenumbers=np.linspace(1.0, 4.0, 7))).spread
+    assert few.dispersion == 1.0
     np.testing.assert_array_equal(few.covariance, few.newton)
 
 

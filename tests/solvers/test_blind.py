@@ -13,13 +13,11 @@ import zlib
 
 import numpy as np
 import pytest
-from replays import contents
 
 from fdcal.assessment.result_file import position_table
 from fdcal.assessment.words import error_line
 from fdcal.graphics import exports
 from fdcal.graphics.picture import static_picture, with_estimate
-from fdcal.graphics.replay import replay_html
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.viewer.tabs import microphones
@@ -27,19 +25,6 @@ from fdcal.viewer.tabs import microphones
 RNG = np.random.default_rng(2)
 TRUTH = RNG.uniform(0, 1, (12, 2))
 PRESSURES = RNG.normal(size=(3, 12)) + 1j * RNG.normal(size=(3, 12))
-
-
-@dataclasses.dataclass(frozen=True)
-class State:
-    positions: np.ndarray
-    cost: float = 1.0
-    step: int = 0
-    sweep: int = 0
-    stage: int = 0
-    restart: int = 0
-    moved: int = -1
-    first: int = 1
-    last: int = 2
 
 
 @pytest.fixture
@@ -95,10 +80,3 @@ def test_files_say_so(blind, estimate):
         coded = re.search(r'Name="error_length".*?>(.*?)<', cloud, re.S)[1].strip()
         lengths = np.frombuffer(zlib.decompress(base64.b64decode(coded.partition("==")[2])))
         np.testing.assert_allclose(lengths[:12], blind.errors(estimate, by), atol=1e-12)
-
-
-def test_a_replay_is_laid_onto_the_truth(blind, estimate):
-    text = replay_html(None, blind, [State(estimate), State(align(estimate, TRUTH))], "Blind")
-    data, arrays, places = contents(text)
-    assert data["aligned"] and np.abs(places - align(estimate, TRUTH)).max() < 1e-8
-    np.testing.assert_allclose(arrays["largest"], best(estimate).max(), atol=1e-9)
