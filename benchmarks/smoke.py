@@ -52,7 +52,10 @@ def check_page() -> None:
 
 
 def check_core(folder: Path) -> None:
-    """Calibrate, and write the result; a command that needs an extra names it in one line."""
+    """Calibrate, and write the result; lessons are there; a command that needs an extra names it in one line."""
+    from fdcal.session.lesson import lesson_names
+
+    assert lesson_names()
     result, table = (str(folder / name) for name in ("result.json", "table.csv"))
     fdcal("--version")
     fdcal("calibrate", SCENE, "-o", result)

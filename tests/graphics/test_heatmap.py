@@ -57,15 +57,12 @@ def test_a_diamond_stands_where_the_cost_is_lowest():
     assert not any(solid.name.startswith("map") for solid in with_floor(bare, floor).meshes)
 
 
-def test_a_logarithmic_map_keeps_its_order_and_reports_clipping():
+def test_a_logarithmic_map_reports_clipping():
     search = Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1)
     cost = np.array([[1e-12, 1e-3, 1e-2, 1e-1], [1.0, 2.0, 5.0, 10.0]])
     bar = cost_floor(cost, search, log=True).bar
     assert bar.clipped and bar.high == 10.0 and bar.low == pytest.approx(1e-3)
     assert [text for _, text in bar.ticks][:2] == ["0.001", "0.01"]
-    two_decades = cost_floor(cost.clip(0.24) * 10, search, log=True).bar
-    shares = [share for share, _ in two_decades.ticks]
-    assert len(shares) >= 3 and min(shares) < 0.35 and max(shares) > 0.6
     unclipped = cost_floor(cost + 1.0, search, log=True).bar
     assert not unclipped.clipped and unclipped.low == pytest.approx(1.0)
 
@@ -205,13 +202,6 @@ def test_marks_stay_apart_from_each_other_and_from_the_map(eye):
     places = dict(zip(seen, lab(list(seen.values()), eye), strict=True))
     for one, other in itertools.combinations(seen, 2):
         assert np.linalg.norm(places[one] - places[other]) > MARKS_APART, (one, other)
-
-
-def test_the_simulation_is_what_it_should_be():
-    np.testing.assert_allclose(lab([[255, 255, 255]], "no long ones"), [[100, 0, 0]], atol=0.1)
-    red, green = lab([[200, 0, 0], [0, 118, 0]], "no middle ones")
-    far = np.linalg.norm(np.subtract(*lab([[200, 0, 0], [0, 118, 0]], "all cones")))
-    assert np.linalg.norm(red - green) < far / 3, "red and green of like lightness fall together"
 
 
 @pytest.mark.parametrize("eye", EYES)

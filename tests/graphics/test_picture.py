@@ -84,15 +84,13 @@ def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
     middles = crosses.vertices.reshape(-1, 2, 4, 3).mean(axis=2)  # two strokes a cross, four corners a stroke
     np.testing.assert_allclose(middles[:, 0, :2], estimate[3:], atol=1e-6)
     np.testing.assert_allclose(middles[:, 1, :2], estimate[3:], atol=1e-6)
-
-
-def test_error_lines_join_truth_and_estimate(scene, measurement):
-    estimate = measurement.positions.copy()
-    estimate[3:] = estimate[:2:-1] + 0.01
-    drawn = compose(scene, measurement, estimate)
-    corners = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3)[..., :2]
+    corners = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3)[..., :2]  # lines that join both
     np.testing.assert_allclose(corners[:, [0, 3]].mean(axis=1), measurement.positions[3:], atol=1e-6)
     np.testing.assert_allclose(corners[:, [1, 2]].mean(axis=1), estimate[3:], atol=1e-6)
+    blind = dataclasses.replace(measurement, positions=None)
+    drawn = compose(scene, blind, measurement.positions, microphone=4)
+    assert not names(drawn) & {"microphones/true", "microphones/error", "selected/true"}, "nothing at unknown places"
+    assert "microphones/estimate" in names(drawn)
 
 
 def test_a_known_microphone_that_is_assumed_to_be_elsewhere_has_a_cross_there_and_its_square_where_it_was_given(
@@ -122,13 +120,6 @@ def test_the_selected_microphone_stands_out(scene, measurement, microphone):
     others = part(drawn, "microphones/estimate").vertices.reshape(-1, 8, 3)
     assert (large[:2] > 1.5 * np.ptp(others, axis=1)[:, :2]).all()
     assert part(drawn, "selected/name").text == "microphone 4"
-
-
-def test_without_truth_nothing_is_drawn_at_it(scene, measurement):
-    blind = dataclasses.replace(measurement, positions=None)
-    drawn = compose(scene, blind, measurement.positions, microphone=4)
-    assert not names(drawn) & {"microphones/true", "microphones/error", "selected/true"}
-    assert "microphones/estimate" in names(drawn)
 
 
 def area(mesh) -> float:
@@ -301,13 +292,6 @@ def test_the_frame_holds_every_microphone_and_the_known_ones(dimension, known):
     assert search_around(places, search) is search
 
 
-def test_microphones_with_equal_estimates_have_a_frame_too():
-    measured = Measurement(frequencies=np.array([100.0]), pressures=np.ones((1, 5), complex), sound_speed=343.0)
-    drawn = dataclasses.replace(measured, search=search_around(np.zeros((5, 2))))
-    x0, y0, x1, y1 = compose(None, drawn).focus
-    assert x1 - x0 > 0.1 and y1 - y0 > 0.1
-
-
 FOCUS, RADIUS, TEXT = (0.0, 0.0, 1.0, 1.0), 0.0125, "microphone 12"
 
 
@@ -332,7 +316,7 @@ def test_a_name_stays_inside_the_picture_and_off_its_microphone(place):
     assert not covered((box[0] - RADIUS, box[1] - RADIUS, box[2] + RADIUS, box[3] + RADIUS), [place])
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(5))
 def test_a_name_covers_no_mark_where_one_side_is_free(seed):
     marks = np.random.default_rng(seed).uniform(0, 1, (25, 2))
     place = (0.5, 0.5)
@@ -340,11 +324,6 @@ def test_a_name_covers_no_mark_where_one_side_is_free(seed):
     assert chosen <= covered(box_of((0.5 + 3.2 * RADIUS, 0.5), "center-left"), marks)
     ring = [(0.5 + 0.1 * np.cos(a), 0.5 + 0.1 * np.sin(a)) for a in np.linspace(-2.2, 2.2, 30)]  # open on the left
     assert not covered(box_of(*name_place(TEXT, place, ring, FOCUS, RADIUS)), ring)
-
-
-def triangle_area(solid) -> float:
-    corner = solid.vertices[solid.faces].astype(float)
-    return np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2
 
 
 def test_areas_of_markers():
@@ -355,13 +334,13 @@ def test_areas_of_markers():
         (glyphs.squares(centres, 0.3), 2 * 0.09),
         (glyphs.strokes(centres[None], 0.1, extension=0.5), 0.1 * (np.sqrt(10) + 1.0)),
     ):
-        solid = Mesh("x", *triangles, (0, 0, 0))
-        assert triangle_area(solid) == pytest.approx(expected, rel=1e-3)
-
-
-def test_a_bar_of_no_length_is_drawn_without_a_fault():
+        assert area(Mesh("x", *triangles, (0, 0, 0))) == pytest.approx(expected, rel=1e-3)
     vertices, faces = glyphs.strokes(np.zeros((1, 2, 3)), 0.1)
-    assert np.isfinite(vertices).all() and len(faces) == 2
+    assert np.isfinite(vertices).all() and len(faces) == 2, "a bar of no length"
+    ends = np.array([[[0, 0, 0], [1, 2, 2]], [[0, 0, 0], [0, 0, 1]], [[0, 0, 0], [1, 0, 0]]], float)
+    corners = glyphs.strokes(ends, 0.1, extension=0.5)[0].reshape(3, 4, 3)
+    np.testing.assert_allclose(np.linalg.norm(corners[:, 0] - corners[:, 3], axis=1), 0.1)
+    np.testing.assert_allclose(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1), [4, 2, 2])
 
 
 @pytest.mark.parametrize("name", ["tiny", "lshape", "array1_circle"])
@@ -381,14 +360,6 @@ def test_the_floor_grid_stays_inside_the_outline():
     assert not ((middles[:, 0] > 2) & (middles[:, 1] > 2)).any()
     lengths = np.linalg.norm(grid[:, 1] - grid[:, 0], axis=1)
     assert lengths.sum() == pytest.approx(2 * (3 * 4 + 4 * 2))  # 0.5, 1, 1.5 are long, 2 to 3.5 short, both ways
-
-
-def test_bars_in_space_keep_their_width_and_length():
-    ends = np.array([[[0, 0, 0], [1, 2, 2]], [[0, 0, 0], [0, 0, 1]], [[0, 0, 0], [1, 0, 0]]], float)
-    vertices, _ = glyphs.strokes(ends, 0.1, extension=0.5)
-    corners = vertices.reshape(3, 4, 3)
-    np.testing.assert_allclose(np.linalg.norm(corners[:, 0] - corners[:, 3], axis=1), 0.1)
-    np.testing.assert_allclose(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1), [4, 2, 2])
 
 
 def test_an_error_lies_on_the_relief_between_its_ends(scene, measurement):

@@ -201,26 +201,12 @@ def test_the_same_picture_gives_the_same_bytes(drawn, scene, measurement, estima
     np.testing.assert_array_equal(decode(path.read_bytes()), image)
 
 
-def test_an_existing_file_is_kept_unless_forced(tmp_path, scene, measurement, monkeypatch):
-    path = tmp_path / "picture.png"
-    path.write_bytes(b"mine")
-    monkeypatch.setattr(snapshot, "render_png", lambda *_: b"\x89PNG")
-    with pytest.raises(InputError, match="force"):
-        snapshot.render(compose(scene, measurement), path)
-    assert path.read_bytes() == b"mine"
-    snapshot.render(compose(scene, measurement), path, force=True)
-    assert path.read_bytes() == b"\x89PNG"
-
-
-@pytest.mark.parametrize("size", [(0, 100), (100, 10**6), (100,), (-5, -5)])
-def test_an_impossible_size_is_refused(scene, measurement, size):
-    with pytest.raises(InputError, match="size"):
-        snapshot.render_png(compose(scene, measurement), size)
-
-
-def test_an_unknown_view_is_refused(scene, measurement):
-    with pytest.raises(InputError, match="view"):
-        snapshot.render_png(compose(scene, measurement), SIZE, "below")
+@pytest.mark.parametrize(
+    ("size", "view"), [((0, 100), "top"), ((100, 10**6), "top"), ((100,), "top"), ((-5, -5), "top"), (SIZE, "below")]
+)
+def test_an_impossible_size_or_view_is_refused(scene, measurement, size, view):
+    with pytest.raises(InputError, match=r"size|view"):
+        snapshot.render_png(compose(scene, measurement), size, view)
 
 
 def test_a_crash_of_the_gl_library_is_reported_in_one_line(scene, measurement, monkeypatch, tmp_path):

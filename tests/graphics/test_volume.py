@@ -49,17 +49,6 @@ def test_a_surface_that_leaves_the_domain_is_closed_at_its_edge():
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all(), "without a hole"
 
 
-def test_the_levels_use_the_lower_half_of_the_colours():
-    volume = volume_of(cost(), SEARCH, True)
-    shares = (np.array(volume.levels) - volume.bar.low) / (volume.bar.high - volume.bar.low)
-    assert shares[-1] - shares[0] > 0.3 and volume.bar.capped
-    assert 10 ** (volume.bar.high / 10) < cost().max()
-
-
-def test_a_level_that_is_not_there_gives_no_triangles():
-    assert all(len(part) == 0 for part in isosurface(distance(), SEARCH, 9.0))
-
-
 def test_levels_are_few_round_decibels_that_leave_most_of_the_domain_open():
     decibels = 10 * np.log10(cost())
     levels = levels_of(decibels)
@@ -67,6 +56,11 @@ def test_levels_are_few_round_decibels_that_leave_most_of_the_domain_open():
     assert all(level == round(level, 1) for level in levels)
     assert np.mean(decibels < levels[-1]) < 0.25
     assert levels_of(np.full((3, 3, 3), -20.0)) == ()
+    volume = volume_of(cost(), SEARCH, True)
+    shares = (np.array(volume.levels) - volume.bar.low) / (volume.bar.high - volume.bar.low)
+    assert shares[-1] - shares[0] > 0.3 and volume.bar.capped, "in the lower half of the colours"
+    assert 10 ** (volume.bar.high / 10) < cost().max()
+    assert all(len(part) == 0 for part in isosurface(distance(), SEARCH, 9.0)), "a level that is not there"
 
 
 def test_the_surfaces_are_those_of_the_levels_the_innermost_first_and_in_the_colours_of_the_scale():
