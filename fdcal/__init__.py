@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from .model.measurement import Measurement
     from .model.scene import Scene, load_scene
     from .model.validation import InputError, StorageError
-    from .session.api import calibrate, load, simulate
-    from .session.landscape import landscape
+    from .session.api import calibrate, landscape, load, simulate
 
 # Where each public name is defined: "package.module:attribute".
 PUBLIC = {
@@ -34,7 +33,7 @@ PUBLIC = {
     "StorageError": "model.validation:StorageError",
     "calibrate": "session.api:calibrate",
     "compare_positions": "assessment.position_check:compare_positions",
-    "landscape": "session.landscape:landscape",
+    "landscape": "session.api:landscape",
     "load": "session.api:load",
     "load_scene": "model.scene:load_scene",
     "simulate": "session.api:simulate",

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..model.measurement import Measurement, MicrophonePositions, with_known, with_positions
+from ..model.measurement import Measurement, MicrophonePositions, microphone_index, with_known, with_positions
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, convert, require_array, shown_literal, unexpected_argument, within
@@ -18,6 +18,7 @@ from .sources import ProgressReport, is_recording, load_input, measurement_input
 
 if TYPE_CHECKING:
     from ..assessment.calibration import Calibration
+    from ..cost.maps import LandscapePanels
 
 
 def load(
@@ -234,6 +235,68 @@ def calibrate(
     return solve(inputs, progress, keep=True)
 
 
+def landscape(
+    measurement: Measurement,
+    microphone: str | int,
+    modes: Sequence[int] = (1, 5, 9),
+    *,
+    calibration: Calibration | None = None,
+    settings: SolverSettings | None = None,
+) -> LandscapePanels:
+    """Return the cost of moving one microphone, mode by mode and summed.
+
+    The cost is Eq. 7; drawn, it is the paper's Fig. 1.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        Of a two-dimensional field, with a search domain.
+    microphone : str or int
+        Name, or number counted from 0.
+    modes : sequence of int
+        Counted from 1.
+    calibration : Calibration, optional
+        Where the other microphones are; at their true positions unless given.
+    settings : SolverSettings, optional
+        For `weights` and `order_offset`, such as those of a scene (`scene.solver`).
+
+    Returns
+    -------
+    LandscapePanels
+        `maps` (P + 1, ny, nx), the last their sum; `minima` (P + 1, 2), metres; `plot()` draws them.
+
+    Raises
+    ------
+    InputError
+        A microphone or mode does not exist, no positions are known, or there is no search domain.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> panels = fdcal.landscape(fdcal.load("tiny"), 3, modes=[1, 2, 3])
+    >>> panels.maps.shape
+    (4, 25, 25)
+    """
+    require_measurement(measurement, "landscape")
+    require_settings(settings)
+    settings, entries = settings or SolverSettings(), _entries("modes", modes, "modes", "[1, 5, 9]")
+    used = convert(entries, list[Annotated[int, within(1, len(measurement.frequencies))]], "modes")
+    n = microphone_index(str(microphone), measurement.names, "microphone")
+    from ..assessment.calibration import Calibration
+    from ..cost.maps import landscape_panels
+
+    if calibration is not None and not isinstance(calibration, Calibration):
+        problem = f"calibration = {shown_literal(calibration)} is none"
+        raise InputError(problem, "give what fdcal.calibrate returns", key="calibration", value=calibration)
+    positions = measurement.positions if calibration is None else calibration.positions_for(measurement)
+    if positions is None:
+        raise InputError(
+            "the measurement holds no true positions", "give the calibration that found the others", key="calibration"
+        )
+    with one_blas_thread():
+        return landscape_panels(measurement.problem(settings.weights), positions, n, used, settings.order_offset)
+
+
 def microphone_names(key: str, values: Any) -> tuple[str, ...]:
     """Return names or numbers of microphones as texts; one alone is no list of them."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
@@ -248,12 +311,6 @@ def _entries(key: str, values: Any, what: str, example: str) -> list[Any]:
         problem = f"{key} = {shown_literal(values)} is no list of {what}"
         raise InputError(problem, f"write <{key}> = {example}", key=key, value=values)
     return list(values)
-
-
-def mode_numbers(modes: Any, count: int) -> list[int]:
-    """Return numbers of modes, counted from 1, of `count`."""
-    entries = _entries("modes", modes, "modes", "[1, 5, 9]")
-    return convert(entries, list[Annotated[int, within(1, count)]], "modes")
 
 
 def require_measurement(measurement: Any, function: str) -> None:

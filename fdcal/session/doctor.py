@@ -13,6 +13,7 @@ list         whether a list of positions fits the array found: order, size, sing
 Positions, gains and faults are those of `fdcal.session.calibration_run.solve`: nothing is inferred here in another way.
 """
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -172,25 +173,18 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
     if check is not None and result.verdict != "good":
-        result = _by_list(inputs, result, check, progress)
+        # the calibration that begins at the list counts, where it explains the pressures better than the blind one
+        listed = np.asarray(measurement.positions)
+        every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # one at least must be sought
+        known = replace(measurement, known=every, known_positions=listed[every])
+        with contextlib.suppress(InputError):
+            settings = replace(inputs.settings, known="all")
+            given = solve(replace(inputs, measurement=known, settings=settings), progress, keep=True)
+            result = given if _errors(given)[0] < _errors(result)[0] - 1.0 else result
     yield from _field(measurement, result)
     yield _channels(result)
     if check is not None:
         yield _list(inputs, result, check, progress)
-
-
-def _by_list(inputs: CalibrationInput, blind: Calibration, check: PositionCheck, progress: ProgressReport | None):
-    """Return the calibration that begins at the list, where it explains the pressures better than the blind one."""
-    measurement, listed = inputs.measurement, np.asarray(inputs.measurement.positions)
-    every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # one at least must be sought
-    known = replace(measurement, known=every, known_positions=listed[every])
-    try:
-        settings = replace(inputs.settings, known="all")
-        given = solve(replace(inputs, measurement=known, settings=settings), progress, keep=True)
-    except InputError:
-        return blind
-    scores = [_errors(one)[0] for one in (given, blind)]
-    return given if scores[0] < scores[1] - 1.0 else blind
 
 
 def _errors(result: Calibration) -> tuple[float, float, np.ndarray, np.ndarray, np.ndarray]:

@@ -105,20 +105,15 @@ def make_plan(request: PlanRequest) -> Plan:
             diffuse_information(x, k, one / (1 + one), request.dimension).scaled(1 / len(used)) for one in noise
         ]
         table = [[_forecast(other, one, arrivals[other.takes]) for one in of_frequency] for other in others]
-        bound = position_bound(_of_takes(request, of_frequency[0]), request.prior)
+        bound = position_bound(of_frequency[0].scaled(request.rows), request.prior)
     expected = np.array([[cell.rms for cell in row] for row in table])
     forecast = table[takes.index(request.takes)][0]
     return Plan(request, bound, forecast, ratios, takes, expected, _degeneracies(request, bound))
 
 
-def _of_takes(request: PlanRequest, of_frequency: Information) -> Information:
-    """Return the information of all frequencies and takes: the fields of two takes are independent draws."""
-    return of_frequency.scaled(request.takes * len(request.frequencies))
-
-
 def _forecast(request: PlanRequest, of_frequency: Information, arrivals: Sequence[np.ndarray]) -> Forecast:
     """Return the error to be expected; `arrivals`: of `_arrival_information`, for some sets of sources."""
-    information = _of_takes(request, of_frequency)
+    information = of_frequency.scaled(request.rows)
     if request.is_plane_in_room:
         bound = position_bound(information, request.prior)
         low, middle, high = (factor * bound.rms for factor in FORECAST.plane)

@@ -170,12 +170,20 @@ class PlanRequest:
     kind: Literal["stationary", "impulse"] = "stationary"
 
     def __post_init__(self):
-        self._require_layout()
+        x, room = self.layout.positions, self.room
+        (N, D), least, most = x.shape, x.shape[1] + 3, PLAN_LIMITS.max_microphones
+        if not least <= N <= most:
+            raise InputError(f"the layout has {N} microphones", f"give {least} to {most}", key="layout", value=N)
+        pairs = np.triu_indices(N, 1)
+        apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=-1)
+        if apart.min() <= ONE_PLACE * apart.max():
+            first, second = (self.layout.names[rows[np.argmin(apart)]] for rows in pairs)
+            problem = f"microphones {first} and {second} are at one place"
+            raise InputError(problem, "move them apart, or leave one out", key="layout")
         check(self, names={"snr_db": "snr", "band": "frequencies"})
         if not 0 < self.snr_db <= PLAN_LIMITS.max_snr_db:
             remedy = f"use more than 0 and at most {PLAN_LIMITS.max_snr_db:g}"
             raise refusal("snr", self.snr_db, "is out of range", remedy, "dB")
-        (N, D), room = self.layout.positions.shape, self.room
         if room is not None and len(room) not in (2, 3):
             raise refusal("room", list(room), f"has {len(room)} lengths", "give <room> two or three")
         if room is not None and len(room) < (D if self.layout.axes is None else 3):
@@ -200,19 +208,6 @@ class PlanRequest:
             problem += f" {len(self.frequencies)} independent frequencies, and a calibration needs {MIN_FREQUENCIES}"
             remedy = "use a wider band (<frequencies>), or a smaller array, whose band reaches higher" + self._width
             raise InputError(problem, remedy, key="frequencies")
-
-    def _require_layout(self) -> None:
-        """Raise InputError for too few or too many microphones, or for two at one place."""
-        x = self.layout.positions
-        N, least, most = len(x), x.shape[1] + 3, PLAN_LIMITS.max_microphones
-        if not least <= N <= most:
-            raise InputError(f"the layout has {N} microphones", f"give {least} to {most}", key="layout", value=N)
-        pairs = np.triu_indices(N, 1)
-        apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=-1)
-        if apart.min() <= ONE_PLACE * apart.max():
-            first, second = (self.layout.names[rows[np.argmin(apart)]] for rows in pairs)
-            problem = f"microphones {first} and {second} are at one place"
-            raise InputError(problem, "move them apart, or leave one out", key="layout")
 
     @property
     def stated_places(self) -> np.ndarray:
@@ -264,6 +259,11 @@ class PlanRequest:
     def frequencies(self) -> np.ndarray:
         """The frequencies of one take : (M,) float64, Hz: of the band evenly at most as many as an import takes."""
         return evenly(self.band_frequencies, default_max_rows(len(self.layout.names), self.takes))
+
+    @property
+    def rows(self) -> int:
+        """Frequencies of all takes together: the fields of two takes are independent draws."""
+        return self.takes * len(self.frequencies)
 
     @property
     def prior(self) -> Prior:

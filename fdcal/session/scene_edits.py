@@ -153,21 +153,15 @@ def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -
     size = tuple(q * length for length in array.size or ())
     if array.count is not None:
         return replace(array, count=parameters.microphones, size=size)
-    shape, extra = _rows(array, parameters.microphones, before.microphones)
+    shape, extra, wanted, count = array.shape or (), array.random, parameters.microphones, before.microphones
+    regular = math.prod(shape)  # microphones of the regular part, beside which there may be random ones
+    if wanted != count and extra and wanted > regular:
+        extra = wanted - regular
+    elif wanted != count:
+        part = wanted / count
+        shape = tuple(max(2, round(side * math.sqrt(part))) for side in shape)
+        extra = max(1, wanted - math.prod(shape)) if extra else 0
     return replace(array, size=size, shape=shape, random=extra)
-
-
-def _rows(array: Array, wanted: int, count: int) -> tuple[tuple[int, ...], int]:
-    """Shape of the regular part, and how many random microphones there are besides."""
-    own = array.shape or ()
-    regular = math.prod(own)
-    if wanted == count:
-        return own, array.random
-    if array.random and wanted > regular:
-        return own, wanted - regular
-    part = wanted * regular / count
-    shape = tuple(max(2, round(side * math.sqrt(part / regular))) for side in own)
-    return shape, max(1, wanted - math.prod(shape)) if array.random else 0
 
 
 def _admittance(parameters: SceneParameters, before: SceneParameters, scene: Scene) -> float:

@@ -92,7 +92,7 @@ def read(path: str | Path) -> OpenRequest:
     except Exception as error:  # zipfile, zlib and struct raise anything
         raise InputError(f"{path} is not a .zip file that can be read ({type(error).__name__})") from None
     try:
-        return _opening(_table(text), arrays)
+        return _opening(text, arrays)
     except InputError as error:
         raise error.within(path) from None
 
@@ -104,7 +104,8 @@ def _require_small(name: str | Path, size: int) -> None:
         raise InputError(problem, f"a session takes {UNPACKED_BYTES / 1e6:.0f} MB at most", key="session", value=size)
 
 
-def _table(text: bytes) -> dict:
+def _opening(text: bytes, packed: bytes) -> OpenRequest:
+    """Return the request that the two files of a session hold."""
     table = parse_json(text, TABLE)
     if not isinstance(table, dict) or not set(KEYS) <= set(table):
         raise InputError("it is not a session", f"{TABLE} of a session holds {', '.join(KEYS)}", key="session")
@@ -114,10 +115,6 @@ def _table(text: bytes) -> dict:
         raise InputError(f"fdcal_session = {found!r}", remedy, key="fdcal_session", value=found)
     for key, kind in (("scene", dict), ("choices", dict), ("start_seed", int), ("index", int)):
         convert(table[key], kind, key)
-    return table
-
-
-def _opening(table: dict, packed: bytes) -> OpenRequest:
     described = dict(table["scene"])
     if isinstance(sensing := described.get("measurement"), dict) and sensing.get("snr_db") == "inf":
         described["measurement"] = {**sensing, "snr_db": float("inf")}  # the one key that may be infinite

@@ -69,12 +69,23 @@ def load_input(
     texts = [text] if isinstance(text, str) else list(text)
     if not texts:
         raise InputError("no file is given", "give one or several", key="source")
-    if len(texts) != 1:
-        name = f"{Path(texts[0]).stem} and {len(texts) - 1} other {'file' if len(texts) == 2 else 'files'}"
-        return replace(measurement_input(_of_takes(texts, excluded, options), name), excluded=excluded)
-    text = texts[0]
-    if is_recording(text):
-        measurement = _imported(texts, excluded, options)
+    recorded, text, name = [is_recording(one) for one in texts], texts[0], Path(texts[0]).stem
+    if len(texts) > 1:
+        name += f" and {len(texts) - 1} other {'file' if len(texts) == 2 else 'files'}"
+    if all(recorded):
+        from ..recordings import importer  # brings the signal library, which a measurement does not need
+
+        measurement = _without(importer.import_recording(texts, options or importer.DEFAULTS)[0], excluded)
+    elif any(recorded):
+        other = texts[recorded.index(False)]
+        problem = f"{other} holds no recordings, and other files do"
+        raise InputError(problem, "give recordings only, or measurements only", key="source", value=other)
+    elif len(texts) > 1:
+        scene = next((one for one in texts if not one.lower().endswith(".npz")), None)
+        if scene is not None:
+            problem = f"{scene} is no recording and no measurement, and stands among several files"
+            raise InputError(problem, "give one scene, or files of takes", key="source", value=scene)
+        measurement = Measurement.from_takes([load_measurement(one, excluded) for one in texts])
     elif text.lower().endswith(".npz"):
         measurement = load_measurement(text, excluded)
     else:
@@ -83,29 +94,7 @@ def load_input(
         inputs = scene_input(load_scene(text), progress)
         inputs = replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
         return with_mode_number(inputs) if excluded else inputs
-    return replace(measurement_input(measurement, Path(text).stem), excluded=excluded)
-
-
-def _of_takes(texts: Sequence[str], excluded: tuple[str, ...], options: ImportOptions | None) -> Measurement:
-    """Return the measurement of several files: of recordings, or of measurements that become takes."""
-    recorded = [is_recording(text) for text in texts]
-    if all(recorded):
-        return _imported(texts, excluded, options)
-    other = next((text for text, one in zip(texts, recorded, strict=True) if not one), texts[0])
-    if any(recorded):
-        problem = f"{other} holds no recordings, and other files do"
-        raise InputError(problem, "give recordings only, or measurements only", key="source", value=other)
-    scene = next((text for text in texts if not text.lower().endswith(".npz")), None)
-    if scene is not None:
-        problem = f"{scene} is no recording and no measurement, and stands among several files"
-        raise InputError(problem, "give one scene, or files of takes", key="source", value=scene)
-    return Measurement.from_takes([load_measurement(text, excluded) for text in texts])
-
-
-def _imported(texts: Sequence[str], excluded: tuple[str, ...], options: ImportOptions | None) -> Measurement:
-    from ..recordings import importer  # brings the signal library, which a measurement does not need
-
-    return _without(importer.import_recording(texts, options or importer.DEFAULTS)[0], excluded)
+    return replace(measurement_input(measurement, name), excluded=excluded)
 
 
 def measurement_input(

@@ -39,7 +39,8 @@ class WakeEvent(threading.Event):
 class LatestWorker:
     """A thread that calls `function` with the newest requests; older ones than the `keep` that wait are dropped.
 
-    An exception becomes `latest.error`; the thread continues, and calls `notify` after every delivery.
+    An exception becomes `latest.error`; the thread continues, and calls `notify` after every delivery. `latest`: the
+    newest delivery; `requested`: the arguments that `newest` has requested last; None where they count no longer.
     """
 
     def __init__(
@@ -53,13 +54,10 @@ class LatestWorker:
         self._changed = threading.Condition()
         self._waiting: collections.deque[tuple] = collections.deque(maxlen=keep)
         self._busy = self._closed = False
-        self._latest: Delivery | None = None
+        self.latest: Delivery | None = None
+        self.requested: tuple | None = None
         self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
         self._thread.start()
-
-    @property
-    def latest(self) -> Delivery | None:
-        return self._latest
 
     @property
     def busy(self) -> bool:
@@ -78,15 +76,26 @@ class LatestWorker:
             self._waiting.append(arguments)
             self._changed.notify_all()
 
+    def newest(self, *arguments) -> Delivery | None:
+        """Request the computation, unless it was requested last; return the newest delivery, perhaps an older one."""
+        if arguments != self.requested:
+            self.requested = arguments
+            self.request(*arguments)
+        return self.latest
+
+    def wants(self, *arguments) -> bool:
+        """Return whether a request still counts: what a long computation asks between its parts."""
+        return self.requested == arguments
+
     def wait_for(self, predicate: Callable[[Delivery | None], bool], timeout: float | None = None) -> bool:
         """Block until `predicate(latest)` is true; return False if it is not within `timeout` seconds."""
         with self._changed:
-            return self._changed.wait_for(lambda: predicate(self._latest), timeout)
+            return self._changed.wait_for(lambda: predicate(self.latest), timeout)
 
     def close(self, timeout: float = 2.0) -> bool:
         """End the thread after the running request; return False if that takes longer than `timeout` seconds."""
         with self._changed:
-            self._closed = True
+            self._closed, self.requested = True, None
             self._changed.notify_all()
         self._thread.join(timeout)
         return not self._thread.is_alive()
@@ -107,6 +116,6 @@ class LatestWorker:
                 delivery = Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)
             delivery = replace(delivery, began=began, ended=time.perf_counter())
             with self._changed:
-                self._latest, self._busy = delivery, False
+                self.latest, self._busy = delivery, False
                 self._changed.notify_all()
             self._notify()

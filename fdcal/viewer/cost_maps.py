@@ -79,12 +79,11 @@ class CostMapRequest:
         """Whether this map may be shown in place of `wanted`: while running, the map of an older state may."""
         if self == wanted or not running:
             return self == wanted
-
-        def fixed(one: CostMapRequest) -> tuple:
-            microphone, modes = None if wanted.follow else one.microphone, one.modes if one.custom_modes else None
-            return microphone, modes, one.order_offset, one.style, one.take
-
-        return fixed(self) == fixed(wanted) and self.lineage is wanted.lineage
+        mine, theirs = (
+            (wanted.follow or one.microphone, one.custom_modes and one.modes, one.order_offset, one.style, one.take)
+            for one in (self, wanted)
+        )
+        return mine == theirs and self.lineage is wanted.lineage
 
     def differs_in_theme(self, wanted: CostMapRequest) -> bool:
         """Whether `wanted` is this map on a page of the other theme, whose colours of costs are the same."""
@@ -284,45 +283,38 @@ class VolumeMaps:
         # by whether fine: the values, what is drawn of them without a slice, and their basins
         self._sampled, self._drawn, self._found = ({False: Last(), True: Last()} for _ in range(3))
 
-    def coarse(self, request: CostMapRequest) -> CostMap:
-        """Return the volume on a coarse lattice, or the fine one where that is there already; with a coarse slice."""
-        fine = self._sampled[True].get(_key(request))
-        sampled = fine or self._sample(request, False, lambda: False)
-        if sampled is None:
-            raise ValueError("a volume that nobody cancels is complete")
-        return self._map(request, sampled, fine is not None, COARSE_PIXELS)
+    def map(self, request: CostMapRequest, fine: bool, cancelled: Callable[[], bool] = lambda: False) -> CostMap | None:
+        """Return the volume on a fine or a coarse lattice, with such a slice; None once cancelled.
 
-    def fine(self, request: CostMapRequest, cancelled: Callable[[], bool]) -> CostMap | None:
-        """Return the volume on a fine lattice; None once cancelled."""
-        sampled = self._sample(request, True, cancelled)
-        return None if sampled is None else self._map(request, sampled, True, PIXELS)
-
-    def _sample(self, request: CostMapRequest, fine: bool, cancelled: Callable[[], bool]) -> SampledVolume | None:
-        """Return the values of the volume of a request, the last ones where they are of the same cost."""
-
-        def sample() -> SampledVolume | None:
-            negligible = maps.VOLUME_NEGLIGIBLE if fine else COARSE_NEGLIGIBLE
-            terms = terms_of(self._run.problem, request, cancelled, negligible)
-            return None if terms is None else sampled_volume(terms, POINTS if fine else COARSE_POINTS, cancelled)
-
-        return self._sampled[fine].of(sample, _key(request))
-
-    def _map(self, request: CostMapRequest, sampled: SampledVolume, fine: bool, pixels: int) -> CostMap:
+        In place of a coarse one it is the fine one where that is there already.
+        """
         key, style, position = _key(request), request.style, request.state.positions[request.microphone]
+        pixels, negligible, points = PIXELS, maps.VOLUME_NEGLIGIBLE, POINTS
+        if not fine:
+            pixels, negligible, points = COARSE_PIXELS, COARSE_NEGLIGIBLE, COARSE_POINTS
+        sampled: SampledVolume | None = self._sampled[True].get(key)
+        fine = fine or sampled is not None
+        if sampled is None and (sampled := self._sampled[fine].get(key)) is None:
+            terms = terms_of(self._run.problem, request, cancelled, negligible)
+            sampled = None if terms is None else sampled_volume(terms, points, cancelled)
+            if sampled is None:
+                return None
+            self._sampled[fine].keep(sampled, key)
         place, note = 0.0, ""  # where along its axis the slice lies: through the estimate unless it was moved
         if style.slice_axis in AXES:
             estimate = float(position[AXES.index(style.slice_axis)])
             place = estimate if style.slice_position is None else style.slice_position
         if style.basins:  # a slice through them; another slice needs no new ones
-            basins = self._found[fine].of(lambda: basins_of(sampled.cost), key)
+            basins = self._found[fine].get(key) or self._found[fine].keep(basins_of(sampled.cost), key)
             home, name = place_of_basin(self._run, request)
             volume = basin_slice(basins, sampled.search, style.slice_axis, place, sampled.minima, home, name)
             volume = volume if style.minima else replace(volume, minima=None)
             note = descent_text(basins, sampled.search, home, name)
         else:
-            drawn = self._drawn[fine].of(
-                lambda: drawn_volume(sampled, style.log, style.minima), key, style.log, style.minima
-            )
+            drawn = self._drawn[fine].get(key, style.log, style.minima)
+            if drawn is None:
+                drawn = drawn_volume(sampled, style.log, style.minima)
+                self._drawn[fine].keep(drawn, key, style.log, style.minima)
             volume = sliced(drawn, sampled, style.slice_axis, place, style.log, pixels)
             fine = fine and pixels == PIXELS
         found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
@@ -413,10 +405,10 @@ class CostMapWorker:
         """Whether a map is in progress."""
         return self.worker.busy or self._fine_worker.busy
 
-    def _compute(self, request: CostMapRequest) -> CostMap:
+    def _compute(self, request: CostMapRequest) -> CostMap | None:
         """On the fast thread: a map over the solver's lattice, or a coarse volume."""
         if request.style.volume:
-            return self._volumes.coarse(request)
+            return self._volumes.map(request, False)
         search = self._run.problem.search
         if search is None:
             raise ValueError("a map needs a search domain")  # the page requests none without
@@ -429,28 +421,26 @@ class CostMapWorker:
         run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
         if request.style.basins:
             search = maps.lattice_of(run.problem, modes)  # a lattice without false minima
-
-        def compute() -> tuple[ModePanels, Minima]:
+        key = _key(request), search
+        if (found := self._costs.get(*key)) is None:
             each = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search)
             shown, total = shown_modes(len(modes)), each.sum(axis=0)
             panels = ModePanels(tuple(modes[i] for i in shown), each[shown], total, search)
-            return panels, maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
-
-        panels, minima = self._costs.of(compute, _key(request), search)
+            minima = maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
+            found = self._costs.keep((panels, minima), *key)
+        panels, minima = found
         return cost_map(run, request, panels.total, search, minima, panels)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
         cancelled = lambda: not self.worker.wants(request)  # noqa: E731
         if request.style.volume:
-            return self._volumes.fine(request, cancelled)
-
-        def compute() -> tuple[ModePanels, Minima] | None:
-            panels = fine_panels(self._run, request, cancelled)
-            return None if panels is None else (panels, maps.minima_of(panels.total, panels.search))
-
-        if (found := self._fine_costs.of(compute, _key(request))) is None:
-            return None
+            return self._volumes.map(request, True, cancelled)
+        key = _key(request)
+        if (found := self._fine_costs.get(key)) is None:
+            if (panels := fine_panels(self._run, request, cancelled)) is None:
+                return None
+            found = self._fine_costs.keep((panels, maps.minima_of(panels.total, panels.search)), key)
         panels, minima = found
         if request.style.relief:  # a finer surface would take seconds to send: only the maps side by side are finer
             latest = self.worker.latest

@@ -25,13 +25,12 @@ from dataclasses import dataclass
 import numpy as np
 import viser
 
-from ..cost.basins import OUTSIDE, Basins, DescentPath, basins_of, descent_path
+from ..cost.basins import OUTSIDE, DescentPath, basins_of, descent_path
 from ..cost.maps import cost_maps, lattice_of
 from ..graphics.glyphs import annuli, lift
 from ..graphics.marks import drape
 from ..graphics.overlays import CUT_RADIUS, along, ball_centre
 from ..graphics.primitives import Floor, Picture
-from ..model.settings import Search
 from ..model.validation import Reals
 from ..session.session import SessionView
 from .cost_maps import CostMap
@@ -86,7 +85,7 @@ class MicrophonePicker:
 
         @handles.on_click
         async def _(event) -> None:
-            if self._exists(event.instance_index):
+            if event.instance_index in range(binding.measurement.count):
                 self._select(event.instance_index)
 
         @handles.on_drag("left")
@@ -97,14 +96,11 @@ class MicrophonePicker:
         async def _(event) -> None:
             self._drag(event, self._place)
 
-    def _exists(self, index) -> bool:
-        return isinstance(index, int) and 0 <= index < self._binding.measurement.count
-
     def _movable(self, index) -> bool:
         """Whether a microphone may be dragged: a known one stays, unless it is released or only planned."""
         binding, choices = self._binding, self._binding.choices
         free = choices.release or choices.plan.shown
-        return self._exists(index) and (free or index not in binding.run.problem.known)
+        return index in range(binding.measurement.count) and (free or index not in binding.run.problem.known)
 
     def _drag(self, event, move: Move) -> None:
         """Move the microphone to where the line of sight meets its height, or its slice, inside the search domain."""
@@ -443,17 +439,15 @@ class Drop:
     def _compute(self, drag: Drag, drawn: CostMap) -> Fall:
         """Return where a microphone falls from its place, by the cost that a map shows."""
         run, request = self._binding.run, drawn.request
-
-        def make() -> tuple[np.ndarray, Search, Basins]:
+        if (found := self._cost.get(request, drawn.fine)) is None:
             if drawn.sampled is not None:
                 cost, search = drawn.sampled.cost, drawn.sampled.search
             else:
                 n, modes, order = request.microphone, request.modes, request.order_offset
                 search = lattice_of(run.problem, modes)  # that has the minima marked on it
                 cost = cost_maps(run.problem, run.solver, request.state, n, modes, order, search).sum(axis=0)
-            return cost, search, basins_of(cost)
-
-        cost, search, basins = self._cost.of(make, request, drawn.fine)
+            found = self._cost.keep((cost, search, basins_of(cost)), request, drawn.fine)
+        cost, search, basins = found
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
         decibels = request.order_offset is not None
         truth = run.drawn_truth(request.state.positions)

@@ -197,7 +197,7 @@ class Page:
             if old is None:
                 raise
             self.switcher.refuse(error)
-            old.redraw()
+            old.drawn_key = ()
             return
         self.viewer = new
         self._server.gui.set_panel_label(f"fdcal · {prepared.scene.name}")

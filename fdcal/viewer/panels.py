@@ -176,7 +176,7 @@ class RunBar:
 
     def limit_rate(self, rate: int) -> None:
         """Limit the solver to so many steps per second; MAX_RATE removes the limit."""
-        self._binding.keep(self.speed, rate)
+        self._binding.sent[id(self.speed)] = rate  # the user may still be dragging the slider
         self._binding.choose(rate=rate)
         self.apply_rate()
 

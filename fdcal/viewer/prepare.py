@@ -28,7 +28,7 @@ from ..model.validation import InputError, Reals, StorageError, frozen_array
 from ..session.calibration_run import with_estimated_domain
 from ..session.session import Session, SessionView
 from ..session.sources import OpenRequest, as_given
-from ..session.worker import Delivery, LatestWorker
+from ..session.worker import LatestWorker
 from ..solvers import warmup_calls
 from ..solvers.interface import RunState, Solver
 
@@ -46,35 +46,6 @@ class Same:
         return id(self.value)
 
 
-class Background(LatestWorker):
-    """A computation on a thread of its own, of which only the newest request counts.
-
-    `requested`: the arguments of the newest request, None where it was cancelled.
-    """
-
-    requested: tuple | None = None
-
-    def newest(self, *arguments) -> Delivery | None:
-        """Request the computation, unless it was requested last; return the newest delivery, perhaps an older one."""
-        if arguments != self.requested:
-            self.requested = arguments
-            self.request(*arguments)
-        return self.latest
-
-    def wants(self, *arguments) -> bool:
-        """Return whether a request still counts: what a long computation asks between its parts."""
-        return self.requested == arguments
-
-    def cancel(self) -> None:
-        """Let the request in progress count no longer."""
-        self.requested = None
-
-    def close(self, timeout: float = 2.0) -> bool:
-        """End the thread after the work in progress; False if that takes longer than `timeout`, s."""
-        self.cancel()
-        return super().close(timeout)
-
-
 class Last:
     """Keeps the value that was made last, for its own key alone; None is no value. Threads may share it."""
 
@@ -86,47 +57,41 @@ class Last:
         own, value = self._kept
         return value if own == key else None
 
-    def of(self, make: Callable[[], Any], *key) -> Any:
-        """Return the value for a key, made again where the last one had another key."""
-        value = self.get(*key)
-        if value is None and (value := make()) is not None:
-            self._kept = key, value
+    def keep(self, value: Any, *key) -> Any:
+        """Keep a value for a key, in place of the one before, and return it."""
+        self._kept = key, value
         return value
 
 
 class Threads:
     """Owns all that has to be ended with a session.
 
-    `wake`: function that makes the main loop update the page at once.
+    `wake`: function that makes the main loop update the page at once; `owned`: what `close` waits for.
     """
 
     def __init__(self, wake: Callable[[], None] = lambda: None):
         self._wake = wake
-        self._owned: list[Background | Session] = []
-        self._abandoned: list[Background] = []
+        self.owned: list[LatestWorker | Session] = []
+        self._abandoned: list[LatestWorker] = []
 
     def start(
         self, function: Callable, name: str, keep: int = 1, wakes: bool = False, awaited: bool = True
-    ) -> Background:
+    ) -> LatestWorker:
         """Start a thread that calls `function` with the arguments of each request.
 
         `keep`: requests that may wait; `wakes`: whether a delivery makes the main loop update the page at once;
         `awaited`: whether `close` waits for the work in progress.
         """
-        worker = Background(function, name, keep, self._wake if wakes else lambda: None)
-        (self._owned if awaited else self._abandoned).append(worker)
+        worker = LatestWorker(function, name, keep, self._wake if wakes else lambda: None)
+        (self.owned if awaited else self._abandoned).append(worker)
         return worker
-
-    def own(self, session: Session) -> None:
-        """End the thread of the solver with the others."""
-        self._owned.append(session)
 
     def close(self, timeout: float) -> None:
         """End everything after the work in progress; wait `timeout` at most, s."""
         end = time.perf_counter() + timeout
-        for owner in (*self._owned, *self._abandoned):  # all are asked to stop before any is waited for
+        for owner in (*self.owned, *self._abandoned):  # all are asked to stop before any is waited for
             owner.close(0.0)
-        for owner in self._owned:
+        for owner in self.owned:
             owner.close(max((end - time.perf_counter()) / 2, 0.0))
 
 
@@ -165,12 +130,6 @@ class Warmup:
         if not self.busy or time.perf_counter() - self._since < COMPILE_TIME:
             return ""
         return f"Compiling (first run only) ... {self._done + 1} of {len(self._pieces)}"
-
-    def wait(self, poll: Callable[[], object]) -> None:
-        """Wait for all pieces; `poll` is called now and then, and may raise."""
-        while self.busy and self._done < len(self._pieces):
-            poll()
-            time.sleep(POLL_INTERVAL)
 
     def close(self, timeout: float) -> bool:
         """End the thread after the piece in progress; False if that takes longer than `timeout`, s."""
@@ -260,10 +219,12 @@ class DisplayFrame:
         """Return a state with its positions as the page draws them; the same one for the same as last time."""
         if self._anchor is None:
             return state
-        return self._moved.of(
-            lambda: replace(state, positions=frozen_array(self.positions(state.positions), float)),
-            Same(state), Same(self.by),
-        )  # fmt: skip
+        key = Same(state), Same(self.by)
+        moved = self._moved.get(*key)
+        if moved is None:
+            positions = frozen_array(self.positions(state.positions), float)
+            moved = self._moved.keep(replace(state, positions=positions), *key)
+        return moved
 
     def view(self, view: SessionView) -> SessionView:
         """Return the view of a session with the state that is shown as the page draws it; the history is as it was."""
@@ -271,7 +232,9 @@ class DisplayFrame:
 
     def axes(self, positions: Any, axes: Reals) -> Reals:
         """Return half axes (N, D, D) of ellipses around positions, in rows, as the page draws them."""
-        return axes if self._anchor is None else axes @ self._motion(positions, self._anchor)[0]
+        if self._anchor is None:
+            return axes
+        return axes @ rigid_motion(np.asarray(positions)[self.by], self._anchor[self.by])[0]
 
     def placed(self, positions: Any, microphone: int, place: Any) -> np.ndarray:
         """Return where a session has to place a microphone so that the page draws it at a place, its last state known.
@@ -286,16 +249,13 @@ class DisplayFrame:
         wanted = self.positions(moved)[microphone]
         wanted[: len(place)] = place
         for _ in range(ROUNDS):
-            turn, centre, target = self._motion(moved, self._anchor)
+            turn, centre, target = rigid_motion(moved[self.by], self._anchor[self.by])
             back = (wanted - target) @ turn.T + centre
             change = float(np.abs(back - moved[microphone]).max())
             moved[microphone] = back
             if change < NEGLIGIBLE:
                 break
         return moved[microphone]
-
-    def _motion(self, positions: Any, anchor: Reals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return rigid_motion(np.asarray(positions)[self.by], anchor[self.by])
 
 
 SIMULATING, READING = "Simulating the room", "Reading the measurement"
@@ -354,7 +314,9 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
         source = cached_measurement(scene, progress)
     progress.measurement = measurement = as_given(scene, source)
     progress(1.0)
-    warmup.wait(lambda: progress(1.0))
+    while warmup.busy:
+        progress(1.0)
+        time.sleep(POLL_INTERVAL)
     if source.search is None:
         if opening.states:  # a search domain around the last state, or around an estimate made for it
             truth = source.positions if measurement.blind else None

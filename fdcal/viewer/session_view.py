@@ -203,10 +203,13 @@ class SessionPicture:
         """
         floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
         opacity, dark = style.opacity, style.dark
-        return (
-            floor and self._floor.of(lambda: replace(floor, opacity=opacity), Same(floor), opacity),
-            volume and self._volume.of(lambda: faded(volume, opacity, dark), Same(volume), opacity, dark),
-        )
+        if floor is not None:
+            key = Same(floor), opacity
+            floor = self._floor.get(*key) or self._floor.keep(replace(floor, opacity=opacity), *key)
+        if volume is not None:
+            key = Same(volume), opacity, dark
+            volume = self._volume.get(*key) or self._volume.keep(faded(volume, opacity, dark), *key)
+        return floor, volume
 
 
 RUN_INTERVAL = 0.15  # s at least between two states that are shown while the solver runs
@@ -222,7 +225,8 @@ class Viewer:
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
     function that makes the main loop update the page at once; `words`: on the canvas, or None. Raises InputError: the
     request of the run has choices that are not possible. `view`: the states as they are shown; `snapshot`: what is on
-    the screen; `wanted`: the map that belongs to it, None without one; `fault`: the last exception of the page, as long
+    the screen; `drawn_key`: of what is drawn, () to draw it again; `found`: the assessment of the state, once there is
+    one; `wanted`: the map that belongs to it, None without one; `fault`: the last exception of the page, as long
     as the status lines show it.
     """
 
@@ -245,9 +249,10 @@ class Viewer:
         self.view, self._viewed = run.session.view, 0.0
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
-        self._key: tuple = ()  # of what is drawn
+        self.drawn_key: tuple = ()  # of what is drawn
         self.wanted: CostMapRequest | None = None
-        self._assessed: tuple[Assessment | None, PositionUncertainty | None] = None, None  # of the last verdict
+        self.found: Assessment | None = None
+        self._uncertainty: PositionUncertainty | None = None  # of `found`
         try:
             binding = self.binding
             self._picture = SessionPicture(run, binding.frame)
@@ -263,7 +268,7 @@ class Viewer:
             moves = self.tabs.map.pick, self.drop.move, self.drop.place
             self._picker = MicrophonePicker(server, binding, picture, *moves, f"/picking/{folders.number}")
             self._line_handles = LineHandles(server, binding, picture, f"/cut_handles/{folders.number}")
-            binding.threads.own(run.session)
+            binding.threads.owned.append(run.session)
         except BaseException:
             self.binding.threads.close(0.0)
             raise
@@ -272,15 +277,6 @@ class Viewer:
     def picture(self) -> Picture:
         """The picture on the screen."""
         return self.snapshot.picture
-
-    @property
-    def found(self) -> Assessment | None:
-        """The assessment of the state that is shown, once the solver has finished and it has been made."""
-        return self._assessed[0]
-
-    def redraw(self) -> None:
-        """Draw everything again with the next tick."""
-        self._key = ()
 
     def forget(self, client: viser.ClientHandle) -> None:
         """Forget a browser that has closed the page."""
@@ -330,14 +326,14 @@ class Viewer:
         if view.state is not self._state:
             self._revision, self._state = self._revision + 1, view.state
         drawn, reason = self._select_map(view, choices, now)
-        if found is not self._assessed[0]:
-            uncertainty = uncertainty_of(found)
+        if found is not self.found:
+            self.found, uncertainty = found, uncertainty_of(found)
             if uncertainty is not None:
                 uncertainty = replace(uncertainty, axes=frame.axes(newest.state.positions, uncertainty.axes))
-            self._assessed = found, uncertainty
+            self._uncertainty = uncertainty
         tick = Tick(
             view, now, self._revision, self._selected, drawn, reason, fault=self.fault,
-            note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._assessed[1],
+            note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._uncertainty,
             assessing=self._verdict.pending(newest), sought=sought,
         )  # fmt: skip
         with self._server.atomic():  # the cost in the headline and at the ball, which the picture has, are one number
@@ -354,7 +350,7 @@ class Viewer:
             modes = count_label(self.run.measurement, self.wanted.modes)
             awaited = f"Computing the map of microphone {self.wanted.microphone}: {modes} ..."
         key = tick.revision, choices, tick.microphone, dropped, awaited, *map(Same, parts)
-        if key == self._key:
+        if key == self.drawn_key:
             return
         picture = self._picture.draw(tick.view, choices, tick.microphone, *parts, dropped)
         sigma = None if tick.uncertainty is None else tick.uncertainty.sigma
@@ -369,7 +365,7 @@ class Viewer:
         across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
         self._picker.show(self._picture.places, picture.floor, across if across >= 0 else 2, self._picture.ball)
         self._line_handles.show(choices.cut, floor)
-        self._key = key
+        self.drawn_key = key
 
     def _hint(self, picture: Picture) -> str:
         """Return how to read the map of a cost, in words, or why there can be none; "" for anything else."""

@@ -51,7 +51,7 @@ def test_the_room_is_shown_while_the_solver_is_prepared(page_of, scene, monkeypa
     page, turn_until = page_of
     prepare, sound = threading.Event(), cached_measurement(scene)
     monkeypatch.setattr(preparing, "cached_measurement", lambda scene, progress: sound)
-    monkeypatch.setattr(preparing.Warmup, "wait", lambda *_: prepare.wait(WAIT))
+    monkeypatch.setattr(preparing.Warmup, "busy", property(lambda warmup: not prepare.is_set()))
     page.open(OpenRequest(edited(scene, {"solver.known": "none"})))
     assert page.nodes.is_empty
     placed = []

@@ -13,8 +13,9 @@ from fdcal.cost.basins import local_minima
 from fdcal.cost.eq7 import ReferenceCost
 from fdcal.cost.maps import cost_maps, refined
 from fdcal.viewer.drop import LineHandles
+from fdcal.viewer.tabs import sweep as sweeping
 from fdcal.viewer.tabs.cut import MAX_MODES, POINTS, SPAN, cut_series, foot, line_across
-from fdcal.viewer.tabs.sweep import DOWN, Playback, SweepWorker
+from fdcal.viewer.tabs.sweep import DOWN, Playback
 
 
 def played(playback, stops, ready, times):
@@ -49,10 +50,10 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
 
 def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monkeypatch):
     viewer, turn_until = opened
-    sweep, slow = viewer.tabs.sweep, SweepWorker._frame
+    sweep, slow = viewer.tabs.sweep, sweeping.cost_map
     set_by_client(sweep.summed, 3)
     turn_until(lambda: "sum of 3 modes" in sweep.text.content and sweep._plot.visible)
-    monkeypatch.setattr(SweepWorker, "_frame", lambda *args: (time.sleep(0.2), slow(*args))[1])
+    monkeypatch.setattr(sweeping, "cost_map", lambda *args: (time.sleep(0.2), slow(*args))[1])
     set_by_client(sweep.order, DOWN)
     set_by_client(sweep.highest, 19)
     turn_until(lambda: 2 <= computed(sweep) < 19)

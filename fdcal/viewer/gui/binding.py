@@ -251,18 +251,6 @@ class Due:
         return True
 
 
-def bind(handle: Control, act: Callable[[Any], object]) -> Control:
-    """Call `act(value)` when a client, and not this program, has changed a control; return the control."""
-
-    async def respond(event) -> None:
-        if event.client is not None:
-            act(event.target.value)
-
-    control: Any = handle
-    (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)
-    return handle
-
-
 class Tab:
     """A tab of one session, which creates its controls in `__init__`."""
 
@@ -307,15 +295,19 @@ class Binding:
     def on(self, handle: Control, act: Callable[[Any], object]) -> Control:
         """Call `act(value)` when a client, and not this program, has changed a control; return the control."""
 
-        def respond(value) -> None:
+        async def respond(event) -> None:
+            if event.client is None:
+                return
             self.session.yield_to_ui()
             try:
-                act(value)
+                act(event.target.value)
             except RuntimeError:
                 if not self.closed:  # else the session has given way to another one, with all of its controls
                     raise
 
-        return bind(handle, respond)
+        control: Any = handle
+        (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)
+        return handle
 
     # Controls of viser, with their bounds and their effect.
 
@@ -375,12 +367,8 @@ class Binding:
     def send(self, handle, value) -> None:
         """Set the value of a control where it differs from the one sent last.
 
-        A slider that the user is dragging is therefore not pulled back by the main loop.
+        Where what the user has set is put into `sent`, a slider that is being dragged is not pulled back.
         """
         if id(handle) not in self.sent or self.sent[id(handle)] != value:
             self.sent[id(handle)] = value
             handle.value = value
-
-    def keep(self, handle, value) -> None:
-        """Count a value as sent: the user has set it, who may still be dragging the slider."""
-        self.sent[id(handle)] = value

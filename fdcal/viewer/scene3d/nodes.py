@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -95,7 +95,7 @@ Part = Lines | Mesh | Floor | Surface | Plate
 class SceneNodes:
     """Owns the nodes of one scene, which all pages share.
 
-    `cameras`: of the pages; `is_empty`: whether nothing has been shown yet.
+    `cameras`: of the pages; `parts`: the primitives in the scene, by name; `is_empty`: whether nothing has been shown.
     """
 
     def __init__(self, server: viser.ViserServer):
@@ -103,18 +103,13 @@ class SceneNodes:
         server.scene.configure_default_lights(False)
         server.scene.configure_environment_map(None)
         server.scene.add_light_ambient("/light", intensity=math.pi)  # alone, it leaves colours as they are
-        self._parts: dict[str, Part] = {}
+        self.parts: dict[str, Part] = {}
         self._handles: dict[str, Any] = {}
         self._labels = server.gui.add_html(content("labels"), visible=False)
         self.is_empty = True
         self._numbers = itertools.count()
         self._replaced: list[tuple[str, float | None, Any]] = []  # name, since when, s, and node that another replaces
         self.cameras = Cameras(server)
-
-    @property
-    def parts(self) -> Mapping[str, Part]:
-        """The primitives in the scene, by name."""
-        return self._parts
 
     def show(self, picture: Picture) -> None:
         """Make the scene look like `picture`."""
@@ -131,12 +126,12 @@ class SceneNodes:
                 self._handles.pop(name).remove()
             self._remove_replaced(lambda name, since: name not in parts)  # nothing replaces these
             for name, part in parts.items():
-                old = self._parts.get(name)
+                old = self.parts.get(name)
                 if old is not part:
                     self._handles[name] = self._send(f"/{name}", old, self._handles.get(name), part)
             if self._labels.content != texts:
                 self._labels.content = texts
-        self._parts = parts
+        self.parts = parts
 
     def settle(self, now: float) -> None:
         """Remove surfaces once every page has drawn those that replace them; called by the main loop at the time `now`.

@@ -92,20 +92,15 @@ class CurvesTab(Tab):
     def _row(self, state) -> tuple:
         errors = self._measurement.errors(state.positions, self._sought)
         errors = np.zeros(1) if errors is None else errors[self._sought]
+        # finite numbers, also where an error is NaN
         all_at_once = state.step == state.sweep  # each step of the solver moves all microphones
         return (
             state.step if all_at_once else state.step / self._free,
-            _drawable(1e3 * errors.mean(), ZERO),
-            _drawable(1e3 * errors.max(), ZERO),
+            *(min(max(ZERO, float(1e3 * error)), 1e12) for error in (errors.mean(), errors.max())),
             state.last,
             state.stage,
             state.restart,
         )
-
-
-def _drawable(value, minimum: float) -> float:
-    """Return a finite number of at least `minimum`, which also stands for NaN."""
-    return min(max(minimum, float(value)), 1e12)
 
 
 def _with_stages(x, curves, drawn, begins, restarted, stage) -> tuple[np.ndarray, ...]:

@@ -88,7 +88,7 @@ KEYS = (
     Key(
         "H",
         "Lecture mode: large type, panels folded away",
-        lambda tabs: tabs.view.lecture_mode(not tabs.binding.choices.lecture),
+        lambda tabs: tabs.view.draw(lecture=not tabs.binding.choices.lecture),
         command="lecture",
     ),
     Key("1", "Plan view", lambda page, client: _look(page, client, "top"), of_page=True),

@@ -309,7 +309,7 @@ class MapTab(Tab):
         """Let the microphone and the caption follow what is drawn."""
         binding, choices, drawn = self._binding, self._binding.choices, tick.drawn
         if not choices.follow and choices.microphone == tick.microphone:
-            binding.keep(self.microphone, tick.microphone)  # set by the user, who may still be dragging the slider
+            binding.sent[id(self.microphone)] = tick.microphone  # set by the user, who may still be dragging the slider
         binding.send(self.microphone, tick.microphone)
         self.slice.show(drawn)
         shown = Same(drawn and (drawn.floor or drawn.volume))

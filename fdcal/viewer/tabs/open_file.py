@@ -16,7 +16,7 @@ import viser
 from ...recordings.recording import KINDS
 from ...session.sources import OpenRequest, compared_with_file, is_recording, load_input, measurement_request
 from ..gui import html
-from ..gui.binding import Due, bind
+from ..gui.binding import Due
 from ..prepare import Threads
 
 LISTED = 2.0  # s between two looks at the folder
@@ -44,8 +44,13 @@ class OpenFile:
             "Kind", ("auto", *KINDS), hint="Of a recording: an impulse response, or a continuous sound"
         )
         self.celsius = gui.add_number("Temperature (°C)", 20.0, min=-60.0, max=80.0, step=0.5, hint="Of the air")
-        self.button = bind(gui.add_button("Open file", icon=viser.Icon.FOLDER_OPEN), lambda _: self.press())
+        self.button = gui.add_button("Open file", icon=viser.Icon.FOLDER_OPEN)
         self.report = gui.add_html("")
+
+        @self.button.on_click
+        async def _(event) -> None:
+            if event.client is not None:
+                self.press()
 
     def press(self) -> None:
         """Open the file that is chosen."""

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import viser
 
 from ...model.room import MEASURED_AND_MODELLED, WALLS
@@ -112,8 +113,8 @@ class SceneTab(Tab):
         self.absorption.value = round(100 * parameters.absorption, 2) or 1.0
         self.noise.value = noisy = math.isfinite(parameters.snr_db)
         default = RANGES.default_snr
-        self.snr.value = round(_clipped(parameters.snr_db, RANGES.snr)) if noisy else default
-        self.speed.value = _clipped(100 * parameters.sound_speed_error, RANGES.sound_speed_error)
+        self.snr.value = round(np.clip(parameters.snr_db, *RANGES.snr)) if noisy else default
+        self.speed.value = float(np.clip(100 * parameters.sound_speed_error, *RANGES.sound_speed_error))
         self.seed.value = min(parameters.seed, RANGES.max_seed)
         self.refresh()
         self.known.value = parameters.known
@@ -147,7 +148,7 @@ class SceneTab(Tab):
         absorbing = self.walls.value == "absorbing" and self._scene.room.response is None
         return SceneParameters(
             microphones=old.microphones if self.microphones.disabled else count,
-            radius=_unless_same(_clipped(self.radius.value, RANGES.radius), old.radius, 1e-4),
+            radius=_unless_same(float(np.clip(self.radius.value, *RANGES.radius)), old.radius, 1e-4),
             walls=self.walls.value if self._scene.room.response is None else old.walls,
             absorption=_unless_same(self.absorption.value / 100, old.absorption, 1e-4) if absorbing else old.absorption,
             snr_db=_unless_same(float(self.snr.value), old.snr_db, 0.5) if self.noise.value else math.inf,
@@ -181,10 +182,6 @@ class SceneTab(Tab):
             return
         self.message.content = ""
         self._binding.open(OpenRequest(scene, fewer_modes=True))
-
-
-def _clipped(value: float, ends: tuple[float, float]) -> float:
-    return min(max(value, ends[0]), ends[1])
 
 
 def _unless_same(value: float, old: float, rounding: float) -> float:

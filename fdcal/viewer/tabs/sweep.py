@@ -15,7 +15,6 @@ import viser
 from viser import uplot
 
 from ...cost.maps import partial_sums, refined
-from ...cost.scale import Minima
 from ...graphics.heatmap import TABLE, colour_limits, colour_numbers, normalise, of_colour_numbers, table_numbers
 from ...graphics.primitives import Floor
 from ...model.measurement import Measurement
@@ -128,13 +127,12 @@ class SweepWorker:
         frame = sweep.frame(count)
         if frame is None or sweep.of_first(count) != wanted.modes:
             return None
-
-        def draw() -> CostMap:
+        if (drawn := self._drawn.get(Same(frame), style.minima)) is None:
             image = TABLE[frame.numbers] if frame.floor.areas else of_colour_numbers(frame.numbers)
             floor = replace(frame.floor, rgb=image, show_minima=style.minima)
-            return replace(frame.map, request=wanted, floor=floor, fine=True)
-
-        return self._drawn.of(draw, Same(frame), style.minima)
+            drawn = replace(frame.map, request=wanted, floor=floor, fine=True)
+            self._drawn.keep(drawn, Same(frame), style.minima)
+        return drawn
 
     def _compute(self, request: SweepRequest) -> None:
         """On the thread: map after map, until another sweep is requested."""
@@ -144,28 +142,24 @@ class SweepWorker:
         modes = tuple(mode for mode in request.modes if mode <= request.highest) or request.modes[:1]
         sweep = Sweep(request, modes[::-1] if request.descending else modes, tuple(range(1, len(modes) + 1)))
         self._sweep = sweep
-        search = refined(run.problem.search)
+        search, style = refined(run.problem.search), MapStyle(log=request.log, basins=request.basins)
         for sums in partial_sums(run.problem, run.solver, state, n, sweep.modes, offset, search):
             if not self.worker.wants(request):
                 return
-            sweep.frames.append(self._frame(request, sums.modes, sums.cost, sums.minima, search))
-
-    def _frame(self, request: SweepRequest, modes, cost: np.ndarray, minima: Minima, search) -> SweepFrame:
-        style = MapStyle(log=request.log, basins=request.basins)
-        of = CostMapRequest(
-            request.revision, request.microphone, tuple(sorted(modes)), request.order_offset, True, style,
-            follow=False, state=request.state, lineage=None,
-        )  # fmt: skip
-        drawn = cost_map(self._run, of, cost, search, minima)
-        if drawn.floor is None:
-            raise ValueError("a map of a sweep is on the floor")
-        if request.basins:
-            numbers = table_numbers(drawn.floor.rgb)
-        else:
-            low, high, _ = colour_limits(cost, request.log, least_range(self._run, of))
-            numbers = colour_numbers(normalise(cost, low, high, request.log))
-        floor = replace(drawn.floor, rgb=NO_IMAGE)
-        return SweepFrame(replace(drawn, floor=None), minima.count, floor, numbers)
+            of = CostMapRequest(
+                request.revision, n, tuple(sorted(sums.modes)), offset, True, style, follow=False, state=state,
+                lineage=None,
+            )  # fmt: skip
+            drawn = cost_map(run, of, sums.cost, search, sums.minima)
+            if drawn.floor is None:
+                raise ValueError("a map of a sweep is on the floor")
+            if request.basins:
+                numbers = table_numbers(drawn.floor.rgb)
+            else:
+                low, high, _ = colour_limits(sums.cost, request.log, least_range(run, of))
+                numbers = colour_numbers(normalise(sums.cost, low, high, request.log))
+            floor = replace(drawn.floor, rgb=NO_IMAGE)
+            sweep.frames.append(SweepFrame(replace(drawn, floor=None), sums.minima.count, floor, numbers))
 
 
 @dataclass
@@ -369,7 +363,7 @@ class SweepTab(Tab):
             self._revision = revision
         elif self._revision != revision and not self.playing:
             self._wanted = None  # its curve is of another state
-            self.worker.worker.cancel()
+            self.worker.worker.requested = None
         if (self.playing or self._revision == revision) and not view.running:
             choices = self._binding.choices
             self._wanted = SweepRequest(

@@ -59,7 +59,7 @@ class ViewTab(Tab):
         gui.add_html(html.remark("In this window only: plan view, array, whole room."))
         self.dark = binding.checkbox("Dark page", choices.style.dark, self.darken)
         self.lecture = binding.checkbox(
-            "Lecture mode", choices.lecture, self.lecture_mode,
+            "Lecture mode", choices.lecture, lambda value: self.draw(lecture=value),
             hint="Large type, the panels folded away; key H ends it, too",
         )  # fmt: skip
         self.trails = binding.checkbox(
@@ -85,7 +85,7 @@ class ViewTab(Tab):
         self.refresh()
 
     def draw(self, **wanted: bool) -> None:
-        """Draw `trails` and `ellipses`, or not."""
+        """Draw `trails` and `ellipses`, or not; begin `lecture` mode, or end it."""
         self._binding.choose(**wanted)
         for name, value in wanted.items():
             getattr(self, name).value = value
@@ -96,11 +96,6 @@ class ViewTab(Tab):
         self._binding.choose(themed=self._binding.choices.themed or not preferred)
         self.refresh()
         self.dark.value = dark
-
-    def lecture_mode(self, lecture: bool) -> None:
-        """Begin lecture mode, or end it."""
-        self._binding.choose(lecture=lecture)
-        self.lecture.value = lecture
 
     def refresh(self) -> None:
         """Let the theme follow the choices."""
@@ -159,11 +154,6 @@ class ViewSnapshot:
         modes = modes_words(self.run.measurement, state.first, state.last)
         return f"{self.run.scene.title}: step {state.step}, {modes}"
 
-    @property
-    def height(self) -> float:
-        """Height of a plane array, metres."""
-        return z_range_of(self.run.known_scene, self.run.measurement)[0]
-
 
 MAX_WAITING = 8  # files that may wait to be made
 MAX_PANELS = 8  # maps of single modes in a figure
@@ -219,7 +209,7 @@ def _map(snapshot: ViewSnapshot) -> bytes:
             raise ValueError("a volume that nobody cancels is complete")
         return exports.volume_vti(sampled.cost, sampled.search, snapshot.choices.style.basins).encode()
     place = snapshot.view.state.positions[snapshot.microphone]
-    height = float(place[2]) if len(place) == 3 else snapshot.height
+    height = float(place[2]) if len(place) == 3 else z_range_of(snapshot.run.known_scene, snapshot.run.measurement)[0]
     panels = _panels(snapshot, MAX_PANELS)
     panels = replace(panels, maps=panels.maps.astype(np.float32))
     return exports.landscape_vti(panels, height, snapshot.choices.style.basins).encode()
@@ -232,9 +222,8 @@ def _table(snapshot: ViewSnapshot) -> bytes:
 
 def _points(snapshot: ViewSnapshot) -> bytes:
     positions = snapshot.view.state.positions
-    cloud = exports.microphones_vtp(
-        snapshot.run.measurement, positions, snapshot.sigma, snapshot.height, snapshot.counted
-    )
+    height, by = z_range_of(snapshot.run.known_scene, snapshot.run.measurement)[0], snapshot.counted
+    cloud = exports.microphones_vtp(snapshot.run.measurement, positions, snapshot.sigma, height, by)
     return cloud.encode()
 
 
