@@ -96,23 +96,6 @@ def test_the_minima_are_those_whose_climb_exceeds_the_depth(shape, seed):
         assert (np.diff(cost.ravel()[found]) > 0).all(), "the lowest first"
 
 
-@settings(deadline=None, max_examples=30)
-@given(st.integers(0, 2**32 - 1))
-def test_a_minimum_that_ends_joins_a_lower_one_and_the_chain_ends_at_one_that_survives(seed):
-    rng = np.random.default_rng(seed)
-    cost = rng.integers(0, 6, (8, 11)).astype(float)  # with many equal costs
-    minima, heirs = merged_basins(cost, 1.0)
-    flat = cost.ravel()
-    order = {int(point): rank for rank, point in enumerate(np.argsort(flat, kind="stable"))}
-    ended = np.flatnonzero(heirs != np.arange(cost.size))
-    assert all(order[heirs[point]] < order[point] for point in ended)
-    for point in ended:
-        while heirs[point] != point:
-            point = heirs[point]
-        assert point in minima
-    assert minima[0] == flat.argmin() and not set(minima) & set(ended)
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_every_place_of_a_basin_ends_at_its_minimum_by_explicit_descent(seed):
     """At all places but those within two steps of a border: there the lattice decides."""

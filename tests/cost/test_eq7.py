@@ -46,26 +46,6 @@ def test_landscape_is_eq_7_by_brute_force():
             assert found[m, c] == pytest.approx(np.sum(np.abs(W @ (np.linalg.pinv(W) @ p) - p) ** 2), abs=1e-10)
 
 
-def test_landscape_at_the_microphone_is_the_cost():
-    here = landscape(GUESS, 5, GUESS[5:6], *ARGUMENTS)[:, 0]
-    np.testing.assert_allclose(here, cost(GUESS, *ARGUMENTS), atol=1e-10)
-
-
-def test_rank_deficient_landscape_is_eq_7_on_the_reduced_dictionary():
-    """Two microphones in one place: their rows are equal, and the dictionary is reduced once, for all candidates."""
-    few = np.repeat(GUESS[:5], 3, axis=0)
-    W = fourier_bessel(few, PROBLEM.wavenumbers[0], 3, CENTRE)
-    p = PROBLEM.pressures[0, : len(few)]
-    fit = leave_one_out_fits([W], p[None], 0)[0]
-    others = W[1:]
-    V = np.linalg.svd(others, full_matrices=False)[2].conj().T[:, : np.linalg.matrix_rank(others, tol=1e-10)]
-    rows = fourier_bessel(CANDIDATES, PROBLEM.wavenumbers[0], 3, CENTRE)
-    for c, row in enumerate(rows):
-        A = np.concatenate([row[None], others]) @ V
-        expected = np.sum(np.abs(A @ (np.linalg.pinv(A) @ p) - p) ** 2)
-        assert fit.cost_of(rows)[c] == pytest.approx(expected, abs=1e-9)
-
-
 @pytest.mark.parametrize("order", [3, 6])
 def test_microphones_at_fewer_places_than_functions_are_fitted_by_their_means(order):
     """Any pressures at five places are a field of seven functions; only differences at one place are left over."""

@@ -157,19 +157,6 @@ def test_the_order_is_k_times_the_farthest_microphone_and_some(near, extra, size
     np.testing.assert_array_equal(orders, np.ceil(K * farthest) + extra)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("order", [2, 6, 11, 18])
-def test_the_mean_over_the_directions_is_exact_up_to_twice_the_order(dimension, order):
-    u, w = wave_directions(dimension, direction_count(dimension, order))
-    np.testing.assert_allclose(np.linalg.norm(u, axis=0), 1)
-    assert np.all(w > 0) and np.isclose(w.sum(), 1)
-    towards = np.array([0.6, 0.8, 0.0])[:dimension]
-    for power in range(2, 2 * order, 2):
-        half = np.arange(power // 2)
-        exact = 1 / (power + 1) if dimension == 3 else np.prod((half + 0.5) / (half + 1))
-        assert np.isclose(w @ (towards @ u) ** power, exact)
-
-
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
 @pytest.mark.parametrize("size", [0.3, 1.0, 2.5])
 def test_the_directions_needed_resolve_a_diffuse_field_over_the_array(dimension, D, size):

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from fields import measured
-from solving import run_from, same_state
+from solving import run_from
 
 from fdcal import solvers
 from fdcal.cost.lattice import search_lattice
@@ -58,12 +58,6 @@ def test_cost_never_rises_while_centre_and_modes_stay():
                 compared += 1
         state = following
     assert compared > 20
-
-
-def test_same_seed_same_run_and_other_seed_other_run():
-    first, second, other = all_states(0), all_states(0), all_states(1)
-    assert len(first) == len(second) and all(map(same_state, first, second))
-    assert not np.array_equal(first[0].positions, other[0].positions)
 
 
 def test_trapped_means_a_whole_sweep_with_the_modes_in_use():

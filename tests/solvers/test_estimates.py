@@ -114,13 +114,9 @@ def test_a_restart_is_the_last_at_once_only_if_it_leaves_no_more_than_the_report
     measurement = measured(WIDE, THREE, snr_db=20, seed=1)
     last = last_state(replace(measurement, noise_power=reported * measurement.noise_power))
     assert last.converged and len(last.optima) == restarts
-
-
-def test_without_given_positions_one_restart_under_noise_is_never_enough():
-    """Nothing holds the size of a blind array: a stretched one may leave little more than the noise."""
-    measurement = measured(WIDE, [], snr_db=20, seed=1)
-    last = last_state(replace(measurement, noise_power=1.25 * measurement.noise_power))
-    assert len(last.optima) >= 2
+    if restarts == 1:  # nothing holds the size of a blind array: a stretched one may leave little more than the noise
+        blind = measured(WIDE, [], snr_db=20, seed=1)
+        assert len(last_state(replace(blind, noise_power=reported * blind.noise_power)).optima) >= 2
 
 
 def test_a_channel_of_noise_alone_stands_in_the_middle_of_the_others_unless_its_place_is_given():

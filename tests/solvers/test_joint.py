@@ -18,7 +18,6 @@ from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.session import calibration_run as calibrate
 from fdcal.session.calibration_run import assess_state
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import joint as joint
@@ -141,16 +140,6 @@ def test_the_minimal_gauge_places_the_array_as_documented(name):
     assert position_errors(states[-1].positions, TRUTH).max() < 2e-2
     for state in states:  # the pressures do not hold the array as a whole, but it does not wander about either
         assert np.linalg.norm(state.positions.mean(axis=0) - TRUTH.mean(axis=0)) < 0.5
-
-
-@pytest.mark.parametrize("name", ["joint", "robust"])
-def test_a_run_that_is_stopped_is_placed_in_the_minimal_gauge_too(name):
-    measurement = measured(TRUTH, KNOWN, snr_db=30)
-    settings = replace(SETTINGS, name=name, known="minimal")
-    readings = iter(range(10**6))
-    inputs = CalibrationInput("test", None, measurement, settings, 0, time_limit=20.0)
-    result = calibrate.solve(inputs, clock=lambda: next(readings))
-    assert result.verdict == "not_converged" and not result.aligned and in_minimal_gauge(result.positions)
 
 
 def test_in_the_minimal_gauge_it_does_not_matter_where_the_solver_has_left_the_array():
