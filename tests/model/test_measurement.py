@@ -253,7 +253,10 @@ def test_joined_takes_keep_their_spectra():
     f = [np.linspace(90, 220, count) for count in (14, 27)]
     plain = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, sound_speed=343.0)
     spectra = [np.stack([axis, level * axis]) for axis, level in zip(f, (1, 2), strict=True)]
-    each = [dataclasses.replace(plain, spectrum=spectrum) for spectrum in spectra]
+    each = [
+        dataclasses.replace(plain, pressures=np.roll(PRESSURES, n, axis=1), spectrum=spectrum)
+        for n, spectrum in enumerate(spectra, 1)
+    ]
     joined = fdcal.Measurement.from_takes(each)
     assert joined.spectrum.shape == (3, 27), "over the frequencies of the finest"
     for number, level in enumerate((1, 2)):

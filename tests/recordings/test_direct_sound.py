@@ -84,13 +84,14 @@ def test_an_import_of_impulse_responses_has_arrivals(imported):
 
 
 def test_takes_are_stacked_and_chosen(imported):
-    plain = replace(imported, arrivals=None, arrival_sigma=None)
-    three = Measurement.from_takes([imported, plain, imported])
+    others = [replace(imported, pressures=np.roll(imported.pressures, n, axis=1)) for n in (1, 2)]
+    plain, other = (replace(one, arrivals=None, arrival_sigma=None) for one in others)
+    three = Measurement.from_takes([imported, plain, others[1]])
     assert three.arrivals.shape == (3, 16) and np.isnan(three.arrivals[1]).all()
     assert np.array_equal(three.arrivals[2], imported.arrivals[0])
     third = three.of_take(2)
     assert np.array_equal(third.arrivals[2], imported.arrivals[0]) and np.isnan(third.arrivals[:2]).all()
-    assert Measurement.from_takes([plain, plain]).arrivals is None
+    assert Measurement.from_takes([plain, other]).arrivals is None
 
 
 def test_a_file_keeps_them_and_leaves_out_microphones(imported, tmp_path):
