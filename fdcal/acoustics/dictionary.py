@@ -295,17 +295,15 @@ class LatticeDictionary:
         offset[off] = 0
         unit, row = self._unit_and_row(offset)
         row[off] = -1
-        return unit, row, self._off_lattice(positions[off], centre)
-
-    def _off_lattice(self, positions: np.ndarray, centre: Reals) -> np.ndarray:
-        index = tuple(self.search.index(centre).tolist()), positions.tobytes()
-        cached, W = self._others  # these are known microphones, which stay in place
+        others = positions[off]  # known microphones, which stay in place
+        index = tuple(self.search.index(centre).tolist()), others.tobytes()
+        cached, W = self._others
         if cached != index:
-            W = np.zeros((len(self.orders), len(positions), 2 * int(self.orders.max()) + 1), dtype=complex)
-            for m, (k, L) in enumerate(zip(self.wavenumbers, self.orders, strict=True) if len(positions) else ()):
-                W[m, :, : 2 * L + 1] = fourier_bessel(positions, complex(k), int(L), centre)
+            W = np.zeros((len(self.orders), len(others), 2 * int(self.orders.max()) + 1), dtype=complex)
+            for m, (k, L) in enumerate(zip(self.wavenumbers, self.orders, strict=True) if len(others) else ()):
+                W[m, :, : 2 * L + 1] = fourier_bessel(others, complex(k), int(L), centre)
             self._others = index, W
-        return W
+        return unit, row, W
 
     def dictionary(self, positions: Reals, centre: Reals, modes: ArrayLike) -> list[np.ndarray]:
         """Return W (N, 2L + 1) of positions (N, 2), metres, on the lattice or off it, for each of `modes`."""

@@ -12,6 +12,7 @@ f, c             frequency, Hz; sound speed, m/s
 x                position, metres
 """
 
+import itertools
 import math
 
 import numpy as np
@@ -60,19 +61,11 @@ def plane_wave_responses(response: SdmResponse, positions, sound_speed: float) -
         arrival = first - first[0] + reach - response.directions @ position * fs / sound_speed  # in samples
         below = np.floor(arrival).astype(np.int64) - (TAPS // 2 - 1)
         taps = below[:, None] + np.arange(TAPS)
-        weights = response.amplitudes[:, None] * _lagrange(arrival - below)
+        weights = np.tile(response.amplitudes[:, None], TAPS)
+        for node, other in itertools.permutations(range(TAPS), 2):
+            weights[:, node] *= (arrival - below - other) / (node - other)
         row[:] = np.bincount(taps.ravel(), weights.ravel(), samples)
     return rows
-
-
-def _lagrange(at: np.ndarray) -> np.ndarray:
-    """Return the weights of the nodes 0 to TAPS - 1 in the interpolation at `at` (T,) : (T, TAPS) float64."""
-    weights = np.ones((len(at), TAPS))
-    for node in range(TAPS):
-        for other in range(TAPS):
-            if other != node:
-                weights[:, node] *= (at - other) / (node - other)
-    return weights
 
 
 def require_rendered(response: SdmResponse, sensing: Sensing) -> None:

@@ -153,7 +153,8 @@ def diffuse_model(size: Sequence[float] | Reals, wavenumbers: Numbers, width: fl
     """Return the diffuse model of a room of `size` (D,), metres; `width`: half the width of a resonance, rad/m."""
     k = np.asarray(wavenumbers, complex)
     top = TRUNCATION.diffuse_range * float(np.real(k).max())
-    numbers = _numbers(size, top)
+    counts = [int(top * length / np.pi) + 1 for length in size]  # of half waves along each axis
+    numbers = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, len(size))
     kappa = np.pi * numbers / np.asarray(size)
     kept = np.sum(kappa**2, axis=1) < top**2
     kappa, numbers = kappa[kept], numbers[kept]
@@ -161,12 +162,6 @@ def diffuse_model(size: Sequence[float] | Reals, wavenumbers: Numbers, width: fl
     weights = 1 / apart
     gains = np.sqrt(2.0) ** np.sum(numbers > 0, axis=1)
     return DiffuseModel(kappa, gains, weights / weights.sum(axis=1, keepdims=True))
-
-
-def _numbers(size: Sequence[float] | Reals, top: float) -> np.ndarray:
-    """Return the half waves along each axis of every mode with kappa up to `top` along each : (E, D) int."""
-    counts = [int(top * length / np.pi) + 1 for length in size]
-    return np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, len(size))
 
 
 @dataclass(frozen=True)

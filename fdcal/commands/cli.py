@@ -340,8 +340,9 @@ def calibrate(
     settings |= dict(zip(("gain_sigma_db", "phase_sigma_deg"), gain_sigma or (), strict=False))
     inputs = with_settings(inputs, solver, modes, seed, room=room, **settings)
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
-    if check:
-        report.require_positions(inputs.measurement)
+    if check and inputs.measurement.positions is None:
+        remedy = "name a file that has them with <positions>, or leave out <check>"
+        raise InputError("the file has no positions to compare with those found", remedy, key="check", value=True)
     with opt.progress_bar("calibrating") as progress:
         result = solve(inputs, progress, opt.OPTIONS)
     compared = report.comparison(inputs, result) if check else None

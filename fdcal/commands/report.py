@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..assessment.calibration import Calibration
 from ..assessment.words import comparison_sentences, given_table, result_sentences
-from ..model.measurement import Measurement
-from ..model.validation import InputError
 from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
@@ -42,23 +42,11 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     return "\n".join([head, *(f"{name:<7} {said[name]}" for name in HEADS if said.get(name))])
 
 
-def require_positions(measurement: Measurement) -> None:
-    """Raise InputError where a measurement has no positions to compare with."""
-    if measurement.positions is None:
-        problem = "the file has no positions to compare with those found"
-        remedy = "name a file that has them with <positions>, or leave out <check>"
-        raise InputError(problem, remedy, key="check", value=True)
-
-
 def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
-    """Return how the positions found differ from those in the measurement.
-
-    Raises InputError: the measurement has no positions.
-    """
+    """Return how the positions found differ from those in the measurement, which has some."""
     from ..assessment.position_check import compare_positions, in_size_of
 
     measurement = inputs.measurement
-    require_positions(measurement)
     positions = result.positions if result.room is None else result.positions_for(measurement)
     if _size_is_open(inputs, result):
         positions = in_size_of(positions, measurement.positions)
@@ -72,9 +60,7 @@ def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
     """Whether the size of the array found is no finding, so that it is compared in that of the list."""
     from ..assessment.position_check import MAX_SCALE, size_ratio
 
-    listed = inputs.measurement.positions
-    assert listed is not None  # `require_positions`
-    ratio = size_ratio(result.positions, listed)
+    ratio = size_ratio(result.positions, np.asarray(inputs.measurement.positions))
     wrong = result.verdict != "good" and MAX_SCALE < max(ratio, 1 / ratio) < UNITS_APART
     return result.verdict == "scale_undetermined" or wrong
 

@@ -24,23 +24,17 @@ LIBRARY = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "vtkmodules": "vtk"}  
 REQUIREMENT = re.compile(r"""([\w.-]+).*; extra == ['"](\w+)['"]""")
 
 
-def extra_of(package: str) -> str | None:
-    """Return the smallest extra that brings a package, such as "page" for "viser"; None where none does."""
-    brought: dict[str, set[str]] = {}
+def missing_library(error: ImportError) -> InputError | None:
+    """Return the error for a library of an extra that is not installed; None if something else is wrong."""
+    package = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    library, brought = LIBRARY.get(package, package), dict[str, set[str]]()
     for line in metadata.requires("fdcal") or ():
         if found := REQUIREMENT.match(line):
             brought.setdefault(found[2], set()).add(found[1].lower())
-    library = LIBRARY.get(package, package).lower()
-    return min((extra for extra in brought if library in brought[extra]), key=lambda e: len(brought[e]), default=None)
-
-
-def missing_library(error: ImportError) -> InputError | None:
-    """Return the error for a library of an extra that is not installed; None if something else is wrong."""
-    package = (error.name or "").partition(".")[0]
-    extra = extra_of(package) if isinstance(error, ModuleNotFoundError) and package else None
-    if extra is None:
+    extras = [extra for extra in brought if library.lower() in brought[extra]]
+    if not extras:
         return None
-    library = LIBRARY.get(package, package)
+    extra = min(extras, key=lambda one: len(brought[one]))  # the smallest that brings it
     return InputError(
         f'this needs the library "{library}" of the extra "{extra}"',
         f"install it: pip install -e '.[{extra}]' in a checkout of fdcal, pip install 'fdcal[{extra}]' elsewhere",

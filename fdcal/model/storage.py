@@ -53,7 +53,15 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
     try:
         temporary.touch(exist_ok=False)
         write(temporary)
-        _move(temporary, path, force)
+        try:
+            if not force:
+                os.link(temporary, path)  # does not replace a file that has appeared in the meantime
+        except FileExistsError:
+            raise InputError(f"{path} exists", "use <force> to overwrite it", key="path", value=path) from None
+        except OSError:  # a file system without hard links
+            force = True
+        if force:
+            os.replace(temporary, path)
     except StorageError:
         raise
     except OSError as error:
@@ -61,19 +69,6 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
-
-
-def _move(temporary: Path, path: Path, force: bool) -> None:
-    """Rename the file; without `force` it does not replace one that has appeared in the meantime."""
-    if force:
-        os.replace(temporary, path)
-        return
-    try:
-        os.link(temporary, path)
-    except FileExistsError:
-        raise InputError(f"{path} exists", "use <force> to overwrite it", key="path", value=path) from None
-    except OSError:  # a file system without hard links
-        os.replace(temporary, path)
 
 
 def cache_key(*parts: Any) -> str:

@@ -18,12 +18,11 @@ ratio of signal to interference, a the part of the difference that is a shift. I
 a solver finds the actual one.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import resample_poly
 
-from ..model.measurement import Measurement
 from .recording import Recording, read_samples
 
 
@@ -48,14 +47,6 @@ class ArrivalRules:
 
 
 DIRECT_SOUND = ArrivalRules()
-
-
-def with_arrivals(measurement: Measurement, responses: Recording) -> Measurement:
-    """Return the measurement of one take with the arrivals of the direct sound, where it stands out."""
-    found = first_arrivals(responses)
-    if found is None:
-        return measurement
-    return replace(measurement, arrivals=found[0][None], arrival_sigma=found[1])
 
 
 def first_arrivals(recording: Recording) -> tuple[np.ndarray, float] | None:

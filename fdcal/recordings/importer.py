@@ -18,7 +18,7 @@ from ..model.validation import InputError, word_arguments
 from ..solvers.requirements import min_microphones
 from . import channels as select
 from . import formats
-from .arrivals import with_arrivals
+from .arrivals import first_arrivals
 from .cross_spectra import min_duration, stationary_pressures
 from .formats.positions import read_table
 from .frequencies import (
@@ -145,7 +145,13 @@ def measurement_of_takes(
     if recordings[0].count < 2:
         problem = f"{recordings[0].path} gives one channel, and an array needs two microphones at least"
         raise InputError(problem, "give the files of all channels")
-    takes = [_flattened(one, options) for one in recordings]
+    takes = list(recordings)
+    for n, one in enumerate(takes):  # without heights where the field is two-dimensional
+        if one.positions is not None and one.positions.shape[1] > options.dimension:
+            if np.ptp(one.positions[:, 2]) > select.PLANE_TOLERANCE:
+                problem = "dimension = 2 needs microphones of one height"
+                raise refused_option(options, "dimension", problem, "choose them with <plane> z=HEIGHT")
+            takes[n] = replace(one, positions=one.positions[:, :2])
     if options.split is not None:
         low = number_in(options.frequencies.partition(":")[0])  # NaN for "auto"; `frequency_band` reports a mistake
         for one in takes:
@@ -214,7 +220,10 @@ def _measurement_of_take(
         if options.reference is not None:  # in its whole band: an onset is as sharp as the band is wide
             whole = IMPORT_LIMITS.low, ARRIVAL_BAND * recording.sample_rate
             responses, _ = deconvolve(taken, formats.read(options.reference), whole)
-        measurement = with_arrivals(measurement, responses)
+        found_arrivals = first_arrivals(responses)
+        if found_arrivals is not None:
+            times, sigma = found_arrivals
+            measurement = replace(measurement, arrivals=times[None], arrival_sigma=sigma)
     limit = found.limit, found.words
     return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, *limit, height)
 
@@ -245,17 +254,6 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
         left_out |= {one.names[n]: state.fault(n, one.names) for n in state.bad}
     bad = np.unique(np.concatenate([state.bad for state in health]))
     return [select.exclude_channels(one, "bad", bad) for one in chosen], left_out
-
-
-def _flattened(recording: Recording, options: ImportOptions) -> Recording:
-    """Return the recording without heights where the field is two-dimensional."""
-    positions = recording.positions
-    if positions is None or positions.shape[1] <= options.dimension:
-        return recording
-    if np.ptp(positions[:, 2]) > select.PLANE_TOLERANCE:
-        problem = "dimension = 2 needs microphones of one height"
-        raise refused_option(options, "dimension", problem, "choose them with <plane> z=HEIGHT")
-    return replace(recording, positions=positions[:, :2])
 
 
 def _in_plane(

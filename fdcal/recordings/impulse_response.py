@@ -214,7 +214,14 @@ def impulse_response_pressures(
         return Pressures(f, wavenumber_continuous(f, 0.0, sound_speed), pressures, None, how, spacing)
     decay = extend_to_last_mode(recording, band, estimate_decay(recording, band), noise)
     s = max(0.0, SPECTRUM.decay / recording.duration - decay.rate) if window is None else window
-    noise = noise or noise_of_tail(recording, decay)
+    if noise is None and decay.tail is not None:
+        start = int(decay.tail * recording.sample_rate)
+        channels, hann = _measured_channels(recording, 4 * DECAY.channels), np.hanning(recording.samples - start)
+        tail = np.zeros(len(hann) // 2 + 1)
+        for n in channels:
+            tail += np.abs(rfft(read_samples(recording, start, recording.samples, [n])[0] * hann)) ** 2
+        bins = np.arange(len(tail)) * recording.sample_rate / len(hann)
+        noise = smoothed(bins, tail / len(channels) / np.sum(hann**2))
     used = recording
     if decay.tail is not None and decay.noisy:
         used = replace(recording, samples=min(recording.samples, int(decay.tail * recording.sample_rate) + 1))
@@ -327,21 +334,6 @@ def mean_power(recording: Recording, band: tuple[float, float], s: float, step: 
         for row in values:
             power += np.abs(rfft(row * weight, padded)[first : last + 1]) ** 2
     return np.arange(first, last + 1) * fs / padded, power / recording.count
-
-
-def noise_of_tail(recording: Recording, decay: Decay) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Return the noise power of one sample of the transform as a function of frequency; None without a tail."""
-    if decay.tail is None:
-        return None
-    start = int(decay.tail * recording.sample_rate)
-    length = recording.samples - start
-    channels = _measured_channels(recording, 4 * DECAY.channels)
-    hann = np.hanning(length)
-    power = np.zeros(length // 2 + 1)
-    for n in channels:
-        power += np.abs(rfft(read_samples(recording, start, recording.samples, [n])[0] * hann)) ** 2
-    grid = np.arange(len(power)) * recording.sample_rate / length
-    return smoothed(grid, power / len(channels) / np.sum(hann**2))
 
 
 def smoothed(grid: np.ndarray, density: np.ndarray, width: int = 5) -> Callable[[np.ndarray], np.ndarray]:
