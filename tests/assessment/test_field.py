@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fields import measured, rigid_room
 from PIL import Image
+from running import exit_code
 from scipy.linalg import solve
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
@@ -19,7 +20,6 @@ from fdcal.assessment.field import (
     field_map,
     leave_one_out_errors,
 )
-from fdcal.commands.cli import main
 from fdcal.graphics import exports
 from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.room import Room
@@ -153,24 +153,6 @@ def test_every_format_holds_the_same_map(measurement, tmp_path):
     assert pixels.shape[1] > 1000 and 0.4 < np.mean(np.all(pixels == 255, axis=-1)) < 0.95, "white outside the array"
 
 
-@pytest.fixture
-def refused(tmp_path, monkeypatch, capsys):
-    """Function that runs `fdcal field plane.npz` with options that must fail, and gives its error line."""
-    monkeypatch.chdir(tmp_path)
-    save_measurement(plane(60.0), tmp_path / "plane.npz")
-    (tmp_path / "other.json").write_text(json.dumps(OTHER))
-
-    def run(*options) -> str:
-        with pytest.raises(SystemExit) as ended:
-            main(["field", "plane.npz", "-o", "map.npz", *options])
-        assert ended.value.code == 2
-        assert not (tmp_path / "map.npz").exists()
-        (line,) = capsys.readouterr().err.splitlines()
-        return line
-
-    return run
-
-
 OTHER = {
     "fdcal_result": 1,
     "positions": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], "solver": "joint", "seed": 0, "frequencies": [100.0], "cost": 0,
@@ -178,40 +160,36 @@ OTHER = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--frequencies", "20"], "nothing was measured there"),
-        (["--frequencies", "100,-3"], "above zero"),
-        (["--frequencies", "low"], "no list of numbers"),
-        (["--step", "0"], "above zero"),
-        (["--step", "nan"], "is no finite number"),
-        (["--step", "1e-5"], "use a larger one"),
-        (["--result", "other.json"], "use the result of this measurement"),
-        (["-o", "map.xlsx"], "must end in"),
-    ],
-)
-def test_a_bad_option_is_refused_in_one_line(refused, options, words):
-    assert words in refused(*options)
+REFUSED = [
+    (["--frequencies", "20"], "nothing was measured there"),
+    (["--frequencies", "100,-3"], "above zero"),
+    (["--frequencies", "low"], "no list of numbers"),
+    (["--step", "0"], "above zero"),
+    (["--step", "nan"], "is no finite number"),
+    (["--step", "1e-5"], "use a larger one"),
+    (["--result", "other.json"], "use the result of this measurement"),
+    (["-o", "map.xlsx"], "must end in"),
+]
+
+
+def test_the_command_writes_the_map_and_refuses_bad_options_in_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    save_measurement(plane(60.0), tmp_path / "plane.npz")
+    (tmp_path / "other.json").write_text(json.dumps(OTHER))
+    for options, words in REFUSED:
+        assert exit_code("field", "plane.npz", "-o", "map.npz", *options) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert words in line and not (tmp_path / "map.npz").exists()
+    assert not exit_code("field", "plane.npz", "--frequencies", "57,115", "--step", "0.1", "-o", "map.npz")
+    assert "57.2, 114." in capsys.readouterr().out
+    with np.load("map.npz") as archive:
+        assert np.array_equal(archive["microphones"], PLANE) and len(archive["frequencies"]) == 2
 
 
 def test_microphones_on_a_line_enclose_nothing():
     line = np.linspace(0, 1, 30)[:, None] * [1.0, 0.5] + 2.0
     with pytest.raises(InputError, match="enclose no field"):
         field_map(measured(line, []), line, [100.0])
-
-
-def test_the_command_writes_the_map(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    measurement = plane(60.0)
-    save_measurement(measurement, tmp_path / "plane.npz")
-    with pytest.raises(SystemExit) as ended:
-        main(["field", "plane.npz", "--frequencies", "57,115", "--step", "0.1", "-o", "map.npz"])
-    assert ended.value.code in (None, 0)
-    assert "57.2, 114." in capsys.readouterr().out
-    with np.load("map.npz") as archive:
-        assert np.array_equal(archive["microphones"], PLANE)
-        assert len(archive["frequencies"]) == 2
 
 
 @pytest.mark.parametrize("name", ["tiny", "ball3d"])
