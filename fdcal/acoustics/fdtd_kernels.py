@@ -1,6 +1,5 @@
 """The compiled inner loops of the wave equation on a grid; `fdcal.acoustics.fdtd` says what they compute.
 
-    update_span   one row's cells with four inner neighbours, eight at a time
     sweep         several steps of a strip of rows: spans, wall cells, source, microphones
     march         many steps of the grid, its strips distributed over the threads
 
@@ -10,79 +9,19 @@ synchronise twice a block instead of once a step, and other load on the machine 
 rows are visited as a wave front of DEPTH steps. Both orders compute the same numbers as one step after another.
 """
 
+import functools
 import os
 from typing import NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
 from .compiled import MAX_THREADS, compiled, parallel_map
 
 BLOCK = 32  # steps between two synchronisations of the threads
 DEPTH = 3  # steps of a wave front: 5 rows of 2 arrays fit in the first-level cache
-LANES = 8  # cells of one vector
-WORD = 8  # bytes of a float64
-CONTRACT = ("contract",)  # a multiplication and an addition may be fused
 
 
-@intrinsic
-def update_span(context, old, now, row, count, centre, around):
-    """old[i] = centre now[i] - old[i] + around (sum of the four neighbours of now[i]), `count` cells on.
-
-    Written with vector instructions, since the compiler vectorises the plain loop in some calls only (it cannot know
-    that `old` and `now` do not overlap). `old`, `now`: addresses; `row`: bytes from a row to the next.
-    """
-    signature = types.void(types.intp, types.intp, types.intp, types.intp, types.float64, types.float64)
-
-    def codegen(_context, builder, _signature, arguments):
-        count = arguments[3]
-        vectors = builder.mul(builder.sdiv(count, count.type(LANES)), count.type(LANES))
-        for start, stop, width in ((count.type(0), vectors, LANES), (vectors, count, 1)):
-            with cgutils.for_range_slice(builder, start, stop, count.type(width), count.type) as (index, _):
-                _emit_update(builder, width, builder.mul(index, count.type(WORD)), arguments)
-        return cgutils.get_null_value(ir.IntType(8).as_pointer())
-
-    return signature, codegen
-
-
-def _emit_update(builder, width, offset, arguments):
-    """Emit the instructions that update `width` cells, `offset` bytes into the span."""
-    old, now, row, _, centre, around = arguments
-    number, integer = ir.DoubleType(), row.type
-    kind = ir.VectorType(number, width) if width > 1 else number
-
-    def pointer(base, *shifts):
-        for shift in shifts:
-            base = builder.add(base, shift)
-        return builder.inttoptr(base, kind.as_pointer())
-
-    def load(*address):
-        value = builder.load(pointer(*address))
-        value.align = WORD
-        return value
-
-    def spread(value):
-        if width == 1:
-            return value
-        empty, lane = ir.Constant(kind, ir.Undefined), ir.IntType(32)
-        first = builder.insert_element(empty, value, lane(0))
-        return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(lane, width), [0] * width))
-
-    def add(x, y):
-        return builder.fadd(x, y, flags=CONTRACT)
-
-    along = add(load(now, offset, integer(-WORD)), load(now, offset, integer(WORD)))
-    across = add(load(now, offset, builder.neg(row)), load(now, offset, row))
-    value = builder.fmul(spread(centre), load(now, offset), flags=CONTRACT)
-    value = builder.fsub(value, load(old, offset), flags=CONTRACT)
-    value = add(value, builder.fmul(spread(around), add(along, across), flags=CONTRACT))
-    builder.store(value, pointer(old, offset)).align = WORD
-
-
-@compiled
+@functools.partial(compiled, fastmath={"contract"})  # a multiplication and an addition may be fused
 def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spans, span_start, span_count, walls,
           wall_cell, wall_centre, wall_before, wall_around, source, pulse, ends, end_cell, end_number,
           recordings):  # fmt: skip
@@ -91,7 +30,7 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
     The other arguments are those of `StencilTables`. One function, since passing arrays to another one changes their
     reference counts at every row, which takes as long as the row. Unsigned indices need no test for negative ones.
     """
-    address, half, wide, one = state.ctypes.data, state.size // 2, np.uint64(width), np.uint64(1)
+    half, wide, one, centre = state.size // 2, np.uint64(width), np.uint64(1), 2 - 4 * lam2
     for group in range(0, steps, DEPTH):
         last = min(group + DEPTH, steps) - 1
         first_front = low + min(low_slope * group, low_slope * last)
@@ -105,10 +44,12 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
                 now = half * (time % 2)
                 old = half - now
                 for i in range(spans[row], spans[row + 1]):
-                    at = address + span_start[i] * WORD
-                    # The intrinsic's first argument, the typing context, is added by numba.
-                    update_span(  # pyright: ignore[reportCallIssue]
-                        at + old * WORD, at + now * WORD, width * WORD, span_count[i], 2 - 4 * lam2, lam2)  # fmt: skip
+                    at, count = now + span_start[i], span_count[i]
+                    new, here = state[old + span_start[i] :][:count], state[at:][:count]
+                    left, right = state[at - 1 :][:count], state[at + 1 :][:count]
+                    above, below = state[at - width :][:count], state[at + width :][:count]
+                    for c in range(count):  # separate slices, so that the compiler uses vector instructions
+                        new[c] = centre * here[c] - new[c] + lam2 * ((left[c] + right[c]) + (above[c] + below[c]))
                 for i in range(walls[row], walls[row + 1]):
                     j, k = np.uint64(now + wall_cell[i]), np.uint64(old + wall_cell[i])
                     around = (state[j - one] + state[j + one]) + (state[j - wide] + state[j + wide])
