@@ -26,19 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw_map(panel: Any, cost: np.ndarray, search: Search, decibels: bool, least: float = LEAST_RANGE) -> Any:
-    """Draw one map in decades of cost, as on the page; a pixel is one cell of the lattice."""
-    from matplotlib.colors import LogNorm, Normalize
-
-    low, high, _ = colour_limits(np.maximum(cost, np.finfo(float).tiny), True, least)
-    norm: Normalize = LogNorm(low, high, clip=True)
-    if decibels:
-        cost, norm = 10 * np.log10(np.maximum(cost, low)), Normalize(10 * np.log10(low), 10 * np.log10(high), clip=True)
-    return panel.imshow(
-        cost, origin="lower", extent=_extent(search, cost.shape), cmap=COLOUR_MAP, norm=norm, interpolation="nearest"
-    )
-
-
 def draw_basins(panel: Any, cost: np.ndarray, search: Search, place, name: str) -> None:
     """Draw the basins of attraction of one map, that of `place` (2,), metres, first, with their legend at its right."""
     from matplotlib.patches import Patch
@@ -96,6 +83,7 @@ def draw_landscape(
     re 1, as on the page; `basins`: whether the maps show basins of attraction, that of the truth or the estimate first;
     `least`: of `heatmap.colour_limits`.
     """
+    from matplotlib.colors import LogNorm, Normalize
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
@@ -112,8 +100,15 @@ def draw_landscape(
             place = (estimate, "estimate") if truth is None else (truth, "true position")
             draw_basins(panel, cost, panels.search, *place)
         else:
-            ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10]) if decibels else None
-            figure.colorbar(draw_map(panel, cost, panels.search, decibels, least), ax=panel, label=label, ticks=ticks)
+            low, high, _ = colour_limits(np.maximum(cost, np.finfo(float).tiny), True, least)
+            norm: Normalize = LogNorm(low, high, clip=True)
+            ticks = None
+            if decibels:
+                cost, low, high = (10 * np.log10(one) for one in (np.maximum(cost, low), low, high))
+                norm, ticks = Normalize(low, high, clip=True), MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10])
+            place = {"origin": "lower", "extent": _extent(panels.search, cost.shape), "interpolation": "nearest"}
+            shown = panel.imshow(cost, cmap=COLOUR_MAP, norm=norm, **place)
+            figure.colorbar(shown, ax=panel, label=label, ticks=ticks)
         plot_marks(panel, "microphones/true", None if truth is None else [truth])
         plot_marks(panel, "minima", minima.others)
         plot_marks(panel, "lowest", minima.lowest)

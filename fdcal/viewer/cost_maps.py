@@ -358,30 +358,12 @@ class CostMapWorker:
         self._fine_worker = threads.start(self._compute_fine, "fdcal-fine-map")
 
     def newest(self, wanted: CostMapRequest, running: bool, now: float) -> tuple[CostMap | None, str]:
-        """Return the map to show; request `wanted` where it is not there yet.
+        """Return the map to show, or None, and the error that keeps it from being computed, "" without one.
 
-        `wanted`: what belongs to the state on the screen; `running`: whether the solver runs; `now`: time, s. Returns
-        and the error that keeps it from being computed, "" without one.
+        `wanted`: what belongs to the state on the screen, which is requested unless it is in progress or the last one
+        has only just been finished; `running`: whether the solver runs; `now`: time, s.
         """
-        wanted = self._request(wanted, running, now)
-        fine, latest = self._fine_worker.latest, self.worker.latest
-        if fine is not None and fine.result is not None:
-            finer = fine.request[0]
-            if finer == wanted or finer.differs_in_theme(wanted):
-                return fine.result, ""
-        if latest is None:
-            return None, ""
-        last = latest.request[0]
-        recent = now - max(latest.ended, self._since) < DRAG_TIME
-        dragged = not running and recent and last.differs_by_a_drag(wanted)
-        if dragged or last.differs_in_theme(wanted) or last.stands_for(wanted, running):
-            return latest.result, error_message(latest.cause)
-        return None, ""
-
-    def _request(self, wanted: CostMapRequest, running: bool, now: float) -> CostMapRequest:
-        """Request the map unless it is in progress or the last one has only just been finished; return the request."""
-        latest = self.worker.latest
-        due = True
+        latest, due = self.worker.latest, True
         if latest is not None and running:
             last = latest.request[0]
             pause = max(PAUSE, LOAD * (latest.ended - latest.began))
@@ -398,7 +380,19 @@ class CostMapWorker:
         idle = not running and now - self._since > IDLE_TIME
         if drawn and idle and not wanted.style.shape and self.worker.wants(wanted):
             self._fine_worker.newest(wanted)
-        return wanted
+        fine, latest = self._fine_worker.latest, self.worker.latest
+        if fine is not None and fine.result is not None:
+            finer = fine.request[0]
+            if finer == wanted or finer.differs_in_theme(wanted):
+                return fine.result, ""
+        if latest is None:
+            return None, ""
+        last = latest.request[0]
+        recent = now - max(latest.ended, self._since) < DRAG_TIME
+        dragged = not running and recent and last.differs_by_a_drag(wanted)
+        if dragged or last.differs_in_theme(wanted) or last.stands_for(wanted, running):
+            return latest.result, error_message(latest.cause)
+        return None, ""
 
     @property
     def busy(self) -> bool:

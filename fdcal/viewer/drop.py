@@ -21,6 +21,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import viser
@@ -68,7 +69,7 @@ class MicrophonePicker:
         name: str = "/picking",
     ):
         self._binding, self._picture = binding, picture
-        self._select, self._move, self._place = select, move, place
+        self._select = select
         self._marker, self._base, self._across = picture.marker_radius, picture.z_range[0], 2
         self._shown: np.ndarray | None = None
         self._gestures = itertools.count()
@@ -88,13 +89,11 @@ class MicrophonePicker:
             if event.instance_index in range(binding.measurement.count):
                 self._select(event.instance_index)
 
-        @handles.on_drag("left")
-        async def _(event) -> None:
-            self._drag(event, self._move)
+        async def drag(move: Move, event) -> None:
+            self._drag(event, move)
 
-        @handles.on_drag("left", modifier="shift")
-        async def _(event) -> None:
-            self._drag(event, self._place)
+        handles.on_drag("left")(partial(drag, move))
+        handles.on_drag("left", modifier="shift")(partial(drag, place))
 
     def _movable(self, index) -> bool:
         """Whether a microphone may be dragged: a known one stays, unless it is released or only planned."""

@@ -102,11 +102,11 @@ class Explore:
         self._names = scene_names()  # the bar is written with every turn of the main loop
         self._own: tuple[OpenRequest, str] | None = None  # the file that was shown last, and the drawing of its array
         overlay.on("scene", self._open)
+        overlay.on("opened", lambda client, _: self._open(client, ""))
         overlay.on("look", self._look)
         commands = {
             "play": lambda viewer, _: self._play(viewer),
             "state": lambda viewer, value: viewer.binding.session.seek(whole(value, 0, viewer.view.count - 1)),
-            "opened": lambda viewer, _: self._open_again(),
             "microphone": lambda viewer, value: viewer.tabs.map.pick(
                 whole(value, 0, viewer.binding.measurement.count - 1)
             ),
@@ -129,16 +129,14 @@ class Explore:
             act(viewer, value)
 
     def _open(self, client: viser.ClientHandle, name: str) -> None:
-        """Open a scene that comes with fdcal; a lesson ends."""
-        require_choice("scene", name, self._names)
+        """Open a scene that comes with fdcal or, for "", the file again that was shown last; a lesson ends."""
+        if name or self._own is None:
+            require_choice("scene", name, self._names)
+            request = OpenRequest(load_scene(name), fewer_modes=True)
+        else:
+            request = self._own[0]
         self._lessons.leave()
-        self._page.open(OpenRequest(load_scene(name), fewer_modes=True))
-
-    def _open_again(self) -> None:
-        """Open the file again that was shown last; a lesson ends."""
-        if self._own is not None:
-            self._lessons.leave()
-            self._page.open(self._own[0])
+        self._page.open(request)
 
     def _look(self, client: viser.ClientHandle, view: str) -> None:
         """Place the camera of the browser that asks."""

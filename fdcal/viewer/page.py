@@ -81,7 +81,22 @@ class Page:
         self._progress, self._on_progress, self._faults = "", on_progress, dict[str, str]()
         self._canvases_checked, self._wake = 0.0, WakeEvent()
         self._releases: collections.deque[float] = collections.deque()  # when each is due, one for each session
-        self._follow_clients(server)
+
+        # Each browser gets a camera that fits its canvas, whose size is known only when the panels are laid out.
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            self.nodes.cameras.request(client, self.nodes.cameras.view)
+            self.panels.overlay.greet(client)
+
+            @client.camera.on_update
+            async def _(_) -> None:
+                self.nodes.cameras.request(client)
+
+        @server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self.nodes.cameras.forget(client)
+            if self.viewer is not None:
+                self.viewer.forget(client)
 
     def open(self, request: OpenRequest) -> None:
         """Show something else as soon as it is ready. Any thread; the last request counts."""
@@ -104,24 +119,6 @@ class Page:
     def binding(self) -> Binding | None:
         """The binding of the session that is shown; None before there is one."""
         return None if self.viewer is None else self.viewer.binding
-
-    def _follow_clients(self, server: viser.ViserServer) -> None:
-        """Give each browser a camera that fits its canvas, whose size is known only when the panels are laid out."""
-
-        @server.on_client_connect
-        async def _(client: viser.ClientHandle) -> None:
-            self.nodes.cameras.request(client, self.nodes.cameras.view)
-            self.panels.overlay.greet(client)
-
-            @client.camera.on_update
-            async def _(_) -> None:
-                self.nodes.cameras.request(client)
-
-        @server.on_client_disconnect
-        async def _(client: viser.ClientHandle) -> None:
-            self.nodes.cameras.forget(client)
-            if self.viewer is not None:
-                self.viewer.forget(client)
 
     def run(self, interrupt: Interrupt) -> None:
         """Bring the screen up to date until interrupted.

@@ -263,7 +263,16 @@ class SolverTab(Tab):
 
     def __init__(self, binding: Binding):
         self._binding, state, settings = binding, binding.session.view.state, binding.run.scene.solver
-        names, row, modes = self._names(), binding.row, binding.modes
+        row, modes, scene, problem = binding.row, binding.modes, binding.run.scene, binding.run.problem
+        in_space_or_plane = problem.array_dimension == problem.dimension
+        searchable = in_space_or_plane and problem.search is not None
+        room_known = in_space_or_plane and not isinstance(scene, MeasuredScene) and not no_rectangle(scene)
+        traits = {name: solvers.load(name).TRAITS for name in solvers.names()}
+        names = tuple(  # of the solvers that can solve this problem
+            name
+            for name, one in traits.items()
+            if (searchable or not one.needs_search) and (room_known or not one.needs_room)
+        )
         with binding.gui.add_folder("Settings", expand_by_default=False):
             self.first = binding.slider(
                 f"First {row}", 1, modes, 1, state.first,
@@ -295,20 +304,6 @@ class SolverTab(Tab):
             )  # fmt: skip
             binding.gui.add_html(html.remark("The modes apply at once, the rest with Reset."))
         self.refresh()
-
-    def _names(self) -> tuple[str, ...]:
-        """Return the names of the solvers that can solve this problem."""
-        scene, problem = self._binding.run.scene, self._binding.run.problem
-        searchable = problem.dimension == problem.array_dimension and problem.search is not None
-        room_known = not isinstance(scene, MeasuredScene) and problem.array_dimension == problem.dimension
-        room_known = room_known and not no_rectangle(scene)
-
-        traits = {name: solvers.load(name).TRAITS for name in solvers.names()}
-        return tuple(
-            name
-            for name, one in traits.items()
-            if (searchable or not one.needs_search) and (room_known or not one.needs_room)
-        )
 
     def _choose_solver(self, name: str) -> None:
         self.start.value = default_start(name)

@@ -27,7 +27,7 @@ from ..session.process import one_blas_thread
 from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
-from .cost_maps import CostMap, CostMapRequest, CostMapWorker, MapStyle, count_label
+from .cost_maps import CostMap, CostMapRequest, CostMapWorker, count_label
 from .drop import Drop, Dropped, LineHandles, MicrophonePicker
 from .gui.binding import Binding, Choices, PositionUncertainty, Tick
 from .gui.html import CONTROLS, CanvasWords, canvas_legend
@@ -120,7 +120,6 @@ class SessionPicture:
         self._measurement = replace(measured, search=search_around(np.concatenate(shown), measured.search))
         self.places, self.ball = start, None  # and the microphone that is drawn as a ball, if one is
         self._static: dict[tuple, Picture] = {}  # by whether the page is dark, and for a projector, and by the take
-        self._floor, self._volume = Last(), Last()  # with the opacity that was chosen
 
     def draw(
         self,
@@ -196,21 +195,6 @@ class SessionPicture:
         names = set() if found.channels is None else {fault.name for fault in found.channels.faults}
         return [n for n, name in enumerate(self._measurement.names) if name in names]
 
-    def faded_parts(self, drawn: CostMap | None, style: MapStyle) -> tuple[Floor | None, Volume | None]:
-        """Return the map on the floor and the volume in space with the opacity of a style; None for what is missing.
-
-        They are the same objects for the same arguments as last time.
-        """
-        floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
-        opacity, dark = style.opacity, style.dark
-        if floor is not None:
-            key = Same(floor), opacity
-            floor = self._floor.get(*key) or self._floor.keep(replace(floor, opacity=opacity), *key)
-        if volume is not None:
-            key = Same(volume), opacity, dark
-            volume = self._volume.get(*key) or self._volume.keep(faded(volume, opacity, dark), *key)
-        return floor, volume
-
 
 RUN_INTERVAL = 0.15  # s at least between two states that are shown while the solver runs
 FAULT_TIME = 10.0  # s at least that a fault of the page stays in the status lines
@@ -253,6 +237,7 @@ class Viewer:
         self.wanted: CostMapRequest | None = None
         self.found: Assessment | None = None
         self._uncertainty: PositionUncertainty | None = None  # of `found`
+        self._floor, self._volume = Last(), Last()  # with the opacity that was chosen
         try:
             binding = self.binding
             self._picture = SessionPicture(run, binding.frame)
@@ -343,7 +328,14 @@ class Viewer:
 
     def _draw(self, tick: Tick, choices: Choices, dropped: Dropped | None) -> None:
         """Draw the picture again where anything of it has changed."""
-        floor, volume = self._picture.faded_parts(tick.drawn, choices.style)
+        floor, volume = (None, None) if tick.drawn is None else (tick.drawn.floor, tick.drawn.volume)
+        opacity, dark = choices.style.opacity, choices.style.dark
+        if floor is not None:  # with the opacity that was chosen; the same objects as last time where nothing changed
+            faint = Same(floor), opacity
+            floor = self._floor.get(*faint) or self._floor.keep(replace(floor, opacity=opacity), *faint)
+        if volume is not None:
+            faint = Same(volume), opacity, dark
+            volume = self._volume.get(*faint) or self._volume.keep(faded(volume, opacity, dark), *faint)
         parts = floor, volume, tick.uncertainty, self.tabs.plan.planned
         awaited = "" if tick.drawn is not None else tick.reason
         if self.wanted is not None and tick.drawn is None and not awaited:

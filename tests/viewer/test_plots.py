@@ -127,7 +127,7 @@ def test_errors_are_those_of_the_microphones_sought_and_follow_a_rewound_history
     curves.show(Tick(view_of(states), 0.0))
     assert [column[0] for column in curves.error.data[1:3]] == pytest.approx([2.0, 3.0])
     text = html.status(view_of(states[:1]), measurement, sought=np.array([4, 5]))
-    assert "<b>mean 2 mm, largest 3 mm</b>" in text
+    assert "<b>mean 2 mm</b>, <span style='white-space: nowrap'>largest 3 mm</span>" in text
     curves.show(Tick(view_of([*states[:3], State(measurement.positions + 3 * away, 3)]), 1.0))
     assert curves.error.data[1] == pytest.approx([2, 1, 2 / 3, 6])
     curves.show(Tick(view_of(states[:1]), 2.0, sought=np.array([4])))

@@ -110,14 +110,16 @@ def status(
     state, errors = view.state, measurement.errors(view.state.positions, sought)
     found_errors = None if errors is None else errors[sought]
     error, figures, compared = error_parts(found_errors, measurement.blind, measurement.nominal)
-    error = error.capitalize()
+    error, (mean, comma, largest) = error.capitalize(), figures.partition(", ")
     if left_out:  # in the place of the other word: a line more would move the buttons as the verdict comes
         why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
         error = f"<span title='{escape(why)}'>Healthy</span>"
     rows = {
         "Progress": f"step {state.step}, sweep {state.sweep}",
         "In use": escape(modes_words(measurement, state.first, state.last)),
-        error: f"<b>{figures}</b>" + (f"<br>{DIM}{compared}</span>" if compared else ""),
+        error: f"<b>{mean}</b>"
+        + f"{comma}<span style='white-space: nowrap'>{largest}</span>" * bool(largest)
+        + f"<br>{DIM}{compared}</span>" * bool(compared),
         "Cost": cost_words(view.cost, state.channels is not None, row_word(measurement)).replace(" (", f" {DIM}(")
         + "</span>",
     }
@@ -311,12 +313,9 @@ class CanvasWords:
 
     def __init__(self, overlay: Overlay):
         self._overlay, self._buttons = overlay, NO_BUTTONS
-        overlay.on("words", lambda client, label: self.press(label))
+        # a button that has been removed does nothing
+        overlay.on("words", lambda client, label: self._buttons.get(label, lambda: None)())
         overlay.on("dismiss", lambda client, value: self.show(""))
-
-    def press(self, label: str) -> None:
-        """Do what a button does; nothing for a button that has been removed."""
-        self._buttons.get(label, lambda: None)()
 
     def show(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS) -> None:
         """Show words, a smaller line below them, and buttons, which with that line invite; nothing for ""."""

@@ -106,24 +106,20 @@ def cut_series(measurement: Measurement) -> tuple[uplot.Series, ...]:
     )
 
 
-def cut_columns(cut: Cut) -> tuple[np.ndarray, ...]:
-    """Return the columns of the plot, finite numbers alone."""
+def cut_columns(cut: Cut) -> tuple[tuple[np.ndarray, ...], tuple[float, float]]:
+    """Return the columns of the plot, finite numbers alone, and the ends of its axis, dB."""
     nothing = np.full(len(cut.distance), HIDDEN)
-    low, _ = cut_limits(cut)
+    high = STEP * float(np.ceil(cut.total.max() / STEP))
+    low = STEP * float(np.floor(min(cut.total.min(), cut.single.min(initial=np.inf)) / STEP))
+    low = max(low, high - SPAN)
     single = [np.maximum(curve, low - STEP) for curve in cut.single]
     marks = [nothing.copy(), nothing.copy()]
     for column, place in zip(marks, (cut.estimate, cut.truth), strict=True):
         if place is not None:
             at = int(np.abs(cut.distance - place).argmin())
             column[at] = max(cut.total[at], low)
-    return cut.distance, *single, *[nothing] * (MAX_MODES - len(single)), np.maximum(cut.total, low - STEP), *marks
-
-
-def cut_limits(cut: Cut) -> tuple[float, float]:
-    """Return the ends of the axis, dB."""
-    high = STEP * float(np.ceil(cut.total.max() / STEP))
-    low = STEP * float(np.floor(min(cut.total.min(), cut.single.min(initial=np.inf)) / STEP))
-    return max(low, high - SPAN), high
+    single += [nothing] * (MAX_MODES - len(single))
+    return (cut.distance, *single, np.maximum(cut.total, low - STEP), *marks), (low, high)
 
 
 def cut_caption(cut: Cut, measurement: Measurement) -> str:
@@ -204,7 +200,8 @@ class CutPanel(Tab):
             self.text.content = html.complaint(latest.cause)
         elif latest is not None and latest.result is not self._shown:
             self._shown, self._updated = latest.result, tick.now
-            self._plot.show(cut_columns(latest.result), limits=cut_limits(latest.result))
+            columns, limits = cut_columns(latest.result)
+            self._plot.show(columns, limits=limits)
             self._plot.visible = True
             self.text.content = cut_caption(latest.result, binding.measurement)
 

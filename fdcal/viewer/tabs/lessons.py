@@ -54,13 +54,28 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
     the cameras of all browsers to a view; `restarted`: whether the session is at its start, or will be when it has
     executed its queued commands. Raises InputError: the setting names modes that were not measured.
     """
-    setting, modes = setting.unfolded(), tabs.binding.modes
-    _drive(setting, tabs, restarted)
+    setting, count = setting.unfolded(), tabs.binding.modes
+    session = tabs.binding.session
+    state = session.view.history[0] if restarted else session.view.state
+    modes = range(state.first, state.last + 1)
+    if setting.modes is not None:
+        modes = parse_modes(setting.modes, count)
+    automatic = state.automatic if setting.automatic is None else setting.automatic
+    if setting.modes is not None or setting.automatic is not None:
+        session.use_modes(modes[0], modes[-1], automatic)
+    if setting.run is not None:
+        what, by = run_target(setting.run)
+        if what == "end":
+            session.play()
+        else:
+            session.step(by, what)
+    if setting.frame is not None:
+        show_frame(session, parse_address(setting.frame), session.view.history[: 1 if restarted else None])
     effects: dict[str, Callable[[Any], object]] = {
         "microphone": tabs.map.pick,
         "follow": tabs.map.follow_solver,
         "map": lambda name: tabs.map.show_as(KINDS[name]),
-        "map_modes": lambda text: tabs.map.choose_modes(None if text == SOLVER else parse_modes(text, modes)),
+        "map_modes": lambda text: tabs.map.choose_modes(None if text == SOLVER else parse_modes(text, count)),
         "quantity": lambda name: tabs.map.show_quantity(QUANTITIES[name]),
         "order_offset": tabs.map.set_order,
         "scale": lambda name: tabs.map.scale_as(SCALES[name]),
@@ -72,26 +87,6 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
     for name, act in effects.items():
         if getattr(setting, name) is not None:
             act(getattr(setting, name))
-
-
-def _drive(setting: LessonSetting, tabs: Tabs, restarted: bool) -> None:
-    """Apply what concerns the solver: the modes in use, and how far it runs."""
-    session = tabs.binding.session
-    state = session.view.history[0] if restarted else session.view.state
-    modes = range(state.first, state.last + 1)
-    if setting.modes is not None:
-        modes = parse_modes(setting.modes, tabs.binding.modes)
-    automatic = state.automatic if setting.automatic is None else setting.automatic
-    if setting.modes is not None or setting.automatic is not None:
-        session.use_modes(modes[0], modes[-1], automatic)
-    if setting.run is not None:
-        what, count = run_target(setting.run)
-        if what == "end":
-            session.play()
-        else:
-            session.step(count, what)
-    if setting.frame is not None:
-        show_frame(session, parse_address(setting.frame), session.view.history[: 1 if restarted else None])
 
 
 def show_frame(session: Session, address: Mapping[str, str], states: list) -> None:

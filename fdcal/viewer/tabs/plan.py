@@ -100,10 +100,7 @@ class PlanTab(Tab):
         # the microphones whose positions are given: first those that the scene gives, then the others by their numbers
         self._order = known + [n for n in range(binding.measurement.count) if n not in known]
         binding.choices = replace(binding.choices, plan=plan)
-        self._add_controls(binding.choices.plan)
-
-    def _add_controls(self, plan: PlanChoices) -> None:
-        binding, choose, low = self._binding, self._choose, RANGES.min_frequencies
+        choose, low = self._choose, RANGES.min_frequencies
         self.shown = binding.checkbox("Show the plan", plan.shown, lambda value: choose(shown=value), hint=HINT)
         self.snr = binding.slider(
             "Planned SNR (dB)", *RANGES.snr_db, 1, round(plan.snr_db), lambda value: choose(snr_db=float(value)),

@@ -51,12 +51,7 @@ class SceneTab(Tab):
             self._own_name = name
         elif isinstance(self._scene, MeasuredScene) and not self._scene.file:
             self._own_name = f"{name} (measured)"  # a measurement whose file has the name of a scene is another thing
-        self._add_controls(binding, binding.gui, self._scene.room.walls)
-        self.apply = binding.button(APPLY[0], lambda _: self.press(), icon=viser.Icon.CHECK, hint=APPLY[1])
-        self.message = binding.gui.add_html("")
-        self._show_scene(self._scene)
-
-    def _add_controls(self, binding: Binding, gui: viser.GuiApi, walls: str) -> None:
+        gui, walls = binding.gui, self._scene.room.walls
         names = (*scene_names(), *([self._own_name] if self._own_name else []))
         self.name = binding.dropdown("Scene", names, self._own_name or self._scene.name, self.choose)
         self.title = gui.add_html("")
@@ -86,6 +81,9 @@ class SceneTab(Tab):
             "Scene seed", 0, min=0, max=RANGES.max_seed, step=1,
             hint="Of random microphone positions, of the noise and of random starts",
         )  # fmt: skip
+        self.apply = binding.button(APPLY[0], lambda _: self.press(), icon=viser.Icon.CHECK, hint=APPLY[1])
+        self.message = binding.gui.add_html("")
+        self._show_scene(self._scene)
 
     def _show_scene(self, scene: Scene) -> None:
         """Set the controls to the scene's parameters; hide them for a measurement, which has none."""

@@ -45,13 +45,16 @@ class SpectrumPlot:
     """
 
     def __init__(self, gui: viser.GuiApi, measurement: Measurement, modes: int):
-        self._measurement, self._modes = measurement, modes
         self.has_spectrum = measurement.spectrum is not None
-        self._curves: dict[int | None, TakeCurve] = {}
+        rows, takes = np.arange(1, modes + 1), np.unique(measurement.takes[:modes]).tolist()
+        self._curves: dict[int | None, TakeCurve] = {None: _curve_through_peaks(measurement, rows)}  # by the take
+        for take in takes if len(takes) > 1 else ():
+            of_take = rows[measurement.takes[:modes] == take]
+            self._curves[take] = _curve_through_peaks(measurement.of_take(take), of_take)
         what = "at the microphones" if self.has_spectrum else f"of the {row_word(measurement)}s"
-        whole, takes = self._curve_of(None), np.unique(measurement.takes[:modes]).tolist()
+        whole = self._curves[None]
         edge = 0.02 * float(whole.x[-1] - whole.x[0]) + (0.0 if self.has_spectrum else 1.0)
-        min_level = min(self._curve_of(take).peaks.min() for take in (None, *(takes if len(takes) > 1 else ())))
+        min_level = min(one.peaks.min() for one in self._curves.values())
         lowest = 10 * float(np.floor((min_level - BELOW) / 10))
         fill: dict[str, Any] = {"fill": SHADE, "fillTo": HIDDEN} if self.has_spectrum else {}
         self.handle = gui.add_uplot(
@@ -77,17 +80,6 @@ class SpectrumPlot:
             padding=(12, 14, 0, 0),
         )
 
-    def _curve_of(self, take: int | None) -> TakeCurve:
-        """Return the curve of a take; None for that of all."""
-        if take not in self._curves:
-            rows = np.arange(1, self._modes + 1)
-            if take is None:
-                self._curves[take] = _curve_through_peaks(self._measurement, rows)
-            else:
-                rows = rows[self._measurement.takes[: self._modes] == take]
-                self._curves[take] = _curve_through_peaks(self._measurement.of_take(take), rows)
-        return self._curves[take]
-
     def columns(self, used: tuple[int, ...], limit: float, take: int | None = None) -> tuple[np.ndarray, ...]:
         """Return the columns of the plot.
 
@@ -95,7 +87,7 @@ class SpectrumPlot:
         those of all takes. Returns tuple of (P,) float64, frequency (Hz), curve, dots of modes not in the map, dots of
         modes in the map, line of f_max (dB).
         """
-        drawn = self._curve_of(take)
+        drawn = self._curves[take]
         inside = np.isin(drawn.rows, used)
         columns = [drawn.x, drawn.curve]
         for chosen in (~inside, inside):
