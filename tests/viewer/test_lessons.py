@@ -184,17 +184,6 @@ def test_a_lesson_ends_with_the_next_one(page):
     assert page.calls.count(("play",)) == 1, "an answer before the scene is ready is kept"
 
 
-def test_the_lesson_does_not_wait_for_a_refused_scene(page):
-    lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
-    lessons.start("3. Too many too soon")
-    page.switcher.idle = True
-    lessons.show()
-    assert answers_of(lessons) and "being prepared" not in text_of(lessons)
-    page.ready()
-    lessons.show()
-    assert page.calls == []
-
-
 def test_the_next_step_restores_the_scene_of_the_lesson(page):
     lessons = begun(page, load_lesson("4_frozen_grid"))
     page.viewer.binding.run = SimpleNamespace(scene=load_scene("tiny"), opening=None)

@@ -43,21 +43,6 @@ def prepared(opening):
     work.session.close(2.0)
 
 
-@pytest.mark.parametrize("scored", [True, False])
-def test_a_measurement_is_shown_without_walls(scored, tiny, tmp_path):
-    path = tmp_path / "hall.npz"
-    save_measurement(tiny if scored else replace(tiny, positions=None, search=None), path)
-    with prepared(open_request_of(str(path))) as work:
-        assert work.scene.title == "hall, as measured"
-        assert np.array_equal(work.measurement.pressures, tiny.pressures)
-        state = work.session.view.state
-        still = static_picture(work.known_scene, work.measurement)
-        assert not [part.name for part in (*still.meshes, *still.lines) if part.name.startswith(("room", "source"))]
-        picture = with_estimate(still, work.measurement, state.positions, 0, None)
-        assert any(solid.name == "microphones/estimate" for solid in picture.meshes)
-        assert any(solid.name == "microphones/true" for solid in picture.meshes) == scored
-
-
 @pytest.fixture(scope="module")
 def array():
     """The page of the measured array that comes with fdcal."""
@@ -103,36 +88,24 @@ def test_errors_after_alignment_are_those_of_the_microphones_that_align(array):
     assert ">Healthy<" in left_out and "without microphone M00" in left_out
 
 
-def test_another_solver_keeps_the_measured_scene(tiny):
-    scene = placeholder_scene(tiny, "hall", SolverSettings(modes=12))
-    assert isinstance(replace(scene, solver=SolverSettings(name="descent", modes=12)), MeasuredScene)
-
-
 @pytest.mark.parametrize(("dimension", "array_dimension"), [(2, 2), (3, 3), (3, 2)])
-@pytest.mark.parametrize("known", [0, 5])
-def test_every_kind_of_measurement_has_a_placeholder_scene(dimension, array_dimension, known):
+def test_every_kind_of_measurement_has_a_placeholder_scene(dimension, array_dimension):
     rng = np.random.default_rng(0)
-    measurement = Measurement(
-        frequencies=np.array([50.0, 80.0]),
-        pressures=rng.standard_normal((2, 9)) + 1j * rng.standard_normal((2, 9)),
-        sound_speed=343.0,
-        dimension=dimension,
-        array_dimension=array_dimension,
-        known=tuple(range(known)),
-        known_positions=rng.uniform(-3, 3, (known, array_dimension)),
-    )
-    scene = placeholder_scene(measurement, "hall", SolverSettings(modes=2, first_modes=1))
-    assert scene.room.dimension == dimension
-    assert scene.array.dimension == array_dimension
-    assert scene.gauge.indices(9) == tuple(range(known))
-
-
-def test_the_page_uses_all_modes_of_a_measurement(tiny, tmp_path):
-    path = tmp_path / "hall.npz"
-    save_measurement(tiny, path)
-    with prepared(open_request_of(str(path))) as work:
-        assert work.session.view.state.settings.modes == len(tiny.frequencies)
-        assert work.scene.solver.modes == ALL_MODES, "so that another solver, or another scene, finds its own number"
+    for known in (0, 5):
+        measurement = Measurement(
+            frequencies=np.array([50.0, 80.0]),
+            pressures=rng.standard_normal((2, 9)) + 1j * rng.standard_normal((2, 9)),
+            sound_speed=343.0,
+            dimension=dimension,
+            array_dimension=array_dimension,
+            known=tuple(range(known)),
+            known_positions=rng.uniform(-3, 3, (known, array_dimension)),
+        )
+        scene = placeholder_scene(measurement, "hall", SolverSettings(modes=2, first_modes=1))
+        assert (scene.room.dimension, scene.array.dimension) == (dimension, array_dimension)
+        assert scene.gauge.indices(9) == tuple(range(known))
+        again = replace(scene, solver=SolverSettings(name="descent", modes=2, first_modes=1))
+        assert isinstance(again, MeasuredScene), "another solver keeps it"
 
 
 @pytest.mark.parametrize(("solver", "known"), [("joint", "all"), ("joint", "none"), ("descent", "all")])
@@ -205,7 +178,7 @@ def test_a_take_selects_the_rows_of_the_map(work_of_takes):
     assert map_modes(work_of_takes, state, (1, 5), None, 1) == (2,), "none is of the take: its lowest row"
 
 
-def test_the_list_of_takes_changes_rows_and_spectrum(tabs):
+def test_the_list_of_takes_changes_rows_and_spectrum(tabs, controls):
     binding, map_, shown = tabs
     assert map_.take.options == ("All takes", "Take 0", "Take 1")
     view = binding.session.view
@@ -217,11 +190,8 @@ def test_the_list_of_takes_changes_rows_and_spectrum(tabs):
     assert "take 1" in shown.text.content and len(shown.spectrum.handle.data[0]) < every
     set_by_client(map_.take, "All takes")
     assert binding.choices.take is None
-
-
-def test_one_take_has_no_list_and_the_words_of_before(controls):
-    panel, _ = controls
-    assert panel.map.take is None and panel.map.which.label == "Modes shown"
+    one = controls[0].map
+    assert one.take is None and one.which.label == "Modes shown", "one take has no list"
 
 
 def test_the_spectrum_is_that_of_the_take(server, takes, measurement):
@@ -245,25 +215,41 @@ def test_a_saved_session_keeps_its_take(server, work_of_takes):
         Binding(server.gui, wrong, 12)
 
 
-@pytest.mark.parametrize("dark", [False, True])
-def test_every_place_of_the_source_is_drawn_and_that_of_the_take_is_larger(takes, dark):
-    scene = load_scene("two_places")
-    measurement = dataclasses.replace(takes, search=None)
-    pictures = {take: static_picture(scene, measurement, dark, take=take) for take in (None, 0, 1)}
+def test_every_place_of_the_source_is_drawn_and_that_of_the_take_is_larger(takes):
+    scene, measurement = load_scene("two_places"), dataclasses.replace(takes, search=None)
+    pictures = {take: static_picture(scene, measurement, take=take) for take in (None, 0, 1)}
 
-    def size(picture, number):
-        (star,) = [mesh for mesh in picture.meshes if mesh.name == f"source/{number}"]
-        return np.ptp(star.vertices, axis=0).max()
+    def star(picture, number):
+        (mesh,) = [mesh for mesh in picture.meshes if mesh.name == f"source/{number}"]
+        return mesh.vertices
 
-    def text(picture, number):
-        return next(label.text for label in picture.labels if label.name == f"source/{number}/name")
+    def size(take, number):
+        return np.ptp(star(pictures[take], number), axis=0).max()
+
+    def text(take, number):
+        return next(label.text for label in pictures[take].labels if label.name == f"source/{number}/name")
 
     for number, place in enumerate(scene.source.places):
-        (star,) = [mesh for mesh in pictures[None].meshes if mesh.name == f"source/{number}"]
-        np.testing.assert_allclose(star.vertices[:, :2].mean(axis=0), place[:2], atol=1e-3)
-        assert text(pictures[None], number) == f"source, take {number}"
-    assert size(pictures[None], 0) == pytest.approx(size(pictures[None], 1))
-    assert size(pictures[1], 1) > 1.5 * size(pictures[1], 0)
-    assert text(pictures[1], 0) == "take 0" and text(pictures[1], 1) == "source, take 1"
+        np.testing.assert_allclose(star(pictures[None], number)[:, :2].mean(axis=0), place[:2], atol=1e-3)
+        assert text(None, number) == f"source, take {number}"
+    assert size(None, 0) == pytest.approx(size(None, 1)) and size(1, 1) > 1.5 * size(1, 0)
+    assert text(1, 0) == "take 0" and text(1, 1) == "source, take 1"
     stars = [mesh.name for mesh in static_picture(load_scene("tiny"), measurement).meshes if "source" in mesh.name]
     assert stars == ["source_halo", "source"], "as it was for one place"
+
+
+@pytest.mark.parametrize("scored", [True, False])
+def test_a_measurement_is_shown_without_walls_and_all_of_its_modes_are_used(scored, tiny, tmp_path):
+    path = tmp_path / "hall.npz"
+    save_measurement(tiny if scored else replace(tiny, positions=None, search=None), path)
+    with prepared(open_request_of(str(path))) as work:
+        assert work.scene.title == "hall, as measured"
+        assert np.array_equal(work.measurement.pressures, tiny.pressures)
+        state = work.session.view.state
+        assert state.settings.modes == len(tiny.frequencies)
+        assert work.scene.solver.modes == ALL_MODES, "so that another solver, or another scene, finds its own number"
+        still = static_picture(work.known_scene, work.measurement)
+        assert not [part.name for part in (*still.meshes, *still.lines) if part.name.startswith(("room", "source"))]
+        picture = with_estimate(still, work.measurement, state.positions, 0, None)
+        assert any(solid.name == "microphones/estimate" for solid in picture.meshes)
+        assert any(solid.name == "microphones/true" for solid in picture.meshes) == scored

@@ -1,6 +1,5 @@
 """The opening: its film is what the scene computes to, each browser plays it for itself until any touch; a phone."""
 
-import base64
 import json
 import re
 
@@ -8,63 +7,22 @@ import numpy as np
 import pytest
 from browsing import COARSE, WAIT, choose, serving_here, tab
 
-from fdcal import solvers
-from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.eq7 import ORDER_OFFSET
-from fdcal.cost.maps import interpolate, map_minima, partial_sums
-from fdcal.graphics.heatmap import colour_limits, normalise
-from fdcal.model.measurement import load_measurement
-from fdcal.model.scene import load_scene
 from fdcal.viewer import opening
 from fdcal.viewer.explore import INVITATION, summed_text
 
-ROUNDED = 6e-4  # metres, of the places in the film
 EXPLORE = COARSE.partition("#")[0]
 
 
-@pytest.fixture(scope="module")
-def film():
-    """The data of the film, with its maps as numbers from 0 to 255 : (K, n, n)."""
-    data = json.loads(re.search(r'json">(.*?)</script>', opening.film_html())[1])
-    levels = np.frombuffer(base64.b64decode(data["levels"]), np.uint8).astype(float)
-    return data | {"levels": levels.reshape(-1, data["n"], data["n"])}
-
-
-def test_the_files_hold_what_the_scene_computes_to(film):
-    scene = load_scene(opening.SCENE)
-    measurement, shipped = cached_measurement(scene), load_measurement(opening.MEASUREMENT)
-    for name in ("frequencies", "pressures", "wavenumbers", "positions", "known"):
-        np.testing.assert_allclose(getattr(shipped, name), getattr(measurement, name), rtol=1e-9, err_msg=name)
-    problem, solver = measurement.problem(), solvers.load(scene.solver.name)
-    state = solver.init(problem, solvers.with_mode_count(problem, scene.solver), scene.seed)
-    modes, counts = tuple(range(opening.MODE, 0, -1)), film["summed"]
-    sums = partial_sums(problem, solver, state, opening.MICROPHONE, modes, ORDER_OFFSET, counts=counts)
-    for one, levels, scale, marked in zip(sums, film["levels"], film["scale"], film["minima"], strict=True):
-        np.testing.assert_allclose(scale, colour_limits(one.cost, True)[:2], rtol=1e-3)
-        np.testing.assert_allclose(levels, 255 * normalise(one.cost, *scale, True)[::2, ::2], atol=0.6)
-        found = map_minima(
-            problem, solver, state, opening.MICROPHONE, one.modes, ORDER_OFFSET, one.cost, problem.search
-        )
-        np.testing.assert_allclose(marked["lowest"], found.lowest, atol=ROUNDED)
-        np.testing.assert_allclose(
-            np.reshape(marked["others"], (-1, 2)), np.reshape(found.others, (-1, 2)), atol=ROUNDED
-        )
-        last = one
-    heights = [interpolate(10 * np.log10(last.cost), problem.search, place) for place in film["path"]]
-    assert np.all(np.diff(heights) < 0.1), "the microphone rolls downhill"
-    np.testing.assert_allclose(film["path"][-1], film["minima"][-1]["lowest"][0])
-    np.testing.assert_allclose(film["path"][-1], measurement.positions[opening.MICROPHONE], atol=problem.search.step)
-    np.testing.assert_allclose(film["known"], measurement.known_positions, atol=ROUNDED)
-    assert opening.MEASUREMENT.stat().st_size < 200_000 and opening.FILM.stat().st_size < 65_000
-
-
-def test_the_words_say_how_many_places_fit_and_three_quarters_of_the_time_have_several(film):
+def test_the_words_say_how_many_places_fit_and_three_quarters_of_the_time_have_several():
+    """`python -m benchmarks documents` compares the film with what its scene computes to."""
+    film = json.loads(re.search(r'json">(.*?)</script>', opening.film_html())[1])
     counts = [len(one["lowest"]) + len(one["others"]) for one in film["minima"]]
     assert counts[0] >= 5 and counts == sorted(counts, reverse=True) and counts[-1] == 1
     for words, count in zip(film["words"], counts, strict=True):
         assert f": {count} place" in words
     several = film["starts"][sum(count > 1 for count in counts)] / (film["starts"][-1] + film["roll"])
     assert 0.7 < several < 0.85
+    assert opening.MEASUREMENT.stat().st_size < 200_000 and opening.FILM.stat().st_size < 65_000
 
 
 FILM_NODE = "#fdcal-film"
@@ -170,11 +128,9 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     context.close()
 
 
-@pytest.mark.parametrize(
-    ("modes", "text"), [((92,), "92"), (tuple(range(1, 93)), "1 to 92"), ((3, 4), "3 to 4"), ((1, 2, 3, 7), "1-3, 7")]
-)
-def test_one_mode_is_told_from_a_sum(modes, text):
-    assert summed_text(modes) == text
+def test_one_mode_is_told_from_a_sum():
+    for modes, text in {(92,): "92", tuple(range(1, 93)): "1 to 92", (3, 4): "3 to 4", (1, 2, 3, 7): "1-3, 7"}.items():
+        assert summed_text(modes) == text
 
 
 def opened(browser, url, **options):
@@ -197,24 +153,17 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
     first.wait_for_function("location.hash.includes('microphone=0')")
     first.get_by_text(INVITATION).wait_for(state="hidden")  # a known microphone stays where it is
 
-    second = opened(browser, url, color_scheme="dark")
-    second.evaluate("fdcalFilm.hold()")
+    second = opened(browser, url, color_scheme="dark", reduced_motion="reduce")
+    assert second.evaluate(WORDS) == "The microphone is found", "nothing moves"
     shown = [second.evaluate(LEVELS, time) for time in (0.0, 3.0, 5.7, 11.0, 30.0)]
     assert all(0.1 < share < 0.5 for share, _ in shown), "never blank"
     assert shown[0] == shown[1] and len({colour for _, colour in shown}) == 4
-    assert second.evaluate(WORDS) == "The microphone is found"
     assert not second.locator(f"{FILM_NODE} p").is_visible(), "a picture: there is nothing to drag in it"
     second.wait_for_function("window.__viserMutable?.nodeRefFromName?.['/microphones/true'] != null")
     second.wait_for_timeout(1000)
     assert second.evaluate("location.hash") == "", "one that is loaded again begins with the film"
     second.keyboard.press("Shift")
     assert second.evaluate(f"{FILM}.className") == "", "a key that types nothing is no touch"
-    second.get_by_role("button", name="Now you").click()
-    second.wait_for_function(LEFT)
-    second.wait_for_function("location.hash.includes('microphone=0')")
-    assert first.evaluate("document.documentElement.dataset.mantineColorScheme") == "light", "its own user's"
-
-    second.close()
 
     first.get_by_role("button", name="3-D", exact=True).click()
     angle = "window.__viserMutable.cameraControl.polarAngle"
@@ -227,15 +176,15 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
     assert first.evaluate(angle) < np.pi / 2, "above the floor"
     first.get_by_role("button", name="3-D", exact=True).click()
     first.wait_for_function(f"{angle} < 1")
-
     first.get_by_role("button", name="Expert", exact=True).click()
     tab(first, "Map")
     choose(first, "Show", "No map")
     first.wait_for_function("location.hash.includes('map=none')")
-    still = opened(browser, url, reduced_motion="reduce")
-    assert still.evaluate(WORDS) == "The microphone is found", "nothing moves"
-    still.locator(FILM_NODE).click()
-    still.locator(FILM_NODE).wait_for(state="detached")  # there is no map that it could give way to
-    still.close()
+
+    second.get_by_role("button", name="Now you").click()
+    second.locator(FILM_NODE).wait_for(state="detached")  # there is no map that it could give way to
+    second.wait_for_function("location.hash.includes('microphone=0')")
+    assert first.evaluate("document.documentElement.dataset.mantineColorScheme") == "light", "its own user's"
+    second.close()
     first.close()
     assert "Traceback" not in capsys.readouterr().err

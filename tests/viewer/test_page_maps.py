@@ -23,7 +23,6 @@ from fdcal.graphics.heatmap import (
     marks_of,
     table_numbers,
 )
-from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.settings import Search
@@ -32,7 +31,6 @@ from fdcal.viewer.cost_maps import map_modes
 from fdcal.viewer.gui.binding import BASINS, FLOOR, NOTHING, SHAPE, Binding
 from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs import map
-from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import EQ7
 
 
@@ -270,23 +268,6 @@ def test_the_basins_are_those_of_the_microphone_and_the_modes(basins_shown, n, m
     assert descent_text(basins, search, truth) in tab.caption.content
     texts = [entry.text for entry in legend_of(viewer.snapshot.picture)]
     assert texts[: len(wanted.areas)] == [area.text for area in wanted.areas]
-
-
-def test_files_show_the_basins_of_the_page(basins_shown, monkeypatch):
-    viewer, turn_until = basins_shown
-    viewer.tabs.map.choose_modes((7, 20))
-    turn_until(lambda: viewer.snapshot.picture.areas)
-    snapshot = dataclasses.replace(viewer.snapshot, choices=viewer.binding.choices)
-    figures = []
-    monkeypatch.setattr(exports, "call", lambda _, __, *drawn: figures.append(draw_landscape(*drawn)) or b"")
-    exports.KINDS["Maps as in Fig. 1 (PNG)"].make(snapshot)
-    panels = [panel for panel in figures[0].axes if panel.images]
-    assert len(panels) == 3 and "Basins of attraction" in figures[0].get_suptitle()
-    basins, _, search = expected(viewer, viewer.snapshot.microphone, (7, 20))
-    truth = viewer.run.measurement.positions[viewer.snapshot.microphone]
-    areas = basin_floor(basins, search, NO_MARKS, truth).areas
-    assert [text.get_text() for text in panels[-1].get_legend().get_texts()] == [area.text for area in areas]
-    assert 'Name="basin of the sum"' in exports.KINDS["Map (VTI for ParaView)"].make(snapshot).decode()
 
 
 def three_wells():

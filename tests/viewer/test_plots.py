@@ -69,15 +69,6 @@ def costs_of(states, values):
     return costs
 
 
-def test_any_number_of_stages_is_marked_alike_and_hides_no_curve(curves, measurement):
-    states = [State(measurement.positions, i, i, stage=i, last=6) for i in range(57)]
-    curves.show(Tick(view_of(states, costs=costs_of(states, np.full(57, -20.0))), 0.0))
-    x, _, _, marks, stage = curves.cost.data
-    seen = marks < 1
-    assert x[seen].tolist() == list(range(1, 57)) and set(marks[seen]) == {0.92}, "a tick at the top for each"
-    assert stage.max() == 57 and curves.cost.handle.scales["stage"]["range"] == (0.0, 1.0)
-
-
 def test_errors_are_drawn_over_whole_decades_which_a_drag_keeps_until_another_run(curves, measurement):
     """A plot that is added again has no width at first, and pushes the one below it off the screen."""
     handles = []

@@ -173,31 +173,12 @@ def serve_without(option, patch):
     patch.setattr(websockets.asyncio.server, "serve", older)
 
 
-def viser_without(name, patch):
-    class Renamed(viser.ViserServer):
-        def __init__(self, *arguments, **options):
-            super().__init__(*arguments, **options)
-            self.complete = True
-
-        def __getattribute__(self, asked):
-            if asked == name and object.__getattribute__(self, "__dict__").get("complete"):
-                raise AttributeError(f"no {name}")
-            return super().__getattribute__(asked)
-
-        def stop(self):
-            self.complete = False
-            super().stop()
-
-    patch.setattr(viser, "ViserServer", Renamed)
-
-
 @pytest.mark.parametrize(
     ("change", "listens"),  # whether it listens for a moment
     [
         (serve_ignoring_origins, True),
         *((partial(serve_without, name), False) for name in ("origins", "max_size", "create_connection", "logger")),
         (lambda patch: patch.delattr(websockets.asyncio.server, "serve"), False),
-        *((partial(viser_without, name), None) for name in ("_websock_server", "gui")),
         (lambda patch: patch.delattr(hardening._infra, "AsyncMessageBuffer"), False),
     ],
 )

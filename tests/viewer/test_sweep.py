@@ -115,18 +115,6 @@ def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
     assert map_on_page(viewer).minima == swept.minima and tab.caption.content == caption
 
 
-def test_a_highest_mode_below_all_that_can_be_summed_leaves_the_lowest(opened, monkeypatch):
-    """As of a take whose rows begin above it."""
-    viewer, turn_until = opened
-    sweep = viewer.tabs.sweep
-    monkeypatch.setattr(sweep, "_usable", lambda: (3, 4, 5))
-    set_by_client(sweep.highest, 2)
-    turn_until(lambda: computed(sweep) == 1)
-    assert sweep.worker.sweep(sweep._wanted).modes == (3,) == viewer.binding.choices.modes
-    set_by_client(sweep.order, DOWN)
-    assert viewer.binding.choices.modes == (3,)
-
-
 LOW, HIGH = np.array([1.0, 2.0]), np.array([1.4, 2.6])
 
 

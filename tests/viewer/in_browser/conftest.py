@@ -10,7 +10,7 @@ from fdcal.model.scene import load_scene
 from fdcal.session.lesson import load_lesson
 from fdcal.session.scene_edits import edited
 
-LESSONS = ("1_many_minima", "3_too_many_too_soon")
+LESSONS = ("3_too_many_too_soon",)
 
 
 @pytest.fixture(scope="package")

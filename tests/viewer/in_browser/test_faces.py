@@ -8,14 +8,14 @@ from browsing import press, until
 from fdcal.session.lesson import load_lesson
 from fdcal.viewer.explore import LECTURE
 
-PHONE = (390, 844)
+DESKTOP, PHONE = (1280, 720), (390, 844)
 # Where a caption begins and where its buttons do, and from where to where each answer reaches, pixels.
 ANSWERS = """() => {
     const [caption, steps, ...answers] = ["", " .steps", " .choices button"].flatMap(part =>
         [...document.querySelectorAll(`#fdcal [data-region=caption]${part}`)].map(e => e.getBoundingClientRect()));
     return [caption.top, steps.top, ...answers.map(one => [one.top, one.bottom])];
 }"""
-LESSON = "1_many_minima"
+LESSON = "3_too_many_too_soon"
 CONTRAST = 4.5  # at least, of a text and what is behind it (WCAG 2.2, 1.4.3)
 
 # The lowest contrast of all texts that are seen, and that text.
@@ -81,9 +81,9 @@ def readable(page):
 
 def uncut(page):
     """No text of the bar is cut in a window of any size."""
-    for size in ((1440, 900), PHONE, (1280, 720)):
-        page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
-        page.wait_for_function(f"innerWidth == {size[0]} && !{CUT}")
+    for size in ((1440, 900), PHONE, DESKTOP):
+        sized(page, size)
+        page.wait_for_function(f"!{CUT}")
 
 
 def answers_in_sight(page, step):
@@ -132,31 +132,32 @@ def test_everything_in_explore_works(page):
     page.locator("[data-do=state]:disabled").wait_for()
 
 
-def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page):
-    step = load_lesson(LESSON).steps[0]
+def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_comes_back(page):
+    lesson = load_lesson(LESSON)
+    step, caption = lesson.steps[0], page.locator("[data-region=caption]")
+    page.locator("[data-do=onestep]").click()
+    page.locator("[data-do=state][max='1']").wait_for()
+    page.locator("[data-do=microphone]").press("Home")
+    page.wait_for_function("location.hash.includes('microphone=0')")
     press(page, "Lessons")
     page.locator(f"[data-do='lesson={LESSON}']").click()
-    question = page.locator("[data-region=caption]").get_by_text(step.question)
-    question.wait_for()
+    caption.get_by_text(step.question).wait_for()
     readable(page)
     press(page, "Lessons")
     press(page, LECTURE)
     page.get_by_role("button", name="End lecture mode").wait_for()
-    question.wait_for()
+    caption.get_by_text(step.question).wait_for()
     fills_the_window(page)
-    for size in ((1280, 720), (1280, 600)):
-        page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
-        page.wait_for_function(f"innerHeight == {size[1]}")
+    for size in (DESKTOP, (1280, 600)):
+        sized(page, size)
         answers_in_sight(page, step)
-    page.locator("[data-do=alone][aria-pressed=true]").click()
-    page.locator("[data-do=alone][aria-pressed=false]").wait_for()
     page.get_by_role("button", name="Choose a scene").click()
     page.locator(".scenes button").first.wait_for()
     page.locator("[data-local='tab:Open']").wait_for(state="hidden")  # there are no panels that it could lead to
     page.keyboard.press("Escape")
     uncut(page)
     press(page, "End lecture mode")
-    page.set_viewport_size(dict(zip(("width", "height"), PHONE, strict=True)))
+    sized(page, PHONE)
     fills_the_window(page)
 
     def the_map_has_half_of_the_screen():
@@ -166,16 +167,25 @@ def test_a_lesson_is_a_caption_in_both_faces_in_lecture_mode_and_on_a_phone(page
     until(page, the_map_has_half_of_the_screen)
     answers_in_sight(page, step)
     page.evaluate("document.querySelector('[data-region=caption] .text').scrollTop = 999")
-    page.get_by_role("button", name=step.choices[1], exact=True).click()
-    page.locator("[data-region=caption]").get_by_text("Right.").wait_for()
+    press(page, step.choices[0])
+    caption.get_by_text("Not quite.").wait_for()
     page.wait_for_function("[...document.querySelectorAll('[data-region=caption], .text')].every(e => !e.scrollTop)")
-    press(page, "Next step")
-    press(page, "End lesson")
-    question.wait_for(state="detached")
+    page.keyboard.press("j")  # nothing on the page takes it as a letter
+    page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
+    page.keyboard.press("Shift+J")
+    page.get_by_text(f"{lesson.title}, step 1 of 3").wait_for()
+    sized(page, DESKTOP)
+    press(page, step.choices[1])
+    caption.get_by_text("Right.", exact=True).wait_for()
+    end = page.get_by_role("button", name="End lesson", exact=True).element_handle()
+    press(page, "Restore settings")
+    end.click()  # the answers above it go and come meanwhile, and it is still what it was
+    caption.wait_for(state="hidden")
+    page.locator("[data-do=state][max='1']").wait_for()
+    page.wait_for_function("location.hash.includes('microphone=0')")
     press(page, "Lessons")
-    page.locator(f"[data-do='lesson={LESSON}']", has_text="step 2 of 3").wait_for()
+    page.locator(f"[data-do='lesson={LESSON}']", has_text="step 1 of 3").wait_for()
     page.keyboard.press("Escape")
-    page.set_viewport_size({"width": 1280, "height": 720})
 
 
 # Whether a button of a panel lies within the window, and nothing covers it.
@@ -193,14 +203,14 @@ CUT_NAMES = """() => [...document.querySelectorAll("#root label")].filter(label 
 
 
 def test_ones_own_recording_is_the_last_of_the_scenes_on_a_phone_too(page):
-    for size in ((1280, 720), PHONE):
-        page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+    for size in (DESKTOP, PHONE):
+        sized(page, size)
         page.get_by_role("button", name="Choose a scene").click()
         page.locator(".scenes button").last.get_by_text("Your own recording").click()
         page.get_by_role("tab", name="Open", selected=True).wait_for()
         page.wait_for_function(BUTTON_SEEN, arg="Open file")
         press(page, "Explore")
-    page.set_viewport_size({"width": 1280, "height": 720})
+    sized(page, DESKTOP)
     fills_the_window(page)
 
 
@@ -215,3 +225,9 @@ def test_expert_has_the_panels_and_can_be_left(page):
     page.wait_for_function(f"({CUT_NAMES})().length == 0")
     press(page, "Explore")
     page.get_by_role("tab", name="Map").wait_for(state="hidden")
+
+
+def sized(page, size):
+    """Give the window a size, pixels."""
+    page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+    page.wait_for_function(f"innerWidth == {size[0]} && innerHeight == {size[1]}")

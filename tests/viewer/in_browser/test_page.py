@@ -6,10 +6,7 @@ import re
 import pytest
 from browsing import COARSE, begin_anew, opened_page, press, slider, tab, until
 
-from fdcal.session.lesson import load_lesson
 from fdcal.viewer.server import hardening
-
-LESSON = "3_too_many_too_soon"
 
 
 @pytest.fixture(scope="module")
@@ -64,66 +61,6 @@ def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, serv
     map_again(page)
 
 
-def test_the_page_follows_the_theme_and_the_arrows(page):
-    page.emulate_media(color_scheme="dark")
-    page.locator("html[data-mantine-color-scheme=dark]").wait_for()
-    page.evaluate("location.hash = 'microphone=7&map=none&face=expert'")
-    page.wait_for_function("location.hash.includes('microphone=7')")
-    tab(page, "Map")
-    handle = slider(page, "Microphone")
-    handle.focus()
-    place = "window.__viserMutable.camera.position.toArray().join()"
-    before = page.evaluate(place)
-    handle.press("ArrowRight", delay=300)
-    page.wait_for_function("location.hash.includes('microphone=8')")
-    assert page.evaluate(place) == before, "the arrows move the slider alone"
-    page.evaluate("document.activeElement.blur()")
-    map_again(page)
-
-
-def test_a_key_does_what_its_button_does_and_nothing_while_a_text_is_typed(page):
-    begin_anew(page)
-    tab(page, "Map")
-    page.keyboard.press("o")
-    page.locator("//label[.='Mode numbers']/following::input[1]").first.click()
-    page.keyboard.type("n")
-    page.keyboard.press("Escape")
-    page.get_by_text("step 0, sweep 0").wait_for()
-    page.evaluate("document.activeElement.blur()")
-    page.keyboard.press("u")
-    page.keyboard.press("n")
-    page.get_by_text(re.compile("^step 1, ")).wait_for()
-
-
-def test_a_lesson_is_taken_with_clicks_and_keys_and_what_was_before_comes_back(page):
-    lesson = load_lesson(LESSON)
-    begin_anew(page)
-    press(page, "Step")
-    page.get_by_text(re.compile("^step 1, ")).wait_for()
-    tab(page, "Map")
-    slider(page, "Microphone").press("Home")
-    page.get_by_text("microphone 0, ").first.wait_for()
-    press(page, "Lessons")
-    press(page, lesson.title)
-    page.get_by_text("modes 1 to 20, 102.1 to 591.8 Hz").wait_for()
-    press(page, lesson.steps[0].choices[0])  # a wrong answer
-    page.get_by_text("Not quite.").wait_for()
-    page.get_by_text("Converged", exact=True).wait_for()
-    page.keyboard.press("j")  # nothing on the page takes it as a letter
-    page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
-    page.keyboard.press("Shift+J")
-    page.get_by_text(f"{lesson.title}, step 1 of 3").wait_for()
-    press(page, lesson.steps[0].choices[1])
-    page.get_by_text("Right.", exact=True).wait_for()
-    end = page.get_by_role("button", name="End lesson", exact=True).element_handle()
-    press(page, "Restore settings")
-    end.click()  # the answers above it go and come meanwhile, and it is still what it was
-    page.locator("[data-region=caption]").wait_for(state="hidden")
-    page.get_by_text(re.compile("^step 1, ")).wait_for()
-    tab(page, "Map")
-    page.get_by_text("microphone 0, ").first.wait_for()
-
-
 def test_the_page_comes_back_with_the_server_as_it_was(served, page):
     alive(page)
     page.evaluate("location.hash = 'microphone=8&map=none&face=expert'")
@@ -141,3 +78,30 @@ def test_the_page_comes_back_with_the_server_as_it_was(served, page):
 
     until(page, of_microphone_8)
     alive(page)
+
+
+def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(page):
+    page.emulate_media(color_scheme="dark")
+    page.locator("html[data-mantine-color-scheme=dark]").wait_for()
+    page.evaluate("location.hash = 'microphone=7&map=none&face=expert'")
+    page.wait_for_function("location.hash.includes('microphone=7')")
+    tab(page, "Map")
+    handle = slider(page, "Microphone")
+    handle.focus()
+    place = "window.__viserMutable.camera.position.toArray().join()"
+    before = page.evaluate(place)
+    handle.press("ArrowRight", delay=300)
+    page.wait_for_function("location.hash.includes('microphone=8')")
+    assert page.evaluate(place) == before, "the arrows move the slider alone"
+    page.evaluate("document.activeElement.blur()")
+    begin_anew(page)
+    map_again(page)
+    page.keyboard.press("o")
+    page.locator("//label[.='Mode numbers']/following::input[1]").first.click()
+    page.keyboard.type("n")
+    page.keyboard.press("Escape")
+    page.get_by_text("step 0, sweep 0").wait_for()
+    page.evaluate("document.activeElement.blur()")
+    page.keyboard.press("u")
+    page.keyboard.press("n")
+    page.get_by_text(re.compile("^step 1, ")).wait_for()

@@ -1,9 +1,7 @@
 """Other scenes in place of the first, in a real browser: with uncertainties, and with an array in space."""
 
-import re
-
 import pytest
-from browsing import choose, press, run_to_the_end, slider, tab
+from browsing import choose, press, slider, tab
 
 DRAWN = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
 GONE = "name => window.__viserMutable?.nodeRefFromName?.[name] == null"
@@ -28,40 +26,15 @@ BOX = """name => {
 }"""
 
 
-def test_a_scene_is_chosen_in_explore(opened):
-    press(opened, "Explore")
-    opened.get_by_role("button", name="Choose a scene").click()
-    opened.locator("[data-do='scene=lshape']").click()
-    opened.get_by_role("button", name="Choose a scene").get_by_text("L-shaped").wait_for()
-    opened.wait_for_function("location.hash.includes('scene=lshape')")
-
-
-@pytest.fixture(scope="module")
-def tiny(opened):
-    """The page of `tiny` as it comes with fdcal, whose solver says how uncertain it is."""
-    opened.evaluate("location.hash = 'scene=tiny&face=expert'")
-    opened.get_by_text("fdcal · tiny").wait_for()
-    return opened
-
-
-def test_the_legend_says_how_large_the_ellipses_are_drawn(tiny):
-    legend = tiny.locator(".fdcal-legend")
-    run_to_the_end(tiny)
-    verdict = tiny.get_by_text(re.compile(r"one sigma [\d.]+ mm")).first.inner_text()
-    sigma = re.search(r"one sigma [\d.]+ mm", verdict)[0]
-    tab(tiny, "View")
-    tiny.get_by_role("checkbox", name="Error ellipses").click()
-    legend.get_by_text(re.compile(rf"drawn \d+ times larger; {re.escape(sigma)}")).wait_for()
-    choose(tiny, "Ellipse size", "True")
-    legend.get_by_text(re.compile(rf"error ellipse \(95 %\)(, too small to be seen)?; {sigma}")).wait_for()
-    tiny.get_by_role("checkbox", name="Error ellipses").click()
-    legend.get_by_text("error ellipse").wait_for(state="detached")
-
-
 @pytest.fixture(scope="module")
 def ball(opened):
-    """The page of `ball3d`, in the tab Map."""
-    opened.evaluate("location.hash = 'scene=ball3d&face=expert'")
+    """The page of `ball3d`, which is chosen in Explore, in the tab Map."""
+    press(opened, "Explore")
+    opened.get_by_role("button", name="Choose a scene").click()
+    opened.locator("[data-do='scene=ball3d']").click()
+    opened.get_by_role("button", name="Choose a scene").get_by_text("ball").wait_for()
+    opened.wait_for_function("location.hash.includes('scene=ball3d')")
+    press(opened, "Expert")
     opened.get_by_text("fdcal · ball3d").wait_for()
     tab(opened, "Map")
     return opened
