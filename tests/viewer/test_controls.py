@@ -67,31 +67,21 @@ def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, w
     server.gui.reset()
 
 
-def test_the_mode_sliders_never_cross(controls):
-    panel, session = controls
-    set_by_client(panel.solver.first, 5)
-    set_by_client(panel.solver.first, 1)
-    set_by_client(panel.solver.last, 2)
-    assert session.commands == [("use_modes", 5, 5, True), ("use_modes", 1, 3, True), ("use_modes", 1, 2, True)]
-
-
-def test_values_set_by_the_program_are_not_commands(controls):
+def test_values_set_by_the_program_are_no_commands_and_the_mode_sliders_never_cross(controls):
     panel, session = controls
     set_by_client(panel.solver.last, 5, client=False)
     panel.show(Tick(view_of([State(session.view.state.positions, last=6)]), microphone=4))
     assert panel.solver.last.value == 6 and panel.map.microphone.value == 4
     assert session.commands == [] and panel.binding.choices.microphone == 3
-
-
-def test_too_few_modes_are_refused_at_the_slider_which_goes_back(controls):
-    panel, session = controls
     panel.solver.show(Tick(session.view))
-    set_by_client(panel.solver.last, 2)
+    for slider, value in ((panel.solver.first, 5), (panel.solver.first, 1), (panel.solver.last, 2)):
+        set_by_client(slider, value)
+    assert session.commands == [("use_modes", 5, 5, True), ("use_modes", 1, 3, True), ("use_modes", 1, 2, True)]
     refused = InputError("2 modes are too few", "use at least 3 modes (<modes>)")
     panel.solver.show(Tick(dataclasses.replace(session.view, refused=refused)))
     assert "2 modes are too few; use at least 3" in panel.solver.refusal.content and panel.solver.last.value == 3
     panel.solver.show(Tick(session.view))
-    assert panel.solver.refusal.content == ""
+    assert panel.solver.refusal.content == "", "the slider has gone back"
 
 
 def test_a_control_pressed_as_its_session_is_replaced_does_nothing(server, work):
@@ -240,18 +230,44 @@ def test_apply_opens_the_scene_with_the_chosen_parameters(controls, scene):
     panel, session = controls
     tab = panel.scene
     set_by_client(tab.apply, True)
-    set_by_client(tab.noise, True)
-    set_by_client(tab.snr, 25)
-    set_by_client(tab.walls, "absorbing")
-    set_by_client(tab.absorption, 10.0)
-    set_by_client(tab.known, 5)
-    assert tab.snr.visible and tab.absorption.visible
-    set_by_client(tab.apply, True)
+    for control, value in (
+        (tab.noise, True), (tab.snr, 25), (tab.walls, "absorbing"), (tab.absorption, 10.0), (tab.known, 5),
+        (tab.apply, True),
+    ):  # fmt: skip
+        set_by_client(control, value)
+        assert control.visible
     same, changed = (opening.scene for opening in session.opened)
     assert same is scene, "a value that the user has not changed stays exactly as it was"
     parameters = parameters_of(changed)
     assert (parameters.snr_db, parameters.walls, parameters.known) == (25, "absorbing", 5)
     assert parameters.absorption == pytest.approx(0.1) and changed.room.size == scene.room.size
+
+
+def test_a_measured_array_or_room_has_less_to_edit_and_says_what_is_measured(controls):
+    panel, session = controls
+    tab = panel.scene
+    set_by_client(tab.name, "frl_array")
+    edited = ("microphones", "radius", "walls", "absorption", "noise", "snr", "speed", "known", "seed")
+    assert not any(getattr(tab, name).visible for name in edited)
+    assert tab.title.visible and "7 microphones in a laboratory" in tab.title.content
+    for words in ("nominal positions", "CC BY 4.0", "cannot be edited"):
+        assert words in tab.message.content
+    assert tab.apply.visible and tab.apply.label == "Open"
+    set_by_client(tab.apply, True)
+    set_by_client(tab.name, "tiny")
+    assert tab.apply.label == "Apply" and tab.radius.visible and not tab.title.visible
+    set_by_client(tab.walls, "absorbing")
+    set_by_client(tab.name, "listening_lab")
+    assert not tab.walls.visible and not tab.absorption.visible and tab.microphones.visible
+    assert "response is measured" in tab.message.content and "is modelled" in tab.message.content
+    set_by_client(tab.snr, 30)
+    set_by_client(tab.walls, "rigid")  # a client can set what is hidden
+    set_by_client(tab.apply, True)
+    array, room = session.opened
+    assert array.scene == load_scene("frl_array") and array.measurement is None
+    assert room.scene.room == load_scene("listening_lab").room and room.scene.measurement.snr_db == 30
+    set_by_client(tab.name, "tiny")
+    assert tab.walls.visible and tab.message.content == ""
 
 
 def test_an_impossible_scene_is_refused_in_one_line_that_names_controls_of_the_page(controls):
@@ -300,59 +316,25 @@ def test_a_seed_without_effect_is_hidden(controls):
         assert (solver.seed.visible, solver.start.visible) == seen, value
 
 
-def test_a_measured_array_is_among_the_scenes_and_opens_without_anything_to_edit(controls):
-    panel, session = controls
-    tab = panel.scene
-    set_by_client(tab.name, "frl_array")
-    edited = ("microphones", "radius", "walls", "absorption", "noise", "snr", "speed", "known", "seed")
-    assert not any(getattr(tab, name).visible for name in edited)
-    assert tab.title.visible and "7 microphones in a laboratory" in tab.title.content
-    for words in ("nominal positions", "CC BY 4.0", "cannot be edited"):
-        assert words in tab.message.content
-    assert tab.apply.visible and tab.apply.label == "Open"
-    set_by_client(tab.apply, True)
-    (opening,) = session.opened
-    assert opening.scene == load_scene("frl_array") and opening.measurement is None
-    set_by_client(tab.name, "tiny")
-    assert tab.apply.label == "Apply" and tab.radius.visible and not tab.title.visible
-
-
 def test_a_measurement_has_no_simulation_settings(server, work):
-    measured = placeholder_scene(work.measurement, "hall", work.scene.solver)
     opened = []
-    tab = scenetab.SceneTab(Binding(server.gui, dataclasses.replace(work, scene=measured), 6, opened.append))
+
+    def tab_of(name):
+        run = dataclasses.replace(work, scene=placeholder_scene(work.measurement, name, work.scene.solver))
+        return scenetab.SceneTab(Binding(server.gui, run, 6, opened.append))
+
+    tab = tab_of("hall")
     parameters = (tab.microphones, tab.radius, tab.walls, tab.noise, tab.speed, tab.known, tab.seed, tab.apply)
     assert not any(handle.visible for handle in parameters) and "a measurement" in tab.message.content
     set_by_client(tab.apply, True)
     assert opened == [], "a client can press a button that it does not see"
     set_by_client(tab.name, "tiny")
     assert all(handle.visible for handle in parameters) and "a measurement" not in tab.message.content
-    set_by_client(tab.apply, True)
-    assert [one.scene.name for one in opened] == ["tiny"]
-    set_by_client(tab.name, "hall")
-    assert not tab.apply.visible
-    namesake = dataclasses.replace(work, scene=placeholder_scene(work.measurement, "tiny", work.scene.solver))
-    tab = scenetab.SceneTab(Binding(server.gui, namesake, 6, opened.append))
-    assert tab.name.value == "tiny (measured)" and not tab.apply.visible
-    set_by_client(tab.name, "tiny")
-    assert tab.apply.visible, "the scene of that name is there, too"
+    namesake = tab_of("tiny")
+    assert namesake.name.value == "tiny (measured)" and not namesake.apply.visible
+    set_by_client(namesake.name, "tiny")
+    assert namesake.apply.visible, "the scene of that name is there, too"
     server.gui.reset()
-
-
-def test_a_measured_room_has_no_walls_to_set_and_says_what_is_modelled(controls):
-    panel, session = controls
-    tab = panel.scene
-    set_by_client(tab.walls, "absorbing")
-    set_by_client(tab.name, "listening_lab")
-    assert not tab.walls.visible and not tab.absorption.visible and tab.microphones.visible
-    assert "response is measured" in tab.message.content and "is modelled" in tab.message.content
-    set_by_client(tab.snr, 30)
-    set_by_client(tab.walls, "rigid")  # a client can set what is hidden
-    set_by_client(tab.apply, True)
-    (opening,) = session.opened
-    assert opening.scene.room == load_scene("listening_lab").room and opening.scene.measurement.snr_db == 30
-    set_by_client(tab.name, "tiny")
-    assert tab.walls.visible and tab.message.content == ""
 
 
 @pytest.mark.parametrize("count", [2, 7, 1000])

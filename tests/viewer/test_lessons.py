@@ -14,7 +14,7 @@ from doubles import CallRecorder, set_by_client
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.address import Map
 from fdcal.model.scene import load_scene
-from fdcal.session.lesson import Lesson, LessonSetting, LessonStep, lesson_names, load_lesson
+from fdcal.session.lesson import Lesson, LessonSetting, LessonStep, load_lesson
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
@@ -311,48 +311,6 @@ def prepared(page):
     return "being prepared" not in page.panels.overlay._regions["caption"].content
 
 
-def in_small(lesson):
-    """A lesson with all that it sets, in a scene that is there at once."""
-
-    def small(setting):
-        changes = {"scene": SMALL, "changes": {"solver.name": "descent"}} if setting.begins else {}
-        modes = {} if setting.modes is None else {"modes": "1-20"}
-        microphone = {} if setting.microphone is None else {"microphone": setting.microphone % 16}
-        mapped = {"map_modes": "2-4"} if setting.map_modes not in (None, "solver") else {}
-        run = {"run": "3 steps"} if setting.run else {}
-        return LessonSetting(**(vars(setting) | changes | modes | microphone | mapped | run))
-
-    steps = tuple(
-        LessonStep(one.text, one.question, one.choices, one.answer, one.reveal, small(one.page), small(one.then))
-        for one in lesson.steps
-    )
-    return Lesson(lesson.title, steps)
-
-
-def test_every_control_is_as_it_was_after_the_steps_of_all_lessons(opened):
-    page, turn_until = opened
-    before, view = controls_of(page.viewer), page.viewer.binding.session.view
-    steps = tuple(step for name in lesson_names() for step in in_small(load_lesson(name)).steps)
-    choices, lessons = page.viewer.binding.choices, LessonsTab(page, [Lesson("All", steps)])
-    page.lessons = lessons
-    lessons.start("All")
-    for number in range(len(steps)):
-        turn_until(lambda: page.switcher.idle and prepared(page))
-        lessons.answer(0)
-        turn_until(lambda: page.switcher.idle and prepared(page))
-        if number < len(steps) - 1:
-            lessons.go("Next")
-    assert controls_of(page.viewer) != before, "the lessons have set something"
-    shown = page.viewer
-    lessons.end()
-    turn_until(lambda: page.viewer is not shown and page.switcher.idle)
-    turn_until(lambda: page.viewer.binding.choices == choices)
-    turn_until(lambda: controls_of(page.viewer) == before)
-    after = page.viewer.binding.session.view
-    assert [state.step for state in after.history] == [state.step for state in view.history]
-    assert after.index == view.index and np.array_equal(after.state.positions, view.state.positions)
-
-
 def test_a_lesson_depends_on_nothing_before_it(opened):
     """Its first step finds the controls with which a page begins."""
     page, turn_until = opened
@@ -381,3 +339,36 @@ def test_what_the_user_opens_during_a_lesson_stays(opened):
     for _ in range(5):
         page.tick(0.0)
     assert page.switcher.idle and page.viewer.binding.run.opening is mine
+
+
+def test_a_lesson_sets_what_it_says_and_every_control_is_as_it_was_after_it(opened):
+    page, turn_until = opened
+    before, view = controls_of(page.viewer), page.viewer.binding.session.view
+    begins = {"scene": SMALL, "changes": {"solver.name": "descent"}}
+    look = {"map": "relief", "scale": "linear", "trails": True, "ellipses": True, "minima": True, "view": "3d"}
+    use = {"modes": "1-20", "automatic": True, "microphone": 9, "follow": False, "map_modes": "2-4"}
+    steps = (
+        LessonStep(
+            "Look.", "Which?", ("one", "two"), 1, "", LessonSetting(**begins, **use), LessonSetting(run="3 steps")
+        ),
+        LessonStep("Look.", "Which?", ("one", "two"), 1, "", LessonSetting(reset=True, **use, **look)),
+        LessonStep("Look.", page=LessonSetting(**begins, map="none", quantity="eq7", order_offset=1)),
+    )
+    choices, lessons = page.viewer.binding.choices, LessonsTab(page, [Lesson("All", steps)])
+    page.lessons = lessons
+    lessons.start("All")
+    for number in range(len(steps)):
+        turn_until(lambda: page.switcher.idle and prepared(page))
+        lessons.answer(0)
+        turn_until(lambda: page.switcher.idle and prepared(page))
+        if number < len(steps) - 1:
+            lessons.go("Next")
+    assert controls_of(page.viewer) != before, "the lessons have set something"
+    shown = page.viewer
+    lessons.end()
+    turn_until(lambda: page.viewer is not shown and page.switcher.idle)
+    turn_until(lambda: page.viewer.binding.choices == choices)
+    turn_until(lambda: controls_of(page.viewer) == before)
+    after = page.viewer.binding.session.view
+    assert [state.step for state in after.history] == [state.step for state in view.history]
+    assert after.index == view.index and np.array_equal(after.state.positions, view.state.positions)

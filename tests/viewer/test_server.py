@@ -1,41 +1,50 @@
-"""The server: who may connect, what it answers, which values it accepts, and how images are sent."""
+"""The server: who may connect, what it answers, which values it accepts, and that hostile clients disturb nobody."""
 
 import asyncio
+import contextlib
 import dataclasses
 import gzip
 import inspect
 import io
+import logging
 import re
+import secrets
 import socket
 import threading
+import time
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 import viser
 import websockets.asyncio.server
-from browsing import WAIT
-from doubles import INVALID_VALUES, set_by_client
+from browsing import WAIT, serving_here
+from doubles import HOSTILE_CAMERAS, INVALID_VALUES, finish, is_served, join, set_by_client, wait_until
 from PIL import Image
 from viser import _messages, _scene_api
+from websockets.exceptions import ConnectionClosed
 
+from benchmarks.protocol import CAMERA, connect, send
+from fdcal.graphics.picture import compose
 from fdcal.model.validation import InputError
+from fdcal.session.sources import OpenRequest
 from fdcal.viewer import app
+from fdcal.viewer.scene3d import cameras
 from fdcal.viewer.server import client_values, hardening
+from fdcal.viewer.server import process as error_log
 from fdcal.viewer.server.hardening import SafeMessageBuffer, encoded, titled
 
 
-@pytest.mark.parametrize("atomic", [False, True])
-def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it(atomic):
+def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it():
     """asyncio.Event loses one that another thread sets while `wait` has looked at it and does not yet wait."""
 
-    async def first_window():
-        loop = asyncio.get_running_loop()
-        buffer = SafeMessageBuffer(loop, persistent_messages=True)
+    async def first_window(atomic):
+        buffer = SafeMessageBuffer(asyncio.get_running_loop(), persistent_messages=True)
         event = buffer.message_event
         waits = event._get_loop
 
@@ -54,12 +63,12 @@ def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it
             return waits()
 
         event._get_loop = pushed_in_between
-        windows = buffer.window_generator(0)
         async with asyncio.timeout(5):
-            return await anext(windows)
+            return await anext(buffer.window_generator(0))
 
     with ThreadPoolExecutor(1) as own:  # where a browser was, its driver occupies this thread's event loop
-        assert len(own.submit(asyncio.run, first_window()).result(WAIT)) == 1
+        for atomic in (False, True):
+            assert len(own.submit(asyncio.run, first_window(atomic)).result(WAIT)) == 1
 
 
 def test_the_address_can_be_typed_into_a_browser():
@@ -260,3 +269,282 @@ def test_an_address_that_cannot_be_served_is_refused(server):
     for host in ("no.such.host.invalid", "999.1.1.1", "\x00", "a" * 300):
         with pytest.raises(InputError, match="host"):
             hardening.open_server(host, 0)
+
+
+UPDATE = {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": 1}}
+CLICK = {"type": "SceneNodeClickMessage", "ray_origin": [0, 0, 5], "ray_direction": [0, 0, -1.0], "name": "a"}
+DRAG = {
+    "type": "SceneNodeDragMessage", "start_position": [0, 0, 0], "end_position": [1.5, 0, 0], "instance_index": 4,
+}  # fmt: skip
+NOT_PLAIN = (1e400, float("nan"), 2**53 + 1, -(2**63), "x" * 201, [0] * 99, [[[[[[0]]]]]], {1: 2}, b"raw")
+NO_NAME = ({"value": 1}, [0, 0], 1.5, None)
+NO_POINT = ({"value": 1}, True, "abc", [], [0, 0], [0, 0, [0]], [1e308] * 3, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("message", "changes"),
+    [
+        (CAMERA, HOSTILE_CAMERAS),
+        (UPDATE, [{"updates": {"value": value}} for value in NOT_PLAIN]),
+        (UPDATE, [{"uuid": value} for value in (*NOT_PLAIN, *NO_NAME)]),
+        (UPDATE, [{"type": "CommandTriggerMessage", "uuid": name} for name in NO_NAME]),
+        (CLICK, [{"name": name} for name in NO_NAME]),
+        (CLICK, [{key: value} for key in ("ray_origin", "ray_direction") for value in NO_POINT]),
+        (DRAG, [{key: value} for key in ("start_position", "end_position", "instance_index") for value in NO_POINT]),
+        (UPDATE, [{"type": kind} for kind in ("FileTransferStartUpload", "ShareUrlRequest", "RunJavascriptMessage")]),
+    ],
+    ids=["camera", "value", "control", "command", "node", "click", "drag", "kind"],
+)
+def test_a_message_that_the_page_does_not_send_is_refused(message, changes):
+    assert client_values.is_acceptable(message)
+    for change in changes:
+        assert not client_values.is_acceptable({**message, **change}), change
+
+
+def test_a_message_that_the_page_sends_is_passed_on():
+    for change in ({"fov": 0.06, "far": 4e4}, {"image_width": 0}, {"position": [1.5, -2, 900.0]}):
+        assert client_values.is_acceptable({**CAMERA, **change})
+    for name in CAMERA.keys() - {"type"}:
+        assert not client_values.is_acceptable({key: value for key, value in CAMERA.items() if key != name}), name
+    assert client_values.is_acceptable({**CLICK, "ray_origin": None})
+    assert client_values.is_acceptable({**DRAG, "instance_index": None})
+
+
+def test_what_is_no_message_is_an_error():
+    for raw in ("text", b"", b"\xc1", b"\x01", b"\x80", b"\x81\xa4type\x01"):
+        with pytest.raises(ValueError):
+            client_values.decoded_message(raw)
+
+
+def test_a_client_waits_once_its_budget_is_spent():
+    now = [0.0]
+    budget = hardening.Budget(rate=10.0, burst=5.0, clock=lambda: now[0])
+    assert [budget.spend(1.0) for _ in range(5)] == [0.0] * 5
+    assert budget.spend(1.0) == pytest.approx(0.1) and budget.spend(2.0) == pytest.approx(0.3)
+    now[0] = 100.0
+    assert [budget.spend(1.0) for _ in range(6)] == [0.0] * 5 + [pytest.approx(0.1)], "a long rest saves up no more"
+    begins, goes_on = (client_values.message_cost({**DRAG, "phase": phase}) for phase in ("start", "update"))
+    assert begins > 2 * goes_on, "the start of a drag, of which one may send many, takes the server longer"
+
+
+def test_the_log_counts_what_strangers_do():
+    """A million refused connections are seven short lines."""
+    kept, log, lines = hardening.StrangerFilter(), logging.getLogger("fdcal.test"), []
+    error = ValueError("line one\nline two \x1b[31m" + "x" * 999)
+    for _ in range(1500):
+        record = log.makeRecord(log.name, logging.WARNING, "", 0, "refused %s", ("it",), (ValueError, error, None))
+        if kept.filter(record):
+            lines.append(logging.Formatter().format(record))
+    assert len(lines) == 4 and all(len(line) < 300 and line.isprintable() for line in lines)
+    assert "1000 times" in lines[-1] and lines[0].startswith(r"refused it (ValueError: line one\nline two \x1b[31mxxx")
+
+
+OUT_OF_RANGE = (10**20, 2**63, 2**64 - 1, 2**53 + 2, -(10**10), 1e20, 1e308, -1e308, float("nan"), float("inf"))
+
+
+@pytest.fixture
+def dark(tiny_page):
+    """A page, a function that ticks it, and one that has a client set a value and waits for that."""
+    page, turn_until = tiny_page
+
+    def set_dark(client):
+        control = page.viewer.tabs.view.dark
+        value = not control.value
+        send(client, type="GuiUpdateMessage", uuid=control._impl.uuid, updates={"value": value})
+        turn_until(lambda: control.value == value)
+
+    return page, turn_until, set_dark
+
+
+def test_no_camera_ends_the_loop(dark, server, scene):
+    page, turn_until, set_dark = dark
+    with join(server) as client:
+        send(client, **CAMERA)
+        turn_until(lambda: server.get_clients())
+        for change in HOSTILE_CAMERAS:
+            send(client, **{**CAMERA, **change})
+        set_dark(client)
+        old = page.viewer
+        page.open(OpenRequest(scene, start_seed=4))
+        turn_until(lambda: page.viewer is not old)
+        page.nodes.cameras.request_all("3d")
+        set_dark(client)
+
+
+def test_clients_that_begin_wrongly_or_vanish_and_fifty_more_disturb_nobody(dark, server):
+    _, _, set_dark = dark
+    junk = (b"", b"\xc1", b"junk" * 99, "text", msgspec.msgpack.encode({"type": "NoSuchMessage"}), b"x" * 500_000)
+    with contextlib.ExitStack() as stack:
+        clients = [stack.enter_context(join(server)) for _ in range(50)]
+        for client, change in zip(clients, [*HOSTILE_CAMERAS[::7], *[{}] * 50], strict=False):
+            send(client, **{**CAMERA, **change})
+        for raw in junk:
+            with contextlib.suppress(ConnectionClosed):
+                stack.enter_context(join(server)).send(raw)
+        vanishing = stack.enter_context(join(server))
+        send(vanishing, **CAMERA)
+        vanishing.socket.close()
+        set_dark(clients[-1])
+        assert is_served(server)
+        assert all(client.recv(timeout=WAIT) for client in clients), "each has been sent the page"
+
+
+class Raising:
+    """The camera of a page, which viser can neither read nor set."""
+
+    image_width = image_height = 500
+
+    @property
+    def position(self):
+        raise ValueError("Camera position must be finite")
+
+    def __setattr__(self, name, value):
+        raise ValueError("Camera position must be finite")
+
+
+def test_a_camera_that_raises_is_left_alone_and_the_others_go_on(scene, measurement):
+    clients = {
+        number: SimpleNamespace(
+            client_id=number,
+            camera=SimpleNamespace(image_width=500, image_height=500),
+            atomic=contextlib.nullcontext,
+        )
+        for number in (1, 2)
+    }
+    initial = SimpleNamespace(position=(0.0, 0.0, 1.0))
+    placed = cameras.Cameras(SimpleNamespace(initial_camera=initial, get_clients=lambda: clients))
+    placed.picture = compose(scene, measurement)
+    for client in clients.values():
+        placed.place(client, "top")
+    clients[1].camera = Raising()
+    placed.place(clients[1], "3d")
+    placed.follow(clients[1])
+    assert placed.kept_views()[2] == "top"
+
+
+def test_a_strangers_text_is_cut_and_escaped_and_the_log_on_the_disk_is_bounded(tmp_path, monkeypatch):
+    assert error_log.printable("a\nb\x1b[0m\u202e") == r"a\nb\x1b[0m\u202e"
+    assert error_log.printable("x" * 500, 10) == "x" * 10 + "..."
+    monkeypatch.setenv("FDCAL_CACHE", str(tmp_path))
+    monkeypatch.setattr(error_log, "MAX_LOG_BYTES", 10_000)
+    monkeypatch.setattr(error_log, "MAX_RECORD", 1000)
+    with error_log.error_log():
+        for n in range(50):
+            logging.getLogger("fdcal.test").warning(f"{n} " + "xxx\n" * 5000)
+    files = list(tmp_path.iterdir())
+    assert len(files) == 2 and all(0 < file.stat().st_size <= 10_000 for file in files)
+    assert "49 xxx" in (tmp_path / error_log.LOG_NAME).read_text(encoding="utf-8")
+
+
+def test_no_number_that_a_page_sends_keeps_others_from_connecting(dark, server):
+    page, _, set_dark = dark
+    controls = list(server.gui._gui_input_handle_from_uuid.items())
+    before = {uuid: control.value for uuid, control in controls}
+    with join(server) as client:
+        send(client, **CAMERA)
+        for uuid, control in controls:
+            for value in OUT_OF_RANGE if not isinstance(control.value, str) else ():
+                with contextlib.suppress(OverflowError):
+                    send(client, type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
+        set_dark(client)
+        assert is_served(server)
+    dark = page.viewer.tabs.view.dark._impl.uuid
+    changed = {type(control).__name__ for uuid, control in controls if uuid != dark and control.value != before[uuid]}
+    assert not changed
+
+
+def test_a_value_outside_its_control_is_dropped_before_viser_stores_it(server):
+    slider = server.gui.add_slider("Bounded", 1, 9, 1, 5)
+    number = server.gui.add_number("Unbounded", 5.0)
+    choice = server.gui.add_dropdown("Choice", ("a", "b"), initial_value="a")
+    cases = [*((slider, value, 5) for value in (10, 0, True, *INVALID_VALUES)), (slider, 9, 9), (number, 1e17, 5.0)]
+    cases += [(number, -3, -3.0), (choice, "c", "a"), (choice, 1, "a"), (choice, "b", "b")]
+    for control, value, expected in cases:
+        finish_message(server, control, {"value": value})
+        assert control.value == expected
+    finish_message(server, slider, {"label": "gone"})
+    assert slider.label == "Bounded"
+    server.gui.reset()
+
+
+def finish_message(server, control, updates):
+    """What the server does when a page has sent updates of a control."""
+    message = _messages.GuiUpdateMessage(control._impl.uuid, updates)
+    finish(server._websock_server._handle_incoming_message(0, message))
+
+
+# -- too much ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_client_that_sends_too_much_is_disconnected(server, monkeypatch):
+    monkeypatch.setattr(hardening, "FLOOD_TIME", 0.5)
+    raw = msgspec.msgpack.encode({"type": "CommandTriggerMessage", "uuid": "nobody"})
+    with join(server) as client, pytest.raises(ConnectionClosed) as caught:
+        for _ in range(10**6):
+            client.send(raw)
+    assert caught.value.rcvd is caught.value.sent is None, "at once, and not because its pings wait for an answer"
+
+
+HANDSHAKE = (
+    "GET / HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+    "Sec-WebSocket-Protocol: viser-v{}\r\n\r\n"
+)
+
+
+@contextlib.contextmanager
+def deaf(server):
+    """A client that has connected and reads nothing more."""
+    with socket.socket() as client:
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        client.settimeout(WAIT)
+        client.connect(("127.0.0.1", server.get_port()))
+        client.sendall(HANDSHAKE.format(hardening.viser.__version__).encode())
+        assert b"101" in client.recv(16)
+        yield client
+
+
+def test_a_client_that_reads_nothing_is_disconnected(server, monkeypatch):
+    monkeypatch.setattr(hardening, "STALL_TIME", 0.2)
+    text, connected = server.gui.add_html(""), server._websock_server._client_state_from_id
+    before = set(connected)
+    with deaf(server):
+        wait_until(lambda: connected.keys() - before)
+        for _ in range(round(WAIT / 0.05)):
+            text.content = secrets.token_hex(500_000)  # hardly compressible
+            if not connected.keys() - before:
+                break
+            time.sleep(0.05)
+        assert not connected.keys() - before
+    server.gui.reset()
+
+
+def test_a_client_that_asks_for_answers_and_reads_none_is_disconnected(server, monkeypatch):
+    monkeypatch.setattr(hardening, "MAX_UNREAD_BYTES", 100_000)
+    ping = bytes([0x89, 0x80 + 100, 0, 0, 0, 0]) + b"x" * 100
+    with deaf(server) as client, pytest.raises(ConnectionError):
+        for _ in range(1000):  # 100 MB in all; the buffers between client and server hold a tenth of it
+            client.sendall(ping * 1000)
+
+
+# -- what is printed ---------------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_printed_on_the_event_loop(scene, kernels, tmp_path, monkeypatch, capfd):
+    """Nobody may read what the program prints, and what strangers send would fill a pipe."""
+    monkeypatch.setenv("FDCAL_CACHE", str(tmp_path))
+    with serving_here(scene) as url:
+        port = int(url.rpartition(":")[2])
+        socket.create_connection(("127.0.0.1", port), WAIT).close()  # before the first page
+        for _ in range(3):
+            with contextlib.suppress(ConnectionClosed), connect(url, "x" * 4000) as client:
+                client.recv(timeout=WAIT)
+            with connect(url) as client, contextlib.suppress(ConnectionClosed):
+                client.send(b"\xc1" * 4000)
+                client.send(msgspec.msgpack.encode({**CAMERA, "wxyz": ["\n" * 4000]}))
+                for _ in range(3):
+                    client.recv(timeout=WAIT)
+        assert is_served(SimpleNamespace(get_port=lambda: port))
+    assert capfd.readouterr() == ("", "")
+    log = (tmp_path / "view.log").read_text(encoding="utf-8")
+    assert "another version" in log and "Traceback" not in log and len(log) < 5000

@@ -104,28 +104,16 @@ def test_beside_the_panels_the_map_takes_the_room_of_the_bar(placed):
 def test_a_page_is_asked_for_the_size_of_its_canvas(placed):
     """What it tells while panels move may be the size before; later it tells nothing of its own accord."""
 
-    class Browser:
-        reported_size, canvas, image_height = 900, 600, 900
+    class Browser(SimpleNamespace):
+        """Tells its width anew when it is given an opening that differs a little."""
 
-        def __init__(self):
-            self.client_id, self.camera, self.atomic, self._fov = 1, self, contextlib.nullcontext, 1.0
+        def __setattr__(self, name, value):
+            if name == "fov" and abs(value / self.fov - 1) < 1e-3:
+                self.image_width = 600
+            super().__setattr__(name, value)
 
-        @property
-        def image_width(self):
-            return self.reported_size
-
-        @property
-        def fov(self):
-            return self._fov
-
-        @fov.setter
-        def fov(self, value):
-            self.reported_size, self._fov = (
-                self.canvas if abs(value / self._fov - 1) < 1e-3 else self.reported_size,
-                value,
-            )
-
-    client = Browser()
+    client = Browser(client_id=1, atomic=contextlib.nullcontext, image_width=900, image_height=900, fov=1.0)
+    object.__setattr__(client, "camera", client)
     placed.request(client, "top")
     placed.process_requests([])
     assert not hasattr(client, "position"), "a page that has closed meanwhile is left alone"
@@ -134,7 +122,7 @@ def test_a_page_is_asked_for_the_size_of_its_canvas(placed):
     near, opening = client.position, client.fov
     for _ in range(9):
         placed.follow_all([client])
-    assert client.reported_size == client.canvas and client.position[2] > 1.2 * near[2]
+    assert client.image_width == 600 and client.position[2] > 1.2 * near[2]
     assert client.fov == pytest.approx(opening, rel=2e-4)
 
 

@@ -9,15 +9,15 @@ from browsing import COARSE, begin_anew, opened_page, serving_here
 from fdcal.model.scene import load_scene
 from fdcal.session.lesson import load_lesson
 from fdcal.session.scene_edits import edited
-
-LESSONS = ("3_too_many_too_soon",)
+from fdcal.viewer import panels
 
 
 @pytest.fixture(scope="package")
 def served(kernels):
     """Address of a server of `tiny`, solved by descent, whose steps are seen; functions that stop and start it."""
-    scene, lessons = edited(load_scene("tiny"), {"solver.name": "descent"}), [load_lesson(name) for name in LESSONS]
-    with contextlib.ExitStack() as stack:
+    scene, lessons = edited(load_scene("tiny"), {"solver.name": "descent"}), [load_lesson("3_too_many_too_soon")]
+    with contextlib.ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(panels, "DOUBLING_TIME", 0.3)  # s, of the speed of a run: nobody watches it
         url = stack.enter_context(serving_here(scene, lessons=lessons))
 
         def start():

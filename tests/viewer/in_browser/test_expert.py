@@ -1,10 +1,22 @@
-"""Expert in a real browser: a click, drags in the scene, a run to its end, a saved file."""
+"""Expert in a real browser: clicks and drags in the scene, a run to its end, a saved file."""
 
 import re
 
 import numpy as np
 import pytest
-from browsing import begin_anew, choose, hover, middle, on_screen, pick, press, run_to_the_end, stands, tab, unfold
+from browsing import (
+    begin_anew,
+    choose,
+    hover,
+    middle,
+    on_screen,
+    pick,
+    press,
+    run_to_the_end,
+    stands,
+    tab,
+    unfold,
+)
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.session import session_file

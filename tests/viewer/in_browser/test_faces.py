@@ -1,14 +1,21 @@
-"""The faces Explore and Expert in a real browser: scenes, Play, lessons on the canvas, sizes, contrast."""
+"""The faces Explore and Expert in a real browser: scenes, Play, a lesson, sizes, contrast, the legend, a phone."""
 
 import re
 
+import numpy as np
 import pytest
-from browsing import press, until
+from browsing import begin_anew, on_screen, press, tab, until
+from doubles import assessment
 
+from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
+from fdcal.model.scene import load_scene
 from fdcal.session.lesson import load_lesson
 from fdcal.viewer.explore import LECTURE
+from fdcal.viewer.gui.html import verdict_html
+from fdcal.viewer.panels import LEFT, LEFT_WIDTH, RIGHT
+from fdcal.viewer.server.hardening import STYLE
 
-DESKTOP, PHONE = (1280, 720), (390, 844)
+DESKTOP, LARGE, PHONE = (1280, 720), (1440, 900), (390, 844)
 # Where a caption begins and where its buttons do, and from where to where each answer reaches, pixels.
 ANSWERS = """() => {
     const [caption, steps, ...answers] = ["", " .steps", " .choices button"].flatMap(part =>
@@ -56,8 +63,151 @@ CUT = """[...document.querySelectorAll("[data-region=bar] :is(b, small, button, 
     node.checkVisibility({visibilityProperty: true}) && node.scrollWidth > node.clientWidth).length"""
 
 
+def sized(page, size):
+    """Give the window a size, pixels."""
+    page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+    page.wait_for_function(f"innerWidth == {size[0]} && innerHeight == {size[1]}")
+
+
+@pytest.fixture(scope="module")
+def expert(opened):
+    legend_of(opened).get_by_text("dB").wait_for()
+    return opened
+
+
+def boxes_of(expert, names):
+    """Where tabs stand."""
+    return [expert.get_by_role("tab", name=name, exact=True).bounding_box() for name in names]
+
+
+@pytest.mark.parametrize("size", [LARGE, DESKTOP])
+def test_the_legend_stands_on_the_canvas_below_the_map_and_tabs_in_one_row(expert, size):
+    scene = load_scene("tiny")
+    sized(expert, size)
+    expert.locator("canvas").first.wait_for()
+
+    def they_stand_there():
+        canvas = expert.locator("canvas").first.bounding_box()
+        x, y = scene.search.origin[:2]
+        (left, bottom), (right, _) = on_screen(expert, scene, [(x, y, 0.0), (x + 0.1, y, 0.0)])
+        box = legend_of(expert).bounding_box()
+        assert canvas["x"] <= box["x"] and box["x"] + box["width"] <= canvas["x"] + canvas["width"]
+        assert bottom + 30 < box["y"] and box["y"] + box["height"] <= size[1], "below the numbers of the ruler"
+        numbers = expert.locator("#fdcal-labels .number:visible", has_text=re.compile(r"^[\d.]+$")).filter(visible=True)
+        assert numbers.count() >= 6
+        for number in numbers.all()[:3]:
+            at = number.bounding_box()
+            value = x + (at["x"] + at["width"] / 2 - left) / (right - left) * 0.1
+            assert value == pytest.approx(float(number.inner_text()), abs=0.004), "each number is where its place is"
+        for names, edge in ((RIGHT, size[0]), (LEFT, LEFT_WIDTH)):
+            boxes = boxes_of(expert, names)
+            assert len({box["y"] for box in boxes}) == 1
+            ends = [box["x"] + box["width"] for box in boxes]
+            assert all(end <= box["x"] + 0.5 for end, box in zip(ends, boxes[1:], strict=False)) and ends[-1] <= edge
+
+    until(expert, they_stand_there)
+
+
+def legend_of(expert):
+    return expert.locator(".fdcal-legend")
+
+
+def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(expert):
+    def wide(wanted):
+        def it_is():
+            assert wanted(expert.locator("canvas").first.bounding_box()["width"])
+
+        until(expert, it_is)
+
+    def letters():
+        return legend_of(expert).get_by_text("estimate").bounding_box()["height"]
+
+    def larger_and_in_the_window():
+        assert letters() > 1.25 * small
+        for part in (legend_of(expert), end):
+            box = part.bounding_box()
+            assert box["x"] >= 0 and box["x"] + box["width"] <= DESKTOP[0] and box["y"] + box["height"] <= DESKTOP[1]
+
+    def as_before():
+        assert letters() == pytest.approx(small, abs=0.5)
+        assert not expert.get_by_role("checkbox", name="Lecture mode").is_checked()
+
+    small, end = letters(), expert.get_by_role("button", name="End lecture mode")
+    tab(expert, "View")
+    expert.get_by_role("checkbox", name="Lecture mode").click()
+    wide(lambda width: width == DESKTOP[0])
+    until(expert, larger_and_in_the_window)
+    expert.keyboard.press("h")
+    wide(lambda width: width < DESKTOP[0] - 300)
+    end.wait_for(state="hidden")
+    until(expert, as_before)
+
+
+def test_on_a_phone_the_legend_stands_above_the_scene_and_every_tab_of_the_sheet_can_be_opened(expert):
+    sized(expert, PHONE)
+    bar, run = expert.get_by_text(re.compile("fdcal · tiny")), expert.get_by_role("button", name="Run", exact=True)
+    bar.wait_for()
+
+    def above_the_scene():
+        box = legend_of(expert).bounding_box()
+        assert box["x"] >= 0 and box["y"] >= 0 and box["width"] <= PHONE[0] and box["height"] < 0.2 * PHONE[1]
+
+    for folded in (False, True):
+        if folded:
+            bar.click()
+            run.wait_for(state="hidden")
+        legend_of(expert).get_by_text("estimate").wait_for()
+        until(expert, above_the_scene)
+    bar.click()
+    run.wait_for()
+    begin_anew(expert)
+    expert.get_by_text("Cost (Eq. 7", exact=False).last.wait_for()  # a plot, which fills the width
+    press(expert, "Step")
+    expert.get_by_text(re.compile("^step 1, ")).wait_for()
+    expert.wait_for_timeout(300)  # a sheet that grows does so within a few frames
+    widths = "areas => areas.map(area => area.scrollWidth)"
+    assert max(expert.locator(".mantine-ScrollArea-viewport").evaluate_all(widths)) == PHONE[0]
+    for name in (*RIGHT, *LEFT):
+        tab(expert, name)
+        expert.get_by_role("tab", name=name, exact=True, selected=True).wait_for()
+    sheet = expert.get_by_role("tab", name="Scene", exact=True).locator("xpath=ancestor::*[@role='tablist']")
+    assert sheet.bounding_box()["width"] > 0.9 * PHONE[0], "the sheet uses the whole width"
+
+
+TYPE = f"<style>{STYLE.read_text(encoding='utf-8')}</style>"  # of type
+
+
+def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_them(browser):
+    narrow = browser.new_page(viewport={"width": 340, "height": 720})  # as narrow as a panel
+    words = "the residual of 10 of 63 microphones is large: " + "one cause, or another; " * 20
+    odd = "nothing speaks against the positions of the other microphones; one sigma 0.45 mm; faulty: microphone 20: "
+    faults = (ChannelFault("20", "inverted"), ChannelFault("45", "dead"))
+    one, two = (Channels(*np.zeros((5, 50)), faults[:count]) for count in (1, 2))
+    mismatch = {"evidence": Evidence(1.0, leave_one_out_db=-9.0)}
+    shown = [None, assessment("good", "short"), assessment("model_mismatch", words, **mismatch)]
+    heights = []
+    for found in (*shown, assessment("model_mismatch", words, channels=one, **mismatch)):
+        narrow.set_content(f"{TYPE}<div id='box'>{verdict_html(found, pending=True)}</div>")
+        heights.append(narrow.locator("#box").bounding_box()["height"])
+    narrow.locator("summary").click()
+    assert words.strip() in narrow.locator("summary").inner_text() and narrow.get_by_text("-9.0 dB").is_visible()
+    opened = narrow.locator("#box").bounding_box()["height"]
+    assert np.ptp(heights) < 1 and opened > heights[0] + 100, heights
+    hidden = []
+    for channels in (None, two):
+        line = verdict_html(assessment("good", f"{odd}inverted; microphone 45: dead", channels=channels))
+        narrow.set_content(
+            f"{TYPE}<body style='margin: 0; font: 14px DejaVu Sans, sans-serif'>{line}</body>"
+        )  # as viser's
+        text = narrow.locator("summary div").first
+        hidden.append(text.evaluate("words => words.scrollHeight > words.clientHeight + 2"))
+    assert hidden == [True, False], "the names of two odd channels are seen without a click"
+    narrow.close()
+
+
 @pytest.fixture(scope="module")
 def page(opened):
+    sized(opened, DESKTOP)
     press(opened, "Explore")
     opened.locator("[data-region=bar] .first").wait_for()
     fills_the_window(opened)
@@ -81,7 +231,7 @@ def readable(page):
 
 def uncut(page):
     """No text of the bar is cut in a window of any size."""
-    for size in ((1440, 900), PHONE, DESKTOP):
+    for size in (LARGE, PHONE, DESKTOP):
         sized(page, size)
         page.wait_for_function(f"!{CUT}")
 
@@ -177,6 +327,8 @@ def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_
     sized(page, DESKTOP)
     press(page, step.choices[1])
     caption.get_by_text("Right.", exact=True).wait_for()
+    press(page, "Next step")
+    page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
     end = page.get_by_role("button", name="End lesson", exact=True).element_handle()
     press(page, "Restore settings")
     end.click()  # the answers above it go and come meanwhile, and it is still what it was
@@ -184,7 +336,7 @@ def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_
     page.locator("[data-do=state][max='1']").wait_for()
     page.wait_for_function("location.hash.includes('microphone=0')")
     press(page, "Lessons")
-    page.locator(f"[data-do='lesson={LESSON}']", has_text="step 1 of 3").wait_for()
+    page.locator(f"[data-do='lesson={LESSON}']", has_text="step 2 of 3").wait_for()
     page.keyboard.press("Escape")
 
 
@@ -225,9 +377,3 @@ def test_expert_has_the_panels_and_can_be_left(page):
     page.wait_for_function(f"({CUT_NAMES})().length == 0")
     press(page, "Explore")
     page.get_by_role("tab", name="Map").wait_for(state="hidden")
-
-
-def sized(page, size):
-    """Give the window a size, pixels."""
-    page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
-    page.wait_for_function(f"innerWidth == {size[0]} && innerHeight == {size[1]}")
