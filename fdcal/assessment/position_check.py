@@ -287,13 +287,6 @@ def size_ratio(found: np.ndarray, given: np.ndarray) -> float:
     return listed / own if min(own, listed) > 0 else 1.0
 
 
-def in_size_of(found, given) -> np.ndarray:
-    """Return positions `found` (N, D), metres, about their centre in the size of those `given`."""
-    x = np.asarray(found, float)
-    centre = x.mean(axis=0)
-    return centre + size_ratio(x, np.asarray(given, float)) * (x - centre)
-
-
 def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     """Return the comparison after the best motion as a whole, and in the size of the array found if that fits."""
     scale = size_ratio(found, given)

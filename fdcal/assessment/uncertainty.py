@@ -155,28 +155,6 @@ def diffuse_information(positions, wavenumbers, noise_fraction: float, dimension
 
 def position_bound(information: Information, prior: Prior) -> Bound:
     """Return the Cramer-Rao bound of the positions."""
-    x, P = information.positions, _covariance(information, prior)
-    N, D = x.shape
-    free = np.ones(N, bool)
-    free[prior.known] = False
-    blocks = np.einsum("nanb->nab", P.reshape(N, D, N, D))
-    # Linear deformations x -> x + B x of the array as a whole, fitted to the errors of the positions.
-    centred, axes = x - x.mean(axis=0), np.eye(D)
-    fit = np.kron(np.linalg.pinv(np.column_stack([centred, np.ones(N)]))[:D].T, axes)  # (N D, D D), of B^T
-    maps = [np.outer(axes[a], axes[b]) + np.outer(axes[b], axes[a]) for a in range(D) for b in range(a, D)]
-    maps = np.array([one / np.linalg.norm(one) for one in maps])
-    along = maps.reshape(len(maps), -1) @ fit.T
-    values, vectors = np.linalg.eigh(along @ P @ along.T)
-    size = centred.ravel() / np.sum(centred**2)
-    shapes = np.einsum("sm,sab->mab", vectors, maps)
-    sought = np.repeat(free, D)
-    of_sought = P[np.ix_(sought, sought)]
-    freedom = float(np.trace(of_sought) ** 2 / np.sum(of_sought**2))
-    return Bound(blocks, free, np.sqrt(np.maximum(values, 0.0)), shapes, float(np.sqrt(size @ P @ size)), freedom)
-
-
-def _covariance(information: Information, prior: Prior) -> np.ndarray:
-    """Return the covariance of all coordinates : (N D, N D), metres^2."""
     x = information.positions
     N, D = x.shape
     given = (D * np.asarray(prior.known, int)[:, None] + np.arange(D)).ravel()
@@ -194,7 +172,24 @@ def _covariance(information: Information, prior: Prior) -> np.ndarray:
     scale = 1 / np.sqrt(np.diag(F))
     values, vectors = np.linalg.eigh(scale[:, None] * F * scale)
     vectors = B @ (scale[:, None] * vectors / np.sqrt(np.maximum(values, MIN_EIGENVALUE * values[-1])))
-    return vectors[: N * D] @ vectors[: N * D].T
+    x, P = information.positions, (vectors[: N * D] @ vectors[: N * D].T)
+    N, D = x.shape
+    free = np.ones(N, bool)
+    free[prior.known] = False
+    blocks = np.einsum("nanb->nab", P.reshape(N, D, N, D))
+    # Linear deformations x -> x + B x of the array as a whole, fitted to the errors of the positions.
+    centred, axes = x - x.mean(axis=0), np.eye(D)
+    fit = np.kron(np.linalg.pinv(np.column_stack([centred, np.ones(N)]))[:D].T, axes)  # (N D, D D), of B^T
+    maps = [np.outer(axes[a], axes[b]) + np.outer(axes[b], axes[a]) for a in range(D) for b in range(a, D)]
+    maps = np.array([one / np.linalg.norm(one) for one in maps])
+    along = maps.reshape(len(maps), -1) @ fit.T
+    values, vectors = np.linalg.eigh(along @ P @ along.T)
+    size = centred.ravel() / np.sum(centred**2)
+    shapes = np.einsum("sm,sab->mab", vectors, maps)
+    sought = np.repeat(free, D)
+    of_sought = P[np.ix_(sought, sought)]
+    freedom = float(np.trace(of_sought) ** 2 / np.sum(of_sought**2))
+    return Bound(blocks, free, np.sqrt(np.maximum(values, 0.0)), shapes, float(np.sqrt(size @ P @ size)), freedom)
 
 
 def covariance_of(estimate: Estimate) -> np.ndarray:

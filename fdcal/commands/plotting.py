@@ -43,17 +43,6 @@ def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
     return healthy_microphones(free if len(free) else everything, inputs.measurement.names, found)
 
 
-def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> np.ndarray:
-    """Return what a step of solver descent on microphone `n` minimises: the sum over the lowest modes : (ny, nx)."""
-    from ..solvers.descent import order_offset_of  # compiled code, which other commands do not need
-
-    problem, settings = inputs.measurement.problem(inputs.settings.weights), inputs.settings
-    offset = order_offset_of(settings, modes)
-    require_plane_field(problem)
-    require_modes(problem, offset, modes)
-    return descent_maps(problem, positions, n, range(1, modes + 1), offset, settings.known_weight).sum(axis=0)
-
-
 def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
     """Return the cost of moving microphone `n` of an array in space (N, 3) through the search domain, as on the page.
 
@@ -95,7 +84,15 @@ def map_of(
         if not basins:
             return {"volume": sliced(drawn_volume(sampled), sampled, axis, through)}
         return {"volume": basin_slice(basins_of(sampled.cost), sampled.search, axis, through, sampled.minima, *place)}
-    cost, search = summed_landscape(inputs, positions, n, modes), measurement.search
+    from ..solvers.descent import order_offset_of  # compiled code, which other commands do not need
+
+    problem, settings = inputs.measurement.problem(inputs.settings.weights), inputs.settings
+    offset = order_offset_of(settings, modes)
+    require_plane_field(problem)
+    require_modes(problem, offset, modes)
+    # what a step of descent minimises
+    maps = descent_maps(problem, positions, n, range(1, modes + 1), offset, settings.known_weight)
+    cost, search = maps.sum(axis=0), measurement.search
     minima = minima_of(cost, search)
     if not basins:
         return {"floor": cost_floor(cost, search, log=True, minima=minima)}

@@ -44,13 +44,14 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
 
 def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     """Return how the positions found differ from those in the measurement, which has some."""
-    from ..assessment.position_check import compare_positions, in_size_of
+    from ..assessment.position_check import compare_positions, size_ratio
 
-    measurement = inputs.measurement
-    positions = result.positions if result.room is None else result.positions_for(measurement)
-    if _size_is_open(inputs, result):
-        positions = in_size_of(positions, measurement.positions)
-    return compare_positions(positions, measurement.positions, _frame(inputs))
+    listed = np.asarray(inputs.measurement.positions)
+    positions = result.positions if result.room is None else result.positions_for(inputs.measurement)
+    if _size_is_open(inputs, result):  # about their centre in the size of the list
+        centre = positions.mean(axis=0)
+        positions = centre + size_ratio(positions, listed) * (positions - centre)
+    return compare_positions(positions, listed, _frame(inputs))
 
 
 UNITS_APART = 2.0  # factor of size from which a list is in another unit, whatever the array found is worth

@@ -132,21 +132,17 @@ class SpaceLattice:
         wavelength = 2 * np.pi / float(self._k[numbers].max())
         max_stride = min(wavelength * SPACING / self._search.step, (self._shape.min() - 1) / (MIN_COARSE - 1))
         everything, stride = np.arange(len(numbers)), 2 ** max(int(np.log2(max(max_stride, 1.0))), 0)
-        seeds = [self._search.index(start), *self._coarse(cost, stride, everything)]
+        coarse = _grid([np.unique(np.append(np.arange(0, count, stride), count - 1)) for count in self._shape.tolist()])
+        sums = np.zeros(len(coarse))
+        for some in np.array_split(everything, min(QUARTERS, len(everything))):
+            if len(coarse) > MIN_KEPT and some[0] > 0:
+                kept = np.argsort(sums, kind="stable")[: max(len(coarse) // 2, MIN_KEPT)]
+                coarse, sums = coarse[kept], sums[kept]
+            sums = sums + cost(coarse, some)
+        seeds = [self._search.index(start), *coarse[np.argsort(sums, kind="stable")[:SEEDS]]]
         found = [self._refined(functools.partial(cost, part=everything), seed, stride) for seed in seeds]
         index, least = min(found, key=lambda one: one[1])
         return self._place(index), least
-
-    def _coarse(self, cost: Callable[..., np.ndarray], stride: int, modes: np.ndarray) -> np.ndarray:
-        """Return the indices of the best coarse candidates : (S, 3) int64."""
-        index = _grid([np.unique(np.append(np.arange(0, count, stride), count - 1)) for count in self._shape.tolist()])
-        total = np.zeros(len(index))
-        for part in np.array_split(modes, min(QUARTERS, len(modes))):
-            if len(index) > MIN_KEPT and part[0] > 0:
-                kept = np.argsort(total, kind="stable")[: max(len(index) // 2, MIN_KEPT)]
-                index, total = index[kept], total[kept]
-            total = total + cost(index, part)
-        return index[np.argsort(total, kind="stable")[:SEEDS]]
 
     def _refined(self, cost: Callable[..., np.ndarray], index: np.ndarray, stride: int) -> tuple[np.ndarray, float]:
         """Return the candidate that neighbours at ever smaller distances lead to, and its cost."""

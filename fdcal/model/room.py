@@ -86,11 +86,6 @@ class Room:
     # In a scene file, `room = "NAME"` is short for a table with this key alone
     response: str | None = None
 
-    @classmethod
-    def from_text(cls, text: str) -> Room:
-        """Return the measured room whose response has this name or path."""
-        return cls(response=text)
-
     @staticmethod
     def optional(table: dict[str, Any]) -> tuple[str, ...]:
         """Return the keys that a scene file may leave out."""

@@ -19,7 +19,6 @@ import difflib
 import math
 import os
 import typing
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -95,7 +94,7 @@ class Scene:
         tuple of str
         """
         room = table.get("room")
-        measured = isinstance(room, str) or (isinstance(room, dict) and "response" in room)
+        measured = isinstance(room, dict) and "response" in room
         boxed = measured or (isinstance(room, dict) and is_no_pair(room.get("size")))
         return "name", "title", "faults", *(("source",) if measured else ()), *(("search",) if boxed else ())
 
@@ -294,20 +293,6 @@ class MeasuredScene(Scene):
         return (*Scene.optional(table), "file", "remark")
 
 
-def load_measured_scene(table: Mapping[str, Any]) -> MeasuredScene:
-    """Return the scene of a measurement in a file, of a table with the KEYS, all texts; `remark` may be missing."""
-    for key, value in table.items():
-        if key not in KEYS:
-            problem = f"{key} has no meaning in a scene that is a measurement, of which nothing is simulated"
-            raise InputError(problem, "remove it", key=key)
-        if not isinstance(value, str):
-            raise InputError(f"{key} = {shown_literal(value)} must be a text", "write it in quotes", key=key)
-    file, remark = table["measurement"], table.get("remark", "")
-    return placeholder_scene(
-        load_measurement(file), table["name"], SolverSettings(), title=table["title"], file=file, remark=remark
-    )
-
-
 def placeholder_scene(
     measurement: Measurement,
     name: str,
@@ -397,7 +382,16 @@ def load_scene(path: str | Path) -> Scene:
     (1.68, 1.2)
     """
     table = scene_table(path)
-    return load_measured_scene(table) if isinstance(table.get("measurement"), str) else build(Scene, table)
+    if not isinstance(table.get("measurement"), str):
+        return build(Scene, table)
+    for key, value in table.items():
+        if key not in KEYS:
+            problem = f"{key} has no meaning in a scene that is a measurement, of which nothing is simulated"
+            raise InputError(problem, "remove it", key=key)
+        if not isinstance(value, str):
+            raise InputError(f"{key} = {shown_literal(value)} must be a text", "write it in quotes", key=key)
+    file, words = table["measurement"], {"title": table["title"], "remark": table.get("remark", "")}
+    return placeholder_scene(load_measurement(file), table["name"], SolverSettings(), file=file, **words)
 
 
 def scene_table(path: str | Path) -> dict[str, Any]:
@@ -410,9 +404,10 @@ def scene_table(path: str | Path) -> dict[str, Any]:
     folder, room = path.resolve().parent, table.get("room")
     if isinstance(table.get("measurement"), str):
         table["measurement"] = str(folder / table["measurement"])
-    text = room.get("response") if isinstance(room, dict) else room
-    if isinstance(text, str) and is_response_file(text):
-        table["room"] = {**room, "response": str(folder / text)} if isinstance(room, dict) else str(folder / text)
+    if isinstance(room, str):
+        room = table["room"] = {"response": room}
+    if isinstance(room, dict) and isinstance(room.get("response"), str) and is_response_file(room["response"]):
+        table["room"] = {**room, "response": str(folder / room["response"])}
     return table
 
 

@@ -365,8 +365,8 @@ def build(cls: Any, table: dict[str, Any], prefix: str = "", whole: str = "scene
     """Return a dataclass with the values of a table; its `check` is left to the class.
 
     Defaults apply in Python alone. A table must give every field except those that the class lists in OPTIONAL, or in
-    `optional(table)` where that depends on other keys, so that no constant of a run is hidden in code. A class with
-    `from_text(text)` may be given as a text. `prefix`, as "room.", and `whole`, the file, are words of the messages.
+    `optional(table)` where that depends on other keys, so that no constant of a run is hidden in code.
+    `prefix`, as "room.", and `whole`, the file, are words of the messages.
     """
     fields = [field.name for field in dataclasses.fields(cls)]
     for given in table:
@@ -391,8 +391,6 @@ def _built(kind: Any, value: Any, key: str, whole: str) -> Any:
         return tuple(_built(one, entry, f"{key}[{i}]", whole) for i, entry in enumerate(value, 1))
     if not dataclasses.is_dataclass(bare):
         return convert(value, kind, key)
-    if isinstance(value, str) and hasattr(bare, "from_text"):
-        return typing.cast(Any, bare).from_text(value)
     if not isinstance(value, dict):
         problem = f"{key} = {shown_literal(value)} must be a table"
         raise InputError(problem, f"write it as [{key}]", key=key, value=value)

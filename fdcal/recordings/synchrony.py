@@ -104,7 +104,9 @@ def channel_delays(recording: Recording) -> ChannelDelays | None:
         return None
     step = recording.samples / count
     span, best = min(step, rules.longest * fs), np.full((N, count), np.nan)
-    for reference in _references(recording):
+    level = np.sum(read_samples(recording, 0, min(recording.samples, 100_000)) ** 2, axis=1)
+    order = np.argsort(level, kind="stable").tolist()
+    for reference in dict.fromkeys(order[int(q * N)] for q in rules.references):  # of some quantiles of the level
         delays = _against(recording, reference, np.arange(count) * step, span)
         known = np.isfinite(delays)
         best = delays if known.sum() > np.isfinite(best).sum() else best
@@ -121,13 +123,6 @@ def channel_delays(recording: Recording) -> ChannelDelays | None:
 def _median(values: np.ndarray) -> float:
     """Return the median of the finite values; 0 of none."""
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0
-
-
-def _references(recording: Recording) -> list[int]:
-    """Return the channels of some quantiles of the level at the beginning."""
-    level = np.sum(read_samples(recording, 0, min(recording.samples, 100_000)) ** 2, axis=1)
-    order = np.argsort(level, kind="stable").tolist()
-    return list(dict.fromkeys(order[int(q * recording.count)] for q in SYNCHRONY.references))
 
 
 def _against(recording: Recording, reference: int, starts: np.ndarray, span: float) -> np.ndarray:

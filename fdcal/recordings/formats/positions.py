@@ -8,6 +8,7 @@
 
 import csv
 import io
+import itertools
 import json
 import math
 import re
@@ -107,20 +108,17 @@ def read_xml(path: str | Path) -> tuple[list[str], np.ndarray]:
         raise InputError(f"{path} is not valid XML: {shown(str(error))}", key="positions", value=str(path)) from error
     if not elements:
         raise InputError(f"{path} holds no <pos> inside its first element", "give a geometry of Acoular")
-    places = [[_metres(path, element, axis, row) for axis in "xyz"] for row, element in enumerate(elements)]
+    places = np.zeros((len(elements), 3))
+    for (row, element), (column, axis) in itertools.product(enumerate(elements), enumerate("xyz")):
+        text = element.get(axis, "0" if axis == "z" else "")
+        places[row, column] = float(text) if NUMBER.fullmatch(text.strip()) else math.nan
+        if not math.isfinite(places[row, column]):
+            problem = f'{path}: {axis} = "{shown(text)}" of microphone {row} is no number'
+            raise InputError(problem, "give metres", key="positions", value=text)
     names = [element.get("Name", "") for element in elements]
     if "" in names or len(set(names)) < len(names):
         names = [str(row) for row in range(len(elements))]
-    return names, np.array(places)
-
-
-def _metres(path: str | Path, element: tree.Element, axis: str, row: int) -> float:
-    text = element.get(axis, "0" if axis == "z" else "")
-    value = float(text) if NUMBER.fullmatch(text.strip()) else math.nan
-    if not math.isfinite(value):
-        problem = f'{path}: {axis} = "{shown(text)}" of microphone {row} is no number'
-        raise InputError(problem, "give metres", key="positions", value=text)
-    return value
+    return names, places
 
 
 def _write_columns(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:

@@ -50,9 +50,10 @@ def values_of(file, path: Path, name: str) -> np.ndarray:
     return values
 
 
-def cartesian(file, path: Path, name: str) -> np.ndarray:
-    """Return a position or direction as x, y, z along axis 1 : (I or M or R, 3, ...) float64, metres."""
+def cartesian(file, path: Path, name: str, count: int | None = None) -> np.ndarray:
+    """Return a position or direction as x, y, z along axis 1, for each of `count` : (count, 3, ...) float64, metres."""
     values = values_of(file, path, name)
+    values = values if count is None else each_of(values, path, name, count)
     if values.ndim < 2 or values.shape[1] != 3:
         raise InputError(f'{path}: "{name}" has shape {values.shape}', "give each position three coordinates", key=name)
     variable = file.variables[name]
@@ -70,22 +71,17 @@ def cartesian(file, path: Path, name: str) -> np.ndarray:
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), radius * np.sin(elevation)], axis=1)
 
 
-def positions_of(file, path: Path, name: str, count: int) -> np.ndarray:
-    """Return `cartesian` for each of `count`."""
-    return each_of(cartesian(file, path, name), path, name, count)
-
-
 def receiver_positions(file, path: Path, measurements: int, receivers: int) -> np.ndarray:
     """Return where each receiver stood in each measurement : (M, R, 3) float64, metres."""
-    listener = positions_of(file, path, "ListenerPosition", measurements)
+    listener = cartesian(file, path, "ListenerPosition", measurements)
     local = cartesian(file, path, "ReceiverPosition")
     if local.ndim == 2:
         local = local[:, :, None]
     local = each_of(local, path, "ReceiverPosition", receivers)
     local = each_of(np.moveaxis(local, 2, 0), path, "ReceiverPosition", measurements)  # (M, R, 3)
     if "ListenerView" in file.variables and "ListenerUp" in file.variables:
-        view = positions_of(file, path, "ListenerView", measurements)
-        up = positions_of(file, path, "ListenerUp", measurements)
+        view = cartesian(file, path, "ListenerView", measurements)
+        up = cartesian(file, path, "ListenerUp", measurements)
         side = np.cross(up, view)
         axes = np.stack([view, side, np.cross(view, side)], axis=1)
         length = np.linalg.norm(axes, axis=2, keepdims=True)
@@ -104,7 +100,7 @@ def each_of(values: np.ndarray, path: Path, name: str, count: int) -> np.ndarray
 
 def sources_of(file, path: Path, measurements: int) -> np.ndarray:
     """Return the place of the source of each measurement : (M,) int64; places count in the order of the file."""
-    places = positions_of(file, path, "SourcePosition", measurements)
+    places = cartesian(file, path, "SourcePosition", measurements)
     firsts, member = list[np.ndarray](), list[int]()
     for place in places:
         near = [g for g, first in enumerate(firsts) if np.linalg.norm(place - first) < SAME_POSITION]
