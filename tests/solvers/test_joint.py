@@ -90,25 +90,25 @@ def test_noise_costs_accuracy_in_proportion_and_loses_no_array(snr_db, rms_mm, k
     assert np.sqrt(np.mean(position_errors(placed, TRUTH) ** 2)) < 1e-3 * rms_mm
 
 
-def test_unreported_noise_is_estimated():
+def test_noise_is_estimated_unless_it_is_reported_and_a_given_snr_overrides_what_is_reported():
+    """One that is within a factor of what is seen is taken as it is."""
     reported = measured(TRUTH, KNOWN, snr_db=20, seed=2)
-    for measurement, settings in (
-        (replace(reported, noise_power=None), SETTINGS),
-        (replace(reported, noise_power=30 * reported.noise_power), replace(SETTINGS, noise="auto")),
-    ):
-        last = solve(measurement, settings)[-1]
+    power = np.mean(np.abs(reported.pressures) ** 2, axis=1)
+    wrong = [replace(reported, noise_power=factor * reported.noise_power) for factor in (1.5, 30.0)]
+    given, own, auto, none = (
+        solve(*of)[-1]
+        for of in (
+            (wrong[0], replace(SETTINGS, noise="20")),
+            (wrong[0], SETTINGS),
+            (wrong[1], replace(SETTINGS, noise="auto")),
+            (replace(reported, noise_power=None), SETTINGS),
+        )
+    )
+    np.testing.assert_allclose(given.model.noise, 1 / 101, rtol=1e-12)
+    np.testing.assert_allclose(own.model.noise, wrong[0].noise_power / power, rtol=1e-9)
+    for last in (auto, none):
         assert last.model.noise_fraction == pytest.approx(1e-2, rel=0.4)
         assert np.sqrt(np.mean(position_errors(last.positions, TRUTH) ** 2)) < 0.04
-
-
-def test_a_given_snr_overrides_the_noise_of_the_measurement():
-    """One that is within a factor of what is seen is taken as it is; the measurement reports another."""
-    measurement = measured(TRUTH, KNOWN, snr_db=20, seed=2)
-    wrong = replace(measurement, noise_power=1.5 * measurement.noise_power)
-    reported, given = (solve(wrong, replace(SETTINGS, noise=noise))[-1].model.noise for noise in ("reported", "20"))
-    power = np.mean(np.abs(wrong.pressures) ** 2, axis=1)
-    np.testing.assert_allclose(given, 1 / 101, rtol=1e-12)
-    np.testing.assert_allclose(reported, wrong.noise_power / power, rtol=1e-9)
 
 
 def test_a_rigid_motion_of_the_known_microphones_moves_the_answer_with_it_and_not_them():
