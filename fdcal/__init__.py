@@ -57,6 +57,7 @@ METHODS = {
     "model.measurement:Measurement": {"from_pyfar": "recordings.export:measurement_of_pyfar"},
 }
 STATIC = {"from_json", "from_pyfar", "load"}  # of these: without an instance
+RETURNED = {"landscape": "cost.maps:LandscapePanels"}  # by functions whose modules do not import their class
 
 __all__ = [
     "Calibration", "InputError", "Measurement", "Scene", "StorageError", "calibrate", "compare_positions",
@@ -73,7 +74,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = _resolved(PUBLIC[name])
     for target, methods in METHODS.items():
-        if f"{__name__}.{target.partition(':')[0]}" in sys.modules:
+        if target == RETURNED.get(name) or f"{__name__}.{target.partition(':')[0]}" in sys.modules:
             for method in methods:
                 _bind(_resolved(target), method, methods[method])
     globals()[name] = value  # found directly from now on

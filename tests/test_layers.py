@@ -92,10 +92,12 @@ def modules_of(path: Path) -> set[str]:
     return found - {name_of(path), ""}
 
 
-def test_the_packages_are_those_of_the_plan():
+def test_the_packages_are_those_of_the_plan_and_none_asks_the_root():
     folders = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
     assert folders == set(PACKAGES)
     assert {path.name for path in PACKAGE.glob("*.py")} == {"__init__.py", "__main__.py"}
+    public = {"fdcal", *(f"fdcal.{name}" for name in fdcal.PUBLIC)}
+    assert not [name_of(path) for path in INSIDE if imports(path) & public]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -121,11 +123,6 @@ def test_a_library_stays_in_its_home():
         for library in {one.partition(".")[0] for one in imports(path)} & set(HOMES):
             homes = HOMES[library]
             assert any(f"{name}.".startswith(f"{home}.") for home in homes), f"{name}: {library} belongs in {homes}"
-
-
-def test_no_module_asks_the_package_root():
-    public = {"fdcal", *(f"fdcal.{name}" for name in fdcal.PUBLIC)}
-    assert not [name_of(path) for path in INSIDE if imports(path) & public]
 
 
 @pytest.mark.parametrize(

