@@ -128,8 +128,11 @@ def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndar
         shapes = shapes * (psi[..., :-1] * psi[..., -1:])[:, numbers]
     gamma = np.sqrt(squares - k[:, None] ** 2 + 0j)[..., None]
     heights, level = np.unique(positions[:, -1], return_inverse=True)  # few in a lattice
-    ends = (heights, source[-1:]) if heights[0] < source[-1] else (source[-1:], heights)
-    g = _between(room, lengths[-1], k[:, None, None], gamma, *ends)
+    low, high = (heights, source[-1:]) if heights[0] < source[-1] else (source[-1:], heights)
+    h, length = 1j * k[:, None, None] * room.admittance, lengths[-1]
+    R = -1.0 if room.walls == "pressure-release" else (gamma - h) / (gamma + h)
+    echoes = (1 + R * np.exp(-2 * gamma * low)) * (1 + R * np.exp(-2 * gamma * (length - high)))
+    g = np.exp(-gamma * (high - low)) * echoes / (2 * gamma * (1 - R**2 * np.exp(-2 * gamma * length)))
     return np.sum(shapes * g[..., level], axis=1)
 
 
@@ -172,11 +175,3 @@ def _absorbed(rigid: np.ndarray, length: float, h: complex) -> np.ndarray:
         problem = f"room.admittance is too high for a sum over modes (|h| = {abs(h):.3g} 1/m)"
         raise InputError(problem, "use a lower one", key="room.admittance")
     return kappa
-
-
-def _between(room: Room, length: float, k, gamma, low, high) -> np.ndarray:
-    """Return g of every wavenumber, term and pair of ends, each (N,) or (1,), low <= high : (M, T, N) complex128, m."""
-    h = 1j * k * room.admittance
-    R = -1.0 if room.walls == "pressure-release" else (gamma - h) / (gamma + h)
-    echoes = (1 + R * np.exp(-2 * gamma * low)) * (1 + R * np.exp(-2 * gamma * (length - high)))
-    return np.exp(-gamma * (high - low)) * echoes / (2 * gamma * (1 - R**2 * np.exp(-2 * gamma * length)))

@@ -49,32 +49,19 @@ class Grid:
 
 
 def make_grid(room: Room, sample_rate: float) -> Grid:
-    """Return the coefficients of the scheme; InputError above the stability limit, or for three dimensions."""
-    courant = room.sound_speed / (sample_rate * room.cell_size)
-    if courant > math.sqrt(0.5) * (1 + 1e-12):
-        least = math.ceil(math.sqrt(2) * room.sound_speed / room.cell_size)
-        why = f"breaks the CFL limit for room.cell = {room.cell:g} m"
-        raise refusal("source.sample_rate", sample_rate, why, f"use at least {least} Hz", "Hz")
-    mask = cell_mask(room)
-    neighbours = neighbour_sum(mask.astype(float)) * mask
-    faces = 4 * mask - neighbours
-    return Grid(
-        mask=mask,
-        courant=courant,
-        stiffness=neighbours + (2 * faces if room.walls == "pressure-release" else 0),
-        loss=0.5 * courant * room.admittance * faces,
-    )
+    """Return the coefficients of the scheme for the cells whose centres are inside the room.
 
-
-def cell_mask(room: Room) -> np.ndarray:
-    """Return the cells whose centre lies inside the room : (ny, nx) bool array, x along the rows; one piece.
-
-    InputError unless walls parallel to an axis lie on cell faces, and none left of or below the origin.
+    InputError above the stability limit, in three dimensions, for a room in several pieces or with a coordinate below
+    0, and unless walls parallel to an axis lie on cell faces.
     """
     from scipy.ndimage import label  # takes half a second to load, which reading a cached simulation does not need
 
-    key = "room.size" if room.size else "room.outline"
-    corners, h = room.vertices, room.cell_size
+    h, corners, key = room.cell_size, room.vertices, "room.size" if room.size else "room.outline"
+    courant = room.sound_speed / (sample_rate * h)
+    if courant > math.sqrt(0.5) * (1 + 1e-12):
+        least = math.ceil(math.sqrt(2) * room.sound_speed / h)
+        why = f"breaks the CFL limit for room.cell = {h:g} m"
+        raise refusal("source.sample_rate", sample_rate, why, f"use at least {least} Hz", "Hz")
     if corners.min() < 0:
         problem = f"{key} has a coordinate of {corners.min():g} m"
         raise InputError(problem, "shift the scene so that none is below 0", key=key)
@@ -85,14 +72,21 @@ def cell_mask(room: Room) -> np.ndarray:
             below, above = (f(cells) * h for f in (math.floor, math.ceil))
             problem = f"{key} has a wall at {value:g} m, which is not a whole number of cells of room.cell = {h:g} m"
             raise InputError(problem, f"use {below:g} or {above:g} m, or a cell that divides it", key=key, value=value)
-    nx, ny = (math.ceil(length / h - FACE_TOLERANCE) for length in room.vertices.max(axis=0))
+    nx, ny = (math.ceil(length / h - FACE_TOLERANCE) for length in corners.max(axis=0))
     centres = np.stack(np.meshgrid((np.arange(nx) + 0.5) * h, (np.arange(ny) + 0.5) * h), axis=-1)
-    mask = in_polygon(centres, room.vertices)
+    mask = in_polygon(centres, corners)
     _, pieces = label(mask)  # pyright: ignore[reportGeneralTypeIssues, reportAssignmentType]
     if pieces != 1:
         what = f"falls into {pieces} pieces" if pieces else "holds no cell centre"
         raise InputError(f"{key} {what} with room.cell = {h:g} m", "use a smaller cell or another outline", key=key)
-    return mask
+    neighbours = neighbour_sum(mask.astype(float)) * mask
+    faces = 4 * mask - neighbours
+    return Grid(
+        mask=mask,
+        courant=courant,
+        stiffness=neighbours + (2 * faces if room.walls == "pressure-release" else 0),
+        loss=0.5 * courant * room.admittance * faces,
+    )
 
 
 def neighbour_sum(p: np.ndarray) -> np.ndarray:

@@ -102,22 +102,17 @@ def _owners(error: click.NoSuchOption) -> str:
     return f"; it is an option of {', '.join(owners)}" if owners else ""
 
 
-def flush_output() -> None:
-    """Write what is left of standard output; OSError where nobody reads it, and nothing is left for Python to write."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        with contextlib.suppress(OSError, ValueError, AttributeError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise
-
-
 def main(args: list[str] | None = None) -> None:
     """Run a command and exit with its code."""
     given, debug = without_debug(sys.argv[1:] if args is None else args)
     with guarded(debug) as end, one_blas_thread_for_command():
         end.code = commands.main(args=given, prog_name="fdcal", standalone_mode=False) or 0
-        flush_output()
+        try:
+            sys.stdout.flush()
+        except OSError:  # nobody reads it: nothing is left for Python to write
+            with contextlib.suppress(OSError, ValueError, AttributeError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise
     sys.exit(end.code)
 
 
@@ -201,15 +196,6 @@ def check_address(host: str, port: int) -> bool:
     return ipaddress.ip_address(str(place[0]).split("%")[0]).is_loopback
 
 
-def address_warning(host: str, port: int) -> str:
-    """Return a warning for an address that other machines can reach, with a safer way."""
-    port = port or 8080
-    return (
-        f"The page at {host} can be opened and used by anyone who reaches this machine: there is no password.\n"
-        f"Safer: leave out --host, and on the other machine run  ssh -L {port}:127.0.0.1:{port} USER@THIS-MACHINE"
-    )
-
-
 def open_page(url: str) -> None:
     """Open `url` in a browser; do nothing without a screen, where a text browser would start."""
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
@@ -235,9 +221,13 @@ def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_brows
 
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
     request = None if scene is None else opt.open_request_of(scene)
-    only_here = check_address(host, port)
-    if not only_here:
-        print(address_warning(host, port), file=sys.stderr)
+    if not check_address(host, port):  # other machines can reach it
+        tunnel = f"{port or 8080}:127.0.0.1:{port or 8080}"
+        print(
+            f"The page at {host} can be opened and used by anyone who reaches this machine: there is no password.\n"
+            f"Safer: leave out --host, and on the other machine run  ssh -L {tunnel} USER@THIS-MACHINE",
+            file=sys.stderr,
+        )
 
     def on_ready(url: str) -> None:
         print(url, flush=True)

@@ -181,13 +181,11 @@ def _part(setting: LessonSetting, problem: Problem) -> dict:
         "view": None if setting.view is None else CAMERAS[setting.view],
     }
     part = {name: value for name, value in values.items() if value is not None}
-    if setting.map_modes is not None:
-        part["modes"] = None if setting.map_modes == SOLVER else _range(setting.map_modes, problem)
+    if (text := setting.map_modes) == SOLVER:
+        part["modes"] = None
+    elif text is not None:
+        modes = parse_modes(text, len(problem.frequencies))
+        if modes != tuple(range(modes[0], modes[-1] + 1)):
+            raise InputError(f'map_modes = "{text}" has gaps', "give one range, as 1-20", key="map_modes", value=text)
+        part["modes"] = [modes[0], modes[-1]]
     return part
-
-
-def _range(text: str, problem: Problem) -> list[int]:
-    modes = parse_modes(text, len(problem.frequencies))
-    if modes != tuple(range(modes[0], modes[-1] + 1)):
-        raise InputError(f'map_modes = "{text}" has gaps', "give one range, as 1-20", key="map_modes", value=text)
-    return [modes[0], modes[-1]]

@@ -51,22 +51,18 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     searched = replace(measurement, search=search_around(positions, measurement.search))
     problem = searched.problem(inputs.settings.weights)
     panels = landscape_panels(problem, positions, n, modes, inputs.settings.order_offset)
-    content = _landscape_bytes(path.suffix.lower(), panels, measurement, basins)
+    if path.suffix.lower() == ".vti":
+        from ..graphics.exports import landscape_vti
+
+        content = landscape_vti(panels, basins=basins).encode()
+    else:
+        from ..graphics.landscape import draw_landscape, figure_bytes
+
+        truth = None if measurement.positions is None else measurement.positions[n]
+        content = figure_bytes(draw_landscape(panels, truth, basins=basins), path.suffix.lower()[1:])
     write_atomically(path, lambda file: file.write_bytes(content), force)
     x, y = panels.minima[-1]
     print(f"{path}: microphone {n}, least cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
-
-
-def _landscape_bytes(suffix: str, panels, measurement, basins: bool) -> bytes:
-    """Return panels in the format of a suffix."""
-    if suffix == ".vti":
-        from ..graphics.exports import landscape_vti
-
-        return landscape_vti(panels, basins=basins).encode()
-    from ..graphics.landscape import draw_landscape, figure_bytes
-
-    truth = None if measurement.positions is None else measurement.positions[panels.microphone]
-    return figure_bytes(draw_landscape(panels, truth, basins=basins), suffix[1:])
 
 
 @click.command()

@@ -296,7 +296,12 @@ def descent_path(cost: np.ndarray, search: Search, basins: Basins, place: Reals)
             if lower < level and basins.labels[_nearest(there)] == own:
                 return there, lower
             stride /= 2
-        return _nearest_lower(cost, basins.labels == own, at, level, REACH if own == OUTSIDE else np.inf)
+        lower = np.argwhere((basins.labels == own) & (cost < level))  # at a shallow minimum: the nearest lower point
+        away = np.linalg.norm(lower - at, axis=1)
+        if not len(lower) or away.min() > (REACH if own == OUTSIDE else np.inf):
+            return None
+        found = lower[int(away.argmin())]
+        return found.astype(float), float(cost[tuple(found)])
 
     points, costs = [here], [height(here)]
     while len(points) < MAX_STEPS and (step := step_from(points[-1], costs[-1])) is not None:
@@ -307,15 +312,3 @@ def descent_path(cost: np.ndarray, search: Search, basins: Basins, place: Reals)
 
 def _nearest(place: Reals) -> tuple[int, ...]:
     return tuple(np.rint(place).astype(int))
-
-
-def _nearest_lower(
-    cost: np.ndarray, inside: np.ndarray, place: Reals, level: float, reach: float
-) -> tuple[Reals, float] | None:
-    """The nearest point of a basin whose cost is below `level`, no farther than `reach`, and its cost; or None."""
-    lower = np.argwhere(inside & (cost < level))
-    away = np.linalg.norm(lower - place, axis=1)
-    if not len(lower) or away.min() > reach:
-        return None
-    found = lower[int(away.argmin())]
-    return found.astype(float), float(cost[tuple(found)])

@@ -58,32 +58,6 @@ class SdmResponse:
 
 def load_sdm_response(path: str | Path) -> SdmResponse:
     """Return the response in a .mat file with `p`, `azi_rad`, `ele_rad` and `fs`, from the direct sound on."""
-    pressure, azimuth, elevation, sample_rate = _variables(Path(path))
-    start = direct_sound(pressure, str(path))
-    # The sound of a room dies away. If the last samples are louder than the quietest ones after the direct sound, they
-    # are the beginning of the response, from a circular deconvolution, and the waves of the file are in a wrong order.
-    segments = min(SEGMENTS, len(pressure) - start)
-    peaks = np.array([np.abs(part).max() for part in np.array_split(pressure[start:], segments)])
-    if len(pressure) - start < len(pressure) / 2 or peaks[-1] > END_PEAK * peaks.min():
-        problem = f"{path}: the response wraps round: its beginning is at the end of the file"
-        remedy = "shift it so that it begins with the direct sound, and take the silence before it off the end"
-        raise InputError(problem, remedy, key="p")
-    across = np.cos(elevation)
-    directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)], axis=1)
-    times = np.arange(len(pressure)) / sample_rate
-    return SdmResponse(pressure[start:], directions[start:], times[start:], sample_rate)
-
-
-def direct_sound(pressure: np.ndarray, path: str = "response") -> int:
-    """Return the first sample (T,) whose magnitude reaches a tenth of the peak; InputError for silence."""
-    level = np.abs(pressure)
-    if not level.max() > 0:
-        raise InputError(f"{path}: the response is silent", "measure it again", key="p")
-    return int(np.argmax(level >= DIRECT_SOUND * level.max()))
-
-
-def _variables(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return pressure, azimuth and elevation, each (T,), and the sampling rate of a file, checked."""
     limits = {"processor_seconds": PROCESSOR_SECONDS, "memory": BYTES}
     try:  # in a process of its own: a damaged file can crash SciPy's compiled reader
         table = libraries.call(read_arrays, read_bytes(path, LIMITS.unfolded), KEYS, **limits)
@@ -110,4 +84,24 @@ def _variables(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     if len(rate) != 1 or not low <= rate[0] <= high:
         problem = f"{path}: fs = {shown(rate.tolist())} is no sampling rate"
         raise InputError(problem, f"use {low:g} to {high:g} Hz", key="fs")
-    return pressure, azimuth, elevation, float(rate[0])
+    start = direct_sound(pressure, str(path))
+    # The sound of a room dies away. If the last samples are louder than the quietest ones after the direct sound, they
+    # are the beginning of the response, from a circular deconvolution, and the waves of the file are in a wrong order.
+    segments = min(SEGMENTS, len(pressure) - start)
+    peaks = np.array([np.abs(part).max() for part in np.array_split(pressure[start:], segments)])
+    if len(pressure) - start < len(pressure) / 2 or peaks[-1] > END_PEAK * peaks.min():
+        problem = f"{path}: the response wraps round: its beginning is at the end of the file"
+        remedy = "shift it so that it begins with the direct sound, and take the silence before it off the end"
+        raise InputError(problem, remedy, key="p")
+    across = np.cos(elevation)
+    directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)], axis=1)
+    times = np.arange(len(pressure)) / float(rate[0])
+    return SdmResponse(pressure[start:], directions[start:], times[start:], float(rate[0]))
+
+
+def direct_sound(pressure: np.ndarray, path: str = "response") -> int:
+    """Return the first sample (T,) whose magnitude reaches a tenth of the peak; InputError for silence."""
+    level = np.abs(pressure)
+    if not level.max() > 0:
+        raise InputError(f"{path}: the response is silent", "measure it again", key="p")
+    return int(np.argmax(level >= DIRECT_SOUND * level.max()))
