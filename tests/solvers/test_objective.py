@@ -4,9 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fields import measured
 from scipy.stats import multivariate_t, t
+from solving import rms_of_shape, saved_and_read, solved
 
 from fdcal.cost.likelihood import FieldModel
+from fdcal.model.measurement import Measurement
+from fdcal.model.settings import SolverSettings
+from fdcal.solvers import robust as solver
+from fdcal.solvers.robust.arrivals import Arrivals, arrivals_of, updated_sigma
 from fdcal.solvers.robust.objective import NU, Objective, Priors, Unknowns, free_directions
 
 COUNT, MODES = 7, 9
@@ -129,3 +135,147 @@ def test_exact_positions_are_no_prior_but_no_unknowns():
     assert not np.isin(index[KNOWN, :2], free).any() and np.isin(index[[1, 3, 4, 6], :2], free).all()
     assert np.isin(index[:, 2:4], free).all(), "their gains are sought"
     assert set(free) & set(index[:, 4:].ravel()) == set(index[:, 4:][here.channels[:, 2:] != 0])
+
+
+# Arrival times of the direct sound in the likelihood: laws of the term alone, then of a calibration with it.
+
+DISTANCES = np.array([1.0, 1.5, 2.5, 5.0, 1e4])  # m, of the sources
+
+
+def heard(positions, dimension, sigma=5e-3, scatter=1e-3, takes=5, seed=0):
+    """Arrivals of sources at several distances, one of them an outlier and one missing, and the sources."""
+    rng, (N, D) = np.random.default_rng(seed), positions.shape
+    sources = rng.normal(size=(takes, dimension))
+    sources *= (np.resize(DISTANCES, takes) / np.linalg.norm(sources, axis=1))[:, None]
+    x = np.pad(positions, ((0, 0), (0, dimension - D)))
+    paths = np.linalg.norm(x[None] - sources[:, None], axis=2) + scatter * rng.normal(size=(takes, N))
+    paths -= np.median(paths, axis=1, keepdims=True)
+    used = np.ones((takes, N), bool)
+    if scatter:
+        paths[1, 3] += 0.3
+        used[2, 5], paths[2, 5] = False, 0.0
+    return Arrivals(paths, used, np.full(takes, sigma), np.full(takes, 1e-3), dimension)
+
+
+def array(count=12, axes=3, seed=1):
+    return 0.2 * np.random.default_rng(seed).normal(size=(count, axes))
+
+
+@pytest.mark.parametrize(("axes", "dimension", "delayed"), [(3, 3, True), (2, 3, False), (2, 2, True)])
+def test_gradient_is_that_of_differences(axes, dimension, delayed):
+    """By the coordinates, the delays of the channels where there are any, and the sound speed."""
+    x = array(axes=axes)
+    arrivals = heard(x, dimension)
+    y, log_speed, h = x + 4e-3 * np.random.default_rng(2).normal(size=x.shape), 0.01, 1e-6
+    delays = 1e-3 * np.random.default_rng(5).normal(size=len(x)) * delayed
+    expected = np.zeros(x.size + delayed * len(x) + 1)
+
+    def cost(step) -> float:
+        later = delays + step[x.size : -1] if delayed else None
+        return arrivals.terms(y + step[: x.size].reshape(x.shape), log_speed + step[-1], False, later).cost
+
+    for i in range(len(expected)):
+        step = h * (np.arange(len(expected)) == i)
+        expected[i] = (cost(step) - cost(-step)) / (2 * h)
+    found = arrivals.terms(y, log_speed, True, delays if delayed else None)
+    assert np.allclose(found.gradient.sum(axis=0), expected, atol=1e-4 * np.abs(expected).max())
+    assert np.linalg.eigvalsh(found.matrix).min() > -1e-6 * np.linalg.eigvalsh(found.matrix).max()
+
+
+def test_an_array_that_is_moved_turned_and_mirrored_costs_the_same():
+    x, rng = array(), np.random.default_rng(3)
+    arrivals = heard(x, 3)
+    y = x + 4e-3 * rng.normal(size=x.shape)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag([1, 1, -1])
+    one, other = arrivals.terms(y), arrivals.terms(y @ turn.T + [3.0, -2.0, 1.0])
+    assert other.cost == pytest.approx(one.cost, rel=1e-7)
+    slopes = one.gradient[:, :-1].sum(axis=0).reshape(x.shape) @ turn.T
+    assert np.allclose(other.gradient[:, :-1].sum(axis=0).reshape(x.shape), slopes, atol=1e-4 * np.abs(slopes).max())
+
+
+def test_an_outlier_has_no_weight():
+    x = array()
+    terms = heard(x, 3, sigma=1e-3).terms(x)
+    assert terms.weight[1, 3] < 1e-3 * np.median(terms.weight)
+    assert np.all(terms.weight[2, 5] == 0)
+    assert np.abs(terms.residual[1, 3]) == pytest.approx(0.3, abs=5e-3)
+
+
+def test_scatter_and_sigma_are_those_of_the_times():
+    x = array(count=40)
+    arrivals = heard(x, 3, scatter=3e-3)
+    assert np.allclose(arrivals.scatter(x), np.hypot(1e-3, 3e-3), rtol=0.4)
+    sigma, none = arrivals.sigma, np.zeros((x.size + 1,) * 2)
+    for _ in range(20):
+        now = replace(arrivals, sigma=sigma)
+        sigma = updated_sigma(now, now.terms(x), none)
+    assert np.all((sigma > 1.5e-3) & (sigma < 4e-3))
+    wrong = replace(arrivals, paths=arrivals.paths + np.random.default_rng(5).uniform(0, 1, arrivals.paths.shape))
+    assert np.all(wrong.scatter(x) > 0.05)
+
+
+def test_a_take_with_too_few_arrivals_says_nothing():
+    problem = takes_of(2).problem(known="none")
+    times = np.array(problem.arrivals)
+    times[1, 3:] = np.nan
+    found = arrivals_of(replace(problem, arrivals=times), None)
+    assert found is not None and len(found.paths) == 1
+    assert arrivals_of(replace(problem, arrivals=0 * times + np.nan), None) is None
+
+
+def test_times_that_channels_delay_cost_nothing_at_these_delays():
+    x = array()
+    arrivals, delays = heard(x, 3, scatter=0.0), 0.02 * np.random.default_rng(3).normal(size=12)
+    late = replace(arrivals, paths=arrivals.paths + delays)
+    assert late.terms(x, 0.0, False, delays).cost == pytest.approx(arrivals.terms(x, 0.0, False).cost, abs=1e-9)
+    assert late.terms(x, 0.0, False).cost > 10
+
+
+SOURCES = ((5.47, 4.53), (0.61, 4.38), (0.52, 0.83), (5.23, 0.47))  # m, in a rigid room of 6 x 5 m
+
+
+def takes_of(count: int, snr_db: float = 15.0) -> Measurement:
+    """Takes of 20 microphones in a plane field with noise, with arrivals that are right to 1 mm."""
+    rng = np.random.default_rng(6)
+    x = np.array([2.0, 1.7]) + 1.2 * rng.uniform(size=(20, 2))
+    each = []
+    for seed, source in enumerate(SOURCES[:count]):
+        one = measured(x, (), snr_db=snr_db, seed=seed, source=source, modes=24)
+        times = (np.linalg.norm(x - np.array(source), axis=1) + 1e-3 * rng.normal(size=20)) / 343.0
+        each.append(replace(one, search=None, arrivals=times[None], arrival_sigma=1e-3 / 343.0))
+    return Measurement.from_takes(each)
+
+
+def without(measurement: Measurement) -> Measurement:
+    return replace(measurement, arrivals=None, arrival_sigma=None)
+
+
+@pytest.fixture(scope="module")
+def four():
+    return takes_of(4)
+
+
+def test_arrivals_of_several_takes_make_an_array_exact(four):
+    before, after = (rms_of_shape(solved(one).estimate.positions, four.positions) for one in (without(four), four))
+    assert after < min(4e-3, 0.3 * before)
+
+
+def test_wrong_times_change_nothing(four):
+    rng = np.random.default_rng(7)
+    wrong = replace(four, arrivals=rng.uniform(0, 8e-3, four.arrivals.shape))
+    plain, found = solved(without(four)).estimate.positions, solved(wrong).estimate.positions
+    assert rms_of_shape(found, plain) < 0.2 * rms_of_shape(plain, four.positions)
+
+
+def test_the_origin_of_a_take_is_arbitrary(four):
+    shifted = replace(four, arrivals=four.arrivals + np.array([0.0, 1.0, -0.2, 30.0])[:, None])
+    assert rms_of_shape(solved(shifted).estimate.positions, solved(four).estimate.positions) < 1e-5
+
+
+def test_the_sigmas_of_the_arrivals_survive_a_session(four):
+    problem = four.problem(known="none")
+    state = solver.init(problem, SolverSettings(modes=len(four.frequencies)), 0)
+    while state.model.arrival_sigma is None:
+        state = solver.step(problem, state)
+    read = saved_and_read(problem, state)
+    assert np.array_equal(read.model.arrival_sigma, state.model.arrival_sigma)
