@@ -7,9 +7,13 @@ import gzip
 import inspect
 import io
 import logging
+import os
 import re
 import secrets
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 import urllib.request
@@ -23,7 +27,7 @@ import numpy as np
 import pytest
 import viser
 import websockets.asyncio.server
-from browsing import WAIT, serving_here
+from browsing import WAIT
 from doubles import HOSTILE_CAMERAS, INVALID_VALUES, finish, is_served, join, set_by_client, wait_until
 from PIL import Image
 from viser import _messages, _scene_api
@@ -530,21 +534,29 @@ def test_a_client_that_asks_for_answers_and_reads_none_is_disconnected(server, m
 # -- what is printed ---------------------------------------------------------------------------------------------------
 
 
-def test_nothing_is_printed_on_the_event_loop(scene, kernels, tmp_path, monkeypatch, capfd):
-    """Nobody may read what the program prints, and what strangers send would fill a pipe."""
-    monkeypatch.setenv("FDCAL_CACHE", str(tmp_path))
-    with serving_here(scene) as url:
-        port = int(url.rpartition(":")[2])
-        socket.create_connection(("127.0.0.1", port), WAIT).close()  # before the first page
-        for _ in range(3):
-            with contextlib.suppress(ConnectionClosed), connect(url, "x" * 4000) as client:
-                client.recv(timeout=WAIT)
-            with connect(url) as client, contextlib.suppress(ConnectionClosed):
-                client.send(b"\xc1" * 4000)
-                client.send(msgspec.msgpack.encode({**CAMERA, "wxyz": ["\n" * 4000]}))
-                for _ in range(3):
+def test_nothing_is_printed_on_the_event_loop_and_ctrl_c_ends_the_program(tmp_path):
+    """Nobody reads what it prints, and each stranger's text alone would fill a pipe after 16 connections."""
+    environment = {**os.environ, "FDCAL_CACHE": str(tmp_path)}
+    command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", "0", "--no-browser"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=environment, **pipes) as served:
+        try:
+            url = served.stdout.readline().strip()
+            port = int(url.rpartition(":")[2])
+            socket.create_connection(("127.0.0.1", port), WAIT).close()  # before the first page
+            for _ in range(18):
+                with contextlib.suppress(ConnectionClosed), connect(url, "x" * 4000) as client:
                     client.recv(timeout=WAIT)
-        assert is_served(SimpleNamespace(get_port=lambda: port))
-    assert capfd.readouterr() == ("", "")
+                with connect(url) as client, contextlib.suppress(ConnectionClosed):
+                    client.send(b"\xc1" * 4000)
+                    client.send(msgspec.msgpack.encode({**CAMERA, "wxyz": ["\n" * 4000]}))
+                    for _ in range(3):
+                        client.recv(timeout=WAIT)
+            assert is_served(SimpleNamespace(get_port=lambda: port))
+            served.send_signal(signal.SIGINT)
+            output, errors = served.communicate(timeout=WAIT)
+        finally:
+            served.kill()
+    assert served.returncode == 0 and "Traceback" not in errors and "viser" not in output + errors, errors
     log = (tmp_path / "view.log").read_text(encoding="utf-8")
     assert "another version" in log and "Traceback" not in log and len(log) < 5000
