@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 from browsing import WAIT
-from doubles import Recorder, Solver, State
+from doubles import Recorder, Solver, State, wait_until
 
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
@@ -95,12 +95,7 @@ def page_of(server, scene, kernels, progress_texts):
     made = Page(server, SceneNodes(server), on_progress=progress_texts.append)
 
     def turn_until(happened):
-        for _ in range(round(WAIT / 0.02)):
-            made.tick(time.perf_counter())
-            if happened():
-                return
-            time.sleep(0.02)
-        pytest.fail("it does not happen")
+        return wait_until(happened, lambda: made.tick(time.perf_counter()))
 
     yield made, turn_until
     made.close()

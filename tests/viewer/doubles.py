@@ -25,11 +25,12 @@ def finish(coroutine):
         coroutine.send(None)
 
 
-def wait_until(happened):
-    """Wait until something happens on another thread."""
+def wait_until(happened, turn=lambda: None):
+    """Wait until something happens, on another thread or with some turn of `turn`; return what it is."""
     for _ in range(round(WAIT / 0.02)):
-        if happened():
-            return
+        turn()
+        if found := happened():
+            return found
         time.sleep(0.02)
     pytest.fail("it does not happen")
 

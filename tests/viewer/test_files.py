@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from browsing import WAIT
-from doubles import State, set_by_client, view_of
+from doubles import State, set_by_client, view_of, wait_until
 from matplotlib.colors import to_rgb
 from PIL import Image
 from replays import contents
@@ -114,14 +114,7 @@ def snapshot(scene, kernels):
 @pytest.fixture(scope="module")
 def drawn(snapshot, threads):
     """The map as the page shows it once nothing changes."""
-    worker, wanted, began = CostMapWorker(snapshot.run, threads), snapshot.map_request, time.monotonic()
-    while time.monotonic() - began < WAIT:
-        found, error = worker.newest(wanted, False, time.monotonic())
-        assert not error
-        if found is not None and found.fine:
-            return found
-        time.sleep(IDLE_TIME / 10)
-    pytest.fail("there is no fine map")
+    return first(CostMapWorker(snapshot.run, threads), snapshot.map_request, True)
 
 
 def test_the_fine_map_is_begun_only_after_the_one_on_the_lattice_of_the_solver(snapshot, monkeypatch, threads):
@@ -239,15 +232,14 @@ def worker(run, threads):
 
 
 def first(worker, wanted, fine):
-    """The first volume of a request, or the first fine one."""
-    began = time.monotonic()
-    while time.monotonic() - began < WAIT:
+    """The first map of a request, or the first fine one."""
+
+    def newest():
         found, error = worker.newest(wanted, False, time.monotonic())
         assert not error
-        if found is not None and found.request == wanted and (found.fine or not fine):
-            return found
-        time.sleep(IDLE_TIME / 50)
-    pytest.fail("there is no volume")
+        return found if found is not None and found.request == wanted and (found.fine or not fine) else None
+
+    return wait_until(newest)
 
 
 def styled(request, **changes):

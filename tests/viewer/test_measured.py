@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browsing import WAIT
-from doubles import Recorder, Solver, State, set_by_client
+from doubles import Recorder, Solver, State, set_by_client, wait_until
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -262,78 +261,58 @@ def test_a_measurement_is_shown_without_walls_and_all_of_its_modes_are_used(scor
         assert any(solid.name == "microphones/true" for solid in picture.meshes) == scored
 
 
-@pytest.fixture
-def tab(viewer):
-    return viewer.tabs.plan
-
-
-def turned(viewer, happened):
-    """Tick the page until something has happened."""
-    for _ in range(round(WAIT / 0.01)):
-        viewer.tick(time.perf_counter())
-        if happened():
-            return
-        time.sleep(0.01)
-    pytest.fail("it does not happen")
-
-
 def part(viewer, name):
     return {one.name: one for one in (*viewer.picture.lines, *viewer.picture.meshes)}.get(name)
 
 
-def test_the_plan_is_drawn_before_anything_is_measured(viewer, tab):
+def test_the_plan_is_drawn_before_anything_is_measured_and_follows_controls_and_drags(viewer):
+    tab, measurement = viewer.tabs.plan, viewer.run.measurement
+
+    def turned(happened):
+        wait_until(happened, lambda: viewer.tick(time.perf_counter()))
+
+    def said(words):
+        turned(lambda: words in tab.summary.content)
+
     assert part(viewer, "ellipses") is None
     set_by_client(tab.shown, True)
-    turned(viewer, lambda: part(viewer, "ellipses") is not None)
+    turned(lambda: part(viewer, "ellipses") is not None)
     assert part(viewer, "microphones/estimate") is None, "no solver has run"
     assert "least error" in tab.summary.content and "the array interpolates up to" in tab.summary.content
     assert " mm" in tab.summary.content and "mirrored" not in tab.summary.content
+    most = tab.frequencies.max
+    for count in (8, most):
+        set_by_client(tab.frequencies, count)
+        said(f"frequencies: {count} independent")
+    assert viewer.binding.choices.plan.frequencies is None, "all that the array can use, also after a drag"
+    before, place = tab.summary.content, measurement.positions[4] + [0.05, -0.04]
+    viewer.binding.place(4, place, 0)
+    turned(lambda: tab.summary.content != before)
+    assert "place" not in {name for name, *_ in viewer.run.session.commands}, "the solver's estimate stays"
+    np.testing.assert_allclose(viewer.binding.choices.plan.placed(measurement.positions)[4], place)
+    assert not tab.reset.disabled
+    set_by_client(tab.reset, True)
+    said(before)
     set_by_client(tab.known, 0)
-    turned(viewer, lambda: "can be mirrored" in tab.summary.content)
+    said("can be mirrored")
     assert any("least error" in entry.text for entry in legend_of(viewer.picture))
     set_by_client(tab.shown, False)
-    turned(viewer, lambda: part(viewer, "microphones/estimate") is not None)
+    turned(lambda: part(viewer, "microphones/estimate") is not None)
     assert part(viewer, "ellipses") is None
 
 
-def test_a_dragged_microphone_moves_in_the_plan_alone(viewer, tab):
-    set_by_client(tab.shown, True)
-    turned(viewer, lambda: part(viewer, "ellipses") is not None)
-    before, place = tab.summary.content, viewer.run.measurement.positions[4] + [0.05, -0.04]
-    viewer.binding.place(4, place, 0)
-    turned(viewer, lambda: tab.summary.content != before)
-    assert "place" not in {name for name, *_ in viewer.run.session.commands}, "the solver's estimate stays"
-    np.testing.assert_allclose(viewer.binding.choices.plan.placed(viewer.run.measurement.positions)[4], place)
-    assert not tab.reset.disabled
-    set_by_client(tab.reset, True)
-    turned(viewer, lambda: tab.summary.content == before)
-
-
-def test_controls_change_the_bound_in_the_right_direction(viewer, tab):
+def test_controls_change_the_bound_in_the_right_direction(viewer):
     def sigma(**changes):
-        plan = dataclasses.replace(viewer.binding.choices.plan, **changes)
-        return np.linalg.norm(planned_array(viewer.run, plan).axes, axis=(1, 2)).max()
+        return np.linalg.norm(planned_array(viewer.run, replace(plan, **changes)).axes, axis=(1, 2)).max()
 
-    set_by_client(tab.snr, 40)
-    set_by_client(tab.known, 5)
-    set_by_client(tab.gain, 1.0)
+    tab = viewer.tabs.plan
+    for control, value in ((tab.snr, 40), (tab.known, 5), (tab.gain, 1.0)):
+        set_by_client(control, value)
     plan = viewer.binding.choices.plan
     assert (plan.snr_db, len(plan.known), plan.gain_sigma_db) == (40.0, 5, 1.0)
     assert set(viewer.run.measurement.known) < set(plan.known)
-    assert sigma(snr_db=20.0) > sigma()
-    assert sigma(gain_sigma_db=0.0) < sigma()
+    assert sigma(snr_db=20.0) > sigma() > sigma(gain_sigma_db=0.0)
     assert sigma(frequencies=6) > sigma(frequencies=20) > sigma()
-
-
-def test_fewer_frequencies_are_the_lowest_ones(viewer, tab):
-    set_by_client(tab.shown, True)
-    turned(viewer, lambda: tab.frequencies.visible)
-    most = tab.frequencies.max
-    set_by_client(tab.frequencies, 8)
-    turned(viewer, lambda: "frequencies: 8 independent" in tab.summary.content)
-    set_by_client(tab.frequencies, most)
-    turned(viewer, lambda: f"frequencies: {most} independent" in tab.summary.content)
-    assert viewer.binding.choices.plan.frequencies is None, "all that the array can use, also after a drag"
 
 
 def test_the_page_and_the_command_line_say_the_same(viewer):

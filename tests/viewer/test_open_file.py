@@ -1,6 +1,6 @@
 """Files that the page opens from the folder in which it was started, and no others."""
 
-import time
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 from browsing import WAIT
-from doubles import set_by_client
+from doubles import set_by_client, wait_until
 from recorded import FS, places, stationary_source
 
 from fdcal import solvers
@@ -36,41 +36,15 @@ def tab(server, tmp_path):
     threads, opened = Threads(), []
     made = OpenFile(server.gui, threads, tmp_path, opened.append)
 
+    turns = itertools.count(step=module.LISTED)
+
     def until(happened):
-        for turn in range(round(WAIT / 0.02)):
-            made.show(turn * module.LISTED)
-            if happened():
-                return
-            time.sleep(0.02)
-        pytest.fail("it does not happen")
+        wait_until(happened, lambda: made.show(next(turns)))
 
     until(lambda: made.file.value != NONE)
     yield SimpleNamespace(tab=made, until=until, opened=opened, folder=tmp_path)
     threads.close(WAIT)
     server.gui.reset()
-
-
-def test_it_offers_the_files_of_its_folder_alone(tab):
-    made = tab.tab
-    assert made.file.options == ("one.wav",) and made.positions.options == (NONE, "list.csv")
-    for other in ("/etc/passwd", "../one.wav", "notes.txt"):
-        set_by_client(made.file, other)
-        assert made.file.value == "one.wav"
-    soundfile.write(tab.folder / "two.wav", np.zeros((FS, 2)), FS)
-    tab.until(lambda: made.file.options == ("one.wav", "two.wav"))
-    assert made.file.value == "one.wav"
-
-
-def test_a_folder_is_listed_only_after_it_has_changed(tab, monkeypatch):
-    listed, listdir = [], module.os.listdir
-    monkeypatch.setattr(module.os, "listdir", lambda path: listed.append(path) or listdir(path))
-    monkeypatch.setattr(module, "SETTLED", 0)
-    for turn in range(10):
-        tab.tab.show(1e6 + turn * module.LISTED)
-    assert not listed
-    (tab.folder / "two.wav").touch()
-    tab.tab.show(2e6)
-    assert len(listed) == 1 and tab.tab.file.options == ("one.wav", "two.wav")
 
 
 def test_a_recording_is_opened_with_the_report_of_its_import_and_a_fault_is_one_line(tab):
@@ -99,3 +73,19 @@ def test_a_measurement_and_a_session_are_opened_too(tab):
         set_by_client(made.file, file)
         made.press()
         tab.until(lambda name=name: any(request.scene.name == name for request in tab.opened))
+
+
+def test_it_offers_the_files_of_its_folder_alone_and_lists_it_only_after_a_change(tab, monkeypatch):
+    made, listed, listdir = tab.tab, [], module.os.listdir
+    assert made.file.options == ("one.wav",) and made.positions.options == (NONE, "list.csv")
+    for other in ("/etc/passwd", "../one.wav", "notes.txt"):
+        set_by_client(made.file, other)
+        assert made.file.value == "one.wav"
+    monkeypatch.setattr(module.os, "listdir", lambda path: listed.append(path) or listdir(path))
+    monkeypatch.setattr(module, "SETTLED", 0)
+    for turn in range(10):
+        made.show(1e6 + turn * module.LISTED)
+    assert not listed
+    (tab.folder / "two.wav").touch()
+    made.show(2e6)
+    assert len(listed) == 1 and made.file.options == ("one.wav", "two.wav") and made.file.value == "one.wav"
