@@ -227,7 +227,7 @@ LATE = {"pyvista", "trimesh", "scipy.optimize", "scipy.spatial"}  # that a first
 
 
 LIGHT = {  # modules in the order in which one process imports them, and what none may have loaded so far
-    "fdcal": {"viser"} | HEAVY,
+    "fdcal": {"fdcal.model", "numpy", "viser"} | HEAVY,
     "fdcal.model.scene": {"viser"} | HEAVY,
     "fdcal.session.session": {"viser"} | HEAVY,
     "fdcal.commands.cli": {"viser"} | HEAVY,
