@@ -62,9 +62,6 @@ def test_a_number_of_5000_digits_is_refused(number, tmp_path):
     refusal(load_scene, tmp_path / "scene.toml")
     (tmp_path / "result.json").write_bytes(b'{"positions": ' + number + b"}")
     refusal(load_result, tmp_path / "result.json")
-
-
-def test_a_value_of_many_digits_or_letters_is_cut_in_a_message():
     assert shown(16**10_000) == shown([16**10_000]) == "a number of very many digits"
     assert len(shown("x" * 10_000)) == 60
 
@@ -205,9 +202,30 @@ def tiny():
     return load_scene("tiny")
 
 
-def test_a_file_is_written_and_not_overwritten_without_force(tmp_path):
+def test_a_file_is_written_whole_or_not_at_all_and_not_overwritten_without_force(tmp_path):
     path = tmp_path / "a.txt"
+
+    def broken(file, fault):
+        file.write_text("half of it")
+        raise fault
+
+    def slow(file):
+        path.write_text("theirs")
+        file.write_text("mine")
+
+    for fault in (KeyboardInterrupt, ValueError):
+        with pytest.raises(fault):
+            write_atomically(path, lambda file, fault=fault: broken(file, fault))
+        assert os.listdir(tmp_path) == []
+    with pytest.raises(InputError, match="exists"):
+        write_atomically(path, slow)
+    assert path.read_text() == "theirs" and os.listdir(tmp_path) == ["a.txt"], "one that appeared meanwhile"
+    usual = path.stat().st_mode
+    path.unlink()
+    with pytest.raises(StorageError, match=r"cannot write .*a\.txt: No such file or directory"):
+        write_atomically(tmp_path / "none" / "a.txt", lambda file: file.write_text("one"))
     write_atomically(path, lambda file: file.write_text("one"))
+    assert path.stat().st_mode == usual
     with pytest.raises(InputError, match=r"a\.txt exists; use force to overwrite it"):
         write_atomically(path, lambda file: file.write_text("two"))
     assert path.read_text() == "one"
@@ -216,51 +234,10 @@ def test_a_file_is_written_and_not_overwritten_without_force(tmp_path):
     assert os.listdir(tmp_path) == ["a.txt"]
 
 
-def test_a_file_that_appears_while_writing_is_not_overwritten(tmp_path):
-    def slow(file):
-        (tmp_path / "a.txt").write_text("theirs")
-        file.write_text("mine")
-
-    with pytest.raises(InputError, match="exists"):
-        write_atomically(tmp_path / "a.txt", slow)
-    assert (tmp_path / "a.txt").read_text() == "theirs"
-    assert os.listdir(tmp_path) == ["a.txt"]
-
-
-@pytest.mark.parametrize("fault", [KeyboardInterrupt, ValueError])
-def test_an_interrupted_write_leaves_no_file(tmp_path, fault):
-    def broken(file):
-        file.write_text("half of it")
-        raise fault
-
-    with pytest.raises(fault):
-        write_atomically(tmp_path / "a.txt", broken)
-    assert os.listdir(tmp_path) == []
-
-
-def test_a_missing_folder_is_a_storage_error_of_one_line(tmp_path):
-    with pytest.raises(StorageError, match=r"cannot write .*a\.txt: No such file or directory") as error:
-        write_atomically(tmp_path / "none" / "a.txt", lambda file: file.write_text("one"))
-    assert "\n" not in str(error.value)
-
-
-def test_new_files_have_usual_permissions(tmp_path):
-    (tmp_path / "usual").touch()
-    write_atomically(tmp_path / "a.txt", lambda file: file.write_text("one"))
-    assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "usual").stat().st_mode
-
-
-def test_recordings_are_simulated_once(tiny, folder, runs):
-    first = cached_recordings(tiny)
-    np.testing.assert_array_equal(cached_recordings(tiny), first)
-    assert len(runs) == 1
+def test_recordings_and_measurement_are_made_once(tiny, folder, runs):
+    recordings = cached_recordings(tiny)
+    np.testing.assert_array_equal(cached_recordings(tiny), recordings)
     cached_recordings(dataclasses.replace(tiny, solver=dataclasses.replace(tiny.solver, modes=5)))
-    assert len(runs) == 1
-    cached_recordings(dataclasses.replace(tiny, source=dataclasses.replace(tiny.source, low=30.0)))
-    assert len(runs) == 2
-
-
-def test_measurement_is_made_once(tiny, folder, runs):
     first, second = cached_measurement(tiny), cached_measurement(tiny)
     assert len(runs) == 1
     names = {field.name for field in dataclasses.fields(first)} - {"given_wavenumbers"} | {"wavenumbers"}
@@ -269,6 +246,8 @@ def test_measurement_is_made_once(tiny, folder, runs):
     noisy = dataclasses.replace(tiny, measurement=dataclasses.replace(tiny.measurement, snr_db=20.0))
     assert not np.array_equal(cached_measurement(noisy).pressures, first.pressures)
     assert len(runs) == 1
+    cached_recordings(dataclasses.replace(tiny, source=dataclasses.replace(tiny.source, low=30.0)))
+    assert len(runs) == 2
 
 
 @pytest.mark.parametrize("damage", [lambda b: b[:-40], lambda b: b"", lambda b: b[:500] + b"x" + b[501:]])

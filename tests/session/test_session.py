@@ -99,11 +99,15 @@ def test_pause_stops_within_the_step_under_way(make):
     assert not solver.began.acquire(blocking=False)
 
 
-def test_play_ends_where_the_solver_finishes(make):
-    session = make(Counter())
+def test_play_ends_where_the_solver_finishes_and_each_view_of_it_agrees_with_itself(make):
+    session, seen = make(Counter()), []
     session.play()
-    assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
+    assert session.wait_for(lambda view: seen.append(view) or (view.state.finished and not view.running), WAIT)
     assert session.view.count == 13
+    for view in seen:
+        assert view.history[view.index] is view.state and len(view.history) == view.count
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        seen[0].index = 3
     session.play()
     session.step()
     session.seek(12)
@@ -152,18 +156,13 @@ def test_seek_is_bounded_and_pauses_and_going_on_from_an_older_state_drops_the_l
     assert [state.step for state in before] == [0, 1, 2, 3], "a published history has changed"
 
 
-def test_modes_change_the_state_looked_at(make):
-    session = make(Counter())
+def test_modes_change_the_state_looked_at_and_reset_restarts_from_the_last_seed_given(make):
+    session = make(Counter(), seed=4)
     session.step()
     session.use_modes(2, 5, False)
     assert session.wait_for(lambda view: view.state.last == 5, WAIT)
     view = session.view
     assert (view.state.first, view.state.automatic, view.count, view.state.step) == (2, False, 2, 1)
-
-
-def test_reset_restarts_from_the_last_seed_given(make):
-    session = make(Counter(), seed=4)
-    session.step()
     session.reset(9)
     assert session.wait_for(lambda view: view.state.seed == 9, WAIT)
     session.step()
@@ -219,18 +218,6 @@ def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, c
     assert refused or name == "descent"
 
 
-def test_views_are_frozen_and_whole(make):
-    """Every view seen while the solver runs agrees with itself."""
-    session = make(Counter())
-    session.play()
-    seen = []
-    assert session.wait_for(lambda view: seen.append(view) or view.state.finished, WAIT)
-    for view in seen:
-        assert view.history[view.index] is view.state and len(view.history) == view.count
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        seen[0].index = 3
-
-
 def test_close_ends_the_thread_while_playing_and_an_error_in_the_first_init_reaches_the_caller():
     with pytest.raises(ValueError, match="seed below zero"):
         Session(None, None, -1, module=Counter())
@@ -275,14 +262,6 @@ def test_a_worker_signals_that_it_has_delivered():
         assert not wake.wait(0.0), "once for one"
     finally:
         worker.close(WAIT)
-
-
-def test_a_signal_at_the_end_of_a_waiting_counts_for_the_next(monkeypatch):
-    wake = WakeEvent()
-    with monkeypatch.context() as patch:
-        patch.setattr(threading.Event, "wait", lambda event, timeout: event.set() or False)
-        assert not wake.wait(0.0)
-    assert wake.wait(0.0)
 
 
 @pytest.mark.parametrize("error", [InputError("too many"), StorageError("disk full"), PermissionError("no")])
@@ -456,16 +435,6 @@ def test_costs_take_a_bounded_share_of_a_run():
     assert 0 < reference_cost.used * reference_cost.seconds <= 1.2 * COST_TIME * spent + 2 * reference_cost.seconds
 
 
-def test_costs_of_states_that_are_gone_are_forgotten():
-    costs = StateCosts(Slow())
-    kept, gone = Count(step=1), Count(step=2)
-    for state in (kept, gone):
-        costs.compute(state)
-    del gone, state
-    gc.collect()
-    assert costs.knows(kept) and not costs.knows(Count(step=2))
-
-
 def test_tables_that_the_first_cost_makes_do_not_delay_the_next_cost():
     def reference_cost(state):
         end = time.thread_time() + (0.05 if state.step == 0 else 0.0)
@@ -477,3 +446,6 @@ def test_tables_that_the_first_cost_makes_do_not_delay_the_next_cost():
     costs.compute(states[0])
     costs.compute_in_passing(states[1], 0.001)
     assert costs.of(states[1]) == 1.0
+    del states
+    gc.collect()
+    assert not costs.knows(Count(step=1)), "costs of states that are gone are forgotten"
