@@ -233,7 +233,7 @@ def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_name
     session.seek(0)
     turn_until(lambda: viewer.snapshot.view.index == 0)
     np.testing.assert_array_equal(session.view.state.positions, before.state.positions)
-    page.words.press(drop_module.CONTINUE)
+    page.panels.overlay.receive(None, f"stamp words={drop_module.CONTINUE}")
     turn_until(lambda: session.view.running)
     session.pause()
     session.reset()
