@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -18,13 +17,12 @@ import numpy as np
 from .gauge import align, minimal_frame, position_errors
 from .problem import Problem, mode_power
 from .settings import Search
-from .storage import read_archive, require_regular
+from .storage import load_archive
 from .validation import (
     LIMITS,
     InputError,
     MetresPerSecond,
     Seconds,
-    StorageError,
     convert,
     frozen_array,
     refusal,
@@ -884,19 +882,7 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
     `excluded`: names or numbers of microphones that are left out before anything is checked; `called`: what messages
     call the file; its path unless given.
     """
-    try:
-        if isinstance(path, (str, Path)):
-            require_regular(path)
-        # Opened here, since NumPy does not close a file that it finds damaged.
-        with open(path, "rb") if isinstance(path, (str, Path)) else nullcontext(path) as file:
-            table = read_archive(file, lambda key: key in REQUIRED + OPTIONAL + SEARCH or key == "version")
-    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
-        raise StorageError(f"cannot read {path}: {error.strerror}") from error
-    except InputError as error:
-        raise error.within(path) from error
-    except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
-        problem = f"{path} is not an .npz file that can be read ({type(error).__name__})"
-        raise InputError(problem, "write it with numpy.savez") from error
+    table = load_archive(path, (*REQUIRED, *OPTIONAL, *SEARCH, "version").__contains__)
     path = called or path
     if "version" in table and not np.array_equal(table["version"], VERSION):
         problem = f"{path} is of version {shown(table['version'].tolist())}, and fdcal reads version {VERSION}"

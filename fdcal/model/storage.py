@@ -238,6 +238,26 @@ def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
     return table
 
 
+def load_archive(path: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
+    """Return what `read_archive` returns of a path or an open file; InputError, or StorageError, for any other file."""
+    try:
+        if not isinstance(path, (str, Path)):
+            return read_archive(path, wanted)
+        require_regular(path)
+        with open(path, "rb") as file:  # opened here, since NumPy does not close a file that it finds damaged
+            return read_archive(file, wanted)
+    except InputError as error:
+        raise error.within(path) from error
+    except MemoryError:
+        problem = f"{path} holds more than fits into memory, and an .npz file is read as a whole"
+        raise InputError(problem, "give WAV, W64, FLAC or HDF5") from None
+    except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
+        if isinstance(error, OSError) and error.strerror:
+            raise StorageError(f"cannot read {path}: {error.strerror}") from error
+        problem = f"{path} is not an .npz file that can be read ({type(error).__name__})"
+        raise InputError(problem, "write it with numpy.savez") from error
+
+
 def require_regular(path: str | Path) -> None:
     """Raise InputError for what is neither file nor folder, as a device without an end; OSError if it is missing."""
     kind = os.stat(path).st_mode

@@ -22,7 +22,7 @@ from ...acoustics.plane_waves import MAX_FREQUENCY, plane_wave_responses
 from ...model.libraries import needs
 from ...model.room import MEASURED_AND_MODELLED
 from ...model.sdm_response import load_sdm_response
-from ...model.storage import read_archive, require_regular
+from ...model.storage import load_archive
 from ...model.validation import InputError, StorageError, require_array, require_choice, shown
 from ..recording import KINDS, RANGE_SAMPLES, Recording, ranges, recording_of
 from . import Format, damaged, isolated, wanted_source
@@ -49,20 +49,7 @@ def keys_of(path: Path) -> list[str]:
 
 def _read_npz(path: Path, source: int | None = None) -> Recording:
     """Return the recording of an archive; raise InputError for one that is damaged or has no recordings."""
-    try:
-        require_regular(path)
-        with open(path, "rb") as file:
-            table = read_archive(file, KEYS.__contains__)
-    except InputError as error:
-        raise error.within(path) from error
-    except OSError as error:
-        raise error if error.strerror else InputError(f"{path} is not a .npz file: {error}") from error
-    except MemoryError:
-        problem = f"{path} holds more than fits into memory, and an .npz file is read as a whole"
-        raise InputError(problem, "give WAV, W64, FLAC or HDF5") from None
-    except Exception as error:
-        problem = f"{path} is not an .npz file that can be read ({type(error).__name__})"
-        raise InputError(problem, "write it again") from error
+    table = load_archive(path, KEYS.__contains__)
     if "pressures" in keys_of(path):
         raise InputError(f"{path} is a measurement already", "give it to `fdcal calibrate`")
     for key in ("recordings", "sample_rate"):
