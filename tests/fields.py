@@ -1,7 +1,6 @@
 """Sound fields known in closed form, the tests' source of truth."""
 
 import numpy as np
-from scipy.special import jv
 
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search
@@ -72,8 +71,3 @@ def plane_wave_coefficients(k, angle, order, centre):
     """Its coefficients by Jacobi and Anger: exp(-j z cos t) = sum (-j)^l J_l(z) exp(j l t)."""
     l = np.arange(-order, order + 1)  # noqa: E741
     return (-1j) ** l * np.exp(-1j * l * angle) * plane_wave([centre], k, angle)
-
-
-def bessel_kernel(points, k):
-    """J_0(k d) between all pairs of `points`."""
-    return jv(0, k * np.linalg.norm(points[:, None] - points[None], axis=-1))

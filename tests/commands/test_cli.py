@@ -156,9 +156,10 @@ def test_landscape_finds_the_true_place_and_draws_and_writes_basins_of_attractio
     assert 'Name="basin of the sum"' in (tmp_path / "map.vti").read_text()
 
 
-def test_a_snapshot_shows_the_basin_of_the_true_position(made, tmp_path, one_painter):
+def test_a_snapshot_shows_the_basin_of_the_true_position(made, tmp_path, one_painter, refused):
     options = ("--size", "320x200", "--microphone", 9, "--basins", "--result", made / "result.json")
     done("snapshot", "tiny", *options, "-o", "basins.png", folder=tmp_path)
+    assert "--force" in refused("snapshot", "tiny", "-o", "basins.png")
     basins = np.asarray(Image.open(tmp_path / "basins.png"), int)
     assert (np.abs(basins[..., :3] - PLACE).max(axis=-1) < 8).sum() > 500, "in its own colour"
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import shutil
+import tomllib
 
 import numpy as np
 import pytest
@@ -60,9 +61,7 @@ def test_name_and_path_give_the_same_scene(edited):
         ({"microphones": "3"}, ["microphones is not a key", "known keys"]),
         ({"source.position": None}, ["source.position is missing", "add it"]),
         ({"room.cell": '"4 cm"'}, ["room.cell = '4 cm'", "a number"]),
-        ({"array.shape": "[3.5, 3]"}, ["array.shape = 3.5", "a whole number"]),
         ({"seed": "true"}, ["seed = True", "a whole number"]),
-        ({"seed": "-1"}, ["seed = -1", "0 or more"]),
         ({"room.size": "3.0"}, ["room.size = 3.0", "a list"]),
         ({"room.size": "[-1.68, 1.2]"}, ["room.size = -1.68 m", "above zero"]),
         ({"room.size": "[1.68]"}, ["room.size", "1 numbers", "give two, along x and y or three"]),
@@ -70,7 +69,6 @@ def test_name_and_path_give_the_same_scene(edited):
         ({"room.outline": "[[0, 0], [1, 0], [1, 1]]"}, ["room.size or room.outline", "exactly one"]),
         ({"room.size": None, "room.outline": "[[0, 0], [1, 1], [2, 2]]"}, ["room.outline encloses no area"]),
         ({"room.cell": "1e-6"}, ["room.cell = 1e-06", "use a larger one"]),
-        ({"room.cell": "1" + "0" * 400}, ["room.cell", "too large"]),
         ({"room.walls": '"soft"'}, ['room.walls = "soft"', "rigid, pressure-release, absorbing"]),
         ({"room.walls": '"absorbing"'}, ["room.admittance = 0", "above zero"]),
         ({"room.admittance": "0.1"}, ["room.admittance = 0.1", "remove it"]),
@@ -95,7 +93,6 @@ def test_name_and_path_give_the_same_scene(edited):
         ({"solver.order_offset": "-1"}, ["solver.order_offset = -1"]),
         ({"solver": "3"}, ["not valid TOML"]),
         ({"faults.dead": "[16]"}, ["faults.dead"]),
-        ({"faults.inverted": "[-1]"}, ["faults.inverted"]),
         ({"faults.inverted": "[3]", "faults.dead": "[3]"}, ["faults.dead both name microphone 3"]),
         ({"faults.gain_db": "-1.0"}, ["faults.gain_db"]),
         ({"faults.phase_deg": "nan"}, ["faults.phase_deg"]),
@@ -144,22 +141,17 @@ def boxed(tmp_path):
     [
         ({"[room]": "[room]\ncell = 0.02"}, ["room.cell = 0.02 m has no meaning", "remove it"]),
         ({"[source]": "[source]\nlow = 20.0"}, ["source.low = 20 Hz has no meaning", "remove it"]),
-        ({"position = [4.37, 3.55, 2.45]": "position = [4.37, 3.55, 1, 2]"}, ["source.position", "4 numbers"]),
         (
             {"position = [4.37, 3.55, 2.45]": "position = [4.3, 3.5]\nlow = 20.0\nhigh = 300.0\nsample_rate = 700.0"},
             ["source.position = [4.3, 3.5] has 2 numbers", "the room has 3"],
         ),
-        ({"[4.6, 3.8, 2.7]": "[4.6, 3.8, 2.7, 1.0]"}, ["room.size", "4 numbers", "give two, along x and y or three"]),
         ({"[4.6, 3.8, 2.7]": "[4.6, 3.8]\ncell = 0.02"}, ["source.position", "the room has 2 lengths"]),
         ({"center = [1.9, 1.6, 1.3]": "center = [1.9, 1.6]"}, ["array.center", "2 numbers", "give three"]),
-        ({"[1.0, 1.0, 1.0]": "[1.0, 1.0]"}, ["search.origin", "search.size", "differ in dimension"]),
         (
             {'"ball"': '"circle"', "center = [1.9, 1.6, 1.3]": ""},
             ['array.geometry = "circle"', '"ball", "box", "plane"'],
         ),
         ({'"continuous"': '"discrete"'}, ['measurement.wavenumber = "discrete"', "no meaning", '"continuous"']),
-        ({"radius = 0.45": "radius = 0.45\nshape = [3, 3]"}, ["array.shape has no meaning"]),
-        ({"radius = 0.45": ""}, ["array.radius is missing"]),
         ({"center = [1.9, 1.6, 1.3]": "center = [1.9, 1.6, 2.3]"}, ["microphone", "outside the room", "array.center"]),
         ({"position = [4.37, 3.55, 2.45]": "position = [4.7, 3.55, 2.45]"}, ["source.position", "outside the room"]),
         ({"position = [4.37, 3.55, 2.45]": "position = [1.9, 1.6, 1.3]"}, ["inside the array", "convex hull"]),
@@ -188,15 +180,12 @@ def test_in_space_search_and_known_microphones_may_be_left_out(boxed):
     assert scene.search is None and positions_of(scene).shape == (64, 3)
 
 
-@pytest.mark.parametrize(
-    "key",
-    ["seed", "room.walls", "room.sound_speed", "room.cell"]
-    + [f"source.{name}" for name in ("position", "low", "high", "sample_rate", "duration")]
-    + ["array.geometry", "search.origin", "search.size", "search.step", "search.radius"]
-    + [f"measurement.{name}" for name in ("snr_db", "lowest", "highest", "prominence_db", "resolution", "wavenumber")]
-    + [f"solver.{name}" for name in ("name", "first_modes", "order_offset", "ample_modes", "known_weight")]
-    + ["solver.weights", "solver.max_sweeps"],
-)
+TINY = tomllib.loads((scene_folder() / "tiny.toml").read_text(encoding="utf-8"))
+LEAVES = [f"{name}.{key}" for name, table in TINY.items() if isinstance(table, dict) for key in table]
+OPTIONAL = {"room.size", "array.shape", "array.size", "array.random", "array.center", "gauge.known", "solver.modes"}
+
+
+@pytest.mark.parametrize("key", ["seed", *sorted(set(LEAVES) - OPTIONAL)])
 def test_a_missing_key_is_named_and_no_default_is_used(edited, key):
     with pytest.raises(InputError, match=rf"{key} is missing; add it"):
         load_scene(edited({key: None}))
