@@ -253,17 +253,13 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     radius = picture.marker_radius
     for name, places in (("minima", floor.minima), ("lowest", floor.lowest)):
         if places:
-            picture = picture.plus(*marked(name, _above(floor, np.array(places), name, radius), radius))
+            spots, heights = np.array(places), np.full(len(places), floor.height)
+            if floor.heights is not None:  # at which the mark touches the map with its highest corner
+                corners = MARKS[name].reach * radius * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+                heights = drape((spots[:, None] + corners).reshape(-1, 2), floor)[:, 2].reshape(-1, 4).max(axis=1)
+            spots = np.column_stack([spots, heights + layer_height(Layer.MINIMUM, radius)])
+            picture = picture.plus(*marked(name, spots, radius))
     return picture
-
-
-def _above(floor: Floor, places: np.ndarray, name: str, marker_radius: float) -> np.ndarray:
-    """Return places (P, 2) at the height (P, 3) at which a mark touches the map with its highest corner, metres."""
-    heights = np.full(len(places), floor.height)
-    if floor.heights is not None:
-        corners = MARKS[name].reach * marker_radius * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-        heights = drape((places[:, None] + corners).reshape(-1, 2), floor)[:, 2].reshape(-1, 4).max(axis=1)
-    return np.column_stack([places, heights + layer_height(Layer.MINIMUM, marker_radius)])
 
 
 def with_estimate(

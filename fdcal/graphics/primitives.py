@@ -101,20 +101,26 @@ class ColourBar:
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:
-        """Fraction of the bar's length, 0 to 1, and text of about five round values."""
+        """Fraction of the bar's length, 0 to 1, and text of about five round values, without texts that touch."""
+        low, high = self.low, self.high
         if not self.log:
-            values = round_ticks(self.low, self.high, 5)
-            span = self.high - self.low
-            return _without_overlaps((float((v - self.low) / span), format_number(v, 4)) for v in values)
-        decades = np.log10(self.high / self.low)
-        values = self._round_values((1.0, 2.0, 5.0) if decades <= 3 else (1.0,))
-        if len(values) > 6 and 2 < decades <= 3:
-            values = self._round_values((1.0, 3.0))
-        if decades <= 2 and not 3 <= len(values) <= 6:  # within a decade the locator may return as many as ten
-            even = round_ticks(self.low, self.high, 4)
-            values = even[even >= self.low]
-        digits = 3 if decades > 0.05 else 5
-        return _without_overlaps((float(np.log10(v / self.low) / decades), format_number(v, digits)) for v in values)
+            values, digits = round_ticks(low, high, 5), 4
+            fractions = (values - low) / (high - low)
+        else:
+            decades = np.log10(high / low)
+            values = self._round_values((1.0, 2.0, 5.0) if decades <= 3 else (1.0,))
+            if len(values) > 6 and 2 < decades <= 3:
+                values = self._round_values((1.0, 3.0))
+            if decades <= 2 and not 3 <= len(values) <= 6:  # within a decade the locator may return as many as ten
+                even = round_ticks(low, high, 4)
+                values = even[even >= low]
+            digits, fractions = 3 if decades > 0.05 else 5, np.log10(values / low) / decades
+        kept: list[tuple[float, str]] = []
+        for fraction, value in zip(fractions.tolist(), values.tolist(), strict=True):
+            text = format_number(value, digits)
+            if not kept or (fraction - kept[-1][0]) * BAR_LENGTH >= (len(text) + len(kept[-1][1])) / 2 + 2:
+                kept.append((fraction, text))
+        return tuple(kept)
 
     def _round_values(self, mantissas: tuple[float, ...]) -> np.ndarray:
         """Return the values of the scale that are one of the mantissas times a power of ten."""
@@ -130,15 +136,6 @@ def format_number(value: float, digits: int) -> str:
     if not power:
         return mantissa
     return ("" if mantissa == "1" else f"{mantissa}·") + f"10{str(int(power)).translate(SUPERSCRIPTS)}"
-
-
-def _without_overlaps(ticks: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
-    """The ticks without those whose text would touch the text before."""
-    kept: list[tuple[float, str]] = []
-    for fraction, text in ticks:
-        if not kept or (fraction - kept[-1][0]) * BAR_LENGTH >= (len(text) + len(kept[-1][1])) / 2 + 2:
-            kept.append((fraction, text))
-    return tuple(kept)
 
 
 @dataclass(frozen=True)

@@ -339,7 +339,20 @@ def read_states(
         raise InputError(f"states.order has {len(order)} entries", remedy, key="states.order", value=len(order))
     read_settings = [build(SolverSettings, one if isinstance(one, dict) else {}, "settings.") for one in settings]
     reader = StateReader(arrays, read_settings, problem)
-    queues, states = [iter(_states_of(kind, solver, reader)) for kind in kinds], []
+    State, what, queues, states = solvers.load(solver).State, f"states of {solver}", [], []
+    for kind in kinds:
+        if not isinstance(kind, dict) or not isinstance(kind.get("fields"), dict):
+            raise InputError("states.kinds must be tables with solver and fields", key="states.kinds")
+        name, columns = kind.get("solver"), kind["fields"]
+        if name != solver:
+            remedy = f"the scene has solver.name = {shown_literal(solver)}"
+            raise InputError(f"states are of solver {shown_literal(name)}", remedy, key="states.kinds", value=name)
+        reader.require_fields(what, columns, State)
+        lengths = {len(column) if isinstance(column, list) else -1 for column in columns.values()}
+        if len(lengths) != 1 or -1 in lengths:
+            raise InputError(f"{what} must have columns of one length", key="states.kinds")
+        rows = zip(*columns.values(), strict=True)
+        queues.append(iter([reader.record(what, dict(zip(columns, row, strict=True)), State) for row in rows]))
     for number in order:
         state = next(queues[number], None) if isinstance(number, int) and 0 <= number < len(queues) else None
         if state is None:
@@ -347,20 +360,3 @@ def read_states(
             raise InputError(fault, key="states.order")
         states.append(state)
     return tuple(states)
-
-
-def _states_of(table: Any, solver: str, reader: StateReader) -> list[RunState]:
-    """The states of a solver."""
-    if not isinstance(table, dict) or not isinstance(table.get("fields"), dict):
-        raise InputError("states.kinds must be tables with solver and fields", key="states.kinds")
-    name, columns = table.get("solver"), table["fields"]
-    if name != solver:
-        remedy = f"the scene has solver.name = {shown_literal(solver)}"
-        raise InputError(f"states are of solver {shown_literal(name)}", remedy, key="states.kinds", value=name)
-    State, what = solvers.load(solver).State, f"states of {solver}"
-    reader.require_fields(what, columns, State)
-    lengths = {len(column) if isinstance(column, list) else -1 for column in columns.values()}
-    if len(lengths) != 1 or -1 in lengths:
-        raise InputError(f"states of {solver} must have columns of one length", key="states.kinds")
-    rows = zip(*columns.values(), strict=True)
-    return [reader.record(what, dict(zip(columns, row, strict=True)), State) for row in rows]

@@ -80,7 +80,7 @@ class AddressBar:
             lessons.open(lesson, int(asked.get("part", "1").partition(",")[0]))
             self._pending = None, client, asked
             return
-        if lessons.active and scene:
+        if lessons.progress.lesson is not None and scene:
             lessons.leave()
         if scene in ("", own):
             self._set(viewer, client, asked)

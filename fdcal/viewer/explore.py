@@ -166,13 +166,13 @@ class Explore:
             overlay.show("bar", f"<span class='scene'><span>{words}</span></span>" if waiting else "")
             return
         request = viewer.run.opening
-        comes_with_fdcal = request.scene.name in self._names or self._lessons.active
+        comes_with_fdcal = request.scene.name in self._names or self._lessons.progress.lesson is not None
         if not comes_with_fdcal and (self._own is None or self._own[0] is not request):
             self._own = request, self._drawn(viewer)  # so that it can be opened again
         bar = self._bar(viewer, title, waiting)
         overlay.show("bar", bar if current is None else f"{bar}<span class='preparing'></span>")
         overlay.show("sheet", self._sheet(viewer))
-        overlay.show("invitation", INVITATION if viewer.drop.inviting and not self._lessons.active else "")
+        overlay.show("invitation", INVITATION if viewer.drop.inviting and self._lessons.progress.lesson is None else "")
         overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")
 
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:

@@ -147,8 +147,10 @@ class Page:
             self._replace_session(prepared)
         self.status_bar.show(first)
         if self.viewer is not None:
-            self.viewer.tabs.run_bar.status.visible = self.switcher.progress is None  # which stands above then
-            self.nodes.cameras.around = Surroundings(self.viewer.binding.choices.lecture, self.lessons.active)
+            self.viewer.tabs.run_bar.status.visible = self.switcher.current is None  # which stands above then
+            self.nodes.cameras.around = Surroundings(
+                self.viewer.binding.choices.lecture, self.lessons.progress.lesson is not None
+            )
             self.viewer.guarded_tick(now)
             if (opener := self.open_file) is not None:
                 self._guarded("list of files", lambda: opener.show(now))
@@ -212,8 +214,8 @@ class Page:
 
     def _report_progress(self, text: str | None = None) -> None:
         """Report the progress of the first session, or `text`, where it has changed."""
-        progress = self.switcher.progress
-        text = text if text is not None else "" if progress is None else progress.text
+        current = self.switcher.current
+        text = text if text is not None else "" if current is None else current.progress.text
         if text != self._progress:
             self._progress = text
             self._on_progress(text)

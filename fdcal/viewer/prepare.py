@@ -415,11 +415,6 @@ class SessionSwitcher:
         return not self._commands and self.current is None
 
     @property
-    def progress(self) -> PreparationProgress | None:
-        """The progress of the preparation; None where nothing is in progress."""
-        return None if self.current is None else self.current.progress
-
-    @property
     def compiling(self) -> bool:
         """Whether a compilation is in progress, of a session that is shown or of one that nobody waits for."""
         return any(progress.warmup is not None and progress.warmup.busy for progress in self._begun)

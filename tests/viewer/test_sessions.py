@@ -191,7 +191,7 @@ def test_cancel_keeps_the_old_session(tiny_page, scene, monkeypatch):
     event = SimpleNamespace(client=object(), target=page.status_bar.button)
     for callback in page.status_bar.button._impl.update_cb:
         finish(callback(event))
-    turn_until(lambda: page.switcher.progress is None)
+    turn_until(lambda: page.switcher.current is None)
     assert ended.wait(WAIT) and page.binding is before and not page.status_bar.line.visible
     page.tick(0.0)
     assert shown.status.visible

@@ -186,13 +186,7 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
 
 def legend(marks: Iterable[Mark]) -> str:
     """Return the marks of a legend, each with its symbol and its word."""
-    return f"<div style='{CARD}'>{_marks({escape(mark.text): _svg(symbol_svg(mark)) for mark in marks})}</div>"
-
-
-def _svg(mark: str) -> str:
-    """A drawing of EDGE by EDGE pixels; its size follows the text."""
-    style = "width: 1.4em; height: 1.4em; vertical-align: -0.35em"
-    return f"<svg viewBox='0 0 {EDGE} {EDGE}' style='{style}'>{mark}</svg>"
+    return f"<div style='{CARD}'>{_marks({escape(mark.text): symbol_svg(mark) for mark in marks})}</div>"
 
 
 def spectrum_legend(curve: bool, inside: str, outside: str, limit: str, line: str) -> str:
@@ -207,13 +201,15 @@ def spectrum_legend(curve: bool, inside: str, outside: str, limit: str, line: st
         "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{limit}' stroke-width='1.8' stroke-dasharray='5 3'/>",
     }
     marks |= {"mean power": f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{line}'/>"} if curve else {}
-    return f"<div style='{CARD}'>{_marks({name: _svg(mark) for name, mark in marks.items()})}</div>"
+    return f"<div style='{CARD}'>{_marks(marks)}</div>"
 
 
 def _marks(marks: dict[str, str]) -> str:
-    """Return drawings, each with its name."""
+    """Return drawings of EDGE by EDGE pixels, whose size follows the text, each with its name."""
+    size = "width: 1.4em; height: 1.4em; vertical-align: -0.35em"
     return "".join(
-        f"<span style='white-space: nowrap; margin-right: 1.1em; display: inline-block'>{mark} {name}</span>"
+        "<span style='white-space: nowrap; margin-right: 1.1em; display: inline-block'>"
+        f"<svg viewBox='0 0 {EDGE} {EDGE}' style='{size}'>{mark}</svg> {name}</span>"
         for name, mark in marks.items()
     )
 

@@ -30,7 +30,7 @@ class Plot:
 
     `title`: with the unit of the ordinate; `series`: of uPlot, the abscissa first; `x`: label of the abscissa, with its
     unit; `scales`: further scales of uPlot, by name; `height`: pixels; `whole`: whether the abscissa has ticks at whole
-    numbers alone, at any zoom; `legend`: whether the plot has a legend below.
+    numbers alone, at any zoom; `legend`: whether the plot has a legend below. `data`: the columns that the page has.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Plot:
         self.limits: tuple[float, float] | None = None
         self.handle: viser.GuiUplotHandle | None = None
         self._wanted: tuple[tuple[np.ndarray, ...], tuple[Any, ...]] = (), ()  # data and axes that were shown last
-        self._sent: tuple[np.ndarray, ...] = ()  # the data that the page has
+        self.data: tuple[np.ndarray, ...] = ()  # the data that the page has
         self._until, self._axes_next = 0.0, False  # when something may be sent again, and whether these are axes
 
     @property
@@ -63,11 +63,6 @@ class Plot:
     def visible(self, visible: bool) -> None:
         if self._folder.visible != visible:
             self._folder.visible = visible
-
-    @property
-    def data(self) -> tuple[np.ndarray, ...]:
-        """The columns that are drawn; empty before the first."""
-        return () if self.handle is None else self.handle.data
 
     def show(
         self,
@@ -87,7 +82,7 @@ class Plot:
             self.title, self.decades, self.limits = self._wanted[1]
             with self._folder:
                 scales, axes = self._scales_and_axes()
-                self._sent = data
+                self.data = data
                 self.handle = self._gui.add_uplot(
                     data=data, series=self._series, title=self.title, scales=scales, axes=axes, height=self._height,
                     padding=PADDING, legend=self._legend,
@@ -105,10 +100,10 @@ class Plot:
             self._send_axes(axes)
             return
         renewed = axes != (self.title, self.decades, self.limits)
-        if data is not self._sent:
-            self._axes_next = renewed and _extent(data) != _extent(self._sent)
+        if data is not self.data:
+            self._axes_next = renewed and _extent(data) != _extent(self.data)
             self._until = now + APART if self._axes_next else 0.0
-            self._sent = self.handle.data = data
+            self.data = self.handle.data = data
         if renewed and not self._axes_next:
             self._send_axes(axes)
 

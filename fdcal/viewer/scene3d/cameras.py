@@ -56,11 +56,6 @@ def canvas(camera) -> tuple[int, int]:
     return bounded(width, 1, MAX_PIXELS, ASSUMED_SIZE), bounded(height, 1, MAX_PIXELS, ASSUMED_SIZE)
 
 
-def stands_at(camera, position) -> bool:
-    """Whether a page's camera is at a position, metres."""
-    return bool(np.allclose(camera.position, position, rtol=TOLERANCE))
-
-
 def planes(wanted: Camera) -> tuple[float, float]:
     """Distances from the eye, metres, between which things are drawn."""
     distance = math.dist(wanted.position, wanted.look_at)
@@ -74,7 +69,7 @@ def is_at(camera, wanted: Camera) -> bool:
     """
     off = np.subtract(camera.look_at, camera.position) - np.subtract(wanted.look_at, wanted.position)
     aimed = np.abs(off[:2]).max() <= AIM_TOLERANCE * math.dist(wanted.position, wanted.look_at)
-    at = stands_at(camera, wanted.position)
+    at = np.allclose(camera.position, wanted.position, rtol=TOLERANCE)
     at = at and np.allclose(camera.look_at, wanted.look_at, rtol=TOLERANCE, atol=TOLERANCE)
     clipped = np.allclose((camera.near, camera.far), planes(wanted), rtol=TOLERANCE, atol=0)
     return bool(at and aimed and clipped and abs(camera.fov - wanted.fov) <= TOLERANCE * wanted.fov)
@@ -230,7 +225,8 @@ class Cameras:
                 now = canvas(camera), self.around, client.client_id in self._experts, self._relief(placement.view)
                 fits = now == (placement.size, placement.around, placement.expert, placement.relief)
                 fits = fits and is_at(camera, placement.camera)
-                if not fits and any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):
+                before = (VISER_START, *placement.positions)
+                if not fits and any(np.allclose(camera.position, one, rtol=TOLERANCE) for one in before):
                     self.place(client, placement.view)
             if check is not None:
                 # A page reports the size of its canvas while the panels move, when that may still be the size before:

@@ -143,23 +143,25 @@ MORE = "The documentation, docs/ of the project, and the command <code>fdcal</co
 
 def text() -> str:
     """Return the contents of the tab as HTML."""
-    keys = {key.name: escape(key.label) for key in KEYS}
-    return (
-        f"{_table('Keys', keys)}{_table('Mouse', MOUSE)}{_head('Marks')}"
-        f"{legend(mark for mark in DRAWN.values() if mark.text)}<div style='{CARD}'>{MARKS}</div>"
-        f"{_table('Numbers', NUMBERS)}{_head('Measured rooms')}<div style='{CARD}'>{MEASURED_AND_MODELLED}</div>"
-        f"{_head('More')}<div style='{CARD}'>{MORE}</div>"
-    )
-
-
-def _head(title: str) -> str:
-    return f"<div style='{CARD} font-weight: 600; margin-top: 0.4em'>{title}</div>"
-
-
-def _table(title: str, rows: dict[str, str]) -> str:
-    cells = "".join(
-        f"<tr><td style='white-space: nowrap; vertical-align: top; padding-right: 0.8em'><b>{name}</b></td>"
-        f"<td>{description}</td></tr>"
-        for name, description in rows.items()
-    )
-    return f"{_head(title)}<div style='{CARD}'><table style='border-spacing: 0'>{cells}</table></div>"
+    marks = f"{legend(mark for mark in DRAWN.values() if mark.text)}<div style='{CARD}'>{MARKS}</div>"
+    sections: dict[str, str | dict[str, str]] = {
+        "Keys": {key.name: escape(key.label) for key in KEYS},
+        "Mouse": MOUSE,
+        "Marks": marks,
+        "Numbers": NUMBERS,
+        "Measured rooms": f"<div style='{CARD}'>{MEASURED_AND_MODELLED}</div>",
+        "More": f"<div style='{CARD}'>{MORE}</div>",
+    }
+    html = ""
+    for title, content in sections.items():
+        html += f"<div style='{CARD} font-weight: 600; margin-top: 0.4em'>{title}</div>"
+        if isinstance(content, str):
+            html += content
+            continue
+        cells = "".join(
+            f"<tr><td style='white-space: nowrap; vertical-align: top; padding-right: 0.8em'><b>{name}</b></td>"
+            f"<td>{description}</td></tr>"
+            for name, description in content.items()
+        )
+        html += f"<div style='{CARD}'><table style='border-spacing: 0'>{cells}</table></div>"
+    return html

@@ -306,11 +306,6 @@ class LessonsTab:
         """Whether nothing waits for a scene."""
         return self._pending is None
 
-    @property
-    def active(self) -> bool:
-        """Whether a lesson is in progress."""
-        return self.progress.lesson is not None
-
     def start(self, title: str, number: int = 0) -> None:
         """Start a lesson, by its title, at a step, counted from 0; ignore any other text."""
         viewer, lesson = self._page.viewer, self._lessons.get(title)
