@@ -198,8 +198,7 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
     grid = make_grid(room, fs)
     samples, taps = round(source.duration * fs), pulse_length(source)
     if samples * max(len(receivers), 1) > MOST_SAMPLES:
-        why = "makes recordings of over 4 GB"
-        raise refusal("source.duration", source.duration, why, "use a shorter one", "s")
+        raise refusal("source.duration", source.duration, "makes recordings of over 4 GB", "use a shorter one", "s")
     if samples < taps:
         remedy = f"use at least {math.ceil(1000 * taps / fs) / 1000:g} s, or a higher source.low"
         raise refusal("source.duration", source.duration, "is shorter than the pulse", remedy, "s")

@@ -259,8 +259,7 @@ def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -
             f"{_row(problem)} {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order {L}, that is"
             f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
         )
-        remedy = f"use a lower order or lower {_row(problem)}s"
-        raise InputError(fault, remedy, key="order_offset", value=order_offset)
+        raise InputError(fault, f"use a lower order or lower {_row(problem)}s", key="order_offset", value=order_offset)
 
 
 def require_plane_field(problem: Problem) -> None:

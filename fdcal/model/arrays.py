@@ -121,8 +121,7 @@ def positions_3d(scene: Scene) -> np.ndarray:
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1) + np.eye(len(positions))
     first, second = divmod(int(distance.argmin()), len(distance))
     if distance[first, second] < CLEARANCE:
-        problem = f"array puts microphones {first} and {second} in one place"
-        raise InputError(problem, "move one of them", key="array")
+        raise InputError(f"array puts microphones {first} and {second} in one place", "move one of them", key="array")
     if scene.room.response is not None:
         return positions
     size = np.array(scene.room.size)

@@ -295,8 +295,7 @@ class SolverSettings:
     def __post_init__(self):
         check(self, "solver.")
         if self.first_modes > self.modes:
-            why = f"is above solver.modes = {self.modes}"
-            raise refusal("solver.first_modes", self.first_modes, why, "lower it")
+            raise refusal("solver.first_modes", self.first_modes, f"is above solver.modes = {self.modes}", "lower it")
         _ = self.snr_db  # raises for a `noise` that is neither a choice nor a number
 
     @property
@@ -309,8 +308,7 @@ class SolverSettings:
         except ValueError:
             value = math.nan
         if not -LIMITS.decibels <= value <= LIMITS.decibels:
-            remedy = 'use "reported", "auto" or a number of decibels'
-            raise refusal("solver.noise", self.noise, "is unknown", remedy)
+            raise refusal("solver.noise", self.noise, "is unknown", 'use "reported", "auto" or a number of decibels')
         return value
 
 

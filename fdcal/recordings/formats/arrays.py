@@ -154,8 +154,7 @@ def _read_hdf5(path: Path, source: int | None = None) -> Recording:
         if data.ndim != 2 or data.dtype.kind not in "fiu":
             raise InputError(f'{path}: "time_data" is {data.dtype}, {data.shape}', "give real samples (T, N)")
         if "sample_freq" not in data.attrs:
-            problem = f'{path}: "time_data" has no attribute "sample_freq", the sampling rate in Hz'
-            raise InputError(problem, "add it")
+            raise InputError(f'{path}: "time_data" has no attribute "sample_freq", the sampling rate in Hz', "add it")
         rate = np.asarray(data.attrs["sample_freq"])
         if rate.size != 1 or rate.dtype.kind not in "fiu":
             raise InputError(f'{path}: "sample_freq" is {shown(rate.tolist(), 80)}', "give one number, the rate in Hz")
