@@ -5,6 +5,7 @@ import gc
 import math
 import threading
 import time
+import weakref
 from dataclasses import dataclass
 
 import numpy as np
@@ -252,7 +253,7 @@ def test_worker_runs_the_newest_request_only():
     assert worker.close(WAIT)
 
 
-def test_a_worker_signals_that_it_has_delivered():
+def test_a_worker_signals_that_it_has_delivered(monkeypatch):
     wake, worker = WakeEvent(), None
     try:
         worker = LatestWorker(lambda x: x, notify=wake.set)
@@ -260,6 +261,10 @@ def test_a_worker_signals_that_it_has_delivered():
         worker.request(1)
         assert wake.wait(WAIT) and worker.latest.result == 1
         assert not wake.wait(0.0), "once for one"
+        with monkeypatch.context() as patch:
+            patch.setattr(threading.Event, "wait", lambda event, timeout: event.set() or False)
+            assert not wake.wait(0.0)
+        assert wake.wait(0.0), "a signal at the end of a waiting counts for the next"
     finally:
         worker.close(WAIT)
 
@@ -446,6 +451,7 @@ def test_tables_that_the_first_cost_makes_do_not_delay_the_next_cost():
     costs.compute(states[0])
     costs.compute_in_passing(states[1], 0.001)
     assert costs.of(states[1]) == 1.0
+    gone = weakref.ref(states[1])
     del states
     gc.collect()
-    assert not costs.knows(Count(step=1)), "costs of states that are gone are forgotten"
+    assert gone() is None and not costs.knows(Count(step=1)), "states that are gone are forgotten, and their costs"
