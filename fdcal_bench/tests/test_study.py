@@ -17,6 +17,7 @@ import psutil
 import pytest
 from distributed import Client
 from distributed.security import Security
+from pyarrow import parquet
 
 import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
@@ -84,13 +85,8 @@ def test_points_are_the_product_of_the_axes(file):
     assert [tuple(study.point(number).values()) for number in range(4)] == [(20, 12), (20, 20), (40, 12), (40, 20)]
     scene = scene_at(study, study.point(3), 7)
     assert (scene.measurement.snr_db, scene.solver.modes, scene.seed) == (40, 20, 7)
-
-
-def test_tasks_of_a_long_study_are_not_listed(tmp_path):
-    path = tmp_path / "long.toml"
-    path.write_text(TEXT.format(draws=10_000_000))
-    study = load_study(path)
-    tasks = study.tasks({0, 2})
+    file.write_text(TEXT.format(draws=10_000_000))
+    tasks = load_study(file).tasks({0, 2})  # which are not listed
     assert [next(tasks) for _ in range(3)] == [1, 3, 4]
 
 
@@ -196,8 +192,7 @@ def test_the_source_of_a_draw_is_the_same_at_all_points(file):
     assert np.all(errors[:, 1] < errors[:, 0])
 
 
-def test_the_table_goes_on_where_it_was_left_is_one_whatever_a_part_lacks_and_has_one_writer(file, tmp_path):
-
+def test_the_table_goes_on_where_it_was_left_whatever_a_part_lacks_and_has_one_writer(file, tmp_path, monkeypatch):
     study, folder = load_study(file), tmp_path / "out"
     first, at = Results(folder, study, False), {"draw": 0, "seed": 0, "snr_db": 20, "solver.modes": 12}
     first.append([{"task": 0, "verdict": "refused", "reason": "why", **at}])
@@ -214,6 +209,15 @@ def test_the_table_goes_on_where_it_was_left_is_one_whatever_a_part_lacks_and_ha
         pytest.fail("both run")
     with again.held():
         pass
+
+    def full(*arguments):
+        raise OSError(28, "No space left on device")
+
+    parts = list(folder.glob(PARTS))
+    monkeypatch.setattr(parquet, "write_table", full)
+    with pytest.raises(StorageError, match="No space left"):
+        again.append([{"task": 0}])
+    assert list(folder.glob(PARTS)) == parts, "a full disk leaves no part"
 
 
 def test_a_folder_of_another_study_and_one_that_is_not_empty(file, tmp_path):
@@ -312,20 +316,6 @@ def test_the_hash_of_sources_is_of_what_a_row_depends_on(tmp_path):
     assert source_hash(tmp_path) == before, "neither the page nor the ends of lines"
     (tmp_path / "cost" / "one.py").write_bytes(b"x = 2\n")
     assert source_hash(tmp_path) != before
-
-
-def test_a_full_disk_is_a_storage_error_and_leaves_no_part(file, tmp_path, monkeypatch):
-    from pyarrow import parquet
-
-    results = Results(tmp_path / "out", load_study(file), False)
-
-    def full(*arguments):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(parquet, "write_table", full)
-    with pytest.raises(StorageError, match="No space left"):
-        results.append([{"task": 0}])
-    assert not list((tmp_path / "out").glob(PARTS))
 
 
 def listening(process) -> list[tuple[str, int]]:

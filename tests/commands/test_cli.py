@@ -71,11 +71,7 @@ def test_the_cost_is_that_of_the_page(calibrated, made):
 
 @pytest.mark.parametrize(
     ("options", "sought", "aligned"),
-    [
-        (["--known", "minimal"], 16, False),
-        (["--known", "none"], 16, True),
-        (["--noise", "60"], 13, False),
-    ],
+    [(["--known", "minimal"], 16, False), (["--known", "none"], 16, True), (["--noise", "60"], 13, False)],
 )
 def test_calibrate_options_end_within_two_millimetres(calibrated, made, options, sought, aligned):
     out, result = calibrated("--solver", "joint", *options)

@@ -19,14 +19,7 @@ from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.marks import ESTIMATE, HALO, KNOWN, TRUE, drape
 from fdcal.graphics.overlays import with_ball, with_ellipses, with_trails
-from fdcal.graphics.picture import (
-    HEIGHT,
-    LETTER,
-    compose,
-    name_place,
-    static_picture,
-    z_range_of,
-)
+from fdcal.graphics.picture import HEIGHT, LETTER, compose, name_place, static_picture, z_range_of
 from fdcal.graphics.primitives import Mesh
 from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import Measurement
