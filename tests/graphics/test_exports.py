@@ -79,13 +79,15 @@ def test_microphones_for_paraview(measured, scored, tmp_path):
         assert (kinds[ends] == [1, 0]).all() and (np.diff(cloud["microphone"][ends]) == 0).all()
 
 
-def test_names_of_microphones_pass_through_paraview(solid, tmp_path):
+def test_names_pass_through_paraview_and_the_table_is_complete(measured, solid, tmp_path):
     cloud = opened(exports.microphones_vtp(solid, solid.positions), "mics.vtp", tmp_path)
     assert list(cloud["name"][:9]) == list(solid.names)
     assert np.array_equal(cloud.points[9:18], solid.positions) and np.isnan(cloud["uncertainty"]).all()
-
-
-def test_the_table_is_complete(solid):
+    measurement, _ = measured
+    blind = Measurement(measurement.frequencies, measurement.pressures, 343.0)
+    rows = list(csv.DictReader(io.StringIO(position_table(blind, measurement.positions))))
+    assert len(rows) == 16 and "z_m" not in rows[0]
+    assert {row[key] for row in rows for key in ("true_x_m", "true_y_m", "error_m", "uncertainty_m")} == {""}
     estimate = solid.positions + [0.0, 0.003, 0.004]
     rows = list(csv.DictReader(io.StringIO(position_table(solid, estimate, np.full(9, 0.002)))))
     assert [row["name"] for row in rows] == list(solid.names)
@@ -94,14 +96,6 @@ def test_the_table_is_complete(solid):
         assert np.array_equal([[float(row[f"{start}{a}_m"]) for a in "xyz"] for row in rows], values)
     assert [float(row["error_m"]) for row in rows] == position_errors(estimate, solid.positions).tolist()
     assert {row["uncertainty_m"] for row in rows} == {"0.002"}
-
-
-def test_what_is_not_known_is_left_empty(measured):
-    measurement, _ = measured
-    blind = Measurement(measurement.frequencies, measurement.pressures, 343.0)
-    rows = list(csv.DictReader(io.StringIO(position_table(blind, measurement.positions))))
-    assert len(rows) == 16 and "z_m" not in rows[0]
-    assert {row[key] for row in rows for key in ("true_x_m", "true_y_m", "error_m", "uncertainty_m")} == {""}
 
 
 def test_figures_as_picture_and_drawing(measured):
