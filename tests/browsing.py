@@ -1,6 +1,7 @@
 """How to find things in the page of a real browser, for the tests that have one."""
 
 import contextlib
+import functools
 from concurrent.futures import ThreadPoolExecutor
 from queue import Queue
 from types import SimpleNamespace
@@ -30,6 +31,14 @@ ARGUMENTS = [
 ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 
 
+# A page draws the scene with each frame, by software, and what is waited for would be computed as often.
+FEWER_FRAMES = """{
+    const [draw, drop] = [requestAnimationFrame, cancelAnimationFrame];
+    window.requestAnimationFrame = act => setTimeout(() => draw(act), 50);
+    window.cancelAnimationFrame = number => { clearTimeout(number); drop(number); };
+}"""
+
+
 @contextlib.contextmanager
 def serving_here(scene=None, port=0, lessons=(), play=False):
     """Serve a scene's page from a thread of this process, which saves another one's imports; give its address.
@@ -48,12 +57,19 @@ def serving_here(scene=None, port=0, lessons=(), play=False):
             served.result(WAIT)
 
 
+def unhurried(page):
+    """Let a page draw, and look for what is waited for, less often than 60 times a second."""
+    page.add_init_script(FEWER_FRAMES)
+    page.wait_for_function = functools.partial(page.wait_for_function, polling=100)
+    page.set_default_timeout(WAIT * 1e3)
+
+
 def opened_page(browser, address, query=COARSE, width=1280, height=720):
     """A page whose picture is drawn; `page.faults` are the errors that it has reported to the browser's console."""
     page = browser.new_page(viewport={"width": width, "height": height})
+    unhurried(page)
     page.faults = []
     page.on("console", lambda message: page.faults.append(message.text) if message.type == "error" else None)
-    page.set_default_timeout(WAIT * 1e3)
     page.goto(f"{address}/{query}")
     drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
     page.wait_for_function(drawn, arg="/microphones/true", timeout=WAIT * 1e3)

@@ -36,18 +36,7 @@ def address_bar(page):
     return page.panels.overlay._regions["address"].content.partition("-->")[2].replace("&amp;", "&")
 
 
-def test_an_address_leaves_out_modes_that_it_has_no_room_for(tiny_page, monkeypatch):
-    page, _ = tiny_page
-    monkeypatch.setattr(address, "MAX_MODES_TEXT", 20)  # `tiny` has few modes
-    page.viewer.tabs.map.choose_modes(range(1, page.viewer.binding.modes + 1, 2))
-    written = address_of(page.viewer)
-    assert parse_address(written)["scene"] and "modes" not in written
-    page.viewer.tabs.map.choose_modes((1, 3))
-    assert parse_address(address_of(page.viewer))["modes"] == "1,3"
-    page.viewer.tabs.map.choose_modes(None)
-
-
-def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page):
+def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page, monkeypatch):
     page, _ = tiny_page
     tabs = page.viewer.tabs
     tabs.map.pick(5)
@@ -65,6 +54,11 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page):
     before = page.viewer.binding.choices
     command(page, f"open={written}")
     assert page.viewer.binding.choices is before, "a page that is loaded again changes nothing"
+    monkeypatch.setattr(address, "MAX_MODES_TEXT", 20)  # `tiny` has few modes
+    for modes, kept in (((1, 3), True), (range(1, page.viewer.binding.modes + 1, 2), False)):
+        tabs.map.choose_modes(modes)
+        written = parse_address(address_of(page.viewer))
+        assert "scene" in written and written.get("modes") == ("1,3" if kept else None), "those that it has room for"
 
 
 def test_a_link_to_another_scene_opens_it_and_then_sets_the_map(tiny_page):
@@ -128,11 +122,9 @@ def test_any_text_is_an_address_or_is_refused(text):
 
 def test_the_page_follows_a_browser_until_a_user_chooses(tiny_page):
     page, _ = tiny_page
-    dark = lambda: page.viewer.binding.choices.style.dark  # noqa: E731
-    command(page, "dark=on")
-    assert dark()
-    command(page, "dark=off")
-    assert not dark()
-    page.viewer.tabs.view.darken(True)
-    command(page, "dark=off")
-    assert dark()
+    for asked, dark in (("dark=on", True), ("dark=off", False), (None, True), ("dark=off", True)):
+        if asked is None:
+            page.viewer.tabs.view.darken(True)
+        else:
+            command(page, asked)
+        assert page.viewer.binding.choices.style.dark == dark

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import COARSE, WAIT, choose, serving_here, tab
+from browsing import COARSE, choose, serving_here, tab, unhurried
 
 from fdcal.viewer import opening
 from fdcal.viewer.explore import INVITATION, summed_text
@@ -78,7 +78,7 @@ EMPTY_BOXES = """() => [...document.querySelectorAll(".mantine-Paper-root > .man
 def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags_it(browser, url):
     context = browser.new_context(**PHONE)
     page = context.new_page()
-    page.set_default_timeout(WAIT * 1e3)
+    unhurried(page)
     page.goto(f"{url}/?fixedDpr=0.25#face=explore", wait_until="domcontentloaded")
     assert page.evaluate(f"!{FILM}"), "a link leads to what it names"
     legend = page.locator("#fdcal [data-region=legend]")
@@ -135,7 +135,7 @@ def test_one_mode_is_told_from_a_sum():
 
 def opened(browser, url, **options):
     page = browser.new_page(viewport={"width": 1024, "height": 576}, **options)
-    page.set_default_timeout(WAIT * 1e3)
+    unhurried(page)
     page.goto(f"{url}/{EXPLORE}", wait_until="domcontentloaded")
     return page
 

@@ -480,13 +480,14 @@ def finish_message(server, control, updates):
 # -- too much ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_client_that_sends_too_much_is_disconnected(server, monkeypatch):
+def test_a_client_that_sends_too_much_is_disconnected(server, monkeypatch, caplog):
     monkeypatch.setattr(hardening, "FLOOD_TIME", 0.5)
     raw = msgspec.msgpack.encode({"type": "CommandTriggerMessage", "uuid": "nobody"})
     with join(server) as client, pytest.raises(ConnectionClosed) as caught:
         for _ in range(10**6):
             client.send(raw)
     assert caught.value.rcvd is caught.value.sent is None, "at once, and not because its pings wait for an answer"
+    assert "a client that sends too much was disconnected" in caplog.messages
 
 
 HANDSHAKE = (

@@ -166,12 +166,11 @@ def test_isosurfaces_a_slice_and_a_relief_stand_in_the_scene_and_follow_the_cont
     low, high = box(ball, "/isosurfaces")
     assert all(a > b - 0.02 for a, b in zip(low, (1.4, 1.1, 0.8), strict=True))
     assert all(a < b + 0.02 for a, b in zip(high, (2.4, 2.1, 1.8), strict=True))
-    for axis, name, ends in ((0, "x", (1.4, 2.4)), (1, "y", (1.1, 2.1))):
-        choose(ball, "Slice across", name)
-        lies(ball, axis)  # only then has the slider the ends of this axis
-        for key, place in zip(("Home", "End"), ends, strict=True):
-            slider(ball, "Slice at (m)").press(key)
-            lies(ball, axis, place)
+    choose(ball, "Slice across", "y")
+    lies(ball, 1)  # only then has the slider the ends of this axis
+    for key, place in (("Home", 1.1), ("End", 2.1)):
+        slider(ball, "Slice at (m)").press(key)
+        lies(ball, 1, place)
     sizes = [round(b - a, 2) for a, b in zip(*box(ball, "/slice"), strict=True)]
     assert sizes == [1.02, 0.0, 1.02]
     choose(ball, "Slice across", "None")
