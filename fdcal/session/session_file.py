@@ -2,23 +2,21 @@
 
 It is a .zip of two files, session.json and session.npz, which may also lie in a folder of their own. The first holds
 the scene with the settings of its solver, the seed of the start, the index of the state that was shown, the values of
-the page's controls and the states. The second holds their arrays and the measurement; it is a measurement file that
-`fdcal calibrate` can read. Each value of a state is checked against the type that the state's class declares for the
-field. Reading either file runs nothing.
+the page's controls and the states; it has infinity as Python's JSON does. The second holds their arrays and the
+measurement; it is a measurement file that `fdcal calibrate` can read. msgspec reads each state as its class declares
+it. Reading either file runs nothing.
 """
 
 import dataclasses
 import io
 import json
 import math
-import sys
-import types
-import typing
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from .. import solvers
@@ -33,10 +31,8 @@ from .scene_edits import plain, table_of
 from .session import MAX_STATES
 from .sources import OpenRequest
 
-VERSION = 2
+VERSION = 3
 TABLE, ARRAYS = "session.json", "session.npz"
-
-
 UNPACKED_BYTES = 400_000_000  # size that an archive may unpack to
 WRITTEN_BYTES = 64_000_000  # size of the states that are written; of longer runs fewer are kept, evenly spaced
 KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
@@ -53,7 +49,7 @@ def write(opening: OpenRequest) -> bytes:
     table, arrays = write_states([opening.states[i] for i in kept])
     content = {
         "fdcal_session": VERSION,
-        "scene": _finite(table_of(scene)),
+        "scene": table_of(scene),
         "measured": isinstance(scene, MeasuredScene),  # the scene is a placeholder
         "start_seed": opening.seed,
         "index": kept.index(len(opening.states) - 1 if opening.index is None else opening.index),
@@ -64,7 +60,7 @@ def write(opening: OpenRequest) -> bytes:
     save_measurement(opening.measurement, file, arrays)
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(TABLE, json.dumps(content, allow_nan=False))
+        archive.writestr(TABLE, json.dumps(content))
         archive.writestr(ARRAYS, file.getvalue())
     return packed.getvalue()
 
@@ -115,10 +111,7 @@ def _opening(text: bytes, packed: bytes) -> OpenRequest:
         raise InputError(f"fdcal_session = {found!r}", remedy, key="fdcal_session", value=found)
     for key, kind in (("scene", dict), ("choices", dict), ("start_seed", int), ("index", int)):
         convert(table[key], kind, key)
-    described = dict(table["scene"])
-    if isinstance(sensing := described.get("measurement"), dict) and sensing.get("snr_db") == "inf":
-        described["measurement"] = {**sensing, "snr_db": float("inf")}  # the one key that may be infinite
-    scene = build(MeasuredScene if table.get("measured") is True else Scene, described)
+    scene = build(MeasuredScene if table.get("measured") is True else Scene, table["scene"])
     if isinstance(scene, MeasuredScene):
         scene = dataclasses.replace(scene, file="")  # a session reads no other file
     try:
@@ -157,28 +150,19 @@ def state_bytes(record) -> int:
     return 200 + arrays + sum(state_bytes(value) for value in values if dataclasses.is_dataclass(value))
 
 
-def _finite(value):
-    """Return a table with infinity as a text: a scene's SNR may be infinite, and JSON has no infinity."""
-    if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_finite(inner) for inner in value]
-    return "inf" if value == float("inf") else value
-
-
 LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
+OTHER_VERSION = "open the file with the version of fdcal that wrote it"
+NOT_FINITE = "the run has reached numbers that are not finite", "rewind before you save it"
 NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold
-INFINITE = ("inf", "-inf")
 PLACES = ("positions", "shape", "origin", "centre", "place")  # arrays of coordinates, metres
 
 
 class StateReader:
-    """Values out of JSON, checked against the types and the problem, which determines the shapes and ranges."""
+    """States out of JSON, checked against their types and the problem, which determines the shapes and ranges."""
 
     def __init__(self, arrays: Mapping[str, np.ndarray], settings: list[SolverSettings], problem: Problem):
         self._arrays, self._settings = arrays, settings
         self._read: dict[tuple, np.ndarray] = {}  # an array is the same object wherever it is referred to
-        self._hints: dict[type, dict[str, Any]] = {}
         modes, count = problem.pressures.shape
         D = problem.array_dimension
         self._shapes = {
@@ -190,137 +174,95 @@ class StateReader:
         self._ranges = {"moved": (-1, count - 1), "turn": (0, max(len(problem.free) - 1, 0))}
         self._ranges |= {"first": (1, modes), "last": (1, modes), "restart": (-1, LARGEST_COUNT)}
 
-    def require_fields(self, key: str, table: Any, Record: type) -> None:
-        """Raise InputError unless `table` has the fields of a dataclass."""
-        names = {field.name for field in dataclasses.fields(Record)}
-        if not isinstance(table, dict) or set(table) != names:
-            others = ", ".join(sorted(set(table) ^ names)) if isinstance(table, dict) else "all fields"
-            problem = f"{key}: fields that differ from those of this version of fdcal: {shown(others, 300)}"
-            raise InputError(problem, "open the file with the version that wrote it", key=key)
+    def state(self, table: dict[str, Any], State: type) -> Any:
+        """Return a state out of a dict of its fields."""
+        number = table.get("settings")
+        if not isinstance(number, int) or not 0 <= number < len(self._settings):
+            raise InputError("states.settings refers to settings that are not there", key="states.settings")
+        table = table | {"settings": self._settings[number]}
+        try:
+            state = msgspec.convert(table, State, dec_hook=self._array)
+        except msgspec.ValidationError as error:
+            problem, _, place = str(error).rpartition(" - at ")
+            key = place.strip("`").replace("$", "states", 1) or "states"
+            raise InputError(f"{key}: {problem or error}", OTHER_VERSION, key=key) from error
+        self._check("states", state, table)
+        return state
 
-    def record(self, key: str, table: Any, Record: type) -> Any:
-        """A frozen dataclass out of a dict of its fields."""
-        self.require_fields(key, table, Record)
-        hints = self._hints.setdefault(Record, typing.get_type_hints(Record))
-        return Record(**{name: self._value(name, table[name], hints[name]) for name in table})
-
-    def _value(self, key: str, value: Any, hint: Any) -> Any:
-        """A value of the type `hint`."""
-        options = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
-        if value is None and type(None) in options:
-            return None
-        if isinstance(value, dict) and len(value) == 1:
-            (kind, inner), *_ = value.items()
-            for option in options:
-                found = self._composed(key, kind, inner, option)
-                if found is not None:
-                    return found
-        elif isinstance(value, bool):
-            if bool in options:
-                return value
-        elif isinstance(value, int) and int in options:
-            low, high = self._ranges.get(key, (0, LARGEST_COUNT))
-            if low <= value <= high:
-                return value
-            problem = f"states.{key} = {shown(value)} must be from {low} to {high}"
-            raise InputError(problem, key=f"states.{key}", value=value)
-        elif isinstance(value, (int, float)) and float in options and abs(value) <= sys.float_info.max:
-            return float(value)
-        elif isinstance(value, str) and any(value in typing.get_args(option) for option in options):
-            return value
-        raise InputError(f"states.{key} holds {shown(value)!r}, which is impossible", key=f"states.{key}")
-
-    def _composed(self, key: str, kind: str, inner: Any, option: Any) -> Any:
-        """A value that is more than one JSON value, of the type `option`; None if it is not of that type."""
-        if kind == "array" and np.ndarray in (option, typing.get_origin(option)):
-            return self._array(key, inner)
-        if kind == "settings" and option is SolverSettings:
-            there = isinstance(inner, int) and 0 <= inner < len(self._settings)
-            return self._settings[inner] if there else None
-        if kind == "record" and dataclasses.is_dataclass(option) and option is not SolverSettings:
-            return self.record(f"states.{key}", inner, typing.cast(type, option))
-        if kind == "tuple" and typing.get_origin(option) is tuple and isinstance(inner, list):
-            return tuple(self._value(key, one, typing.get_args(option)[0]) for one in inner)
-        if kind == "number" and option is float and inner in INFINITE:
-            return float(inner)
-        return None
-
-    def _array(self, key: str, place: Any) -> np.ndarray:
-        """One of the stacked arrays, frozen."""
+    def _array(self, kind: Any, place: Any) -> np.ndarray:
+        """Return one of the stacked arrays, frozen; ValueError, which msgspec completes, where it is not there."""
         stack = None
         if isinstance(place, list) and len(place) == 2 and all(isinstance(i, int) and i >= 0 for i in place):
             stack = self._arrays.get(f"states_{place[0]}")
         if stack is None or stack.ndim < 1 or place[1] >= len(stack):
-            raise InputError(f"states.{key} refers to an array that is not there", key=f"states.{key}")
+            raise ValueError("it refers to an array that is not there")
         if tuple(place) not in self._read:
             array = stack[place[1]]
             if array.dtype.kind not in NUMERIC_KINDS or not np.isfinite(array).all():
-                raise InputError(f"states.{key} must be finite numbers", key=f"states.{key}")
+                raise ValueError("an array must hold finite numbers")
             self._read[tuple(place)] = frozen_array(array, array.dtype)
-        array, wanted = self._read[tuple(place)], self._shapes.get(key)
-        if wanted is not None and array.shape != wanted:
-            remedy = f"with this measurement it is {wanted}"
-            raise InputError(f"states.{key} has shape {array.shape}", remedy, key=f"states.{key}", value=array.shape)
-        if key in PLACES and np.abs(array).max(initial=0.0) > LIMITS.coordinate:
-            raise InputError(f"states.{key} is too far away", f"use coordinates up to {LIMITS.coordinate:g} m")
-        return array
+        return self._read[tuple(place)]
 
-
-NOT_FINITE = "the run has reached numbers that are not finite", "rewind before you save it"
-
-
-class _StateWriter:
-    """Values of states as JSON has them, with arrays and settings, each kept once."""
-
-    def __init__(self):
-        self.stacks: dict[tuple, list[np.ndarray]] = {}
-        self.settings: list[SolverSettings] = []
-        self._references: dict[int, tuple[np.ndarray, dict]] = {}  # with the array, so that its identity stays its own
-
-    def value(self, value: Any) -> Any:
-        """Return a value of a state as JSON has it."""
-        if isinstance(value, np.ndarray):
-            return self._array(value)
-        if isinstance(value, SolverSettings):
-            if value not in self.settings:
-                self.settings.append(value)
-            return {"settings": self.settings.index(value)}
-        if dataclasses.is_dataclass(value):
-            return {"record": {f.name: self.value(getattr(value, f.name)) for f in dataclasses.fields(value)}}
-        if isinstance(value, tuple):
-            return {"tuple": [self.value(inner) for inner in value]}
-        value = value.item() if isinstance(value, np.generic) else value
-        if isinstance(value, float) and not math.isfinite(value):
-            if math.isnan(value):
-                raise InputError(*NOT_FINITE)
-            return {"number": str(value)}
-        if value is None or isinstance(value, (bool, int, float, str)):
-            return value
-        raise TypeError(f"a state holds a {type(value).__name__}, which a file cannot")
-
-    def _array(self, array: np.ndarray) -> dict:
-        if id(array) not in self._references:
-            if array.dtype.kind not in NUMERIC_KINDS or not np.isfinite(array).all():
-                raise InputError(*NOT_FINITE)
-            key = (array.dtype.str, array.shape)
-            stack = self.stacks.setdefault(key, [])
-            stack.append(array)
-            self._references[id(array)] = array, {"array": [list(self.stacks).index(key), len(stack) - 1]}
-        return self._references[id(array)][1]
+    def _check(self, key: str, value: Any, given: Any) -> None:
+        """Raise InputError unless this problem can have the value of a field, which the file has as `given`."""
+        name = f"states.{key}"
+        if dataclasses.is_dataclass(value) and value is not given:
+            fields = [field.name for field in dataclasses.fields(value)]
+            if others := set(given) ^ set(fields):  # msgspec fills in what is missing and skips what is unknown
+                problem = f"{key}: fields that differ from those of this version: {shown(sorted(others), 300)}"
+                raise InputError(problem, OTHER_VERSION, key=key)
+            for field in fields:
+                self._check(field, getattr(value, field), given[field])
+        elif isinstance(value, tuple):
+            for one, inner in zip(value, given, strict=True):
+                self._check(key, one, inner)
+        elif isinstance(value, np.ndarray):
+            if value.shape != self._shapes.get(key, value.shape):
+                remedy = f"with this measurement it is {self._shapes[key]}"
+                raise InputError(f"{name} has shape {value.shape}", remedy, key=name, value=value.shape)
+            if key in PLACES and np.abs(value).max(initial=0.0) > LIMITS.coordinate:
+                raise InputError(f"{name} is too far away", f"use coordinates up to {LIMITS.coordinate:g} m", key=name)
+        elif isinstance(value, int) and not isinstance(value, bool):
+            low, high = self._ranges.get(key, (0, LARGEST_COUNT))
+            if not low <= value <= high:
+                raise InputError(f"{name} = {shown(value)} must be from {low} to {high}", key=name, value=value)
+        elif isinstance(value, float) and math.isnan(value):
+            raise InputError(f"{name} = nan must be a number", key=name, value=value)
 
 
 def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray]]:
-    """Return the states as a table for JSON and arrays by name; InputError for numbers that are not finite."""
-    writer = _StateWriter()
-    kinds = list(dict.fromkeys(state.solver for state in states))
-    tables = []
-    for name in kinds:
-        mine = [state for state in states if state.solver == name]
-        columns = {f.name: [writer.value(getattr(s, f.name)) for s in mine] for f in dataclasses.fields(mine[0])}
-        tables.append({"solver": name, "fields": columns})
-    order = [kinds.index(state.solver) for state in states]
-    table = {"order": order, "kinds": tables, "settings": [plain(dataclasses.asdict(s)) for s in writer.settings]}
-    return table, {f"states_{i}": np.array(stack) for i, stack in enumerate(writer.stacks.values())}
+    """Return states of one solver as a table for JSON and arrays by name; InputError for NaN, and infinite arrays.
+
+    Each array is kept once, in a stack of arrays of one type and shape; the table has [number of the stack, index].
+    """
+    stacks: dict[tuple, list[np.ndarray]] = {}
+    references: dict[int, tuple[np.ndarray, list[int]]] = {}  # with the array, so that its identity stays its own
+    settings: list[SolverSettings] = []
+    rows = []
+
+    def encoded(value: Any) -> Any:
+        if isinstance(value, np.generic):
+            return value.item()
+        if not isinstance(value, np.ndarray):
+            raise TypeError(f"a state holds a {type(value).__name__}, which a file cannot")
+        if id(value) not in references:
+            if value.dtype.kind not in NUMERIC_KINDS or not np.isfinite(value).all():
+                raise InputError(*NOT_FINITE)
+            key = (value.dtype.str, value.shape)
+            stack = stacks.setdefault(key, [])
+            stack.append(value)
+            references[id(value)] = value, [list(stacks).index(key), len(stack) - 1]
+        return references[id(value)][1]
+
+    for state in states:
+        if state.settings not in settings:
+            settings.append(state.settings)
+        fields = msgspec.to_builtins(state, enc_hook=encoded)
+        rows.append(fields | {"settings": settings.index(state.settings)})
+    if "NaN" in json.dumps(rows):
+        raise InputError(*NOT_FINITE)
+    table = {"solver": states[0].solver, "settings": [plain(dataclasses.asdict(one)) for one in settings], "rows": rows}
+    return table, {f"states_{i}": np.array(stack) for i, stack in enumerate(stacks.values())}
 
 
 def read_states(
@@ -330,33 +272,16 @@ def read_states(
 
     InputError for what is not of the type, the shape and the range that a state of `problem` has.
     """
-    for key in ("order", "kinds", "settings"):
-        if not isinstance(table, dict) or not isinstance(table.get(key), list):
-            raise InputError(f"states.{key} must be a list", key=f"states.{key}")
-    order, kinds, settings = table["order"], table["kinds"], table["settings"]
-    if not 1 <= len(order) <= max_count:
+    for key in ("settings", "rows"):
+        found = table.get(key) if isinstance(table, dict) else None
+        if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
+            raise InputError(f"states.{key} must be a list of tables", key=f"states.{key}")
+    settings, rows, name = table["settings"], table["rows"], table.get("solver")
+    if not 1 <= len(rows) <= max_count:
         remedy = f"a session holds 1 to {max_count} states"
-        raise InputError(f"states.order has {len(order)} entries", remedy, key="states.order", value=len(order))
-    read_settings = [build(SolverSettings, one if isinstance(one, dict) else {}, "settings.") for one in settings]
-    reader = StateReader(arrays, read_settings, problem)
-    State, what, queues, states = solvers.load(solver).State, f"states of {solver}", [], []
-    for kind in kinds:
-        if not isinstance(kind, dict) or not isinstance(kind.get("fields"), dict):
-            raise InputError("states.kinds must be tables with solver and fields", key="states.kinds")
-        name, columns = kind.get("solver"), kind["fields"]
-        if name != solver:
-            remedy = f"the scene has solver.name = {shown_literal(solver)}"
-            raise InputError(f"states are of solver {shown_literal(name)}", remedy, key="states.kinds", value=name)
-        reader.require_fields(what, columns, State)
-        lengths = {len(column) if isinstance(column, list) else -1 for column in columns.values()}
-        if len(lengths) != 1 or -1 in lengths:
-            raise InputError(f"{what} must have columns of one length", key="states.kinds")
-        rows = zip(*columns.values(), strict=True)
-        queues.append(iter([reader.record(what, dict(zip(columns, row, strict=True)), State) for row in rows]))
-    for number in order:
-        state = next(queues[number], None) if isinstance(number, int) and 0 <= number < len(queues) else None
-        if state is None:
-            fault = f"states.order names a state of kind {shown(number)}, which is not there"
-            raise InputError(fault, key="states.order")
-        states.append(state)
-    return tuple(states)
+        raise InputError(f"states.rows has {len(rows)} entries", remedy, key="states.rows", value=len(rows))
+    if name != solver:
+        remedy = f"the scene has solver.name = {shown_literal(solver)}"
+        raise InputError(f"states are of solver {shown_literal(name)}", remedy, key="states.solver", value=name)
+    reader = StateReader(arrays, [build(SolverSettings, one, "settings.") for one in settings], problem)
+    return tuple(reader.state(row, solvers.load(solver).State) for row in rows)

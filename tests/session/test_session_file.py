@@ -155,45 +155,48 @@ class Trap:
 
 
 def states_of(table):
-    return table["states"]["kinds"][0]["fields"]
+    return table["states"]["rows"][0]
 
 
 def put(key, value):
-    return lambda table: states_of(table)[key].__setitem__(0, value)
+    return lambda table: states_of(table).__setitem__(key, value)
 
 
 def put_inside(record, key, value):
-    return lambda table: states_of(table)[record][0]["record"].__setitem__(key, value)
+    return lambda table: states_of(table)[record].__setitem__(key, value)
 
 
 @pytest.mark.parametrize(
     ("change", "word"),
     [
         (lambda table: table.pop("states"), "session"),
-        (lambda table: table.update(fdcal_session=1), r"fdcal_session = '?1'?; this fdcal reads version 2"),
+        (lambda table: table.update(fdcal_session=1), r"fdcal_session = '?1'?; this fdcal reads version 3"),
         (lambda table: table.update(index=999), "index"),
         (lambda table: table["scene"]["room"].update(sound_speed=-1), "room.sound_speed"),
         (lambda table: table["scene"].update(evil=1), "evil"),
         (lambda table: table["scene"]["solver"].update(name="descent"), "solver"),
-        (lambda table: table["states"]["kinds"][0].update(solver="os"), "solver"),
-        (lambda table: table["states"]["order"].append(7), "order"),
-        (lambda table: table["states"].update(order=[]), "order"),
+        (lambda table: table["states"].update(solver="os"), "solver"),
+        (lambda table: table["states"]["rows"].append(7), "rows"),
+        (lambda table: table["states"].update(rows=[]), "rows"),
         (lambda table: states_of(table).pop("cost"), "cost"),
         (lambda table: states_of(table).update(__class__=[1]), "version"),
-        (lambda table: states_of(table)["cost"].pop(), "length"),
+        (lambda table: states_of(table)["model"].update(evil=1), "evil.*version"),
+        (lambda table: states_of(table)["model"].pop("log_speed"), "log_speed.*version"),
         (put("first", 0), "first"),
         (put("moved", 99), "moved"),
         (put("finished", 1), "finished"),
         (put("cost", "1e999"), "cost"),
+        (put("cost", float("nan")), "cost"),
+        (put("cost", 10**400), "cost"),
         (put_inside("model", "kernel", "__import__('os')"), "kernel"),
         (put_inside("model", "contradicted", True), "contradicted"),
         (put_inside("progress", "rounds", -1), "rounds"),
         (put_inside("progress", "stage", 6), r"progress\.stage = 6 must be from 0 to 5"),
-        (put("progress", {"record": {}}), "version"),
-        (put("settings", {"settings": 7}), "settings"),
-        (put("positions", {"array": [99, 0]}), "positions"),
-        (put_inside("model", "noise", {"array": [0, 0]}), "noise"),
-        (put("optima", {"tuple": [{"record": [1, 2]}]}), "optima"),
+        (put("progress", {}), "version"),
+        (put("settings", 7), "settings"),
+        (put("positions", [99, 0]), "positions"),
+        (put_inside("model", "noise", [0, 0]), "noise"),
+        (put("optima", [[1, 2]]), "optima"),
     ],
 )
 def test_a_changed_table_is_refused(folder, change, word):
