@@ -17,7 +17,7 @@ from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.recordings import formats
-from fdcal.recordings.formats.positions import read_table, read_xml
+from fdcal.recordings.formats.positions import read_places
 from fdcal.recordings.recording import read_samples
 from fdcal.session import session_file
 from fdcal.session.lesson import lesson_folder, load_lesson
@@ -116,7 +116,7 @@ def _read_scene(path: Path) -> None:
 
 
 def _read_table(path: Path) -> None:
-    names, positions = read_table(path)
+    names, positions = read_places(path)
     assert len(names) == len(positions)
     _finite(positions)
 
@@ -197,7 +197,7 @@ def _make_geometry(path: Path) -> None:
 
 
 def _read_geometry(path: Path) -> None:
-    names, positions = read_xml(path)
+    names, positions = read_places(path)
     assert len(names) == len(set(names)) == len(positions)
     _finite(positions)
 

@@ -294,7 +294,7 @@ def simulate(scene: str, output: str, force: bool):
 )
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @click.option(
-    "--positions", metavar="FILE.xml|csv", help="Positions to compare with instead: Acoular's XML, or name,x,y[,z]."
+    "--positions", metavar="FILE", help="Positions to compare with instead: a table name,x,y[,z], or a geometry."
 )
 @opt.output_option("RESULT.json", required=False)
 @opt.recording_options(*opt.RECORDED)
@@ -309,7 +309,7 @@ def calibrate(
 
     Several files are takes: recordings, or measurements, of the same channels with the source at other places; files
     of one channel each are the channels of one take. Of recordings, --known takes names of channels or a table
-    (.csv) with name,x,y[,z], too.
+    name,x,y[,z], too.
 
     The exit code is 5 if --check finds channels exchanged or a list that does not fit, else 4 if the result cannot be
     trusted.

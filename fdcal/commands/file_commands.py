@@ -113,7 +113,7 @@ def correct(recording, result, output, force):
 
 @click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
-@click.option("--positions", metavar="FILE.xml|csv", help="List to compare with: Acoular's XML, or name,x,y[,z].")
+@click.option("--positions", metavar="FILE", help="List to compare with: a table name,x,y[,z], or a geometry.")
 @opt.recording_options(*opt.RECORDED)
 @opt.output_option("FILE.html", required=False)
 @opt.force_option
@@ -161,8 +161,8 @@ REDRAWN = 0.15  # s of sound between two views at least
 @click.option(
     "--replay", multiple=True, metavar="FILE", help="Replay a recording in place of a sound card: a take each."
 )
-@click.option("--positions", metavar="FILE.xml|csv", help="List of the positions: names swapped channels.")
-@click.option("--known", metavar="NAMES|FILE.csv", help="Known microphones, as of import.")
+@click.option("--positions", metavar="FILE", help="List of the positions: names swapped channels.")
+@click.option("--known", metavar="NAMES|FILE", help="Known microphones, as of import.")
 @click.option("--temperature", type=opt.Number(), metavar="C", help="Of the air, degrees Celsius.")
 @click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane.")
 @click.option("--result", metavar="RESULT.json", help="File that the result is written to after each take.")

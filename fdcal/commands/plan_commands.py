@@ -55,7 +55,7 @@ def plan(
 ):
     """Tell beforehand how exact an array will be calibrated.
 
-    LAYOUT is a table name,x,y[,z] (.csv), a geometry of Acoular (.xml), a scene, or a geometry in words: "circle 16
+    LAYOUT is a table name,x,y[,z] or another file of positions, a scene, or a geometry in words: "circle 16
     0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3", "box 32 0.6x0.6x0.4", metres; "vertical" after a circle or a rectangle
     sets it upright.
     """

@@ -13,6 +13,7 @@ import itertools
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from ..acoustics.spectrum import fast_length, irfft, rfft
 from ..assessment.calibration import ChannelFault
 from ..assessment.words import fault_words
 from ..model.validation import InputError
-from .formats.positions import read_table
+from .formats.positions import READERS, read_places
 from .recording import BLOCK_SAMPLES, Recording, number_in, ranges, read_samples, select_channels
 
 
@@ -313,14 +314,14 @@ def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.n
     """Return the indices (A,) and the positions (A, D), metres, of the known microphones.
 
     `text`: a list of channel names, whose positions the recording contains; "corners", those nearest to the corners of
-    the bounding box; or the path of a table (.csv) with name,x,y or name,x,y,z.
+    the bounding box; or the path of a file of positions.
     """
-    if text.lower().endswith(".csv"):
-        names, positions = read_table(text)
+    if Path(text).suffix.lower() in READERS:
+        names, positions = read_places(text)
         return np.array([_index_of(recording, name, "known") for name in names]), positions
     if recording.positions is None:
         problem = f"known = {text}: {recording.path} contains no positions"
-        raise InputError(problem, "give a table: <known> FILE.csv", key="known")
+        raise InputError(problem, "give a table: <known> FILE", key="known")
     if text == CORNERS:
         low, high = recording.positions.min(axis=0), recording.positions.max(axis=0)
         sides = [(a,) if a == b else (a, b) for a, b in zip(low, high, strict=True)]

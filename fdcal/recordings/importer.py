@@ -20,7 +20,7 @@ from . import channels as select
 from . import formats
 from .arrivals import first_arrivals
 from .cross_spectra import min_duration, stationary_pressures
-from .formats.positions import read_table
+from .formats.positions import read_places
 from .frequencies import (
     NothingAboveNoise,
     Pressures,
@@ -109,7 +109,7 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
 def _recordings(path: str | Path, options: ImportOptions) -> list[Recording]:
     """Return the recordings in one file: one of each source that is asked for, or those rendered in its field."""
     if options.array is not None:
-        names, positions = read_table(options.array)
+        names, positions = read_places(options.array)
         if positions.shape[1] != 3:
             raise InputError(f"array = {options.array} has two coordinates", "give name,x,y,z", key="array")
         return [formats.render(path, tuple(names), positions, sound_speed_of(None, options)[0])]

@@ -301,7 +301,7 @@ class ImportOptions:
         Name of the channel against which cross-spectra are taken.
     array_radius : float or None, metres
     array : str or None
-        Table (.csv) with name,x,y,z of the array that is rendered in the field of a measured room, metres.
+        Table name,x,y,z, or a geometry, of the array that is rendered in the field of a measured room, metres.
     """
 
     # In the order in which `fdcal import --help` lists them; the command line declares the last three.
@@ -330,11 +330,11 @@ class ImportOptions:
     seed: Annotated[int, within(0)] = option(0, "Random seed of --subset.", "S")
     leave_out: str | None = option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
     known: str | None = option(
-        None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|corners|none|FILE.csv"
+        None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|corners|none|FILE"
     )
     reference: str | None = option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")
     reference_microphone: str | None = option(None, "Take cross-spectra against this channel.", "NAME")
-    array: str | None = option(None, "Positions to render a measured room at: name,x,y,z from its centre.", "FILE.csv")
+    array: str | None = option(None, "Positions to render a measured room at: name,x,y,z from its centre.", "FILE")
     array_radius: Annotated[float, positive("m")] | None = option(
         None, "Metres; determines the highest usable frequency.", "R"
     )

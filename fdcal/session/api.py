@@ -42,7 +42,7 @@ def load(
     exclude : sequence of str or int
         Names or numbers of microphones to leave out.
     positions : path or (N, D) array_like, optional
-        Positions of all microphones to compare with, metres: an array, or a file of Acoular (.xml) or a table (.csv).
+        Positions of all microphones to compare with, metres: an array, or a table or geometry, such as Acoular's.
         They are never given to a solver.
     sources : int or str, optional
         Of a file of recordings with several sources: the number of one, from 0 as by default, or "all", each a take.

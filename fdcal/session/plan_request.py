@@ -46,7 +46,7 @@ class Layout:
 
 
 def read_layout(text: str, seed: int = 0) -> Layout:
-    """Return the array of a table (.csv), a geometry of Acoular (.xml), a scene, or a geometry in words.
+    """Return the array of a table or geometry, a scene, or a geometry in words.
 
     Words are its name as in scenes, then count and radius, or shape and size, metres; `seed`: of "ball" and "box".
     """
@@ -72,7 +72,8 @@ def read_layout(text: str, seed: int = 0) -> Layout:
             return Layout(scene.name, measurement.names, measurement.positions)
         problem = f"{scene.name} is a measurement without positions"
         raise InputError(problem, "give a table of them, or another scene", key="layout", value=scene.name)
-    remedy = f"give a .csv or .xml file of positions, a scene ({', '.join(scene_names())}), or a geometry as {EXAMPLES}"
+    files = f"a file of positions ({', '.join(sorted(READERS))})"
+    remedy = f"give {files}, a scene ({', '.join(scene_names())}), or a geometry as {EXAMPLES}"
     raise InputError(f'"{text}" names no array', remedy, key="layout", value=text)
 
 

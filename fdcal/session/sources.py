@@ -123,7 +123,7 @@ def with_mode_number(inputs: CalibrationInput) -> CalibrationInput:
 
 
 def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str, ...] = ()) -> CalibrationInput:
-    """Return `inputs` whose results are compared with the positions in a file of Acoular (.xml) or a table (.csv).
+    """Return `inputs` whose results are compared with the positions in a table or geometry.
 
     `left_out`: channels that the import has left out, which the file may have.
     """

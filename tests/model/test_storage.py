@@ -24,7 +24,7 @@ from fdcal.model.scene import load_scene, scene_folder
 from fdcal.model.storage import parse_json, parse_toml, read_archive, read_bytes, write_atomically
 from fdcal.model.validation import LIMITS, InputError, StorageError, shown
 from fdcal.recordings import formats
-from fdcal.recordings.formats.positions import read_positions, read_table
+from fdcal.recordings.formats.positions import read_places, read_positions
 from fdcal.session import session_file
 
 DEEP = 100_000
@@ -71,7 +71,7 @@ def test_a_number_of_5000_digits_is_refused(number, tmp_path):
     [
         ("zero.toml", load_scene, "more than"),
         ("zero.json", load_result, "more than"),
-        ("zero.csv", read_table, ""),
+        ("zero.csv", read_places, ""),
         ("zero.xml", read_positions, ""),
         ("zero.npz", load_measurement, "no regular file"),
         *((f"zero.{suffix}", formats.read, "no regular file") for suffix in ("wav", "h5", "sofa", "flac")),

@@ -27,7 +27,7 @@ from fdcal.model.measurement import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
 from fdcal.recordings.channels import inspect_channels, require_usable_channels
-from fdcal.recordings.formats.positions import read_table
+from fdcal.recordings.formats.positions import read_places
 from fdcal.recordings.importer import read_takes
 from fdcal.recordings.recording import ImportOptions, read_samples
 
@@ -464,7 +464,7 @@ def test_names_positions_and_uncertainty_are_written(placed, tmp_path):
         rows = list(csv.DictReader(file))
     microphones = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))["microphones"]
     elements = xml.dom.minidom.parse(str(tmp_path / "p.xml")).getElementsByTagName("pos")
-    names, positions = read_table(tmp_path / "p.csv")
+    names, positions = read_places(tmp_path / "p.csv")
     for found in ([row["name"] for row in rows], [one["name"] for one in microphones], names,
                   [element.getAttribute("Name") for element in elements]):  # fmt: skip
         assert found == list(placed.names)

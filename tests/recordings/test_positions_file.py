@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -14,12 +15,13 @@ from running import exit_code
 import fdcal
 from fdcal.commands import report
 from fdcal.recordings.formats import sound_files
-from fdcal.recordings.formats.positions import read_positions, read_table
+from fdcal.recordings.formats.positions import read_places, read_positions
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
+FORMATS_WRITTEN = ("csv", "json", "npy", "xml", "sofa")
 ACOULAR = """<?xml version="1.0" encoding="utf-8"?>
 <MicArray name="two">
     <pos Name="Point 1" x=" 0.152" y="0.1" z="0" />
@@ -39,7 +41,7 @@ def test_a_geometry_of_acoular_is_read(tmp_path):
     assert read.names == ("Point 1", "Point 2")
     np.testing.assert_array_equal(read.positions, [[0.152, 0.1, 0.0], [-0.1, -0.2, 0.05]])
     with pytest.raises(fdcal.InputError, match="suffix"):
-        read_positions(written(tmp_path, ACOULAR, "g.txt"))
+        read_positions(written(tmp_path, ACOULAR, "g.doc"))
 
 
 @pytest.mark.parametrize("names", [("", ""), ("Point 1", "Point 1")])
@@ -51,13 +53,15 @@ def test_microphones_without_names_of_their_own_are_numbered(tmp_path, names):
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        ("-1e-1", "left", 'x = "left" of microphone 1'),
-        ("-1e-1", "nan", 'x = "nan" of microphone 1'),
-        ("-1e-1", "1_0", 'x = "1_0" of microphone 1'),
+        ("-1e-1", "left", 'microphone 1: x = "left" is no number'),
+        ("-1e-1", "nan", 'microphone 1: x = "nan" is no number'),
+        ("-1e-1", "1_0", 'microphone 1: x = "1_0" is no number'),
         ("-1e-1", "[" * 3000, 'x = "[['),
         ('encoding="utf-8"', 'encoding="utf' + "f" * 3000 + '"', "not valid XML"),
-        ('y="-0.2"', "", 'y = "" of microphone 1'),
-        ("<pos", "<mic", "no <pos>"),
+        ('y="-0.2"', "", 'microphone 1: y = "" is no number'),
+        ('y="', 'v="', "no column of"),
+        (' x="', ' u="', "no column of"),
+        ("<pos", "<!-- <pos", "not valid XML"),
         ("</MicArray>", "", "not valid XML"),
         ('encoding="utf-8"', 'encoding="nosuch"', "not valid XML"),
     ],
@@ -71,14 +75,13 @@ def test_a_broken_geometry_is_refused(tmp_path, old, new, problem):
 @pytest.mark.parametrize("cell", ["1_0", "1_0.5", "٣", "nan", "inf", "1e400", "0x10", ""])
 def test_what_only_python_takes_for_a_number_is_none(cell, tmp_path):
     with pytest.raises(fdcal.InputError, match="line 3"):
-        read_table(written(tmp_path, f"name,x,y\na,1,2\nb,{cell},3\n", "k.csv"))
+        read_places(written(tmp_path, f"name,x,y\na,1,2\nb,{cell},3\n", "k.csv"))
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("", "must begin with the line name,x,y"),
-        ("x,y\n1,2\n", "must begin with the line name,x,y"),
         ("name,x,y\na,1\n", "line 2"),
         ("name,x,y\na,1,2\na,3,4\n", "twice"),
         ("name,x,y,elevation\na,0,0,1.5\nb,1,0,1.5\n", 'column "elevation" of numbers is not understood; call a third'),
@@ -86,17 +89,134 @@ def test_what_only_python_takes_for_a_number_is_none(cell, tmp_path):
 )
 def test_a_table_that_is_none_is_refused(text, words, tmp_path):
     with pytest.raises(fdcal.InputError, match=words):
-        read_table(written(tmp_path, text, "k.csv"))
+        read_places(written(tmp_path, text, "k.csv"))
 
 
-def test_tables_are_read_as_spreadsheets_write_them(tmp_path):
-    text = "name,x,y,z\n1,0.25,+.5,1\n2, 75e-2,0.5,-1.5\n"
-    names, places = read_table(written(tmp_path, text, "english.csv"))
-    np.testing.assert_array_equal(places, [[0.25, 0.5, 1], [0.75, 0.5, -1.5]])
-    semicolons = "name;x;y;z\n1;0,25;0,5;1\n2;0,75;0,5;-1,5\n"
-    for other in (semicolons, semicolons.replace(";", "\t")):
-        same, also = read_table(written(tmp_path, other, "other.csv"))
-        assert names == same and np.array_equal(places, also)
+PLACES = [[0.25, 0.5, 1.0], [0.75, -0.125, -1.5]]
+TABLES = {
+    "numbers in another form": "name,x,y,z\n1,0.25,+.5,1\n2, 75e-2,-0.125,-1.5\n",
+    "decimal comma": "name;x;y;z\n1;0,25;0,5;1\n2;0,75;-0,125;-1,5\n",
+    "tabs": "name\tx\ty\tz\n1\t0,25\t0,5\t1\n2\t0,75\t-0,125\t-1,5\n",
+    "spaces": "1  0.25 0.5  1\n2  0.75 -0.125  -1.5\n",
+    "quoted decimal comma": 'name,x,y,z\n1,"0,25","0,5",1\n2,"0,75","-0,125","-1,5"\n',
+    "first line of Excel": "sep=;\nname;x;y;z\n1;0,25;0,5;1\n2;0,75;-0,125;-1,5\n",
+    "comment and blank line": "# array A, 12 May\n\nname,x,y,z\n1,0.25,0.5,1\n2,0.75,-0.125,-1.5\n",
+    "title": "Array A;;;\nMic;x;y;z\n1;0,25;0,5;1\n2;0,75;-0,125;-1,5\n",
+    "index of pandas": ",name,x,y,z\n0,1,0.25,0.5,1\n1,2,0.75,-0.125,-1.5\n",
+    "index of R": '"x" "y" "z"\n"1" 0.25 0.5 1\n"2" 0.75 -0.125 -1.5\n',
+    "header in a comment": "#,x,y,z\n1,0.25,0.5,1\n2,0.75,-0.125,-1.5\n",
+    "other words": "Mikrofon;X-Achse;Koordinate Y;posZ;Ort\n1;0.25;0.5;1;links\n2;0.75;-0.125;-1.5;rechts\n",
+    "no header": "1,0.25,0.5,1\n2,0.75,-0.125,-1.5\n",
+    "height": "id,x,y,comment,height (m)\n1,0.25,0.5,left,1\n2,0.75,-0.125,,-1.5\n",
+    "millimetres": "label,X (mm),Y (mm),Z (mm)\n1,250,500,1000\n2,750,-125,-1500\n",
+    "centimetres": "channel,x_cm,y_cm,z_cm\n1,25,50,100\n2,75,-12.5,-150\n",
+    "column of units": "name,x,y,z,unit\n1,250,500,1000,mm\n2,750,-125,-1500,mm\n",
+    "unit in a comment": "% all in mm\n1 250 500 1000\n2 750 -125 -1500\n",
+    "unit by size": "name,x,y,z\n1,250,500,1000\n2,750,-125,-1500\n",
+    "LOCATA": "second\tx\tmic1_x\tmic1_y\tmic1_z\tmic2_x\tmic2_y\tmic2_z\n0\t9\t0.25\t0.5\t1\t0.75\t-0.125\t-1.5\n",
+    "list.json": "[[0.25, 0.5, 1], [0.75, -0.125, -1.5], [0, 0, 0], [0, 0, 0]]",
+    "object.json": '{"1": [0.25, 0.5, 1], "2": {"x": 0.75, "y": -0.125, "z": -1.5}}',
+    "columns.json": '{"x": {"0": 0.25, "1": 0.75}, "y": {"0": 0.5, "1": -0.125}, "z": {"0": 1, "1": -1.5}}',
+    "inside.json": '{"unit": "mm", "mics": [{"id": 1, "position": [250, 500, 1000]},'
+    ' {"id": 2, "position": [750, -125, -1500]}], "sources": [[0, 0, 0]]}',
+    "namespace.xml": '<MicArray xmlns="http://a.org"><a><pos Name="1" x="0.25" y="0.5" z="1"/>'
+    '<pos Name="2" x="0.75" y="-0.125" z="-1.5"/></a></MicArray>',
+    "hark.xml": '<h><positions type="microphone"><position id="1" x="0.25" y="0.5" z="1"/>'
+    '<position id="2" x="0.75" y="-0.125" z="-1.5"/></positions>'
+    '<positions type="tsp"><position x="1" y="1" z="1"/></positions></h>',
+    "tascar.xml": '<receiver><mic name="1" position="0.25 0.5 1"/>'
+    '<mic name="2" position="0.75 -0.125 -1.5"/></receiver>',
+    "odas.cfg": "mics = ( # mu = ( 9, 9, 9 )\n{ mu = ( +0.25, 0.5, 1 ); sigma2 = ( 0.0, 0.0, 0.0 ); },\n"
+    "{ mu = ( 0.75, -0.125, -1.5 ); } );\n",
+}
+
+
+@pytest.mark.parametrize("kind", TABLES)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_positions_are_read_as_people_have_them(tmp_path, caplog, kind, encoding):
+    path = tmp_path / (kind if "." in kind else "table.txt")
+    path.write_text(TABLES[kind], encoding=encoding)
+    names, places = read_places(path)
+    np.testing.assert_array_equal(places[:2], PLACES)
+    assert [re.sub(r"\D", "", name) for name in names[:2]] in (["1", "2"], ["0", "1"])
+    assert ("0" in names) == (kind in ("list.json", "columns.json", "odas.cfg"))
+    assert bool(caplog.records) == (kind in ("unit in a comment", "unit by size"))
+
+
+def test_a_table_of_an_old_spreadsheet_has_letters_of_windows(tmp_path):
+    (tmp_path / "t.csv").write_bytes("Gerät;x;y\nä;0,25;0,5\nö;1;2\n".encode("cp1252"))
+    assert read_places(tmp_path / "t.csv")[0] == ["ä", "ö"]
+
+
+@pytest.mark.parametrize(
+    ("head", "scale"),
+    [("azimuth,elevation,r", 1), ("az (rad),colatitude (rad),radius (m)", 1), ("az (deg),el (deg),r (cm)", 100)],
+)
+def test_spherical_coordinates_are_read(tmp_path, head, scale):
+    angles = np.array([[90.0, 30.0], [180.0, -45.0]])
+    if "rad)" in head:
+        angles = np.radians([0, 90] - angles * [-1, 1])
+    rows = [f"m{n},{a},{e},{scale * (n + 1)}\n" for n, (a, e) in enumerate(angles.tolist())]
+    _, places = read_places(written(tmp_path, f"mic,{head}\n{''.join(rows)}", "s.csv"))
+    np.testing.assert_allclose(places, [[0, 0.75**0.5, 0.5], [-(2**0.5), 0, -(2**0.5)]], atol=1e-12)
+
+
+def test_arrays_and_sheets_are_read(tmp_path):
+    places = [*PLACES, [0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]
+    for array in (np.array(places), np.array(places).T):
+        np.save(tmp_path / "a.npy", array)
+        np.testing.assert_array_equal(read_places(tmp_path / "a.npy")[1], places)
+    main = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+    cells = [["s0", "s1", "s2", "s3"], ["1", "250", "500", "1000"], ["2", "750", "-125", "-1500"]]
+    rows = "".join(
+        f"<row>{''.join(_cell(f'{letter}{n}', text) for letter, text in zip('BCDE', row, strict=True))}</row>"
+        for n, row in enumerate(cells, 3)
+    )
+    with zipfile.ZipFile(tmp_path / "t.xlsx", "w") as file:
+        shared = "".join(f"<si><t>{text}</t></si>" for text in ("Mic", "X (mm)", "Y (mm)", "Z (mm)"))
+        file.writestr("xl/sharedStrings.xml", f"<sst {main}>{shared}</sst>")
+        file.writestr("xl/worksheets/sheet1.xml", f"<worksheet {main}><sheetData>{rows}</sheetData></worksheet>")
+        file.writestr("xl/worksheets/sheet2.xml", f"<worksheet {main}><sheetData/></worksheet>")
+    names, found = read_places(tmp_path / "t.xlsx")
+    assert names == ["1", "2"]
+    np.testing.assert_array_equal(found, PLACES)
+
+
+def _cell(where: str, text: str) -> str:
+    return f'<c r="{where}"{" t=" + chr(34) + "s" + chr(34) if text[0] == "s" else ""}><v>{text.lstrip("s")}</v></c>'
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("t.csv", "name,x,y\na,0,5,0,34\n", "line 2: 'a,0,5,0,34' has more cells than the header; separate cells by"),
+        ("t.csv", "0,1,2\n1,2,3\n", "first column may be numbers of microphones or x; begin with"),
+        ("t.csv", "a,1,2,3,4\n", "has 5 columns and no line that names them"),
+        ("t.csv", "name,x,y\n#1,0.1,0.2\n2,0.4,0.5\n", "line 2: is '#1,0.1,0.2' a comment"),
+        ("t.csv", "name,channel,x,y\na,1,0,0\nb,0,1,0\n", 'column "channel" of numbers is not understood'),
+        ("t.csv", "name,x,y,nx\na,1,0,0.5\n", 'column "nx" of numbers is not understood'),
+        ("t.csv", "name,x (mm),y (cm)\na,1,0\n", "the units in"),
+        ("t.csv", "name,x,y,unit\na,1,0,mm\nb,1,0,cm\n", "column of units does not hold one unit"),
+        ("t.csv", "name;x;y\na;1,5;2\nb;1.5;2\n", "with a comma and with a point"),
+        ("t.csv", "name;x;y\na;1,234.5;2\nb;1.5;2\n", 'line 2: x = "1,234.5" is no number'),
+        ("t.csv", "mic,azimuth,elevation,r\na,1,0,1\n", "may be degrees or radians; write"),
+        ("t.csv", "mic,theta,phi,r\na,1,0,1\n", "name,azimuth"),
+        ("t.txt", "t\tmic1_x\tmic1_y\tmic2_x\tmic2_y\n0\t1\t2\t3\t4\n1\t1\t2\t3\t5\n", "change from line to line"),
+        ("t.csv", "mic,x left,x right,y\na,1,0,1\n", "more than one column is called x"),
+        ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3]]", "not clear which axis"),
+        ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3], [1, 2]]", 'microphone 3: z = ""'),
+        ("t.json", '{"a": [[1, 2, 3]], "b": [[1, 2, 3]]}', "2 lists that may be the positions: b, a"),
+        ("t.json", "[" * 100_000, "no valid JSON|not valid JSON"),
+        ("t.cfg", "raw = {}", "no microphone"),
+        ("t.npy", "abc", "no array that can be read"),
+        ("t.xlsx", "abc", "no sheet of Excel"),
+        ("t.xml", "<a><b><p x='1' y='2'/></b><c><p x='1' y='2'/></c></a>", "no positions in one place"),
+    ],
+)
+def test_ambiguous_positions_are_asked_about_in_one_line(tmp_path, name, text, words):
+    with pytest.raises(fdcal.InputError, match=words) as caught:
+        read_places(written(tmp_path, text, name))
+    assert str(caught.value).startswith(str(tmp_path)) and "; " in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.fixture
@@ -206,7 +326,7 @@ def test_every_way_out_gives_the_same_positions_to_the_last_digit(tmp_path, know
     """A reader who mixes two of them must not get an array that is moved or turned against itself."""
     found = fdcal.calibrate(fdcal.load("tiny"), modes=12, known=known)
     positions = found.positions
-    for suffix in ("csv", "json", "npy", "xml", "sofa"):
+    for suffix in FORMATS_WRITTEN:
         found.export(tmp_path / f"out.{suffix}")
     found.save(tmp_path / "result.json")
     with open(tmp_path / "out.csv", newline="") as file:
@@ -220,10 +340,10 @@ def test_every_way_out_gives_the_same_positions_to_the_last_digit(tmp_path, know
         "csv": table,
         "json": [[row["x"], row["y"]] for row in rows],
         "npy": np.load(tmp_path / "out.npy").T[:, :2],
-        "xml": read_positions(tmp_path / "out.xml").positions[:, :2],
         "sofa": sofar.read_sofa(str(tmp_path / "out.sofa"), verbose=False).ReceiverPosition[:, :2, 0],
         "to_pyfar": found.to_pyfar().cartesian[:, :2],
     }
+    outputs |= {f"read {one}": read_places(tmp_path / f"out.{one}")[1][:, :2] for one in FORMATS_WRITTEN}
     for name, output in outputs.items():
         np.testing.assert_array_equal(np.reshape(output, positions.shape), positions, err_msg=name)
     assert found.frame == ("known" if known == "all" else "axes")
@@ -231,15 +351,6 @@ def test_every_way_out_gives_the_same_positions_to_the_last_digit(tmp_path, know
     assert (abs(spread[0, 1]) < 1e-9 * spread.max() and spread[0, 0] >= spread[1, 1]) == (known == "none")
     traces = np.trace(found.covariance, axis1=1, axis2=2)
     np.testing.assert_allclose(np.sqrt(traces), found.uncertainty, rtol=1e-9)
-
-
-@pytest.mark.parametrize("head", ["name,x,y,height", "name,x,y,z_m", "name,x,y,Z (m)", "name,x,y,comment,z"])
-def test_a_height_column_is_read_whatever_it_is_called(tmp_path, head):
-    between = "left of the door," if "comment" in head else ""
-    rows = "".join(f"{n},{n}.5,1,{between}0.{n}\n" for n in range(3))
-    names, positions = read_table(written(tmp_path, f"{head}\n{rows}", "places.csv"))
-    np.testing.assert_array_equal(positions, [[n + 0.5, 1, n / 10] for n in range(3)])
-    assert names == ["0", "1", "2"]
 
 
 def test_a_track_without_a_number_stands_first_in_its_folder(tmp_path):

@@ -91,6 +91,14 @@ def receiver_positions(file, path: Path, measurements: int, receivers: int) -> n
     return listener[:, None] + local
 
 
+def placed_receivers(path: Path) -> np.ndarray:
+    """Return the positions (N, 3), metres, of the channels of the first source, without what they recorded."""
+    with open_sofa(path) as file:
+        _, shape, _ = impulse_responses(file, path)
+        first = sources_of(file, path, shape["M"]) == 0
+        return receiver_positions(file, path, shape["M"], shape["R"])[first].reshape(-1, 3)
+
+
 def each_of(values: np.ndarray, path: Path, name: str, count: int) -> np.ndarray:
     """Return values for each of `count`; one for all is repeated."""
     if len(values) not in (1, count):
