@@ -53,7 +53,7 @@ class Watch:
             if reached(viewer) and self.waits.get(slider) is reached:
                 self.waits.pop(slider)
                 self.note("shown", slider)
-        floor = viewer.picture.floor
+        floor = viewer.snapshot.picture.floor
         if floor is not None and floor is not self._floor:
             self.note("map", [len(viewer.binding.choices.modes or ()), int(floor.rgb.shape[0])])
         self._floor = floor
@@ -62,7 +62,7 @@ class Watch:
         threading.Thread(target=self._drag, daemon=True).start()
 
     def _drag(self) -> None:
-        binding, gesture = self.page.binding, object()
+        binding, gesture = self.page.viewer.binding, object()
         state, start = binding.session.view.state, time.perf_counter()
         moved = next(n for n in binding.run.problem.free if n != binding.choices.microphone)
         x, y = state.positions[moved][:2]
@@ -111,7 +111,8 @@ def _watch_sliders(log: Watch) -> None:
 
     def choose_microphone(self, value):
         log.ask(
-            "Microphone", lambda viewer: viewer.snapshot.microphone == int(value) and viewer.picture.floor is not None
+            "Microphone",
+            lambda viewer: viewer.snapshot.microphone == int(value) and viewer.snapshot.picture.floor is not None,
         )
         choose(self, value)
 

@@ -6,7 +6,6 @@ so that a lecturer may use the panels while all others see the canvas.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from html import escape
 
@@ -119,14 +118,13 @@ class Explore:
         }
         commands |= {key.command: lambda viewer, _, act=key.act: act(viewer.tabs) for key in KEYS if key.command}
         for name, act in commands.items():
-            overlay.on(name, lambda client, value, act=act: self._act(act, value))
 
-    def _act(self, act: Callable[[Viewer, str], object], value: str) -> None:
-        """Carry out a command on the session that is shown, if there is one."""
-        viewer = self._page.viewer
-        if viewer is not None:
-            viewer.binding.session.yield_to_ui()
-            act(viewer, value)
+            def carry_out(client: viser.ClientHandle, value: str, act=act) -> None:
+                if page.viewer is not None:
+                    page.viewer.binding.session.yield_to_ui()
+                    act(page.viewer, value)
+
+            overlay.on(name, carry_out)
 
     def _open(self, client: viser.ClientHandle, name: str) -> None:
         """Open a scene that comes with fdcal or, for "", the file again that was shown last; a lesson ends."""

@@ -21,12 +21,12 @@ from ..session.worker import WakeEvent
 from .address import AddressBar
 from .explore import Explore
 from .gui import html
-from .gui.binding import Binding
 from .gui.html import CanvasWords
 from .panels import Panels, SessionFolders, StatusBar
 from .prepare import PreparedRun, SessionSwitcher, Threads
 from .scene3d.cameras import Surroundings
 from .scene3d.nodes import SceneNodes
+from .server import content
 from .server.process import release_memory
 from .session_view import Viewer
 from .tabs import help
@@ -86,7 +86,8 @@ class Page:
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
             self.nodes.cameras.request(client, self.nodes.cameras.view)
-            self.panels.overlay.greet(client)
+            # Its commands are heard from now on: viser drops what it sends before it has sent its camera.
+            client.gui.add_html(content("greeting", self.panels.overlay.start), visible=False)
 
             @client.camera.on_update
             async def _(_) -> None:
@@ -96,7 +97,7 @@ class Page:
         async def _(client: viser.ClientHandle) -> None:
             self.nodes.cameras.forget(client)
             if self.viewer is not None:
-                self.viewer.forget(client)
+                self.viewer.picker.forget(client.client_id)
 
     def open(self, request: OpenRequest) -> None:
         """Show something else as soon as it is ready. Any thread; the last request counts."""
@@ -114,11 +115,6 @@ class Page:
             self.panels.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
         elif not self.viewer.binding.choices.themed:
             self.viewer.tabs.view.darken(dark, preferred=True)
-
-    @property
-    def binding(self) -> Binding | None:
-        """The binding of the session that is shown; None before there is one."""
-        return None if self.viewer is None else self.viewer.binding
 
     def run(self, interrupt: Interrupt) -> None:
         """Bring the screen up to date until interrupted.
@@ -204,10 +200,10 @@ class Page:
             old.close()
         elif self._dark:
             self._server.get_event_loop().call_soon_threadsafe(self._prefer, self._first, True)
-        if old is None or old.picture.focus != new.picture.focus:
+        if old is None or old.snapshot.picture.focus != new.snapshot.picture.focus:
             in_relief = old is None and new.binding.choices.style.relief
             self.nodes.cameras.view = view = "close" if in_relief else "top"
-            self.nodes.cameras.set_initial(new.picture)
+            self.nodes.cameras.set_initial(new.snapshot.picture)
             for client in self._server.get_clients().values():
                 self.nodes.cameras.place(client, view)
         self._releases.append(time.perf_counter() + RELEASE_DELAY)

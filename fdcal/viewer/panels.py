@@ -195,20 +195,6 @@ class RunBar:
         self._paced = rate
         self._binding.session.pace(rate)
 
-    def _speed_up(self, tick: Tick) -> None:
-        """Let a run whose speed nobody has chosen go on faster: a short one can be followed, a long one ends soon."""
-        watched = self._lesson or self._binding.run.solver.TRAITS.moves_all
-        if not tick.view.running or self._binding.choices.rate is not None or not watched:
-            if self._since >= 0:
-                self.apply_rate()
-            return
-        if self._since < 0:
-            self._since = tick.now
-        slow = 1.0 if self._lesson else max(self._binding.session.step_time / QUICK_STEP, 1.0)
-        rate = slow * watched_rate(self._rate, tick.now - self._since)
-        if rate > 1.2 * self._paced:
-            self._pace(rate)
-
     def toggle(self) -> None:
         """Run the solver, or pause it."""
         session = self._binding.session
@@ -231,7 +217,16 @@ class RunBar:
         self.verdict.visible = tick.found is not None or tick.assessing
         self.time.max, self.time.disabled = max(view.count - 1, 1), view.count < 2
         send(self.time, view.index)
-        self._speed_up(tick)
+        watched = self._lesson or self._binding.run.solver.TRAITS.moves_all
+        if view.running and watched and self._binding.choices.rate is None:
+            # A run whose speed nobody has chosen goes on faster: a short one can be followed, a long one ends soon.
+            self._since = tick.now if self._since < 0 else self._since
+            slow = 1.0 if self._lesson else max(self._binding.session.step_time / QUICK_STEP, 1.0)
+            rate = slow * watched_rate(self._rate, tick.now - self._since)
+            if rate > 1.2 * self._paced:
+                self._pace(rate)
+        elif self._since >= 0:
+            self.apply_rate()
         send(self.speed, self._rate if self._since < 0 else min(round(self._paced), MAX_RATE))
         label = "Pause" if view.running else "Run"
         if self.run.label != label:

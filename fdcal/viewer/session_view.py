@@ -251,26 +251,17 @@ class Viewer:
             nodes.show(picture)
             self.drop = Drop(binding, self.tabs.map.pick, self.tabs.follow_solver, words)
             moves = self.tabs.map.pick, self.drop.move, self.drop.place
-            self._picker = MicrophonePicker(server, binding, picture, *moves, f"/picking/{folders.number}")
+            self.picker = MicrophonePicker(server, binding, picture, *moves, f"/picking/{folders.number}")
             self._line_handles = LineHandles(server, binding, picture, f"/cut_handles/{folders.number}")
             binding.threads.owned.append(run.session)
         except BaseException:
             self.binding.threads.close(0.0)
             raise
 
-    @property
-    def picture(self) -> Picture:
-        """The picture on the screen."""
-        return self.snapshot.picture
-
-    def forget(self, client: viser.ClientHandle) -> None:
-        """Forget a browser that has closed the page."""
-        self._picker.forget(client.client_id)
-
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""
         self.binding.closed = True
-        self._picker.remove()
+        self.picker.remove()
         self.drop.close()
         self._line_handles.remove()
         self._folders.remove()
@@ -323,7 +314,7 @@ class Viewer:
         )  # fmt: skip
         with self._server.atomic():  # the cost in the headline and at the ball, which the picture has, are one number
             self._draw(tick, choices, self.drop.tick(newest, drawn, now))
-        tick = replace(tick, picture=self.picture)
+        tick = replace(tick, picture=self.snapshot.picture)
         tabs.show(tick)
 
     def _draw(self, tick: Tick, choices: Choices, dropped: Dropped | None) -> None:
@@ -355,7 +346,7 @@ class Viewer:
             "legend", canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
         )
         across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
-        self._picker.show(self._picture.places, picture.floor, across if across >= 0 else 2, self._picture.ball)
+        self.picker.show(self._picture.places, picture.floor, across if across >= 0 else 2, self._picture.ball)
         self._line_handles.show(choices.cut, floor)
         self.drawn_key = key
 

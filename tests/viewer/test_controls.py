@@ -199,7 +199,7 @@ DONE = {
     "T": ("run_bar.press", "Stage"), "X": ("run_bar.press", "Reset"), "B": ("session.seek", 3),
     "F": ("session.seek", 5), "M": ("map.pick", 0), "Shift+M": ("map.pick", 14), "O": ("map.choose_modes", range(1, 5)),
     "I": ("map.choose_modes", range(1, 3)), "P": ("sweep.toggle",), "U": ("map.choose_modes", None),
-    "V": ("map.show_as", MAP_KINDS[0]), "L": ("map.scale_as", LINEAR), "Y": ("view.draw", ("trails", False)),
+    "V": ("map.show_as", MAP_KINDS[0]), "L": ("map.set", ("scale", LINEAR)), "Y": ("view.draw", ("trails", False)),
     "K": ("view.darken", True), "1": ("look", "me", "top"), "2": ("nodes.cameras.request", "me", "3d"),
     "3": ("look", "me", "close"), "J": ("lessons.go", "Next"), "Shift+J": ("lessons.go", "Back"),
 }  # fmt: skip
@@ -216,7 +216,11 @@ def test_a_key_does_what_its_button_does(page, keyboard):
     choices.modes = (1,)
     keyboard("I")
     keyboard("L")
-    assert page[1] == [("map.choose_modes", range(1, 21)), ("map.choose_modes", range(1, 2)), ("map.scale_as", LOG)]
+    assert page[1] == [
+        ("map.choose_modes", range(1, 21)),
+        ("map.choose_modes", range(1, 2)),
+        ("map.set", ("scale", LOG)),
+    ]
 
 
 def test_keys_before_there_is_a_session_do_nothing(page, keyboard):

@@ -262,7 +262,7 @@ def test_a_measurement_is_shown_without_walls_and_all_of_its_modes_are_used(scor
 
 
 def part(viewer, name):
-    return {one.name: one for one in (*viewer.picture.lines, *viewer.picture.meshes)}.get(name)
+    return {one.name: one for one in (*viewer.snapshot.picture.lines, *viewer.snapshot.picture.meshes)}.get(name)
 
 
 def test_the_plan_is_drawn_before_anything_is_measured_and_follows_controls_and_drags(viewer):
@@ -295,7 +295,7 @@ def test_the_plan_is_drawn_before_anything_is_measured_and_follows_controls_and_
     said(before)
     set_by_client(tab.known, 0)
     said("can be mirrored")
-    assert any("least error" in entry.text for entry in legend_of(viewer.picture))
+    assert any("least error" in entry.text for entry in legend_of(viewer.snapshot.picture))
     set_by_client(tab.shown, False)
     turned(lambda: part(viewer, "microphones/estimate") is not None)
     assert part(viewer, "ellipses") is None

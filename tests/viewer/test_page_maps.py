@@ -72,10 +72,10 @@ def test_a_map_stands_under_its_own_microphone_only_and_the_legend_says_that_it_
     viewer.tick(0.0)
     assert shown(viewer) is None and "Computing the map of microphone 3" in legend(viewer)
     assert mapped(viewer) == 3 and "Computing" not in legend(viewer)
-    before = viewer.picture.floor
+    before = viewer.snapshot.picture.floor
     viewer.binding.choose_style(opacity=0.4)
     viewer.tick(1.0)
-    assert viewer.picture.floor.opacity == 0.4 and viewer.picture.floor.rgb is before.rgb
+    assert viewer.snapshot.picture.floor.opacity == 0.4 and viewer.snapshot.picture.floor.rgb is before.rgb
     assert not viewer.maps.busy, "opacity takes no new map"
     set_by_client(viewer.tabs.map.microphone, 7)
     viewer.tick(0.0)
@@ -100,7 +100,7 @@ def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
         images.append(viewer.tabs.maps.image.image)
         set_by_client(viewer.tabs.view.dark, True)
         viewer.tick(now + 2e9)
-        assert viewer.picture.floor is not None, "the map stays meanwhile: the gate lets no other pass"
+        assert viewer.snapshot.picture.floor is not None, "the map stays meanwhile: the gate lets no other pass"
     assert images[0].ndim == 3 and images[1] is not images[0] and images[1].shape == images[0].shape
 
 
@@ -122,7 +122,7 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     viewer.tick(ready)
     assert viewer.maps.worker.wait_for(lambda latest: not latest.request[0].style.log, WAIT)
     viewer.tick(ready)
-    assert shown(viewer) == 3 and not viewer.picture.floor.bar.log
+    assert shown(viewer) == 3 and not viewer.snapshot.picture.floor.bar.log
 
 
 def test_a_drag_delays_the_solver_and_speeds_up_the_page(server, work):
@@ -327,7 +327,7 @@ def played(playback, stops, ready, times):
 @pytest.mark.parametrize(("summed", "then"), [(0, 1), (3, 4), (5, 1)])
 def test_play_goes_on_after_the_present_sum_and_from_the_beginning_after_the_last(summed, then):
     playback = Playback(rate=1.0)
-    playback.continue_from(summed, range(1, 6))
+    playback.continue_from(summed, 5)
     assert playback.advance(range(1, 6), 5, 0.0) == then
 
 
@@ -338,7 +338,7 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
     viewer.run.session.step()
     turn_until(lambda: viewer.snapshot.view.index == 1)
     sweep, state = viewer.tabs.sweep, viewer.binding.session.view.state
-    assert sweep.worker.worker.latest is None and not sweep.worker.worker.busy and not sweep._plot.visible
+    assert sweep.worker.worker.latest is None and not sweep.worker.worker.busy and not sweep._plot.folder.visible
     assert viewer.binding.choices.modes is None and state.first == 1 and state.last < viewer.binding.modes
     turn_until(lambda: sweep.summed.value == state.last)  # where nobody has chosen any, they are the solver's
     set_by_client(sweep.play, True)
@@ -352,7 +352,7 @@ def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monk
     viewer, turn_until = opened
     sweep, slow = viewer.tabs.sweep, sweeping.cost_map
     set_by_client(sweep.summed, 3)
-    turn_until(lambda: "sum of 3 modes" in sweep.text.content and sweep._plot.visible)
+    turn_until(lambda: "sum of 3 modes" in sweep.text.content and sweep._plot.folder.visible)
     monkeypatch.setattr(sweeping, "cost_map", lambda *args: (time.sleep(0.2), slow(*args))[1])
     set_by_client(sweep.order, DOWN)
     set_by_client(sweep.highest, 19)
@@ -361,7 +361,7 @@ def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monk
     viewer.run.session.step()
     turn_until(lambda: sweep._wanted is None and not sweep.worker.worker.busy)
     assert len(made.frames) < 19
-    turn_until(lambda: "Play adds" in sweep.text.content and not sweep._plot.visible)
+    turn_until(lambda: "Play adds" in sweep.text.content and not sweep._plot.folder.visible)
 
 
 def map_on_page(viewer):
@@ -388,7 +388,7 @@ def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opene
     assert list(dict.fromkeys(modes for modes in seen if modes)) == [tuple(range(1, m + 1)) for m in range(2, 7)]
     made = sweep.worker.sweep(sweep._wanted)
     run, search = viewer.run, refined(viewer.run.problem.search)
-    for m, count in zip(made.stops, made.counts, strict=True):
+    for m, count in zip(made.stops, [frame.count for frame in made.frames], strict=True):
         modes, state = range(1, m + 1), binding.session.view.state
         n, offset = binding.choices.microphone, binding.choices.order_offset
         maps = cost_maps(run.problem, run.solver, state, n, modes, offset, search)
@@ -509,16 +509,16 @@ def test_the_plot_of_a_cut_through_the_estimate_has_the_cost_of_the_status_line(
     at = np.interp(made.estimate, made.distance, made.total)
     assert at == pytest.approx(reference_cost(binding.session.view.state.positions), abs=0.3), "between two points"
     assert len(made.modes) == MAX_MODES and np.ptp(np.clip(columns[MAX_MODES + 1], -SPAN, None)) > 3
-    assert "cut" in {part.name for part in viewer.picture.meshes}
+    assert "cut" in {part.name for part in viewer.snapshot.picture.meshes}
     set_by_client(cut.lines, "None")
-    turn_until(lambda: "cut" not in {part.name for part in viewer.picture.meshes})
+    turn_until(lambda: "cut" not in {part.name for part in viewer.snapshot.picture.meshes})
     assert binding.choices.cut is None
 
 
 def test_the_line_to_the_lowest_cost_goes_through_estimate_and_minimum(opened):
     viewer, turn_until = opened
-    turn_until(lambda: viewer.picture.floor is not None)
-    floor, binding = viewer.picture.floor, viewer.binding
+    turn_until(lambda: viewer.snapshot.picture.floor is not None)
+    floor, binding = viewer.snapshot.picture.floor, viewer.binding
     set_by_client(viewer.tabs.cut.lines, "Lowest")
     ends = np.array(binding.choices.cut)
     here = np.asarray(binding.session.view.state.positions)[binding.choices.microphone]

@@ -71,7 +71,7 @@ def test_a_start_with_all_microphones_at_one_position_is_shown(page_of, scene):
     turn_until(lambda: page.viewer is not None)
     for _ in range(3):
         page.tick(time.perf_counter())
-    assert np.ptp(page.binding.session.view.state.positions, axis=0).max() == 0
+    assert np.ptp(page.viewer.binding.session.view.state.positions, axis=0).max() == 0
     assert page.viewer.fault == ""
     assert "all estimates coincide" in page.viewer.tabs.spectrum.text.content
 
@@ -84,7 +84,7 @@ def test_a_part_of_the_page_that_fails_is_logged_once_and_the_page_goes_on(tiny_
 
     for part, name in ((page.lessons, "show"), (page.address, "tick"), (page.explore, "show")):
         monkeypatch.setattr(part, name, failing)
-    page.binding.session.step()
+    page.viewer.binding.session.step()
     turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
     said = [record.getMessage() for record in caplog.records if "could not be updated" in record.getMessage()]
     assert said == [f"the {part} could not be updated" for part in ("lessons", "address", "canvas")]
@@ -105,9 +105,9 @@ def test_an_error_of_the_solver_is_shown_as_text_and_the_page_works_on(page_of, 
     status = page.viewer.tabs.run_bar.status
     turn_until(lambda: "ZeroDivisionError: the floor &lt;b&gt;opens&lt;/b&gt;; details in" in status.content)
     assert "step 4, sweep 0" in status.content and page.viewer.tabs.run_bar.run.label == "Run"
-    page.binding.session.reset()
+    page.viewer.binding.session.reset()
     turn_until(lambda: "ZeroDivisionError" not in status.content)
-    page.binding.session.step()
+    page.viewer.binding.session.step()
     turn_until(lambda: "step 1, sweep 0" in status.content)
 
 
@@ -124,15 +124,15 @@ def test_a_cached_measurement_is_shown_at_once(server, scene):
 def test_another_scene_replaces_the_first(tiny_page, scene):
     """The first runs until the second is ready; the style of the page and the tabs stay."""
     page, turn_until = tiny_page
-    first, tabs = page.binding, dict(page.panels.tabs)
+    first, tabs = page.viewer.binding, dict(page.panels.tabs)
     first.choose_style(dark=True, log=False)
     first.choose(trails=True)
     page.open(
         OpenRequest(edited(scene, {"solver.name": "descent"}), start_seed=5, choices={"microphone": 9, "modes": [2]})
     )
-    assert page.binding is first
-    turn_until(lambda: page.binding is not first)
-    choices, session = page.binding.choices, page.binding.session
+    assert page.viewer.binding is first
+    turn_until(lambda: page.viewer.binding is not first)
+    choices, session = page.viewer.binding.choices, page.viewer.binding.session
     assert choices.style.dark and not choices.style.log and choices.trails
     assert choices.microphone == 9 and choices.modes == (2,) and session.view.state.seed == 5
     assert page.panels.tabs == tabs and page.viewer.tabs.map.microphone.value == 9
@@ -143,7 +143,7 @@ def test_another_scene_replaces_the_first(tiny_page, scene):
 
 def test_a_refused_request_is_explained_and_the_old_session_stays(tiny_page, scene):
     page, turn_until = tiny_page
-    before = page.binding
+    before = page.viewer.binding
     for changes, choices, words in (
         ({"solver.modes": 500}, {}, "modes"),
         ({"gauge.known": [0, 99]}, {}, "gauge.known"),
@@ -153,7 +153,7 @@ def test_a_refused_request_is_explained_and_the_old_session_stays(tiny_page, sce
         page.open(OpenRequest(edited(scene, changes), choices=choices))
         turn_until(lambda: page.switcher.error)
         page.tick(0.0)
-        assert page.binding is before and words in page.status_bar.line.content
+        assert page.viewer.binding is before and words in page.status_bar.line.content
         assert page.status_bar.button.label == "Close"
     before.session.step()
     turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
@@ -180,7 +180,7 @@ def endless(begun, ended):
 
 def test_cancel_keeps_the_old_session(tiny_page, scene, monkeypatch):
     page, turn_until = tiny_page
-    before, ended, bar = page.binding, threading.Event(), page.panels.overlay._regions["bar"]
+    before, ended, bar = page.viewer.binding, threading.Event(), page.panels.overlay._regions["bar"]
     shown = page.viewer.tabs.run_bar
     turn_until(lambda: shown.status.visible and "preparing" not in bar.content)
     monkeypatch.setattr(preparing, "cached_measurement", endless(threading.Event(), ended))
@@ -192,7 +192,7 @@ def test_cancel_keeps_the_old_session(tiny_page, scene, monkeypatch):
     for callback in page.status_bar.button._impl.update_cb:
         finish(callback(event))
     turn_until(lambda: page.switcher.current is None)
-    assert ended.wait(WAIT) and page.binding is before and not page.status_bar.line.visible
+    assert ended.wait(WAIT) and page.viewer.binding is before and not page.status_bar.line.visible
     page.tick(0.0)
     assert shown.status.visible
 
@@ -201,7 +201,7 @@ def test_a_saved_session_is_restored(page_of, scene, tmp_path):
     page, turn_until = page_of
     page.open(OpenRequest(edited(scene, {"solver.name": "descent"}), start_seed=3))
     turn_until(lambda: page.viewer is not None)
-    first = page.binding
+    first = page.viewer.binding
     first.session.step(unit="sweep")
     assert first.session.wait_for(lambda view: view.count == 14 and not view.running, WAIT)
     first.session.seek(5)
@@ -213,8 +213,8 @@ def test_a_saved_session_is_restored(page_of, scene, tmp_path):
     path = tmp_path / "left.zip"
     path.write_bytes(exports.KINDS["Session (ZIP)"].make(moment))
     page.open(session_file.read(path))
-    turn_until(lambda: page.binding is not first)
-    again, view = page.binding, page.binding.session.view
+    turn_until(lambda: page.viewer.binding is not first)
+    again, view = page.viewer.binding, page.viewer.binding.session.view
     assert again.choices.to_save() == first.choices.to_save()
     assert (view.index, view.count, again.choices.seed) == (5, 14, 3)
     panel = page.viewer.tabs

@@ -265,7 +265,7 @@ class Binding:
     """The session that is shown, the choices made for it, its threads, and the values sent to its controls.
 
     The callbacks replace `choices` as a whole; the main loop reads it. An object that outlives the session asks the
-    page for the present binding each time (`Page.binding`).
+    page for the present binding each time (`Page.viewer`).
 
     `modes`: number of modes that can be in use; `open_other`: function that opens another session in place of this one
     as soon as that is ready; `before`: Choices of the session that was shown before, or None; `wake`: function that

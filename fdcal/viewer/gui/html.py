@@ -186,25 +186,10 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
 
 def legend(marks: Iterable[Mark]) -> str:
     """Return the marks of a legend, each with its symbol and its word."""
-    return f"<div style='{CARD}'>{_marks({escape(mark.text): symbol_svg(mark) for mark in marks})}</div>"
+    return f"<div style='{CARD}'>{drawings_html({escape(mark.text): symbol_svg(mark) for mark in marks})}</div>"
 
 
-def spectrum_legend(curve: bool, inside: str, outside: str, limit: str, line: str) -> str:
-    """Return the legend of the plot of the spectrum.
-
-    `curve`: whether the plot has the curve of the spectrum; `inside`, `outside`, `limit`, `line`: CSS colours of modes
-    in the map, of other modes, of f_max and of the curve. Returns HTML.
-    """
-    marks = {
-        "in the map": f"<circle cx='9' cy='9' r='4' fill='{inside}'/>",
-        "not in the map": f"<circle cx='9' cy='9' r='3' fill='none' stroke='{outside}' stroke-width='1.6'/>",
-        "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{limit}' stroke-width='1.8' stroke-dasharray='5 3'/>",
-    }
-    marks |= {"mean power": f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{line}'/>"} if curve else {}
-    return f"<div style='{CARD}'>{_marks(marks)}</div>"
-
-
-def _marks(marks: dict[str, str]) -> str:
+def drawings_html(marks: dict[str, str]) -> str:
     """Return drawings of EDGE by EDGE pixels, whose size follows the text, each with its name."""
     size = "width: 1.4em; height: 1.4em; vertical-align: -0.35em"
     return "".join(
@@ -255,17 +240,13 @@ class Overlay:
     def __init__(self, gui: viser.GuiApi):
         self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self._acts: dict[str, Act] = {}
-        self._start = secrets.token_hex(8)  # of this server: a browser tells by it whether its address is still of use
+        self.start = secrets.token_hex(8)  # of this server: a browser tells by it whether its address is still of use
         self.channel = gui.add_text(CHANNEL, "", visible=False)
 
         @self.channel.on_update
         async def _(event) -> None:
             if event.client is not None:
                 self.receive(event.client, event.target.value)
-
-    def greet(self, client: viser.ClientHandle) -> None:
-        """Tell a browser that its commands are heard: viser drops what it sends before it has sent its camera."""
-        client.gui.add_html(content("greeting", self._start), visible=False)
 
     def show(self, region: str, html: str) -> None:
         """Fill a region; any thread. All texts in `html` are escaped already."""

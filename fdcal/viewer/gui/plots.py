@@ -30,7 +30,8 @@ class Plot:
 
     `title`: with the unit of the ordinate; `series`: of uPlot, the abscissa first; `x`: label of the abscissa, with its
     unit; `scales`: further scales of uPlot, by name; `height`: pixels; `whole`: whether the abscissa has ticks at whole
-    numbers alone, at any zoom; `legend`: whether the plot has a legend below. `data`: the columns that the page has.
+    numbers alone, at any zoom; `legend`: whether the plot has a legend below. `data`: the columns that the page has;
+    `folder`: holds the plot, and can be made invisible.
     """
 
     def __init__(
@@ -47,22 +48,12 @@ class Plot:
         self._legend: Any = None if legend else {"show": False}
         self._steps: dict[str, Any] = {"incrs": WHOLE_STEPS} if whole else {}
         self._gui, self._series, self._x, self._scales, self._height = gui, series, x, scales or {}, height
-        self._folder, self.title, self.decades = gui.add_folder(None), title, None
+        self.folder, self.title, self.decades = gui.add_folder(None), title, None
         self.limits: tuple[float, float] | None = None
         self.handle: viser.GuiUplotHandle | None = None
         self._wanted: tuple[tuple[np.ndarray, ...], tuple[Any, ...]] = (), ()  # data and axes that were shown last
         self.data: tuple[np.ndarray, ...] = ()  # the data that the page has
         self._until, self._axes_next = 0.0, False  # when something may be sent again, and whether these are axes
-
-    @property
-    def visible(self) -> bool:
-        """Whether the plot can be seen."""
-        return self._folder.visible
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        if self._folder.visible != visible:
-            self._folder.visible = visible
 
     def show(
         self,
@@ -80,7 +71,7 @@ class Plot:
         self._wanted = data, (title or self.title, decades, limits)
         if self.handle is None:
             self.title, self.decades, self.limits = self._wanted[1]
-            with self._folder:
+            with self.folder:
                 scales, axes = self._scales_and_axes()
                 self.data = data
                 self.handle = self._gui.add_uplot(

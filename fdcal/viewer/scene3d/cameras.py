@@ -154,12 +154,6 @@ class Cameras:
                 kept[number] = Camera((x, y, z), (u, v, w), (a, b, c), float(camera.fov), 1.0)
         return kept
 
-    def request_kept(self, kept: Mapping[int, str | Camera]) -> None:
-        """`request` for every page that is still open what `kept_views` has returned."""
-        for number, client in self._server.get_clients().items():
-            if number in kept:
-                self.request(client, kept[number])
-
     def place(self, client: viser.ClientHandle, view: str | Camera) -> None:
         """Place one page's camera so that the search domain fills what the panels leave free.
 
@@ -203,10 +197,11 @@ class Cameras:
         heights = None if floor is None or view in ("top", "") else floor.heights
         return 0.0 if heights is None else round(float(heights.max()), 2)
 
-    def request_all(self, view: str) -> None:
-        """`request` a view for every page."""
-        for client in self._server.get_clients().values():
-            self.request(client, view)
+    def request_all(self, view: str | Mapping[int, str | Camera]) -> None:
+        """`request` a view for every page, or for each page its own of what `kept_views` has returned."""
+        for number, client in self._server.get_clients().items():
+            if isinstance(view, str) or number in view:
+                self.request(client, view if isinstance(view, str) else view[number])
 
     def follow(self, client: viser.ClientHandle, check: int | None = None) -> None:
         """Follow a canvas that changes its size as long as the user has not moved the camera.

@@ -188,7 +188,7 @@ class CutPanel(Tab):
         binding, choices, state = self._binding, self._binding.choices, tick.view.state
         if choices.cut is None or choices.cut[0] == choices.cut[1]:
             if self._shown is not None:
-                self._shown, self._plot.visible = None, False
+                self._shown, self._plot.folder.visible = None, False
             self.text.content = html.remark(ADVICE)
             return
         if tick.now - self._updated < INTERVAL:
@@ -202,7 +202,7 @@ class CutPanel(Tab):
             self._shown, self._updated = latest.result, tick.now
             columns, limits = cut_columns(latest.result)
             self._plot.show(columns, limits=limits)
-            self._plot.visible = True
+            self._plot.folder.visible = True
             self.text.content = cut_caption(latest.result, binding.measurement)
 
 

@@ -81,7 +81,7 @@ KEYS = (
     Key(
         "L",
         "Logarithmic or linear scale",
-        lambda tabs: tabs.map.scale_as(LINEAR if tabs.binding.choices.style.log else LOG),
+        lambda tabs: tabs.map.set(scale=LINEAR if tabs.binding.choices.style.log else LOG),
     ),
     Key("Y", "Trails", lambda tabs: tabs.view.draw(trails=not tabs.binding.choices.trails)),
     Key("K", "Dark or light page", lambda tabs: tabs.view.darken(not tabs.binding.choices.style.dark)),

@@ -76,10 +76,10 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
         "follow": tabs.map.follow_solver,
         "map": lambda name: tabs.map.show_as(KINDS[name]),
         "map_modes": lambda text: tabs.map.choose_modes(None if text == SOLVER else parse_modes(text, count)),
-        "quantity": lambda name: tabs.map.show_quantity(QUANTITIES[name]),
-        "order_offset": tabs.map.set_order,
-        "scale": lambda name: tabs.map.scale_as(SCALES[name]),
-        "minima": tabs.map.mark_minima,
+        "quantity": lambda name: tabs.map.set(quantity=QUANTITIES[name]),
+        "order_offset": lambda offset: tabs.map.set(order=offset),
+        "scale": lambda name: tabs.map.set(scale=SCALES[name]),
+        "minima": lambda marked: tabs.map.set(minima=marked),
         "trails": lambda drawn: tabs.view.draw(trails=drawn),
         "ellipses": lambda drawn: tabs.view.draw(ellipses=drawn),
         "view": place_all,
@@ -141,7 +141,7 @@ class PageBefore:
                 if handle.value != value and fits(handle, value):
                     handle.value = value
         viewer.tabs.refresh()
-        cameras.request_kept(self.cameras)
+        cameras.request_all(self.cameras)
 
 
 def controls_of(viewer: Viewer) -> dict[str, dict[str, Any]]:
@@ -166,50 +166,40 @@ COMMANDS = {"back": BACK, "restore": RESTORE, "next": NEXT}
 NEXT_STEP, NEXT_LESSON = "Next step", "Next lesson: {}"
 
 
-@dataclass(frozen=True)
-class Caption:
-    """What stands on the canvas during a lesson."""
+def caption_html(progress: LessonProgress, ready: bool, waits: str = "", error: str = "", following: str = "") -> str:
+    """Return a step as it stands on the canvas, with its answers as buttons or, once one is chosen, the right one.
 
-    lesson: Lesson
-    number: int  # of the step, from 0
-    choice: int  # the answer chosen, from 0; -1 before one is chosen
-    ready: bool  # whether the page shows what the step asks about; the question is left out until then
-    waits: str  # what waits for the end of the lesson, in words
-    error: str  # why the step could not be set, or ""
-    following: str  # what comes next, once the question is answered; or ""
-
-    @property
-    def answers(self) -> tuple[str, ...]:
-        """The answers that can be given now."""
-        step = self.lesson.steps[self.number]
-        return step.choices if self.ready and self.choice < 0 else ()
-
-    @property
-    def html(self) -> str:
-        """The step as HTML, with its answers as buttons or, once one is chosen, with the right one and why."""
-        step, last = self.lesson.steps[self.number], len(self.lesson.steps) - 1
-        parts = [f"<div class='dim'>{escape(self.lesson.title)}, step {self.number + 1} of {last + 1}</div>"]
-        if self.number == 0 and self.choice < 0 and self.waits:
-            parts.append(f"<div class='dim'>{escape(self.waits)}</div>")
-        if self.choice < 0:
-            parts.append(f"<div class='text'>{_paragraphs(step.text)}</div>")
-        if not self.ready:
-            parts.append("<b>The map of this step is being prepared&nbsp;...</b>")
-        elif step.question:
-            parts.append(f"<b>{escape(step.question)}</b>")
-            right = step.answer - 1
-            for i in sorted({self.choice, right} if self.choice >= 0 else ()):  # the other answers are left out
-                parts.append(f"<div>{'&#10003;' if i == right else '&#10007;'} <b>{escape(step.choices[i])}</b></div>")
-            if self.choice >= 0:
-                parts.append(f"<b>{'Right.' if self.choice == right else 'Not quite.'}</b>")
-                parts.append(f"<div class='text'>{_paragraphs(step.reveal)}</div>")
-        buttons = [_button(f"answer={number}", text) for number, text in enumerate(self.answers)]
-        parts += [f"<div class='choices'>{''.join(buttons)}</div>"] if buttons else []
-        following = _button("follow", self.following, "first") if self.following else ""
-        steps = _button("back", BACK) if self.number else ""
-        steps += _button("restore", RESTORE) + (_button("next", NEXT) if self.number < last and not following else "")
-        steps += _button("end", "End lesson")
-        return f"{''.join(parts)}{complaint(self.error)}<div class='steps' id='fdcal-steps'>{following}{steps}</div>"
+    `ready`: whether the page shows what the step asks about; the question is left out until then; `waits`: what waits
+    for the end of the lesson, in words; `error`: why the step could not be set; `following`: what comes next, once the
+    question is answered. Returns "" without a lesson.
+    """
+    lesson, step, number, choice = progress.lesson, progress.step, progress.number, progress.choice
+    if lesson is None or step is None:
+        return ""
+    last, answered = len(lesson.steps) - 1, choice >= 0
+    parts = [f"<div class='dim'>{escape(lesson.title)}, step {number + 1} of {last + 1}</div>"]
+    if number == 0 and not answered and waits:
+        parts.append(f"<div class='dim'>{escape(waits)}</div>")
+    if not answered:
+        parts.append(f"<div class='text'>{_paragraphs(step.text)}</div>")
+    if not ready:
+        parts.append("<b>The map of this step is being prepared&nbsp;...</b>")
+    elif step.question:
+        parts.append(f"<b>{escape(step.question)}</b>")
+        right = step.answer - 1
+        for i in sorted({choice, right} if answered else ()):  # the other answers are left out
+            parts.append(f"<div>{'&#10003;' if i == right else '&#10007;'} <b>{escape(step.choices[i])}</b></div>")
+        if answered:
+            parts.append(f"<b>{'Right.' if choice == right else 'Not quite.'}</b>")
+            parts.append(f"<div class='text'>{_paragraphs(step.reveal)}</div>")
+    if ready and not answered and step.choices:
+        buttons = "".join(_button(f"answer={i}", text) for i, text in enumerate(step.choices))
+        parts.append(f"<div class='choices'>{buttons}</div>")
+    steps = _button("follow", following, "first") if following else ""
+    steps += _button("back", BACK) if number else ""
+    steps += _button("restore", RESTORE) + (_button("next", NEXT) if number < last and not following else "")
+    steps += _button("end", "End lesson")
+    return f"{''.join(parts)}{complaint(error)}<div class='steps' id='fdcal-steps'>{steps}</div>"
 
 
 def _button(command: str, text: str, kind: str = "") -> str:
@@ -264,15 +254,12 @@ class LessonsTab:
         self._redraw()
 
     @property
-    def caption(self) -> Caption | None:
-        """What stands on the canvas; None without a lesson."""
-        progress, lesson, step = self.progress, self.progress.lesson, self.progress.step
-        if lesson is None or step is None:
-            return None
-        waits = "" if self._before is None else WAITS
-        following = NEXT_STEP if progress.moved(1) is not None else NEXT_LESSON.format(self._next_lesson)
-        following = following if progress.answered and self.ready and following != NEXT_LESSON.format("") else ""
-        return Caption(lesson, progress.number, progress.choice, self.ready, waits, self._error, following)
+    def caption(self) -> str:
+        """What stands on the canvas, as HTML; "" without a lesson."""
+        progress, title, following = self.progress, self._next_lesson, ""
+        if progress.answered and self.ready:
+            following = NEXT_STEP if progress.moved(1) is not None else title and NEXT_LESSON.format(title)
+        return caption_html(progress, self.ready, "" if self._before is None else WAITS, self._error, following)
 
     def list_html(self) -> str:
         """Return the lessons as buttons."""
@@ -471,5 +458,4 @@ class LessonsTab:
             self._redraw()
 
     def _redraw(self) -> None:
-        caption = self.caption
-        self._page.panels.overlay.show("caption", "" if caption is None else caption.html)
+        self._page.panels.overlay.show("caption", self.caption)

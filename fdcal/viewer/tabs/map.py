@@ -3,6 +3,8 @@
 Those are one image, drawn on a thread of its own: a drag does not wait for it.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ...acoustics.dictionary import max_order
@@ -26,7 +28,6 @@ from ..gui.binding import (
     SLICES,
     VOLUME,
     Binding,
-    Choices,
     Due,
     Tab,
     Tick,
@@ -152,25 +153,7 @@ class MapTab(Tab):
         self._possible = binding.run.problem.search is not None
         self._due = Due()  # the caption
         self.kinds = tuple(kind for kind in MAP_KINDS if kind != VOLUME or has_volume(binding.measurement))
-        self._add_controls(binding, binding.choices, binding.row)
-        self.caption = binding.gui.add_html("")
-        with binding.gui.add_folder("Scale and quantity", expand_by_default=False):
-            choices = binding.choices
-            self.quantity = binding.dropdown(
-                "Quantity", QUANTITIES, OBJECTIVE if choices.objective else EQ7, self.show_quantity,
-                hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
-            )  # fmt: skip
-            self.order = binding.slider(
-                "Extra orders", 0, MAX_ORDER_OFFSET, 1, choices.order_offset, self.set_order,
-                hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
-            )  # fmt: skip
-            self.scale = binding.dropdown("Scale", SCALES, LOG if choices.style.log else LINEAR, self.scale_as)
-            self.minima = binding.checkbox(
-                "Mark minima", choices.style.minima, self.mark_minima, hint="Mark and count the local minima"
-            )
-        self.refresh()
-
-    def _add_controls(self, binding: Binding, choices: Choices, row: str) -> None:
+        choices, row = binding.choices, binding.row
         self.kind = binding.dropdown("Show", self.kinds, kind_of(choices), self.show_as, visible=self._possible)
         self.relief = binding.slider(
             "Relief height (%)", 5, 100, 5, round(100 * choices.style.relief_height),
@@ -208,6 +191,21 @@ class MapTab(Tab):
         self.text = binding.on(
             binding.gui.add_text(f"{row.title()} numbers", modes_text(modes), hint="For example 1-3, 5"), self._read
         )
+        self.caption = binding.gui.add_html("")
+        with binding.gui.add_folder("Scale and quantity", expand_by_default=False):
+            self.quantity = binding.dropdown(
+                "Quantity", QUANTITIES, OBJECTIVE if choices.objective else EQ7, lambda _: self.set(),
+                hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
+            )  # fmt: skip
+            self.order = binding.slider(
+                "Extra orders", 0, MAX_ORDER_OFFSET, 1, choices.order_offset, lambda _: self.set(),
+                hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
+            )  # fmt: skip
+            self.scale = binding.dropdown("Scale", SCALES, LOG if choices.style.log else LINEAR, lambda _: self.set())
+            self.minima = binding.checkbox(
+                "Mark minima", choices.style.minima, lambda _: self.set(), hint="Mark and count the local minima"
+            )
+        self.refresh()
 
     def refresh(self) -> None:
         """Hide the controls that have no effect on the kind of map, and all of them where there can be no map."""
@@ -262,16 +260,13 @@ class MapTab(Tab):
         self._binding.choose(modes=modes, modes_error="")
         self.upto.value = modes[-1]
 
-    def show_quantity(self, quantity: str) -> None:
-        """Show EQ7 or OBJECTIVE."""
-        self._binding.choose(objective=quantity == OBJECTIVE)
+    def set(self, **controls: Any) -> None:
+        """Set some of the controls `quantity`, `order`, `scale` and `minima`, and draw the map as all of them say."""
+        for name, value in controls.items():
+            getattr(self, name).value = value
+        self._binding.choose(objective=self.quantity.value == OBJECTIVE, order_offset=self.order.value)
+        self._binding.choose_style(log=self.scale.value == LOG, minima=self.minima.value)
         self.refresh()
-        self.quantity.value = quantity
-
-    def set_order(self, offset: int) -> None:
-        """Set what is added to ceil(k R) in the order of every mode of the map."""
-        self._binding.choose(order_offset=offset)
-        self.order.value = offset
 
     def show_as(self, kind: str) -> None:
         """Show one of `kinds`; a flat map in place of one that there cannot be."""
@@ -294,16 +289,6 @@ class MapTab(Tab):
         if self.kind.value == self._risen:
             self.show_as(FLOOR)
         self._risen = ""
-
-    def scale_as(self, scale: str) -> None:
-        """Use the scale LOG or LINEAR."""
-        self._binding.choose_style(log=scale == LOG)
-        self.scale.value = scale
-
-    def mark_minima(self, marked: bool) -> None:
-        """Mark and count the local minima, or not."""
-        self._binding.choose_style(minima=marked)
-        self.minima.value = marked
 
     def show(self, tick: Tick) -> None:
         """Let the microphone and the caption follow what is drawn."""

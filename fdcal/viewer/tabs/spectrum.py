@@ -14,7 +14,6 @@ from ...model.problem import mode_power
 from ..cost_maps import map_modes, row_label
 from ..gui import html
 from ..gui.binding import Binding, Due, Tab, Tick
-from ..gui.html import spectrum_legend
 from ..gui.plots import BLUE, ORANGE, RED, dots
 
 GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the curve, and of the area below it
@@ -143,7 +142,14 @@ class SpectrumPanel(Tab):
         self._binding, self._due, gui = binding, Due(INTERVAL), binding.gui
         with gui.add_folder("Spectrum", expand_by_default=False):
             self.spectrum = SpectrumPlot(gui, binding.measurement, binding.modes)
-            gui.add_html(spectrum_legend(self.spectrum.has_spectrum, BLUE, ORANGE, RED, GREY))
+            marks = {
+                "in the map": f"<circle cx='9' cy='9' r='4' fill='{BLUE}'/>",
+                "not in the map": f"<circle cx='9' cy='9' r='3' fill='none' stroke='{ORANGE}' stroke-width='1.6'/>",
+                "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{RED}' stroke-width='1.8' stroke-dasharray='5 3'/>",
+            }
+            if self.spectrum.has_spectrum:
+                marks["mean power"] = f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{GREY}'/>"
+            gui.add_html(f"<div style='{html.CARD}'>{html.drawings_html(marks)}</div>")
             self.text = gui.add_html("")
 
     def show(self, tick: Tick) -> None:

@@ -6,7 +6,6 @@ as images; they are as fine as those that the page shows when nothing changes, s
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -64,11 +63,6 @@ class Sweep:
     modes: tuple[int, ...]  # in the order in which they are added, counted from 1
     stops: tuple[int, ...]  # how many of them each map is the sum of
     frames: list[SweepFrame] = field(default_factory=list)  # the maps; a list that is only appended to
-
-    @property
-    def counts(self) -> tuple[int, ...]:
-        """The numbers of local minima so far."""
-        return tuple(frame.count for frame in self.frames[:])
 
     def frame(self, count: int) -> SweepFrame | None:
         """Return the map of the first `count` modes, or None where there is none, or not yet."""
@@ -186,10 +180,9 @@ class Playback:
         self.next, self.due = self.next + 1, now + 1 / self.rate
         return stops[self.next - 1]
 
-    def continue_from(self, summed: int, stops: Sequence[int]) -> None:
-        """Go on after the map of so many modes; from the beginning after the last one."""
-        after = bisect_right(stops, summed)
-        self.next = after if after < len(stops) else 0
+    def continue_from(self, summed: int, count: int) -> None:
+        """Go on after the map of `summed` of `count` modes; from the beginning after the last one."""
+        self.next = summed % count
 
 
 HIDDEN = -1e3  # local minima, where the curve has no point yet: below the plot
@@ -285,8 +278,7 @@ class SweepTab(Tab):
             return
         sequence = self._sequence()
         playing = Playback(self.rate.value)
-        summed = first_of(sequence, self._binding.choices.modes or ())
-        playing.continue_from(summed, range(1, len(sequence) + 1))
+        playing.continue_from(first_of(sequence, self._binding.choices.modes or ()), len(sequence))
         if not self._binding.choices.shown:
             self._map.show_as(FLOOR)
         self._revision, self._playing = NEXT, playing
@@ -418,6 +410,7 @@ class SweepTab(Tab):
         self._plot.settle()
         if now - self._updated > INTERVAL:
             self._updated = now
-            self._plot.visible = sweep is not None  # a sweep of another state has no curve
+            self._plot.folder.visible = sweep is not None  # a sweep of another state has no curve
             if sweep is not None and sweep.frames and self._due(0.0, Same(sweep), len(sweep.frames), summed):
-                self._plot.show(curve(sweep.stops, sweep.counts, summed), limits=(0.0, max(sweep.counts) + 1.0))
+                counts = tuple(frame.count for frame in sweep.frames[:])
+                self._plot.show(curve(sweep.stops, counts, summed), limits=(0.0, max(counts) + 1.0))
