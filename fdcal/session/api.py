@@ -209,8 +209,7 @@ def calibrate(
     >>> bool(found.max_error < 0.02)
     True
     """
-    require_measurement(measurement, "calibrate")
-    require_settings(settings)
+    require_inputs(measurement, settings, "calibrate")
     convert(estimate_sound_speed, bool, "estimate_sound_speed")
     require_callable("progress", progress)
     fields_known = {field.name for field in fields(SolverSettings)}
@@ -222,7 +221,7 @@ def calibrate(
     inputs = measurement_input(measurement, excluded=microphone_names("exclude", exclude), settings=settings)
     others |= {"known": gauge, "noise": None if noise is None else str(noise)}
     if room is not None:
-        sides = _entries("room", room, "lengths", "(7.0, 6.0), metres")
+        sides = _entries("room", room, "lengths", "write <room> = (7.0, 6.0), metres")
         solver, others["room"] = solver or "room", convert(sides, tuple[float, ...], "room")
     inputs = with_settings(inputs, solver, modes, seed, **others)
     if distance is not None:
@@ -277,9 +276,8 @@ def landscape(
     >>> panels.maps.shape
     (4, 25, 25)
     """
-    require_measurement(measurement, "landscape")
-    require_settings(settings)
-    settings, entries = settings or SolverSettings(), _entries("modes", modes, "modes", "[1, 5, 9]")
+    require_inputs(measurement, settings, "landscape")
+    settings, entries = settings or SolverSettings(), _entries("modes", modes, "modes", "write <modes> = [1, 5, 9]")
     used = convert(entries, list[Annotated[int, within(1, len(measurement.frequencies))]], "modes")
     n = microphone_index(str(microphone), measurement.names, "microphone")
     from ..assessment.calibration import Calibration
@@ -299,29 +297,22 @@ def landscape(
 
 def microphone_names(key: str, values: Any) -> tuple[str, ...]:
     """Return names or numbers of microphones as texts; one alone is no list of them."""
-    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
-        remedy = f"put names or numbers into a list: <{key}> = [{shown_literal(values)}]"
-        raise InputError(f"{key} = {shown_literal(values)} is no list of microphones", remedy, key=key, value=values)
-    return tuple(str(one) for one in values)
+    remedy = f"put names or numbers into a list: <{key}> = [{shown_literal(values)}]"
+    return tuple(map(str, _entries(key, values, "microphones", remedy)))
 
 
-def _entries(key: str, values: Any, what: str, example: str) -> list[Any]:
+def _entries(key: str, values: Any, what: str, remedy: str) -> list[Any]:
     """Return the entries of a list; InputError, that it is no list of `what`, for a text and for what is none."""
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        problem = f"{key} = {shown_literal(values)} is no list of {what}"
-        raise InputError(problem, f"write <{key}> = {example}", key=key, value=values)
+    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
+        raise InputError(f"{key} = {shown_literal(values)} is no list of {what}", remedy, key=key, value=values)
     return list(values)
 
 
-def require_measurement(measurement: Any, function: str) -> None:
-    """Raise InputError unless `measurement` is one; a function of that name takes it."""
+def require_inputs(measurement: Any, settings: Any, function: str) -> None:
+    """Raise InputError unless a function of that name gets a measurement, and the settings of a solver or None."""
     if not isinstance(measurement, Measurement):
         problem = f"{function} takes a measurement, not {type(measurement).__name__}"
         raise InputError(problem, f"load it first: fdcal.{function}(fdcal.load(...))", key="measurement")
-
-
-def require_settings(settings: Any) -> None:
-    """Raise InputError unless `settings` are those of a solver, or None."""
     if settings is not None and not isinstance(settings, SolverSettings):
         problem = f"settings = {shown_literal(settings)} are not those of a solver"
         raise InputError(problem, "give those of a scene: fdcal.load_scene(...).solver", key="settings", value=settings)

@@ -150,11 +150,11 @@ class RunBar:
         self.run = binding.button(
             "Run", lambda _: self.toggle(), icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused"
         )
-        self.steps = binding.button_group(
-            "Solve", STEPS, self.press,
-            hint="Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
-            " until a mode is added or the objective changes. Reset: return to the start",
-        )  # fmt: skip
+        hint = (
+            "Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
+            " until a mode is added or the objective changes. Reset: return to the start"
+        )
+        self.steps = binding.on(gui.add_button_group("Solve", STEPS, hint=hint), self.press)
         self.time = binding.slider(
             "State", 0, 1, 1, 0, binding.session.seek, disabled=True,
             hint="Rewind to an earlier state; the solver continues from there",
@@ -293,10 +293,9 @@ class SolverTab(Tab):
                 "Start", STARTS, settings.start or default_start(settings.name), lambda _: self.refresh(),
                 hint="affine: closed-form estimate from the lowest modes; random: anywhere in the search domain",
             )  # fmt: skip
-            self.seed = binding.number(
-                "Seed", binding.choices.seed, lambda value: binding.choose(seed=value), min=0, max=MAX_SEED, step=1,
-                hint="Of the random start, and of the order in which descent moves the microphones",
-            )  # fmt: skip
+            hint = "Of the random start, and of the order in which descent moves the microphones"
+            seed = binding.gui.add_number("Seed", binding.choices.seed, min=0, max=MAX_SEED, step=1, hint=hint)
+            self.seed = binding.on(seed, lambda value: binding.choose(seed=value))
             binding.gui.add_html(html.remark("The modes apply at once, the rest with Reset."))
         self.refresh()
 

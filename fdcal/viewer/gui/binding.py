@@ -292,15 +292,18 @@ class Binding:
         self.sent: dict[int, object] = {}
         self.closed = False  # the session is being replaced
 
-    def on(self, handle: Control, act: Callable[[Any], object]) -> Control:
-        """Call `act(value)` when a client, and not this program, has changed a control; return the control."""
+    def on(self, handle: Control, act: Callable[..., object], of_client: bool = False) -> Control:
+        """Call `act(value)` when a client, and not this program, has changed a control; return the control.
+
+        `of_client`: whether `act(client, value)` is called instead.
+        """
 
         async def respond(event) -> None:
             if event.client is None:
                 return
             self.session.yield_to_ui()
             try:
-                act(event.target.value)
+                act(*([event.client] if of_client else []), event.target.value)
             except RuntimeError:
                 if not self.closed:  # else the session has given way to another one, with all of its controls
                     raise
@@ -314,9 +317,6 @@ class Binding:
     def slider(self, label: str, low, high, step, value, act: Callable[[Any], object], **options: Any):
         return self.on(self.gui.add_slider(label, low, high, step, value, **options), act)
 
-    def number(self, label: str, value, act: Callable[[Any], object], **options: Any):
-        return self.on(self.gui.add_number(label, value, **options), act)
-
     def checkbox(self, label: str, value: bool, act: Callable[[Any], object], **options: Any):
         return self.on(self.gui.add_checkbox(label, value, **options), act)
 
@@ -325,20 +325,6 @@ class Binding:
 
     def button(self, label: str, act: Callable[[Any], object], **options: Any):
         return self.on(self.gui.add_button(label, **options), act)
-
-    def button_group(self, label: str, names: tuple[str, ...], act: Callable[[Any], object], **options: Any):
-        return self.on(self.gui.add_button_group(label, names, **options), act)
-
-    def on_client(self, handle: Control, act: Callable[[viser.ClientHandle, Any], object]) -> Control:
-        """Call `act(client, value)` when a client has pressed a button; return the button."""
-        button: Any = handle
-
-        @button.on_click
-        async def _(event) -> None:
-            if event.client is not None:
-                act(event.client, event.target.value)
-
-        return handle
 
     def choose(self, **changes) -> None:
         """Change some of the choices."""

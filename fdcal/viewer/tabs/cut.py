@@ -159,7 +159,7 @@ class CutPanel(Tab):
         gui, series = binding.gui, cut_series(binding.measurement)
         hint = "Through the estimate along x, along y, or towards the lowest cost of the map"
         with gui.add_folder("Cut", expand_by_default=False):
-            self.lines = binding.button_group("Line", LINES, self.place, hint=hint)
+            self.lines = binding.on(gui.add_button_group("Line", LINES, hint=hint), self.place)
             self._plot = Plot(gui, TITLE, series, "distance from A (m)", height=230, legend=False)
             self.text = gui.add_html(html.remark(ADVICE))
 

@@ -57,10 +57,9 @@ class SceneTab(Tab):
         self.title = gui.add_html("")
         low, high = RANGES.microphones
         self.microphones = binding.slider("Microphones", low, high, 1, low, lambda _: self.refresh())
-        self.radius = binding.number(
-            "Array radius (m)", 1.0, lambda _: self._check_radius(), min=0.0, max=MAX_TYPED, step=0.01,
-            hint=f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it",
-        )  # fmt: skip
+        hint = f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it"
+        radius = gui.add_number("Array radius (m)", 1.0, min=0.0, max=MAX_TYPED, step=0.01, hint=hint)
+        self.radius = binding.on(radius, lambda _: self._check_radius())
         self.walls = binding.dropdown("Walls", WALLS, walls if walls in WALLS else WALLS[0], lambda _: self.refresh())
         low, high = RANGES.absorption
         self.absorption = gui.add_number(

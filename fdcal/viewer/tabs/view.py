@@ -52,10 +52,8 @@ class ViewTab(Tab):
 
     def __init__(self, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
         self._binding, gui, choices = binding, binding.gui, binding.choices
-        self.camera = binding.on_client(
-            gui.add_button_group("Camera", tuple(VIEWS)),  # a hint would cover the tabs above
-            lambda client, value: place(client, VIEWS[value]),
-        )
+        camera = gui.add_button_group("Camera", tuple(VIEWS))  # a hint would cover the tabs above
+        self.camera = binding.on(camera, lambda client, value: place(client, VIEWS[value]), of_client=True)
         gui.add_html(html.remark("In this window only: plan view, array, whole room."))
         self.dark = binding.checkbox("Dark page", choices.style.dark, self.darken)
         self.lecture = binding.checkbox(
@@ -346,9 +344,9 @@ class ExportTab(Tab):
                 "Size (pixels)", tuple(SIZES), _label(SIZES, choices.export_size),
                 lambda value: binding.choose(export_size=SIZES[value]),
             )  # fmt: skip
-            self.button = binding.on_client(
-                gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now"),
-                lambda client, _: export(client, binding.choices.export_kind),
+            save = gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now")
+            self.button = binding.on(
+                save, lambda client, _: export(client, binding.choices.export_kind), of_client=True
             )
         self.refresh()
 
