@@ -55,7 +55,7 @@ class MicrophonePicker:
     `binding`: of the session; `picture`: as drawn, for the extent of the search domain and the size of the markers;
     `select`: called with the number of the microphone that was clicked; `move`: called with the number of one that is
     dragged, its place, metres, the number of the gesture, and whether it was let go; `place`: likewise, with Shift;
-    `name`: of the handles' node, a new one for each instance.
+    `name`: of the handles' node, a new one for each instance. `handles`: in the scene.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class MicrophonePicker:
         self._low, self._high = np.array([x0 + edge, y0 + edge, z0]), np.array([x1 - edge, y1 - edge, z1])
         self._corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
         start = np.tile(self._corners[0], (binding.measurement.count, 1))
-        self._handles = handles = add_handles(server, name, start, HANDLE_RADIUS * self._marker, self._corners)
+        self.handles = handles = add_handles(server, name, start, HANDLE_RADIUS * self._marker, self._corners)
         self._sized: np.ndarray | None = None  # the sizes that were sent last
 
         @handles.on_click
@@ -126,10 +126,6 @@ class MicrophonePicker:
             move, index, place = last
             move(index, place, gesture, True)
 
-    def remove(self) -> None:
-        """Remove the handles from the scene."""
-        self._handles.remove()
-
     def show(self, positions, floor: Floor | None, across: int = 2, ball: int | None = None) -> None:
         """Move the handles to the estimated positions; called by the main loop.
 
@@ -145,12 +141,10 @@ class MicrophonePicker:
             handles[ball], sizes[ball] = ball_centre(self._picture, positions[ball], floor), BALL
         if self._sized is None or not np.array_equal(self._sized, sizes):
             self._sized = sizes
-            self._handles.batched_scales = np.concatenate([sizes, np.full(len(self._corners), SPECK)]).astype(
-                np.float32
-            )
+            self.handles.batched_scales = np.concatenate([sizes, np.full(len(self._corners), SPECK)]).astype(np.float32)
         if self._shown is None or not np.array_equal(self._shown, handles):
             self._shown = handles
-            self._handles.batched_positions = np.concatenate([handles, self._corners]).astype(np.float32)
+            self.handles.batched_positions = np.concatenate([handles, self._corners]).astype(np.float32)
 
 
 def add_handles(server: viser.ViserServer, name: str, places: np.ndarray, radius: float, corners: np.ndarray):

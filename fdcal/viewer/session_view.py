@@ -261,7 +261,7 @@ class Viewer:
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""
         self.binding.closed = True
-        self.picker.remove()
+        self.picker.handles.remove()
         self.drop.close()
         self._line_handles.remove()
         self._folders.remove()

@@ -122,25 +122,6 @@ def cut_columns(cut: Cut) -> tuple[tuple[np.ndarray, ...], tuple[float, float]]:
     return (cut.distance, *single, np.maximum(cut.total, low - STEP), *marks), (low, high)
 
 
-def cut_caption(cut: Cut, measurement: Measurement) -> str:
-    """Return what the plot shows, as HTML."""
-    request, count = cut.request, len(cut.request.modes)
-    word, numbers = row_word(measurement), ", ".join(map(str, cut.modes))
-    single = f"{word} {cut.modes[0]}" if count == 1 else f"{word}s {numbers}"
-    marks = [f"<span style='color: {RED}'>&#9679;</span> estimate"] if cut.estimate is not None else []
-    marks += (
-        [f"<span style='color: {GREY}'>&#9675;</span> {measurement.reference} position"]
-        if cut.truth is not None
-        else []
-    )
-    lowest = float(cut.distance[int(cut.total.argmin())])
-    return (
-        f"<div style='{html.CARD}'>microphone {request.microphone}: <b style='color: {BLUE}'>sum of"
-        f" {count_label(measurement, request.modes)}</b>, lowest {lowest:.3f} m from A. Thin, from dark to light:"
-        f" {single}. {' '.join(marks)}</div>"
-    )
-
-
 ALONG_X, ALONG_Y, TO_LOWEST, NO_LINE = "x", "y", "Lowest", "None"
 LINES = (ALONG_X, ALONG_Y, TO_LOWEST, NO_LINE)
 TITLE = "Cost along the line, Eq. 7 (dB)"
@@ -199,11 +180,21 @@ class CutPanel(Tab):
         if latest is not None and latest.cause is not None:
             self.text.content = html.complaint(latest.cause)
         elif latest is not None and latest.result is not self._shown:
-            self._shown, self._updated = latest.result, tick.now
-            columns, limits = cut_columns(latest.result)
+            cut, self._updated = latest.result, tick.now
+            self._shown, measurement = cut, binding.measurement
+            columns, limits = cut_columns(cut)
             self._plot.show(columns, limits=limits)
             self._plot.folder.visible = True
-            self.text.content = cut_caption(latest.result, binding.measurement)
+            word, several = row_word(measurement), "s" if len(cut.request.modes) > 1 else ""
+            marks = f" <span style='color: {RED}'>&#9679;</span> estimate" if cut.estimate is not None else ""
+            if cut.truth is not None:
+                marks += f" <span style='color: {GREY}'>&#9675;</span> {measurement.reference} position"
+            summed, lowest = count_label(measurement, cut.request.modes), float(cut.distance[cut.total.argmin()])
+            self.text.content = (
+                f"<div style='{html.CARD}'>microphone {cut.request.microphone}: <b style='color: {BLUE}'>sum of"
+                f" {summed}</b>, lowest {lowest:.3f} m from A. Thin, from dark to light:"
+                f" {word}{several} {', '.join(map(str, cut.modes))}.{marks}</div>"
+            )
 
 
 def line_across(place, along, low, high) -> Line:
