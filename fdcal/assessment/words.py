@@ -342,6 +342,9 @@ def _pattern(order: np.ndarray) -> str:
     count, own, shift = len(order), np.arange(len(order)), int(order[0])
     if np.array_equal(order, own[::-1]):
         return ": the list is in reverse"
+    for first in (0, 1):
+        if np.array_equal(order, np.argsort(sorted(range(first, first + count), key=str))):
+            return ": its rows are sorted as text (1, 10, 11, ...); in the order of the numbers in its names it fits"
     if not np.array_equal(order, (own + shift) % count):
         return ""
     half = " (its halves are exchanged)" if 2 * shift == count else ""

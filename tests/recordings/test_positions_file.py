@@ -264,6 +264,11 @@ def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path
             lambda x: x[[0, 1, 2, 12, *range(4, 12), 3, *range(13, 16)]],
             r"channels 3 \(M04\) and 12 \(M13\) are swapped",
         ),
+        (
+            "none",
+            lambda x: x[sorted(range(16), key=lambda n: str(n + 1))],
+            r"15 of 16 channels .*: its rows are sorted as text .*",
+        ),
     ],
 )
 def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its_own(
