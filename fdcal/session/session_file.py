@@ -183,9 +183,9 @@ class StateReader:
         try:
             state = msgspec.convert(table, State, dec_hook=self._array)
         except msgspec.ValidationError as error:
-            problem, _, place = str(error).rpartition(" - at ")
-            key = place.strip("`").replace("$", "states", 1) or "states"
-            raise InputError(f"{key}: {problem or error}", OTHER_VERSION, key=key) from error
+            problem, at, place = str(error).rpartition(" - at `$")
+            key = f"states{place.removesuffix('`')}" if at else "states"
+            raise InputError(f"{key}: {shown(problem if at else str(error), 200)}", OTHER_VERSION, key=key) from error
         self._check("states", state, table)
         return state
 
