@@ -101,6 +101,11 @@ def places_of_sheet(path: Path, rows: Rows) -> Places:
         raise question(path, f' must begin with {wanted}, not with "{found}"', "add that line")
     if head[0] == "#" and len(head) == 1 + len(first[-1][1]):  # a comment with spaces between its cells
         head = head[1:]
+    number = min(data)
+    units_row = [cell.strip("[]() -").lower() for cell in data[number]]
+    if any(units_row) and set(units_row) <= {"", *UNITS} and len(data) > 1 and len(units_row) == len(head):
+        head = [f"{cell} {unit}".strip() for cell, unit in zip(head, units_row, strict=True)]
+        del data[number]
     if {len(row) for row in data.values()} == {len(head) + 1} and "name" not in [meaning(one)[0] for one in head]:
         head = ["", *head]  # as R writes an index
     return places_of_rows(path, head, data, unit=unit)

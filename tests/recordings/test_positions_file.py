@@ -110,6 +110,7 @@ TABLES = {
     "height": "id,x,y,comment,height (m)\n1,0.25,0.5,left,1\n2,0.75,-0.125,,-1.5\n",
     "millimetres": "label,X (mm),Y (mm),Z (mm)\n1,250,500,1000\n2,750,-125,-1500\n",
     "centimetres": "channel,x_cm,y_cm,z_cm\n1,25,50,100\n2,75,-12.5,-150\n",
+    "line of units": "name,x,y,z\n-,[mm],[mm],[mm]\n1,250,500,1000\n2,750,-125,-1500\n",
     "column of units": "name,x,y,z,unit\n1,250,500,1000,mm\n2,750,-125,-1500,mm\n",
     "unit in a comment": "% all in mm\n1 250 500 1000\n2 750 -125 -1500\n",
     "unit by size": "name,x,y,z\n1,250,500,1000\n2,750,-125,-1500\n",
@@ -180,6 +181,10 @@ def test_arrays_and_sheets_are_read(tmp_path):
     names, found = read_places(tmp_path / "t.xlsx")
     assert names == ["1", "2"]
     np.testing.assert_array_equal(found, PLACES)
+    with zipfile.ZipFile(tmp_path / "t.xlsx", "a") as file:
+        file.writestr("xl/worksheets/sheet3.xml", f"<worksheet {main}><sheetData>{rows}</sheetData></worksheet>")
+    with pytest.raises(fdcal.InputError, match="2 sheets with cells; keep the one"):
+        read_places(tmp_path / "t.xlsx")
 
 
 def _cell(where: str, text: str) -> str:
