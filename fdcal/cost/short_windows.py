@@ -1,0 +1,331 @@
+"""The likelihood of many short windows: the field of each is random, and its covariance follows from the positions.
+
+A short window of a take holds the sound of a few reflections. Over many windows these come from all sides, more from
+some than from others, so that the spectra p of one take and frequency share one covariance:
+
+    p    ~ CN(0, s C),   s the power of this window alone
+    C    = G (K + b h h^H + e I) G^H,   G = diag exp(a_n + j b_n), the gains of the channels
+    K_ij = j_0(k d) + sum_l a_l j_l(k d) Y_l(u),   d u = x_i - x_j
+    h_n  = exp(-j k t_n),   t_n = -v . x_n + q (|x_n|^2 - (v . x_n)^2) / 2, the direct sound of the take
+
+    Y_l  the five quadratic harmonics and the vertical one of degree 4: a room absorbs most at floor and ceiling, so
+         that its sound is more horizontal than isotropic, in every take alike
+    b    power of the direct sound of a take, from direction v (3,), of curvature q, 1/m
+    e    power of the noise; b and e vary with frequency, by interpolation between a few nodes
+
+With the power of each window at its likeliest value, sum |..|^2 / N, the cost is
+
+    cost = sum over groups of W log det C + N sum over windows of log p^H C^-1 p
+
+(Tyler 1987: the angular Gaussian distribution). Its Fisher information is that of the complex Gaussian distribution,
+without what the powers take, times N / (N + 1). A group is one take at one frequency. No limit of interpolation holds
+here, such as Eq. 9: the coherence of distant microphones is small at high frequencies, and still informative.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import spherical_jn
+
+from ..model.validation import Complexes, Integers, Numbers, Reals
+
+CHANNEL = ("x", "y", "z", "log gain", "phase")  # parameters of a microphone
+# Y_l = u^T Q u of degree 2; that of degree 4 follows from the height alone
+QUADRATIC = np.array(
+    [
+        [[1, 0, 0], [0, -1, 0], [0, 0, 0]],
+        [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
+        [[0, 0, 1], [0, 0, 0], [1, 0, 0]],
+        [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
+        [[-0.5, 0, 0], [0, -0.5, 0], [0, 0, 1]],
+    ]
+)
+DEGREES = (2, 2, 2, 2, 2, 4)
+NOISE_NODES, DIRECT_NODES = 5, 2
+# spreads of the priors: of the spectrum's numbers; of gains, nepers, and phases, radians; means and spreads of the
+# logarithms of noise and direct sound, over the diffuse field, and of the curvature, 1/m
+SPECTRUM_SPREAD = np.array([0.5, 0.5, 0.5, 0.5, 1.0, 0.5])
+CHANNEL_SPREAD = 0.05
+NOISE_PRIOR, DIRECT_PRIOR, CURVATURE_PRIOR = (-3.5, 2.0), (-1.5, 2.0), (0.4, 0.3)
+NO_DIRECT = -14.0  # logarithm of the power of a direct sound that does not count
+NOISE_BOUNDS = (np.log(1e-5), np.log(5.0))
+
+
+@dataclass(frozen=True)
+class ShortField:
+    """Positions, channels and what is assumed of the field; all shared by the takes but the direct sound."""
+
+    positions: Reals  # (N, 3) float64, metres
+    channels: Reals  # (N, 2) float64, nepers and radians
+    spectrum: Reals  # (6,) float64, a_l
+    noise: Reals  # (NOISE_NODES,) float64, log e
+    direct: Reals  # (T, DIRECT_NODES) float64, log b
+    directions: Reals  # (T, 3) float64, v
+    curvature: Reals  # (T,) float64, q, 1/m
+
+
+@dataclass(frozen=True)
+class ShortTerms:
+    """Cost, and its derivatives by (N, 5) parameters of the microphones, spectrum, noise, and those of each take."""
+
+    cost: float
+    gradient: Reals  # (P,) float64, empty for the cost alone
+    fisher: Reals  # (P, P) float64
+    scores: Reals  # (G, P) float64, gradient of each group, without the priors
+
+
+def first_field(positions: Reals, takes: int) -> ShortField:
+    """Return an isotropic field without direct sound at positions (N, D), metres."""
+    x = np.zeros((len(positions), 3))
+    x[:, : positions.shape[1]] = positions - positions.mean(axis=0)
+    return ShortField(
+        positions=x,
+        channels=np.zeros((len(x), 2)),
+        spectrum=np.zeros(len(DEGREES)),
+        noise=np.full(NOISE_NODES, np.log(0.05)),
+        direct=np.full((takes, DIRECT_NODES), NO_DIRECT),
+        directions=np.tile([1.0, 0.0, 0.0], (takes, 1)),
+        curvature=np.full(takes, CURVATURE_PRIOR[0]),
+    )
+
+
+def free_parameters(
+    N: int, takes: int, axes: int, channels: bool = False, degree: int = 0, direct: bool = False
+) -> np.ndarray:
+    """Return which parameters of a step move : (P,) bool.
+
+    axes : 2 for an array in the plane z = 0, or 3; degree : greatest of the spectrum.
+    """
+    each = np.tile([True, True, axes == 3, channels, channels], N)
+    shape = np.array(DEGREES) <= degree
+    if axes == 2:  # the mirror image in its plane is the same array
+        shape[2:4] = False
+    return np.concatenate([each, shape, np.full(NOISE_NODES, True), np.full((DIRECT_NODES + 3) * takes, direct)])
+
+
+def advanced(field: ShortField, step: Reals) -> ShortField:
+    """Return the field after a step (P,) of all parameters."""
+    N, S = len(field.positions), len(DEGREES)
+    each, rest = step[: 5 * N].reshape(N, 5), step[5 * N :]
+    takes = rest[S + NOISE_NODES :].reshape(len(field.direct), DIRECT_NODES + 3)
+    turned = np.einsum("ta,tab->tb", takes[:, DIRECT_NODES:-1], _tangents(field.directions))
+    v = field.directions + turned
+    return ShortField(
+        positions=field.positions + each[:, :3],
+        channels=field.channels + each[:, 3:],
+        spectrum=field.spectrum + rest[:S],
+        noise=np.clip(field.noise + rest[S : S + NOISE_NODES], *NOISE_BOUNDS),
+        direct=field.direct + takes[:, :DIRECT_NODES],
+        directions=v / np.linalg.norm(v, axis=1, keepdims=True),
+        curvature=np.clip(field.curvature + takes[:, -1], 0.0, 2.0),
+    )
+
+
+def upright(field: ShortField) -> ShortField:
+    """Return the field turned so that z is the axis from which least sound comes, by the spectrum of degree 2."""
+    tensor = np.tensordot(field.spectrum[:5], QUADRATIC, 1)
+    axes = np.linalg.eigh(tensor)[1]  # of the greatest value last
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    turned = axes.T @ tensor @ axes
+    spectrum = [(turned[0, 0] - turned[1, 1]) / 2, turned[0, 1], turned[0, 2], turned[1, 2], turned[2, 2]]
+    return replace(
+        field,
+        positions=field.positions @ axes,
+        directions=field.directions @ axes,
+        spectrum=np.array([*spectrum, 0.0]),
+    )
+
+
+def _tangents(directions: Reals) -> np.ndarray:
+    """Two unit vectors across each direction (T, 3) : (T, 2, 3)."""
+    return np.linalg.svd(directions[:, None])[2][:, 1:]
+
+
+@dataclass(frozen=True)
+class ShortLikelihood:
+    """The windows of all takes, and their wavenumbers."""
+
+    wavenumbers: Reals  # (G,) float64, rad/m, of each group
+    takes: Integers  # (G,) int64
+    pressures: Complexes  # (G, W, N) complex64 or complex128; a window that does not count is 0 in all channels
+    dispersion: float = 1.0  # by which the windows are fewer independent ones; the cost is divided by it
+
+    def terms(self, field: ShortField, derivatives: bool = True) -> ShortTerms:
+        """Return the cost with priors at a field. LinAlgError for a covariance that is not positive definite."""
+        k, take, x, N = self.wavenumbers, self.takes, field.positions, len(field.positions)
+        each, of_group = np.unique(k, return_inverse=True)
+        K, slopes, shapes = anisotropic_kernel(x, each, field.spectrum, derivatives)
+        noise_nodes, direct_nodes = _nodes(each, NOISE_NODES)[of_group], _nodes(each, DIRECT_NODES)[of_group]
+        noise = np.exp(noise_nodes @ field.noise)
+        delays, delay_slopes = _delays(field)
+        h = np.exp(-1j * k[:, None] * delays[take])
+        power = np.exp(np.sum(direct_nodes * field.direct[take], axis=1))
+        direct = power[:, None, None] * h[:, :, None] * h[:, None].conj()
+        C = K[of_group] + noise[:, None, None] * np.eye(N) + direct
+        L = np.linalg.cholesky(C)
+        inverse = np.linalg.inv(C)
+        gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
+        p = self.pressures / gain
+        q = np.maximum(np.sum((np.conj(p) @ inverse) * p, axis=2).real, 0.0)
+        counts = q > 0
+        windows = counts.sum(axis=1) / self.dispersion
+        log_det = 2 * np.log(np.diagonal(L, axis1=1, axis2=2).real).sum(axis=1)
+        cost = float(windows @ (log_det + 2 * field.channels[:, 0].sum()))
+        cost += N * float(np.log(q[counts]).sum()) / self.dispersion
+        prior_cost, prior_gradient, stiffness = _priors(field)
+        if not derivatives:
+            return ShortTerms(cost + prior_cost, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
+        weight = np.where(counts, N / np.where(counts, q, 1.0), 0.0) / self.dispersion
+        p = p * np.sqrt(weight)[..., None]
+        scatter = p.swapaxes(1, 2) @ np.conj(p)
+        M = windows[:, None, None] * inverse - inverse @ scatter @ inverse
+        # What belongs to a microphone has one row and one column: dC = e_n D_n + (e_n D_n)^H.
+        rows = [slope[of_group] - 1j * k[:, None, None] * moved[take][:, :, None] * direct
+                for slope, moved in zip(slopes, delay_slopes, strict=True)]  # fmt: skip
+        rows += [C, 1j * C]
+        whole = [shape[of_group] for shape in shapes]
+        whole += [(node * noise)[:, None, None] * np.eye(N) for node in noise_nodes.T]
+        own = [(take == t)[:, None, None] * one for t in range(len(field.direct))
+               for one in _direct_slopes(field, t, k, direct_nodes, direct)]  # fmt: skip
+        return _assembled(cost + prior_cost, prior_gradient, stiffness, windows, inverse, M, rows, whole + own)
+
+
+def _assembled(cost, prior_gradient, stiffness, windows, inverse, M, rows, whole) -> ShortTerms:
+    """Gradient and Fisher information of derivatives of C by microphone, `rows`, and by what all share, `whole`."""
+    G, N = len(inverse), inverse.shape[1]
+    P, weight = N * len(rows), windows * N / (N + 1)
+    X = [one @ inverse for one in rows]
+    transposed = inverse.swapaxes(1, 2)
+    of_rows = np.stack([2 * np.einsum("gij,gji->gi", one, M).real for one in rows], axis=2).reshape(G, P)
+    traces = np.stack([2 * np.einsum("gii->gi", one).real for one in X], axis=2).reshape(G, P)
+    F = np.zeros((N, len(rows), N, len(rows)))
+    for a in range(len(rows)):
+        for b in range(a, len(rows)):
+            both = X[a] * X[b].swapaxes(1, 2) + transposed * (X[a] @ np.conj(rows[b].swapaxes(1, 2)))
+            F[:, a, :, b] = 2 * np.tensordot(weight, both.real, 1)
+            F[:, b, :, a] = F[:, a, :, b].T
+    around = [inverse @ one @ inverse for one in whole]
+    flat = np.array([one.reshape(G, -1) for one in whole])
+    of_whole = np.einsum("vgi,gi->gv", flat, M.swapaxes(1, 2).reshape(G, -1)).real
+    traces_whole = np.einsum("vgi,gi->gv", flat, transposed.reshape(G, -1)).real
+    turned = np.array([one.swapaxes(1, 2).reshape(G, -1) for one in around])
+    shared = np.einsum("g,vgi,wgi->vw", weight, turned, flat, optimize=True).real
+    cross = np.empty((N, len(rows), len(whole)))
+    for a, one in enumerate(rows):
+        for v, matrix in enumerate(around):
+            cross[:, a, v] = 2 * np.einsum("g,gij,gji->i", weight, one, matrix).real
+    cross = cross.reshape(P, -1)
+    tall = np.hstack([traces, traces_whole])
+    scores = np.hstack([of_rows, of_whole])
+    fisher = np.block([[F.reshape(P, P), cross], [cross.T, shared]]) - (tall * (weight / N)[:, None]).T @ tall
+    return ShortTerms(cost, scores.sum(axis=0) + prior_gradient, fisher + np.diag(stiffness), scores)
+
+
+def anisotropic_kernel(
+    x: Reals, k: Reals, spectrum: Reals, slope: bool = True
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return K (F, N, N), its slopes (3, F, N, N) by x_i - x_j, and the matrices (6, F, N, N) of the spectrum's numbers.
+
+    x : (N, 3), metres; k : (F,), rad/m; spectrum : (6,), a_l. Slopes and matrices are empty unless wanted.
+    """
+    N = len(x)
+    i, j = np.triu_indices(N, 1)
+    d = x[i] - x[j]
+    r = np.linalg.norm(d, axis=1) + 1e-9
+    u = d / r[:, None]
+    t = u[:, 2]
+    Y = np.array([*((u @ Q * u).sum(axis=1) for Q in QUADRATIC), (35 * t**4 - 30 * t**2 + 3) / 8])
+    z = np.maximum(k[:, None] * r, 1e-4)
+    J = {degree: spherical_jn(degree, z) for degree in (0, 2, 4)}
+    each = np.array([J[degree] for degree in DEGREES]) * Y[:, None]
+
+    def whole(values: Reals, sign: float = 1.0) -> np.ndarray:
+        out = np.zeros((*values.shape[:-1], N, N))
+        out[..., i, j], out[..., j, i] = values, sign * values
+        return out
+
+    K = whole(J[0] + np.tensordot(spectrum, each, 1))
+    K[:, np.arange(N), np.arange(N)] = 1.0
+    if not slope:
+        return K, np.zeros((0, *K.shape)), np.zeros((0, *K.shape))
+    up = (np.array([0, 0, 1.0]) - t[:, None] * u) / r[:, None]
+    across = [2 * (u @ Q - y[:, None] * u) / r[:, None] for Q, y in zip(QUADRATIC, Y, strict=False)]
+    across.append(((140 * t**3 - 60 * t) / 8)[:, None] * up)
+    steep = {degree: spherical_jn(degree, z, True) * k[:, None] for degree in J}
+    radial = steep[0] + sum(a * y * steep[degree] for a, y, degree in zip(spectrum, Y, DEGREES, strict=True))
+    weighted = [a * J[degree] for a, degree in zip(spectrum, DEGREES, strict=True)]
+    slopes = [radial * u[:, b] + sum(w * turn[:, b] for w, turn in zip(weighted, across, strict=True)) for b in range(3)]
+    return K, whole(np.array(slopes), -1.0), whole(each)
+
+
+def _nodes(k: Reals, count: int) -> np.ndarray:
+    """Weights (F, count) of the linear interpolation between nodes over the band of ascending k (F,)."""
+    along = (k - k[0]) / max(float(k[-1] - k[0]), 1e-9)
+    return np.maximum(0.0, 1 - np.abs(along[:, None] - np.linspace(0, 1, count)) * (count - 1))
+
+
+def _delays(field: ShortField) -> tuple[np.ndarray, np.ndarray]:
+    """t (T, N), metres, and its slopes (3, T, N) by the coordinates of the microphone."""
+    x, v, q = field.positions, field.directions, field.curvature[:, None]
+    along = v @ x.T
+    slopes = -v.T[..., None] + q * (x.T[:, None] - along * v.T[..., None])
+    return -along + q / 2 * (np.sum(x**2, axis=1) - along**2), slopes
+
+
+def _direct_slopes(field: ShortField, t: int, k: Reals, nodes: Reals, direct: Complexes) -> list[np.ndarray]:
+    """Derivatives of b h h^H by the powers, direction and curvature of take `t`."""
+    x, v, q = field.positions, field.directions[t], field.curvature[t]
+    along = x @ v
+    delays = [-(x @ a) - q * along * (x @ a) for a in _tangents(v[None])[0]]
+    delays.append((np.sum(x**2, axis=1) - along**2) / 2)
+    turned = [-1j * k[:, None, None] * (one[:, None] - one) * direct for one in delays]
+    return [node[:, None, None] * direct for node in nodes.T] + turned
+
+
+def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
+    """Cost, gradient and stiffness of the Gaussian priors, in the order of the parameters."""
+    N, T = field.channels.shape[0], len(field.direct)
+    each, spread = np.zeros((N, 5)), np.full((N, 5), np.inf)
+    each[:, 3:], spread[:, 3:] = field.channels, CHANNEL_SPREAD
+    takes, widths = np.zeros((T, DIRECT_NODES + 3)), np.full((T, DIRECT_NODES + 3), np.inf)
+    takes[:, :DIRECT_NODES], widths[:, :DIRECT_NODES] = field.direct - DIRECT_PRIOR[0], DIRECT_PRIOR[1]
+    takes[:, -1], widths[:, -1] = field.curvature - CURVATURE_PRIOR[0], CURVATURE_PRIOR[1]
+    away = np.concatenate([each.ravel(), field.spectrum, field.noise - NOISE_PRIOR[0], takes.ravel()])
+    noise = np.full(NOISE_NODES, NOISE_PRIOR[1])
+    stiffness = 1 / np.concatenate([spread.ravel(), SPECTRUM_SPREAD, noise, widths.ravel()]) ** 2
+    return float(np.sum(away**2 * stiffness)) / 2, away * stiffness, stiffness
+
+
+def with_direct_sound(likelihood: ShortLikelihood, field: ShortField, count: int = 300) -> ShortField:
+    """Return the field with the likeliest direct sound of each take: of `count` directions and four powers."""
+    turn = np.arange(count)
+    height = 1 - 2 * (turn + 0.5) / count
+    angle, flat = turn * np.pi * (3 - np.sqrt(5.0)), np.sqrt(1 - height**2)
+    directions = np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
+    powers, N = np.exp([-3.0, -1.5, 0.0, 1.5]), len(field.positions)
+    each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
+    K = anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
+    noise = np.exp(_nodes(each, NOISE_NODES) @ field.noise)
+    inverses = np.linalg.inv(K + noise[:, None, None] * np.eye(N))
+    gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
+    delays = -directions @ field.positions.T
+    value = np.zeros((len(field.direct), count, len(powers)))
+    for k, take, group, windows in zip(
+        likelihood.wavenumbers, likelihood.takes, of_group, likelihood.pressures, strict=True
+    ):
+        p = windows[np.any(windows, axis=1)] / gain
+        p = p[:: max(1, len(p) // 100)]
+        h = np.exp(1j * k * delays)  # the conjugate of the wave
+        weighted = h @ inverses[group]
+        self_power = np.sum(weighted * np.conj(h), axis=1).real
+        q = np.sum((np.conj(p) @ inverses[group]) * p, axis=1).real
+        along = np.abs(weighted @ p.T) ** 2
+        for b, power in enumerate(powers):
+            left = q - (power / (1 + power * self_power))[:, None] * along
+            value[take, :, b] += len(p) * np.log1p(power * self_power) + N * np.log(left / q).sum(axis=1)
+    best = [np.unravel_index(np.argmin(one), one.shape) for one in value]
+    return replace(
+        field,
+        directions=directions[[int(one[0]) for one in best]],
+        direct=np.log(powers[[int(one[1]) for one in best]])[:, None] * np.ones(DIRECT_NODES),
+    )
