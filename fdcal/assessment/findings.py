@@ -123,6 +123,11 @@ class Judged:
         return healthy_channels(len(self.covariance), self.faulty)
 
     @property
+    def by_rows(self) -> bool:
+        """Whether the positions rest on the pressures of the modes alone, which must then be explained."""
+        return not self.estimate.by_windows
+
+    @property
     def unexplained(self) -> list[ChannelFault]:
         """Faulty channels and given positions that the field does not explain.
 
@@ -340,7 +345,7 @@ def _other_minimum(seen: Judged, limit: float) -> bool:
     In living rooms and halls such a microphone is usually right. Of M frequencies the noise of a channel is known to
     about one over the root of M.
     """
-    if seen.noisiest is None:
+    if seen.noisiest is None or not seen.by_rows:
         return False
     rows, found = len(seen.estimate.field.power), float(seen.estimate.channels.noise[seen.noisiest])
     return seen.noise_fraction > ROOM_FRACTION and found > max(limit, 1 + 9 / np.sqrt(rows))
@@ -375,7 +380,8 @@ FINDINGS: tuple[Finding[Judged], ...] = (
                          f" {_named([*seen.faulty.values()])}: too few are left that agree",
             "check cables and gains, or leave faulty ones out with <exclude>",
             0.3, "channels with a fault of any kind, over all; with more the healthy ones are hardly the rule"),
-    Finding("model_mismatch", lambda seen, limit: np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
+    Finding("model_mismatch", lambda seen, limit: seen.by_rows
+            and np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",
             "", 0.1, "uneven channels over all; fewer are single noisy channels"),
@@ -395,12 +401,13 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             "check them, or use more modes (<modes>)",
             0.01, "probability of the disagreement by chance: one healthy array in a hundred is suspected"),
     Finding("model_mismatch",
-            lambda seen, limit: (given := seen.given_noise or 0.0) > 0
+            lambda seen, limit: seen.by_rows and (given := seen.given_noise or 0.0) > 0
             and seen.noise_fraction > limit * given + ROOM_RESIDUAL,
             lambda seen: f"the residual is {seen.noise_fraction / (seen.given_noise or 1.0):.2g} times what the noise"
                          f" explains: {CAUSES}",
             "", 2.0, "noise found, less 0.001 of the power that a healthy room may leave, over the noise given"),
-    Finding("model_mismatch", lambda seen, limit: seen.given_noise == 0 and seen.noise_fraction > limit,
+    Finding("model_mismatch", lambda seen, limit: seen.by_rows and seen.given_noise == 0
+            and seen.noise_fraction > limit,
             lambda seen: f"{100 * seen.noise_fraction:.1g} % of the power is left unexplained, though the"
                          f" measurement is said to be free of noise: {CAUSES}",
             "", UNEXPLAINED, "share left unexplained of a measurement said to be free of noise"),
@@ -415,10 +422,10 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
             "name known microphones, or give one <distance> with <estimate_sound_speed>",
             0.1, "one sigma of the least certain stretching of a blind array, relative"),
-    Finding("ambiguous", lambda seen, _: seen.rival() > 0,
+    Finding("ambiguous", lambda seen, _: seen.by_rows and seen.rival() > 0,
             lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
             "use more modes (<modes>), or known microphones that lie less on one line"),
-    Finding("ambiguous", lambda seen, _: seen.starts_disagree() > 0,
+    Finding("ambiguous", lambda seen, _: seen.by_rows and seen.starts_disagree() > 0,
             lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
             "use more modes (<modes>), or more known microphones"),
     Finding("ambiguous", _other_minimum, _other_minimum_words,

@@ -210,16 +210,19 @@ def _blocks(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
 
 
 def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
-    """Return one sigma of the least certain stretching or shearing of the array as a whole, relative.
+    """Return one sigma of the least certain stretching or shearing of the array as a whole, relative to its radius.
 
     Of the maps x -> x + B x, B symmetric, that fit a move of the `healthy` (N,) bool microphones best, since that of a
-    dead channel may stand anywhere.
+    dead channel may stand anywhere. By the moves of the microphones: a flat array has hardly a height to be stretched.
     """
     positions, covariance = estimate.positions, estimate.spread.covariance
     D, index = positions.shape[1], np.flatnonzero(np.repeat(healthy, positions.shape[1]))
     x = positions[healthy] - positions[healthy].mean(axis=0)
     fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(len(x))]))[:D], np.eye(D))  # (D D, N D)
     fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
+    values, axes = np.linalg.eigh(x.T @ x)
+    extent = axes * np.sqrt(D * values / values.sum())  # relative, along each axis; 1 of an array that is no flatter
+    fit = np.kron(np.eye(D), extent.T) @ fit
     return float(np.sqrt(np.linalg.eigvalsh(fit @ covariance[np.ix_(index, index)] @ fit.T)[-1]))
 
 

@@ -266,7 +266,7 @@ SOLVER_OPTIONS = {
 NAMED_ALIKE = (
     "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
     "channels known_sigma leave_out microphone modes most original plane port positions reference reference_microphone "
-    "rate room seconds seed solver sound_speed source split step subset table temperature window "
+    "rate room seconds seed solver sound_speed source split step subset table temperature window windows "
 )
 OPTIONS = {
     "array": "--array FILE.csv",

@@ -22,6 +22,7 @@ without what the powers take, times N / (N + 1). A group is one take at one freq
 here, such as Eq. 9: the coherence of distant microphones is small at high frequencies, and still informative.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,16 +91,17 @@ def first_field(positions: Reals, takes: int) -> ShortField:
 
 
 def free_parameters(
-    N: int, takes: int, axes: int, channels: bool = False, degree: int = 0, direct: bool = False
+    N: int, takes: int, axes: Integers, channels: bool = False, degree: int = 0, direct: bool = False
 ) -> np.ndarray:
     """Return which parameters of a step move : (P,) bool.
 
-    axes : 2 for an array in the plane z = 0, or 3; degree : greatest of the spectrum.
+    axes : coordinates that are free, two of an array in a plane; degree : greatest of the spectrum.
     """
-    each = np.tile([True, True, axes == 3, channels, channels], N)
+    each = np.tile([*np.isin(np.arange(3), axes), channels, channels], N)
     shape = np.array(DEGREES) <= degree
-    if axes == 2:  # the mirror image in its plane is the same array
-        shape[2:4] = False
+    if len(axes) == 2:  # no sound is heard that comes from one side of the plane and not from the other
+        across = 3 - int(np.sum(axes))
+        shape[:5] &= np.array([across not in pair for pair in ((), (0, 1), (0, 2), (1, 2), ())])
     return np.concatenate([each, shape, np.full(NOISE_NODES, True), np.full((DIRECT_NODES + 3) * takes, direct)])
 
 
@@ -121,19 +123,23 @@ def advanced(field: ShortField, step: Reals) -> ShortField:
     )
 
 
-def upright(field: ShortField) -> ShortField:
-    """Return the field turned so that z is the axis from which least sound comes, by the spectrum of degree 2."""
+def upright(field: ShortField, axes: Integers) -> tuple[ShortField, np.ndarray]:
+    """Return the field turned so that z is the axis from which least sound comes, and its new free coordinates.
+
+    By the spectrum of degree 2. An array in a plane turns within it, or comes to lie in the plane y = 0.
+    """
     tensor = np.tensordot(field.spectrum[:5], QUADRATIC, 1)
-    axes = np.linalg.eigh(tensor)[1]  # of the greatest value last
-    axes[:, 0] *= np.sign(np.linalg.det(axes))
-    turned = axes.T @ tensor @ axes
+    turn = np.linalg.eigh(tensor)[1]  # of the greatest value last
+    if len(axes) == 2:  # the normal of the plane is one of the axes
+        normal = int(np.argmax(np.abs(turn[2])))
+        if normal < 2:
+            turn[:, :2] = turn[:, [1 - normal, normal]]
+            axes = np.array([0, 2])
+    turn[:, 0] *= np.sign(np.linalg.det(turn))
+    turned = turn.T @ tensor @ turn
     spectrum = [(turned[0, 0] - turned[1, 1]) / 2, turned[0, 1], turned[0, 2], turned[1, 2], turned[2, 2]]
-    return replace(
-        field,
-        positions=field.positions @ axes,
-        directions=field.directions @ axes,
-        spectrum=np.array([*spectrum, 0.0]),
-    )
+    x, v = field.positions @ turn, field.directions @ turn
+    return replace(field, positions=x, directions=v, spectrum=np.array([*spectrum, 0.0])), axes
 
 
 def _tangents(directions: Reals) -> np.ndarray:
@@ -166,7 +172,7 @@ class ShortLikelihood:
         inverse = np.linalg.inv(C)
         gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
         p = self.pressures / gain
-        q = np.maximum(np.sum((np.conj(p) @ inverse) * p, axis=2).real, 0.0)
+        q = np.maximum(np.real(np.sum((np.conj(p) @ inverse) * p, axis=2)), 0.0)
         counts = q > 0
         windows = counts.sum(axis=1) / self.dispersion
         log_det = 2 * np.log(np.diagonal(L, axis1=1, axis2=2).real).sum(axis=1)
@@ -180,51 +186,83 @@ class ShortLikelihood:
         scatter = p.swapaxes(1, 2) @ np.conj(p)
         M = windows[:, None, None] * inverse - inverse @ scatter @ inverse
         # What belongs to a microphone has one row and one column: dC = e_n D_n + (e_n D_n)^H.
-        rows = [slope[of_group] - 1j * k[:, None, None] * moved[take][:, :, None] * direct
-                for slope, moved in zip(slopes, delay_slopes, strict=True)]  # fmt: skip
-        rows += [C, 1j * C]
-        whole = [shape[of_group] for shape in shapes]
-        whole += [(node * noise)[:, None, None] * np.eye(N) for node in noise_nodes.T]
-        own = [(take == t)[:, None, None] * one for t in range(len(field.direct))
-               for one in _direct_slopes(field, t, k, direct_nodes, direct)]  # fmt: skip
-        return _assembled(cost + prior_cost, prior_gradient, stiffness, windows, inverse, M, rows, whole + own)
+        rows = [
+            slope[of_group] - 1j * k[:, None, None] * moved[take][:, :, None] * direct
+            for slope, moved in zip(slopes, delay_slopes, strict=True)
+        ]
+        turned = [-1j * k[:, None, None] * (t[take, :, None] - t[take, None]) * direct for t in _turned_delays(field)]
+        whole = [*shapes[:, of_group], noise[:, None, None] * np.eye(N), direct, *turned]
+        design = _design(take, len(field.direct), noise_nodes, direct_nodes)
+        scores, fisher = _scores_and_fisher(windows, inverse, M, [*rows, C, 1j * C], whole, design)
+        gradient = scores.sum(axis=0) + prior_gradient
+        return ShortTerms(cost + prior_cost, gradient, fisher + np.diag(stiffness), scores)
 
 
-def _assembled(cost, prior_gradient, stiffness, windows, inverse, M, rows, whole) -> ShortTerms:
-    """Gradient and Fisher information of derivatives of C by microphone, `rows`, and by what all share, `whole`."""
+def _design(take: Integers, takes: int, noise_nodes: Reals, direct_nodes: Reals) -> np.ndarray:
+    """Derivatives (G, S + 5, V) of what all microphones of a group share by the parameters that all groups share.
+
+    Of a group these are the spectrum, the noise, the power, direction (2) and curvature of its direct sound.
+    """
+    every, S = np.arange(len(take)), len(DEGREES)
+    own = S + NOISE_NODES + (DIRECT_NODES + 3) * take
+    design = np.zeros((len(take), S + 5, S + NOISE_NODES + (DIRECT_NODES + 3) * takes))
+    design[:, range(S), range(S)] = 1.0
+    design[:, S, S : S + NOISE_NODES] = noise_nodes
+    for node in range(DIRECT_NODES):
+        design[every, S + 1, own + node] = direct_nodes[:, node]
+    for one in range(3):
+        design[every, S + 2 + one, own + DIRECT_NODES + one] = 1.0
+    return design
+
+
+def _scores_and_fisher(
+    windows: Reals,
+    inverse: Complexes,
+    M: Complexes,
+    rows: Sequence[Complexes],
+    whole: Sequence[Numbers],
+    design: Reals,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gradient of each group (G, P) and Fisher information (P, P) by microphones and by what all share.
+
+    M : (G, N, N), gradient by C; rows : D of each parameter of a microphone; whole : derivatives of C by what the
+    microphones of a group share; design : of `_design`
+    """
     G, N = len(inverse), inverse.shape[1]
     P, weight = N * len(rows), windows * N / (N + 1)
-    X = [one @ inverse for one in rows]
-    transposed = inverse.swapaxes(1, 2)
+    X, transposed = [one @ inverse for one in rows], inverse.swapaxes(1, 2)
+    around = [inverse @ one @ inverse for one in whole]
     of_rows = np.stack([2 * np.einsum("gij,gji->gi", one, M).real for one in rows], axis=2).reshape(G, P)
     traces = np.stack([2 * np.einsum("gii->gi", one).real for one in X], axis=2).reshape(G, P)
-    F = np.zeros((N, len(rows), N, len(rows)))
-    for a in range(len(rows)):
+    F, cross = np.zeros((N, len(rows), N, len(rows))), np.zeros((G, N, len(rows), len(whole)))
+    for a, one in enumerate(rows):
         for b in range(a, len(rows)):
             both = X[a] * X[b].swapaxes(1, 2) + transposed * (X[a] @ np.conj(rows[b].swapaxes(1, 2)))
             F[:, a, :, b] = 2 * np.tensordot(weight, both.real, 1)
             F[:, b, :, a] = F[:, a, :, b].T
-    around = [inverse @ one @ inverse for one in whole]
-    flat = np.array([one.reshape(G, -1) for one in whole])
-    of_whole = np.einsum("vgi,gi->gv", flat, M.swapaxes(1, 2).reshape(G, -1)).real
-    traces_whole = np.einsum("vgi,gi->gv", flat, transposed.reshape(G, -1)).real
-    turned = np.array([one.swapaxes(1, 2).reshape(G, -1) for one in around])
-    shared = np.einsum("g,vgi,wgi->vw", weight, turned, flat, optimize=True).real
-    cross = np.empty((N, len(rows), len(whole)))
-    for a, one in enumerate(rows):
         for v, matrix in enumerate(around):
-            cross[:, a, v] = 2 * np.einsum("g,gij,gji->i", weight, one, matrix).real
-    cross = cross.reshape(P, -1)
-    tall = np.hstack([traces, traces_whole])
-    scores = np.hstack([of_rows, of_whole])
-    fisher = np.block([[F.reshape(P, P), cross], [cross.T, shared]]) - (tall * (weight / N)[:, None]).T @ tall
-    return ShortTerms(cost, scores.sum(axis=0) + prior_gradient, fisher + np.diag(stiffness), scores)
+            cross[:, :, a, v] = 2 * np.einsum("gij,gji->gi", one, matrix).real
+    flat = np.stack([one.reshape(G, -1) for one in whole], axis=1)
+    turned = np.stack([one.swapaxes(1, 2).reshape(G, -1) for one in around], axis=2)
+    own = (flat @ turned).real
+    of_whole = (flat @ M.swapaxes(1, 2).reshape(G, -1, 1)).real[..., 0]
+    traces_whole = (flat @ transposed.reshape(G, -1, 1)).real[..., 0]
+    weighted = weight[:, None, None] * design
+    shared = np.tensordot(weighted, own @ design, ((0, 1), (0, 1)))
+    across = np.tensordot(cross.reshape(G, P, -1), weighted, ((0, 2), (0, 1)))
+
+    def by_all(values: Reals, of_group: Reals) -> np.ndarray:
+        return np.hstack([values, np.einsum("gl,glv->gv", of_group, design)])
+
+    tall = by_all(traces, traces_whole)
+    fisher = np.block([[F.reshape(P, P), across], [across.T, shared]]) - (tall * (weight / N)[:, None]).T @ tall
+    return by_all(of_rows, of_whole), fisher
 
 
 def anisotropic_kernel(
     x: Reals, k: Reals, spectrum: Reals, slope: bool = True
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return K (F, N, N), its slopes (3, F, N, N) by x_i - x_j, and the matrices (6, F, N, N) of the spectrum's numbers.
+    """Return K (F, N, N), its slopes (3, F, N, N) by x_i - x_j, and (6, F, N, N) those by the spectrum's numbers.
 
     x : (N, 3), metres; k : (F,), rad/m; spectrum : (6,), a_l. Slopes and matrices are empty unless wanted.
     """
@@ -254,7 +292,9 @@ def anisotropic_kernel(
     steep = {degree: spherical_jn(degree, z, True) * k[:, None] for degree in J}
     radial = steep[0] + sum(a * y * steep[degree] for a, y, degree in zip(spectrum, Y, DEGREES, strict=True))
     weighted = [a * J[degree] for a, degree in zip(spectrum, DEGREES, strict=True)]
-    slopes = [radial * u[:, b] + sum(w * turn[:, b] for w, turn in zip(weighted, across, strict=True)) for b in range(3)]
+    slopes = [
+        radial * u[:, b] + sum(w * turn[:, b] for w, turn in zip(weighted, across, strict=True)) for b in range(3)
+    ]
     return K, whole(np.array(slopes), -1.0), whole(each)
 
 
@@ -272,14 +312,12 @@ def _delays(field: ShortField) -> tuple[np.ndarray, np.ndarray]:
     return -along + q / 2 * (np.sum(x**2, axis=1) - along**2), slopes
 
 
-def _direct_slopes(field: ShortField, t: int, k: Reals, nodes: Reals, direct: Complexes) -> list[np.ndarray]:
-    """Derivatives of b h h^H by the powers, direction and curvature of take `t`."""
-    x, v, q = field.positions, field.directions[t], field.curvature[t]
-    along = x @ v
-    delays = [-(x @ a) - q * along * (x @ a) for a in _tangents(v[None])[0]]
-    delays.append((np.sum(x**2, axis=1) - along**2) / 2)
-    turned = [-1j * k[:, None, None] * (one[:, None] - one) * direct for one in delays]
-    return [node[:, None, None] * direct for node in nodes.T] + turned
+def _turned_delays(field: ShortField) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivatives (T, N) of t by the direction, along two tangents, and by the curvature."""
+    x, q = field.positions, field.curvature[:, None]
+    along, tangents = field.directions @ x.T, _tangents(field.directions) @ x.T
+    first, second = (-tangents[:, one] - q * along * tangents[:, one] for one in range(2))
+    return first, second, (np.sum(x**2, axis=1) - along**2) / 2
 
 
 def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:

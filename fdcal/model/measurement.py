@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from .gauge import align, minimal_frame, position_errors
-from .problem import Problem, mode_power
+from .problem import Problem, ShortWindows, joined_windows, mode_power
 from .settings import Search
 from .storage import load_archive
 from .validation import (
@@ -82,6 +82,8 @@ class Measurement:
         is arbitrary. NaN where the direct sound does not stand out.
     arrival_sigma : (T,) float64 or float, optional
         One sigma of an arrival of each take, seconds, as far as it is known; 0.3 mm over the sound speed unless given.
+    windows : ShortWindows, optional
+        Spectra of short windows of the recordings, which the likelihood of all microphones uses beside the rows.
     nominal : bool, optional
         Whether `positions` are nominal, those of the plan of the array, rather than true.
     given_wavenumbers : (array, float), optional
@@ -115,6 +117,7 @@ class Measurement:
     takes: np.ndarray
     arrivals: np.ndarray | None
     arrival_sigma: np.ndarray | None
+    windows: ShortWindows | None
     nominal: bool
     given_wavenumbers: tuple[np.ndarray, float] | None
 
@@ -142,6 +145,7 @@ class Measurement:
         takes: Any = None,
         arrivals: Any = None,
         arrival_sigma: Any = None,
+        windows: ShortWindows | None = None,
         nominal: Any = False,
         given_wavenumbers: tuple[np.ndarray, float] | None = None,
     ):
@@ -182,6 +186,10 @@ class Measurement:
         times, sigma = _checked_arrivals(arrivals, arrival_sigma, self.takes, self.count, self.sound_speed)
         put("arrivals", times)
         put("arrival_sigma", sigma)
+        if windows is not None and windows.pressures.shape[2] != self.count:
+            problem = f"short_pressures are of {windows.pressures.shape[2]} microphones, and pressures of {self.count}"
+            raise InputError(problem, "leave the short windows out", key="short_pressures")
+        put("windows", windows)
         if positions is not None:
             positions = require_array("positions", positions, "real", (self.count, D), "m")
         put("positions", positions)
@@ -368,6 +376,7 @@ class Measurement:
             takes=takes[order],
             arrivals=arrivals,
             arrival_sigma=sigma,
+            windows=joined_windows([one.windows for one in each], firsts.tolist()),
         )
 
     def __repr__(self) -> str:
@@ -421,6 +430,7 @@ class Measurement:
             takes=self.takes[chosen],
             arrivals=None if self.arrivals is None else np.where(others, np.nan, self.arrivals[: take + 1]),
             arrival_sigma=None if self.arrival_sigma is None else self.arrival_sigma[: take + 1],
+            windows=None if self.windows is None else self.windows.of_take(take),
         )
 
     @property
@@ -522,6 +532,7 @@ class Measurement:
             takes=self.takes,
             arrivals=self.arrivals,
             arrival_sigma=self.arrival_sigma,
+            windows=self.windows,
         )
 
 
@@ -689,6 +700,9 @@ def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[st
     arrivals = table.get("arrivals")
     if arrivals is not None and np.ndim(arrivals) == 2 and np.shape(arrivals)[1] == count:
         changed["arrivals"] = np.asarray(arrivals)[:, kept]
+    windows = table.get("windows")
+    if windows is not None and windows.pressures.shape[2] == count:
+        changed["windows"] = windows.of_microphones(kept)
     if table.get("known") is not None:
         known = np.asarray(table["known"])
         stays = np.isin(known, kept)
@@ -854,8 +868,9 @@ REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
 SEARCH = ("search_origin", "search_size", "search_step", "radius")
 OPTIONAL = (
     "wavenumbers",
-    *(f.name for f in fields(Measurement) if f.name not in (*REQUIRED, "search", "given_wavenumbers")),
+    *(f.name for f in fields(Measurement) if f.name not in (*REQUIRED, "search", "given_wavenumbers", "windows")),
 )
+SHORT = ("short_frequencies", "short_takes", "short_pressures", "short_length")  # of `ShortWindows`
 
 
 def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, np.ndarray] | None = None) -> None:
@@ -868,6 +883,9 @@ def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, n
     if measurement.search is not None:
         s = measurement.search
         table |= dict(zip(SEARCH, (s.origin, s.size, s.step, s.radius), strict=True))
+    if measurement.windows is not None:
+        w = measurement.windows
+        table |= dict(zip(SHORT, (w.frequencies, w.takes, w.pressures, w.length), strict=True))
     table = {key: value for key, value in table.items() if value is not None} | dict(others or {})
     if isinstance(file, (str, Path)):
         with open(file, "wb") as stream:  # given a name, NumPy would add .npz to it
@@ -882,7 +900,7 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
     `excluded`: names or numbers of microphones that are left out before anything is checked; `called`: what messages
     call the file; its path unless given.
     """
-    table = load_archive(path, (*REQUIRED, *OPTIONAL, *SEARCH, "version").__contains__)
+    table = load_archive(path, (*REQUIRED, *OPTIONAL, *SEARCH, *SHORT, "version").__contains__)
     path = called or path
     if "version" in table and not np.array_equal(table["version"], VERSION):
         problem = f"{path} is of version {shown(table['version'].tolist())}, and fdcal reads version {VERSION}"
@@ -903,7 +921,14 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
             kinds = zip(SEARCH, ((None,), (None,), (), ()), strict=True)
             values = [require_array(key, table[key], "real", shape, "m").tolist() for key, shape in kinds]
             search = Search(tuple(values[0]), tuple(values[1]), *values[2:])
-        table = exclude_microphones({key: table[key] for key in OPTIONAL + REQUIRED if key in table}, excluded)
+        windows = None
+        if some := [key for key in SHORT if key in table]:
+            if len(some) < len(SHORT):
+                raise InputError(f"{path} has {', '.join(some)} alone", f"add {', '.join(SHORT)}", key=some[0])
+            length = require_array("short_length", table["short_length"], "real", (), "s").item()
+            windows = ShortWindows(table[SHORT[0]], table[SHORT[1]], table[SHORT[2]], length)
+        table = {key: table[key] for key in OPTIONAL + REQUIRED if key in table} | {"windows": windows}
+        table = exclude_microphones(table, excluded)
         return Measurement(**table, search=search)
     except InputError as error:
         raise error.within(path) from None

@@ -1,6 +1,7 @@
 """What a solver sees of a measurement, never the true positions, and what it finds about the recording channels."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -8,12 +9,65 @@ from numpy.typing import ArrayLike
 
 from .gauge import GaugeFrame
 from .settings import Search
-from .validation import Numbers, Reals, frozen_array
+from .validation import InputError, Numbers, Reals, Seconds, convert, frozen_array, require_array
 
 
 def mode_power(pressures: Numbers) -> np.ndarray:
     """Return the mean of abs(pressures)**2 over the microphones : (..., M, N), any unit -> (..., M), its square."""
     return np.mean(np.abs(pressures) ** 2, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class ShortWindows:
+    """Spectra of many short windows of a recording, in groups of one take and frequency.
+
+    Raises InputError where shapes disagree or a value is not finite.
+    """
+
+    frequencies: np.ndarray  # (G,) float64, Hz
+    takes: np.ndarray  # (G,) int64, the take of each group, counted from 0
+    pressures: np.ndarray  # (G, W, N) complex64, any unit; a window that does not count is 0 in all channels
+    length: float  # seconds, of a window
+
+    def __post_init__(self):
+        frequencies = require_array("short_frequencies", self.frequencies, "real", (None,), "Hz")
+        takes = require_array("short_takes", self.takes, "index", (len(frequencies),), "counted from 0")
+        shape = len(frequencies), None, None
+        pressures = require_array("short_pressures", self.pressures, "complex", shape, "groups, windows, microphones")
+        if np.any(frequencies <= 0) or np.any(takes < 0):
+            problem = "short_frequencies and short_takes must be above zero, and not below it"
+            raise InputError(problem, "leave the short windows out", key="short_frequencies")
+        object.__setattr__(self, "length", convert(self.length, Seconds, "short_length"))
+        for name, value, kind in (
+            ("frequencies", frequencies, float), ("takes", takes, np.int64), ("pressures", pressures, np.complex64),
+        ):  # fmt: skip
+            object.__setattr__(self, name, frozen_array(value, kind))
+
+    def of_microphones(self, chosen: np.ndarray) -> "ShortWindows":
+        """Return the windows of some microphones, indices (n,) or a mask (N,)."""
+        return replace(self, pressures=self.pressures[..., chosen])
+
+    def of_take(self, take: int) -> "ShortWindows | None":
+        """Return the windows of one take, None if it has none."""
+        rows = self.takes == take
+        if not rows.any():
+            return None
+        return ShortWindows(self.frequencies[rows], self.takes[rows], self.pressures[rows], self.length)
+
+
+def joined_windows(parts: Sequence[ShortWindows | None], firsts: Sequence[int]) -> ShortWindows | None:
+    """Return the windows of several measurements; `firsts`: number of the first take of each."""
+    some = [(one, int(first)) for one, first in zip(parts, firsts, strict=True) if one is not None]
+    if not some:
+        return None
+    most = max(one.pressures.shape[1] for one, _ in some)
+    padded = [np.pad(one.pressures, ((0, 0), (0, most - one.pressures.shape[1]), (0, 0))) for one, _ in some]
+    return ShortWindows(
+        np.concatenate([one.frequencies for one, _ in some]),
+        np.concatenate([one.takes + first for one, first in some]),
+        np.concatenate(padded),
+        min(one.length for one, _ in some),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +94,7 @@ class Problem:
     arrivals: np.ndarray | None = None
     # (T,) float64 or None, one sigma of an arrival of each take, seconds; with `arrivals`
     arrival_sigma: np.ndarray | None = None
+    windows: ShortWindows | None = None  # short windows of the recordings, beside the long rows
 
     def __post_init__(self):
         if len(self.takes) != len(self.frequencies):

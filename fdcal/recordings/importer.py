@@ -41,6 +41,7 @@ from .recording import (
     sound_speed_of,
     split,
 )
+from .short_windows import short_windows
 
 DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
 ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
@@ -164,9 +165,9 @@ def measurement_of_takes(
         takes = [part for one in takes for part in split(one, options.split, shortest)]
     max_rows = max(1, options.most // len(takes)) if options.most else default_max_rows(takes[0].count, len(takes))
     done, skipped = [], []
-    for one in takes:
+    for number, one in enumerate(takes):
         try:
-            done.append(_measurement_of_take(one, options, max_rows, left_out))
+            done.append(_measurement_of_take(one, options, max_rows, left_out, number, len(takes)))
         except NothingAboveNoise as error:
             skipped.append(one.path)
             if options.split is None or len(skipped) == len(takes):  # of parts, some may be pauses
@@ -178,9 +179,14 @@ def measurement_of_takes(
 
 
 def _measurement_of_take(
-    recording: Recording, options: ImportOptions, max_rows: int, left_out: dict[str, str]
+    recording: Recording,
+    options: ImportOptions,
+    max_rows: int,
+    left_out: dict[str, str],
+    number: int = 0,
+    takes: int = 1,
 ) -> tuple[Measurement, ImportReport]:
-    """Return the measurement of one take of at most `max_rows` rows, and a report on it."""
+    """Return the measurement of take `number` of `takes`, of at most `max_rows` rows, and a report on it."""
     known, known_positions = np.zeros(0, int), None
     if options.known is not None:
         known, known_positions = select.known_microphones(recording, options.known)
@@ -215,8 +221,8 @@ def _measurement_of_take(
         known=known,
         known_positions=known_positions,
     )
+    responses = recording
     if kind == "impulse":
-        responses = recording
         if options.reference is not None:  # in its whole band: an onset is as sharp as the band is wide
             whole = IMPORT_LIMITS.low, ARRIVAL_BAND * recording.sample_rate
             responses, _ = deconvolve(taken, formats.read(options.reference), whole)
@@ -224,6 +230,7 @@ def _measurement_of_take(
         if found_arrivals is not None:
             times, sigma = found_arrivals
             measurement = replace(measurement, arrivals=times[None], arrival_sigma=sigma)
+    measurement = replace(measurement, windows=short_windows(responses, kind, options, takes, number))
     limit = found.limit, found.words
     return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, *limit, height)
 

@@ -272,6 +272,8 @@ class ImportOptions:
         "auto" or "LO:HI", Hz.
     window : str
         "auto", "none" or the rate of the exponential window, 1/s.
+    windows : str
+        "auto", "none" or "LO:HI", Hz, of the short windows that count beside the rows, of at most 32 microphones.
     kind : str
         "auto", or one of `fdcal.recordings.recording.KINDS`.
     most : int or None
@@ -315,6 +317,7 @@ class ImportOptions:
         "impulse: an impulse response, from silence to silence; stationary: a continuous sound.",
     )
     window: str = option("auto", "Exponential window, 1/s.", "auto|none|RATE")
+    windows: str = option("auto", "Band of short windows, Hz, that count beside the rows.", "auto|none|LO:HI")
     temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = option(
         None, "Of the air, degrees Celsius; gives the sound speed.", "C"
     )

@@ -6,16 +6,17 @@ sound by SKIP until the sound is lost in noise. A window whose sound is in a gap
 
 import numpy as np
 
-from ..model.validation import Complexes, Reals
-from .recording import Recording, read_samples
+from ..model.problem import ShortWindows
+from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples, refused_option
 
 WINDOW = 0.03  # seconds
+MAX_COUNT = 32  # microphones: the time of a fit grows with their cube
 SKIP = 0.02  # seconds after the direct sound
 MAX_WINDOWS = 400  # of all takes together
 MAX_GROUPS = 120  # of all takes together
 MIN_WINDOWS = 30
 SPACING = 1.5  # of the frequencies, over that of independent ones, 1 / WINDOW
-LOWEST, HIGHEST = 120.0, 3000.0  # Hz
+LOWEST, HIGHEST = 100.0, 4000.0  # Hz, unless another band is asked for
 QUIET = 1e-3  # of the mean power at a frequency; a window with less is in a gap
 ONSET = 0.3  # of the peak, where the direct sound begins
 OVER_NOISE = 4.0  # power over that of the end of the recording, where an impulse response ends
@@ -23,16 +24,20 @@ SHORTEST = 0.2  # seconds after the onset that count in any case
 
 
 def short_windows(
-    recording: Recording, kind: str, band: tuple[float, float], takes: int = 1, number: int = 0
-) -> tuple[Reals, Complexes]:
-    """Return frequencies (F,), Hz, and pressures (F, W, N) complex64 of the windows; 0 where a window does not count.
+    recording: Recording, kind: str, options: ImportOptions, takes: int = 1, number: int = 0
+) -> ShortWindows | None:
+    """Return the windows of a take; None where none are wanted, of a plate, a recording too short, or many channels.
 
-    `takes`, `number`: how many takes there are, and which one this is: each has frequencies of its own.
+    kind : one of `fdcal.recordings.recording.KINDS`; takes, number : how many takes there are, and which one this is:
+    each has frequencies of its own. Raises InputError for a band that the recording cannot hold.
     """
+    if options.dimension != 3 or options.windows == "none" or recording.count > MAX_COUNT:
+        return None
+    band = _band(recording, options)
     fs, n = recording.sample_rate, int(WINDOW * recording.sample_rate)
     first, last = (0, recording.samples - n) if kind == "stationary" else _decay(recording, n)
     if last <= first:
-        return np.zeros(0), np.zeros((0, 0, recording.count), np.complex64)
+        return None
     spacing = max(SPACING / WINDOW, (band[1] - band[0]) / max(1, MAX_GROUPS // takes))
     f = np.arange(band[0] + spacing * number / takes, band[1], spacing)
     transform = np.exp(-2j * np.pi * np.outer(np.arange(n), f) / fs) * np.hanning(n)[:, None]
@@ -43,7 +48,23 @@ def short_windows(
     power = np.mean(np.abs(p) ** 2, axis=2)
     p /= np.sqrt(np.maximum(power, 1e-300))[..., None]
     p[power <= QUIET * power.mean(axis=1, keepdims=True)] = 0
-    return f, p
+    return ShortWindows(f, np.zeros(len(f), np.int64), p, WINDOW)
+
+
+def _band(recording: Recording, options: ImportOptions) -> tuple[float, float]:
+    """Return the lowest and the highest frequency of short windows, Hz."""
+    top = min(IMPORT_LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
+    if options.windows == "auto":
+        return LOWEST, min(HIGHEST, top)
+    try:
+        low, high = (float(part) for part in options.windows.split(":"))
+    except ValueError:
+        problem = f'windows = "{options.windows}" is no band'
+        raise refused_option(options, "windows", problem, "write auto, none or LO:HI, as 100:4000") from None
+    if not 0 < low < high <= top:
+        problem = f"windows = {low:g}:{high:g} is no band that {recording.path} can hold"
+        raise refused_option(options, "windows", problem, f"use 0 < LO < HI <= {top:g} Hz")
+    return low, high
 
 
 def _decay(recording: Recording, n: int) -> tuple[int, int]:

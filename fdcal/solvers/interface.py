@@ -153,6 +153,7 @@ class Estimate:
     log_speed: float
     log_speed_sigma: float
     tried: tuple[TriedOptimum, ...]  # the likeliest first
+    by_windows: bool = False  # whether short windows of the recordings count beside the modes
 
 
 @dataclass(frozen=True)

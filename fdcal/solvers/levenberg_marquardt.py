@@ -6,12 +6,14 @@ step serves positions in a subspace (`fdcal.solvers.starts`) and unknowns with b
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from .interface import check_deadline
 
+Unknowns = TypeVar("Unknowns")
 FIRST_DAMPING = 1e-3  # damping of the first step, and of the next after one that has failed
 
 
@@ -25,10 +27,10 @@ class NewtonTerms:
 
 
 @dataclass(frozen=True)
-class DampedStep:
+class DampedStep(Generic[Unknowns]):
     """Result of a damped step."""
 
-    unknowns: np.ndarray  # float64 array, as given if no step lowers the cost
+    unknowns: Unknowns  # as given if no step lowers the cost
     cost: float
     decrease: float  # of the cost
     damping: float  # of the next step
@@ -45,15 +47,15 @@ MIN_DECREASE = 1e-12
 
 
 def damped_step(
-    unknowns: np.ndarray,
+    unknowns: Unknowns,
     terms: NewtonTerms,
-    cost: Callable[[np.ndarray], float],
-    advance: Callable[[np.ndarray], np.ndarray],
-    length: Callable[[np.ndarray], float],
+    cost: Callable[[Unknowns], float],
+    advance: Callable[[np.ndarray], Unknowns],
+    length: Callable[[Unknowns], float],
     damping: float,
     max_step: float = np.inf,
     shortest: float = 0.0,
-) -> DampedStep:
+) -> DampedStep[Unknowns]:
     """Return the Gauss-Newton step with the least damping that lowers the cost; no step if none does.
 
     `advance`: unknowns after a step (P,) of the parameters; `length`: how far they have moved, metres; `max_step`:

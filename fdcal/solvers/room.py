@@ -187,7 +187,7 @@ def bounded_step(
     coordinates: int,
     damping: float,
     max_step: float,
-) -> DampedStep:
+) -> DampedStep[np.ndarray]:
     """Return one damped Gauss-Newton step of unknowns `theta` (P,), clipped to their lower and upper `bounds`.
 
     No coordinate of a microphone, the first `coordinates` of the unknowns, moves further than `max_step`, metres.

@@ -52,6 +52,7 @@ from .state import (
     Model,
     State,
 )
+from .windows import WindowTerm
 
 NU = 3.0  # degrees of freedom of the priors
 EXACT = 1e-6  # metres: a stated sigma below it means that the given positions never move
@@ -165,6 +166,8 @@ class Objective:
     priors: Priors
     log_speed: float = 0.0
     arrivals: Arrivals | None = None
+    windows: WindowTerm | None = None
+    tempering: float = 1.0  # by which the likelihood of the pressures is divided
 
     def evaluate(self, unknowns: Unknowns, derivatives: bool = True) -> Evaluation:
         """Return the cost with priors and, if wanted, its derivatives."""
@@ -180,8 +183,17 @@ class Objective:
 
     def with_priors(self, unknowns: Unknowns, terms: Terms, derivatives: bool = True) -> Evaluation:
         """Return `evaluate` for the `terms` of the likelihood at the unknowns."""
-        gradient, matrix = _with_speed(unknowns, terms) if derivatives else (np.zeros(0), np.zeros((0, 0)))
-        cost, source = terms.cost + _add_priors(unknowns, self.priors, gradient, matrix), None
+        gradient, matrix = np.zeros(0), np.zeros((0, 0))
+        if derivatives:
+            gradient, matrix = (part / self.tempering for part in _with_speed(unknowns, terms))
+        cost, source = terms.cost / self.tempering + _add_priors(unknowns, self.priors, gradient, matrix), None
+        if self.windows is not None:
+            of_windows, slope, curvature = self.windows.terms(unknowns.positions)
+            cost += of_windows
+            if derivatives:
+                index = arrival_index(unknowns)[: unknowns.positions.size]
+                gradient[index] += slope
+                matrix[np.ix_(index, index)] += curvature
         if self.arrivals is not None:
             delays = unknowns.delays
             of_arrivals = self.arrivals.terms(unknowns.positions, unknowns.log_speed, derivatives, delays)
@@ -194,8 +206,9 @@ class Objective:
 
     def likelihood(self, unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
         """Return gradient (F,) and Gauss-Newton matrix (F, F) of the likelihood alone by all unknowns."""
-        free = replace(self, arrivals=None, priors=self.priors.without_given())
-        return _with_speed(unknowns, free.evaluate(unknowns).terms)
+        free = replace(self, arrivals=None, windows=None, priors=self.priors.without_given())
+        gradient, matrix = _with_speed(unknowns, free.evaluate(unknowns).terms)
+        return gradient / self.tempering, matrix / self.tempering
 
     def of_rows(self, rows: Integers) -> Objective:
         """Return the objective of some rows of the pressures, without arrivals."""
@@ -207,10 +220,15 @@ class Objective:
             noise=field.noise[rows],
             directions=None if field.directions is None else field.directions[rows],
         )
-        return replace(self, pressures=self.pressures[rows], field=field, arrivals=None)
+        return replace(self, pressures=self.pressures[rows], field=field, arrivals=None, windows=None)
 
     def weakened(self) -> Objective:
-        """Return the objective with a stronger field, which weakens the prior that the field is isotropic."""
+        """Return the objective with a stronger field, which weakens the prior that the field is isotropic.
+
+        The same where the likelihood counts no more than its covariance claims.
+        """
+        if self.tempering > 1:
+            return self
         return replace(self, field=replace(self.field, power=WEAKER_FIELD * self.field.power))
 
     def beside(self, source: TakeSources | None) -> Objective:
@@ -428,7 +446,11 @@ def objective_of(problem: Problem, state: State, used: Integers) -> Objective:
         model.gain_sigma, model.phase_sigma, *constrained, known_sigma, state.offsets, speed or 0.0, tail, *spreads
     )
     arrivals = state_arrivals(problem, state)
-    return Objective(problem.pressures[used], field_of(problem, state, used), priors, model.log_speed, arrivals)
+    windows = None
+    if model.window_positions is not None and model.window_precision is not None:
+        windows = WindowTerm(model.window_positions, model.window_precision)
+    field = field_of(problem, state, used)
+    return Objective(problem.pressures[used], field, priors, model.log_speed, arrivals, windows, model.tempering)
 
 
 def state_arrivals(problem: Problem, state: State) -> Arrivals | None:

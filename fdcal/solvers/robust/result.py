@@ -27,25 +27,20 @@ S large. So does a field that is not as random as its model: where the covarianc
 likelihood, S = a + b of prior a and rest b is (a + b)^2 / (a + e b) instead, as a quadratic of one coordinate has it.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtrc
 
 from ...cost.likelihood import Terms
-from ...model.gauge import GaugeFrame, rigid_motions
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
-from ...model.validation import Bools, Reals
-from ..interface import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, PositionSpread, TriedOptimum
+from ...model.validation import Reals
+from ..interface import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, TriedOptimum
 from . import given, noise
 from .objective import (
-    Evaluation,
     Objective,
-    Quadratic,
     Unknowns,
-    arrival_index,
     descend,
     given_carry_scale,
     in_unit_power,
@@ -57,6 +52,7 @@ from .objective import (
     with_unknowns,
 )
 from .schedule import begin, refined
+from .spread import Claim, claim_of
 from .state import (
     DIRECTION_UPDATES,
     FINAL,
@@ -76,21 +72,13 @@ def result(problem: Problem, state: State) -> Estimate:
     """Return what the solver has found at `state`."""
     problem = in_unit_power(problem)
     state = replace(state, progress=replace(state.progress, stage=FINAL), shape=state.positions)
-    used = used_modes(problem, state)
-    objective, here = objective_of(problem, state, used), unknowns_of(state)
-    undeflated = objective.field.noise * state.model.deflation  # without what the last stage takes off the noise
-    objective = replace(objective, field=replace(objective.field, noise=undeflated))
-    evaluated = objective.evaluate(here)
-    weakened = _weakened(objective, here, evaluated)
-    likely, (N, D), model = quadratic(here, objective, weakened), state.positions.shape, state.model
+    claim, here, model = claim_of(problem, state), unknowns_of(state), state.model
+    (N, D), likely = state.positions.shape, claim.likely
     sigma = np.zeros(here.vector.size)
     sigma[likely.free] = np.sqrt(np.maximum(np.diag(likely.inverse), 0.0))
     each = np.zeros((N, 4))
     each[:, : here.gains * here.channels.shape[1]] = sigma[:-1].reshape(N, -1)[:, D:]
     stated = state.settings.sound_speed_sigma or 0.0
-    spread = _spread(problem, state, objective, evaluated, likely)
-    claimed = float(np.trace(spread.covariance))
-    excess = max(1.0, claimed / max(float(np.trace(quadratic(here, objective, evaluated).covariance)), 1e-300))
     return Estimate(
         problem=problem,
         modes=state.modes,
@@ -104,12 +92,15 @@ def result(problem: Problem, state: State) -> Estimate:
             np.array([model.gain_sigma, model.phase_sigma]),
             model.channel_noise,
         ),
-        field=FieldEstimate(model.noise_fraction, model.power[state.modes], undeflated, weakened.terms),
-        spread=spread,
-        given=_given(problem, state, objective, here, evaluated.terms, weakened.terms, excess),
+        field=FieldEstimate(
+            model.noise_fraction, model.power[state.modes], claim.objective.field.noise, claim.weakened.terms
+        ),
+        spread=claim.spread,
+        given=_given(problem, state, claim, here),
         log_speed=model.log_speed,
         log_speed_sigma=float(sigma[-1]) if len(problem.known) else stated,
         tried=_tried(problem, state),
+        by_windows=state.model.window_positions is not None,
     )
 
 
@@ -152,107 +143,6 @@ def _with_field(problem: Problem, state: State) -> State:
     return state
 
 
-def _weakened(objective: Objective, here: Unknowns, evaluated: Evaluation) -> Evaluation:
-    """The objective with a field of more power; as it is where C is then singular."""
-    try:
-        return objective.weakened().evaluate(here)
-    except np.linalg.LinAlgError:
-        return evaluated
-
-
-def _spread(
-    problem: Problem, state: State, objective: Objective, evaluated: Evaluation, likely: Quadratic
-) -> PositionSpread:
-    """The covariance by the model, in the gauge of the problem, and how far the blocks of the data disagree with it."""
-    here, gauge = likely.unknowns, _gauge(problem, state.positions)
-    newton = gauge @ likely.covariance @ gauge.T
-    counted = np.repeat(noise.healthy(state.model), state.positions.shape[1])
-    data, dispersion = _of_data(problem, state, objective, likely, gauge, counted)
-    if not len(problem.known):  # sound speed and size of a blind array are one
-        x = (state.positions - state.positions.mean(axis=0)).ravel()
-        newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
-    own = quadratic(here, objective, evaluated)
-    return PositionSpread(newton, data, dispersion, own.step, own.sigma)
-
-
-def _of_data(
-    problem: Problem, state: State, objective: Objective, likely: Quadratic, gauge: Reals, counted: Bools
-) -> tuple[Reals, float]:
-    """Q of the module (N D, N D) and tr J / tr Q over the coordinates `counted` (N D,) bool; 1 of too few blocks."""
-    here, index = likely.unknowns, np.ix_(likely.free, likely.free)
-    order = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")
-    blocks = np.array_split(order, max(1, min(BLOCKS, len(order) // 2)))
-    gradients, matrices = list[Reals](), list[Reals]()
-    for rows in blocks:
-        part = objective.of_rows(rows)
-        gradients.append(part.likelihood(here)[0][likely.free])
-        matrices.append(part.weakened().likelihood(here)[1][index])
-    for gradient, matrix in _of_arrivals(here, objective):
-        gradients.append(gradient[likely.free])
-        matrices.append(matrix[index])
-    outputs = np.zeros((gauge.shape[0], len(likely.free)))
-    outputs[:, : len(likely.coordinates)] = gauge[:, likely.coordinates]
-    across = outputs @ likely.inverse
-    data = across @ np.sum(matrices, axis=0) @ across.T
-    if len(blocks) < MIN_BLOCKS:
-        return data, 1.0
-    try:
-        return data, sandwich(likely.inverse, np.array(gradients), np.array(matrices), outputs[counted])
-    except np.linalg.LinAlgError:
-        return data, 1.0
-
-
-def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals) -> float:
-    """Return tr J / tr Q of the module over some functions of the unknowns.
-
-    P : (F, F); gradients, matrices : (B, F) and (B, F, F), g_b and H_b of the blocks; outputs : (K, F), linear
-    functions of the unknowns.
-    """
-    H, centred, across = np.linalg.inv(P), gradients - gradients.mean(axis=0), outputs @ P
-    others = np.asarray(H - LEVERAGE * matrices)
-    left_out = np.asarray(np.linalg.solve(others, np.asarray(centred[..., None])))[..., 0]
-    found = np.sum((centred @ across.T) * (left_out @ outputs.T))
-    model = np.sum((across @ matrices.sum(axis=0)) * across)
-    return float(found / model) if model > 0 else 1.0
-
-
-def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Gradient and Gauss-Newton matrix of the arrivals of each take by all unknowns."""
-    if objective.arrivals is None:
-        return
-    terms, index = objective.arrivals.terms(here.positions, here.log_speed, True, here.delays), arrival_index(here)
-    for gradient, slopes in zip(terms.gradient, terms.slopes, strict=True):
-        whole, matrix = np.zeros(here.vector.size), np.zeros((here.vector.size,) * 2)
-        whole[index], matrix[np.ix_(index, index)] = gradient, slopes.T @ slopes
-        yield whole, matrix
-
-
-def _gauge(problem: Problem, positions: Reals) -> np.ndarray:
-    """Projection (N D, N D) that takes rigid motions off: onto the frame, or onto no motion on average."""
-    size = positions.size
-    if len(problem.known):
-        return np.eye(size)
-    R = rigid_motions(positions)
-    if problem.frame is None:
-        Q = np.linalg.qr(R)[0]
-        return np.eye(size) - Q @ Q.T
-    fixed = _frame_rows(problem.frame, positions)
-    return np.eye(size) - R @ np.linalg.solve(fixed @ R, fixed)
-
-
-def _frame_rows(frame: GaugeFrame, positions: Reals) -> np.ndarray:
-    """Linear functions of the positions (F, N D) that the frame fixes: the first point, then what is across."""
-    N, D = positions.shape
-    first = positions[frame.microphones[0]]
-    axes = np.linalg.qr((positions[frame.microphones[1:]] - first).T)[0]
-    fixed = [(frame.microphones[0], along) for along in np.eye(D)]
-    fixed += [(n, axes[:, a]) for i, n in enumerate(frame.microphones[1:D]) for a in range(i + 1, D)]
-    rows = np.zeros((len(fixed), N, D))
-    for row, (n, along) in zip(rows, fixed, strict=True):
-        row[n] = along
-    return rows.reshape(len(fixed), -1)
-
-
 def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
     constrained = bool(len(problem.known)) and not given.inaccurate(state)
     ended = sorted((one for one in state.optima if np.isfinite(one.score)), key=lambda one: one.score)
@@ -262,19 +152,17 @@ def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
 def _given(
     problem: Problem,
     state: State,
-    objective: Objective,
+    claim: Claim,
     here: Unknowns,
-    at_objective: Terms,
-    weakened: Terms,
-    excess: float,
 ) -> GivenEstimate:
+    objective, at_objective = claim.objective, claim.evaluated.terms
     sigma = objective.priors.known_sigma or given.EXACT_SIGMA
     every = replace(objective.priors, known=problem.known, places=problem.known_positions, known_sigma=sigma)
 
     def probability(kept: np.ndarray) -> float:
         priors = replace(every, known=problem.known[kept], places=problem.known_positions[kept])
         constrained = replace(objective, priors=priors)
-        return _agreement(constrained, here, at_objective, excess)
+        return _agreement(constrained, here, at_objective, claim.excess)
 
     stated = state.settings.known_sigma
     expected = GIVEN_SIGMA if stated is None else stated
@@ -283,9 +171,9 @@ def _given(
         state.model.known_sigma,
         expected,
         stiffness,
-        given_carry_scale(problem),
+        given_carry_scale(problem) and state.model.window_positions is None,
         probability,
-        given.contradicted(problem, state, (at_objective, weakened)),
+        given.contradicted(problem, state, (at_objective, claim.weakened.terms)),
     )
 
 

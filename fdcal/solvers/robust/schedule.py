@@ -19,9 +19,10 @@ from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import InputError, frozen_array
 from .. import starts
-from . import given, noise
+from . import given, noise, windows
 from . import objective as objectives
 from .channels import relocated
+from .spread import claim_of
 from .state import (
     DIRECTION_UPDATES,
     FINAL,
@@ -329,7 +330,41 @@ def _next_final(turn: Turn) -> State:
     a, b = state.model, again.model
     change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
     other = a.kernel != b.kernel or bool(change > NOISE_TOLERANCE) or not given.same_given(state, again)
-    return again if other and again.progress.rounds < MAX_ROUNDS else finished(problem, state)
+    other = other or not (turn.within_tolerance or objectives.is_converged(problem, state))
+    if other and again.progress.rounds < MAX_ROUNDS:
+        return again
+    beside = None if a.window_positions is not None else with_windows(problem, state)
+    return finished(problem, state) if beside is None else beside
+
+
+def with_windows(problem: Problem, state: State) -> State | None:
+    """Return the last stage with the short windows of the recordings beside the long rows; None where they say nothing.
+
+    It begins where the windows have found the array. The likelihood of the long rows then counts as much as its
+    covariance claims.
+    """
+    healthy, model = noise.healthy(state.model), state.model
+    if is_noiseless(problem, state) or not windows.usable(problem, state.positions, healthy):
+        return None
+    # Of all channels the fit finds gain and phase itself; what a fault has done to one of them is taken off before.
+    faulty = np.any(state.offsets != 0, axis=1)
+    if model.delay_sigma == 0:
+        faulty |= np.any(model.filters != 0, axis=1)
+    channels = np.where(faulty[:, None], np.hstack([state.gains, model.filters]), 0.0)
+    term = windows.window_term(problem, state.positions, channels, healthy)
+    if term is None:
+        return None
+    claim = claim_of(problem, state)
+    ratio = term.disagreement(state.positions, claim.spread.covariance)
+    fitted = replace(
+        model,
+        window_positions=term.positions,
+        window_precision=term.precision / ratio,
+        tempering=model.tempering * claim.excess * ratio,
+    )
+    x = frozen_array(term.positions, float)
+    progress = replace(state.progress, rounds=0, steps=0)
+    return refined(problem, replace(state, positions=x, shape=x, model=fitted, progress=progress))
 
 
 def _ended(turn: Turn, state: State) -> Turn:

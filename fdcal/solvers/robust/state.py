@@ -109,6 +109,10 @@ class Model:
     # those of a faulty channel are sought
     delay_sigma: float = 0.0
     corner_sigma: float = 0.0
+    # of the short windows, once they were fitted: positions (N, D), metres, and precision (N D, N D), 1/m^2
+    window_positions: np.ndarray | None = None
+    window_precision: np.ndarray | None = None
+    tempering: float = 1.0  # by which the cost of the long rows is divided beside short windows
 
 
 @dataclass(frozen=True)

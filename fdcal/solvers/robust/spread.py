@@ -1,0 +1,173 @@
+"""How far the positions of the likelihood solver may be off: the covariance by its model, and what its data show.
+
+    H      Gauss-Newton matrix of cost and priors over everything that is free;  P = H^-1, the covariance by the model
+    g_b    gradient of a block of neighbouring frequencies of a take, or of the arrivals of a take, less their mean;
+           H_b its part of H
+
+H takes the field as `WEAKER_FIELD` times as powerful, which weakens the prior of an isotropic field: what becomes
+uncertain rests on that prior and not on the wave equation. Without given positions the covariance is that of the array
+without its rigid motions; in the frame of the least gauge, of the array moved into it.
+
+A room is not the random field of the model, and its blocks disagree by more, or less, than H says. The sandwich of
+their gradients measures it (Huber 1967, White 1980), with the leverage of each block corrected as by leaving it out
+(MacKinnon and White 1985):
+
+    J = sum_b H^-1 g_b g_b^T (H - H_b)^-1,    Q = P (sum_b H_b) P,    dispersion = tr J / tr Q
+
+over the coordinates of the microphones whose channels are healthy. Where the model holds, J is Q on average: the part
+of P that is the error of the data. The rest is the error of what the priors state, which blocks cannot show.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...model.gauge import GaugeFrame, rigid_motions
+from ...model.problem import Problem
+from ...model.validation import Bools, Reals
+from ..interface import PositionSpread
+from . import noise
+from .objective import (
+    Evaluation,
+    Objective,
+    Quadratic,
+    Unknowns,
+    arrival_index,
+    objective_of,
+    quadratic,
+    unknowns_of,
+    used_modes,
+)
+from .state import State
+
+# blocks of rows: neighbours are not independent, and with 20 blocks J comes out a tenth lower; fewest that count
+BLOCKS, MIN_BLOCKS = 10, 4
+LEVERAGE = 0.95  # part of H_b that is taken off H, so that what one block alone determines stays finite
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The objective at the end of a run, and the covariance that follows from it."""
+
+    objective: Objective  # with all the noise
+    evaluated: Evaluation  # at the unknowns
+    weakened: Evaluation  # with a field of more power
+    likely: Quadratic  # of that
+    spread: PositionSpread
+    excess: float  # variance that is claimed over that of the likelihood, at least 1
+
+
+def claim_of(problem: Problem, state: State) -> Claim:
+    """Return what the solver claims at `state`, in its last stage."""
+    objective, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
+    undeflated = objective.field.noise * state.model.deflation  # without what the last stage takes off the noise
+    objective = replace(objective, field=replace(objective.field, noise=undeflated))
+    evaluated = objective.evaluate(here)
+    weakened = _weakened(objective, here, evaluated)
+    likely = quadratic(here, objective, weakened)
+    spread = _spread(problem, state, objective, evaluated, likely)
+    own = float(np.trace(quadratic(here, objective, evaluated).covariance))
+    excess = max(1.0, float(np.trace(spread.covariance)) / max(own, 1e-300))
+    return Claim(objective, evaluated, weakened, likely, spread, excess)
+
+
+def _weakened(objective: Objective, here: Unknowns, evaluated: Evaluation) -> Evaluation:
+    """The objective with a field of more power; as it is where C is then singular."""
+    try:
+        return objective.weakened().evaluate(here)
+    except np.linalg.LinAlgError:
+        return evaluated
+
+
+def _spread(
+    problem: Problem, state: State, objective: Objective, evaluated: Evaluation, likely: Quadratic
+) -> PositionSpread:
+    """The covariance by the model, in the gauge of the problem, and how far the blocks of the data disagree with it."""
+    here, gauge = likely.unknowns, _gauge(problem, state.positions)
+    newton = gauge @ likely.covariance @ gauge.T
+    counted = np.repeat(noise.healthy(state.model), state.positions.shape[1])
+    data, dispersion = _of_data(problem, state, objective, likely, gauge, counted)
+    if not len(problem.known):  # sound speed and size of a blind array are one
+        x = (state.positions - state.positions.mean(axis=0)).ravel()
+        newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
+    own = quadratic(here, objective, evaluated)
+    return PositionSpread(newton, data, dispersion, own.step, own.sigma)
+
+
+def _of_data(
+    problem: Problem, state: State, objective: Objective, likely: Quadratic, gauge: Reals, counted: Bools
+) -> tuple[Reals, float]:
+    """Q of the module (N D, N D) and tr J / tr Q over the coordinates `counted` (N D,) bool; 1 of too few blocks."""
+    here, index = likely.unknowns, np.ix_(likely.free, likely.free)
+    order = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")
+    blocks = np.array_split(order, max(1, min(BLOCKS, len(order) // 2)))
+    gradients, matrices = list[Reals](), list[Reals]()
+    for rows in blocks:
+        part = objective.of_rows(rows)
+        gradients.append(part.likelihood(here)[0][likely.free])
+        matrices.append(part.weakened().likelihood(here)[1][index])
+    for gradient, matrix in _of_arrivals(here, objective):
+        gradients.append(gradient[likely.free])
+        matrices.append(matrix[index])
+    outputs = np.zeros((gauge.shape[0], len(likely.free)))
+    outputs[:, : len(likely.coordinates)] = gauge[:, likely.coordinates]
+    across = outputs @ likely.inverse
+    data = across @ np.sum(matrices, axis=0) @ across.T
+    if len(blocks) < MIN_BLOCKS:
+        return data, 1.0
+    try:
+        return data, sandwich(likely.inverse, np.array(gradients), np.array(matrices), outputs[counted])
+    except np.linalg.LinAlgError:
+        return data, 1.0
+
+
+def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals) -> float:
+    """Return tr J / tr Q of the module over some functions of the unknowns.
+
+    P : (F, F); gradients, matrices : (B, F) and (B, F, F), g_b and H_b of the blocks; outputs : (K, F), linear
+    functions of the unknowns.
+    """
+    H, centred, across = np.linalg.inv(P), gradients - gradients.mean(axis=0), outputs @ P
+    others = np.asarray(H - LEVERAGE * matrices)
+    left_out = np.asarray(np.linalg.solve(others, np.asarray(centred[..., None])))[..., 0]
+    found = np.sum((centred @ across.T) * (left_out @ outputs.T))
+    model = np.sum((across @ matrices.sum(axis=0)) * across)
+    return float(found / model) if model > 0 else 1.0
+
+
+def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Gradient and Gauss-Newton matrix of the arrivals of each take by all unknowns."""
+    if objective.arrivals is None:
+        return
+    terms, index = objective.arrivals.terms(here.positions, here.log_speed, True, here.delays), arrival_index(here)
+    for gradient, slopes in zip(terms.gradient, terms.slopes, strict=True):
+        whole, matrix = np.zeros(here.vector.size), np.zeros((here.vector.size,) * 2)
+        whole[index], matrix[np.ix_(index, index)] = gradient, slopes.T @ slopes
+        yield whole, matrix
+
+
+def _gauge(problem: Problem, positions: Reals) -> np.ndarray:
+    """Projection (N D, N D) that takes rigid motions off: onto the frame, or onto no motion on average."""
+    size = positions.size
+    if len(problem.known):
+        return np.eye(size)
+    R = rigid_motions(positions)
+    if problem.frame is None:
+        Q = np.linalg.qr(R)[0]
+        return np.eye(size) - Q @ Q.T
+    fixed = _frame_rows(problem.frame, positions)
+    return np.eye(size) - R @ np.linalg.solve(fixed @ R, fixed)
+
+
+def _frame_rows(frame: GaugeFrame, positions: Reals) -> np.ndarray:
+    """Linear functions of the positions (F, N D) that the frame fixes: the first point, then what is across."""
+    N, D = positions.shape
+    first = positions[frame.microphones[0]]
+    axes = np.linalg.qr((positions[frame.microphones[1:]] - first).T)[0]
+    fixed = [(frame.microphones[0], along) for along in np.eye(D)]
+    fixed += [(n, axes[:, a]) for i, n in enumerate(frame.microphones[1:D]) for a in range(i + 1, D)]
+    rows = np.zeros((len(fixed), N, D))
+    for row, (n, along) in zip(rows, fixed, strict=True):
+        row[n] = along
+    return rows.reshape(len(fixed), -1)
