@@ -212,18 +212,17 @@ def _blocks(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
 def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
     """Return one sigma of the least certain stretching or shearing of the array as a whole, relative to its radius.
 
-    Of the maps x -> x + B x, B symmetric, that fit a move of the `healthy` (N,) bool microphones best, since that of a
-    dead channel may stand anywhere. By the moves of the microphones: a flat array has hardly a height to be stretched.
+    Of the maps x -> x + B x that fit a move of the `healthy` (N,) bool microphones best, since that of a dead channel
+    may stand anywhere; without the rigid motions. By the moves of the microphones, sqrt(D) |B x| / |x|: a flat array
+    has hardly a height to be stretched.
     """
     positions, covariance = estimate.positions, estimate.spread.covariance
     D, index = positions.shape[1], np.flatnonzero(np.repeat(healthy, positions.shape[1]))
     x = positions[healthy] - positions[healthy].mean(axis=0)
-    fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(len(x))]))[:D], np.eye(D))  # (D D, N D)
-    fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
-    values, axes = np.linalg.eigh(x.T @ x)
-    extent = axes * np.sqrt(D * values / values.sum())  # relative, along each axis; 1 of an array that is no flatter
-    fit = np.kron(np.eye(D), extent.T) @ fit
-    return float(np.sqrt(np.linalg.eigvalsh(fit @ covariance[np.ix_(index, index)] @ fit.T)[-1]))
+    motions = np.linalg.qr(rigid_motions(x))[0]
+    along = np.linalg.svd(x, full_matrices=False)[0] * np.sqrt(D / np.sum(x**2))  # what B x can be : (N, D)
+    moves = np.kron(along.T, np.eye(D)) @ (np.eye(len(index)) - motions @ motions.T)
+    return float(np.sqrt(np.linalg.eigvalsh(moves @ covariance[np.ix_(index, index)] @ moves.T)[-1]))
 
 
 def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:

@@ -178,6 +178,9 @@ class TakeRules:
     # the same order: grids and balls have 0.6 to 1 in the right order, and 0 in another; at most 0.06 better by chance
     rotated: float = 0.5
     better: float = 0.3
+    # correlation of the coherences of a take with its own in another order, above which the array is symmetric: circles
+    # have 0.6 to 0.97, and sound from another side is like channels in another order
+    symmetric: float = 0.4
     channels: int = 8  # of fewer a correlation of their pairs says nothing
 
 
@@ -193,7 +196,9 @@ def require_different_takes(takes: Sequence[Recording], health: Sequence[Channel
         pairs = ~np.eye(len(own), dtype=bool) & ~(silent | silent[:, None])
         alike = [np.corrcoef(coherences[0][pairs], coherence[np.ix_(order, order)][pairs])[0, 1] for order in orders]
         shift = int(np.argmax(alike))
-        rotated = len(own) >= TAKES.channels and alike[shift] > max(TAKES.rotated, alike[0] + TAKES.better)
+        itself = np.corrcoef(coherences[0][pairs], coherences[0][np.ix_(orders[shift], orders[shift])][pairs])[0, 1]
+        shown = len(own) >= TAKES.channels and itself < TAKES.symmetric
+        rotated = shown and alike[shift] > max(TAKES.rotated, alike[0] + TAKES.better)
         if silent.any() and not np.array_equal(silent, state.silent):
             moved = [n for n in own if np.array_equal(silent, state.silent[orders[n]])]
             shift, rotated = (moved[0], True) if moved else (shift, rotated)

@@ -14,6 +14,7 @@ from scipy.signal import butter, fftconvolve, resample_poly, sosfilt
 import fdcal
 from fdcal.model.measurement import save_measurement
 from fdcal.model.validation import InputError
+from fdcal.recordings import channels
 from fdcal.recordings.cross_spectra import room_spacing, stationary_pressures
 from fdcal.recordings.frequencies import default_max_rows
 from fdcal.recordings.importer import import_recording, import_summary
@@ -232,6 +233,26 @@ def test_a_take_whose_channels_are_rotated_is_named(tmp_path, silent):
         InputError, match=r"other\.wav has the channels of .*one\.wav rotated by 2: its channel 2 is channel 0"
     ):
         import_recording([one, other], ImportOptions(files="takes", leave_out="bad", **GIVEN))
+
+
+@pytest.mark.parametrize("turn", [1, 2, 3])
+def test_a_circle_heard_from_another_side_is_not_taken_for_rotated_channels(turn):
+    angle, rng, samples = 2 * np.pi * np.arange(8) / 8, np.random.default_rng(0), 4 * FS
+    circle = 0.3 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    f = np.fft.rfftfreq(samples, 1 / FS)
+
+    def take(side: int) -> np.ndarray:
+        """A loud wave from one side, and reflections from all sides."""
+        waves = [(2.0, (np.cos(angle[side]), np.sin(angle[side]), 0.0))]
+        waves += [(0.5, u / np.linalg.norm(u)) for u in rng.standard_normal((30, 3))]
+        heard = np.zeros((8, len(f)), complex)
+        for loud, u in waves:
+            source = rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f))
+            heard += loud * source * np.exp(2j * np.pi * f * (circle @ u)[:, None] / SPEED)
+        return np.fft.irfft(heard, samples)
+
+    takes = [recording_of(f"take {side}", "stationary", FS, take(side)) for side in (0, turn)]
+    channels.require_different_takes(takes, [channels.inspect_channels(one) for one in takes])
 
 
 def test_every_source_of_a_folder_is_a_take(tmp_path):

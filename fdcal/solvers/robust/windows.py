@@ -49,26 +49,29 @@ class WindowTerm:
     positions: Reals  # (N, D) float64, metres, x_s
     precision: Reals  # (N D, N D) float64, 1/m^2, A; 0 of microphones whose windows do not count
 
-    def terms(self, positions: Reals) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return cost, gradient (N D,) and matrix (N D, N D) at positions (N, D), metres."""
+    def laid_on(self, positions: Reals) -> "WindowTerm":
+        """Return the term moved, turned and perhaps mirrored onto an array (N, D), metres."""
         used = np.flatnonzero(np.diag(self.precision).reshape(positions.shape).any(axis=1))
         laid = align(self.positions, positions, used)
-        turn = _turn(self.positions, laid)
-        whole = np.kron(np.eye(len(positions)), turn)
-        matrix = whole.T @ self.precision @ whole
-        away = (positions - laid).ravel()
-        gradient = matrix @ away
-        return float(away @ gradient) / 2, gradient, matrix
+        whole = np.kron(np.eye(len(positions)), _turn(self.positions, laid))
+        return WindowTerm(laid, whole.T @ self.precision @ whole)
+
+    def terms(self, positions: Reals) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return cost, gradient (N D,) and matrix (N D, N D) at positions (N, D), metres."""
+        laid = self.laid_on(positions)
+        away = (positions - laid.positions).ravel()
+        gradient = laid.precision @ away
+        return float(away @ gradient) / 2, gradient, laid.precision
 
     def disagreement(self, positions: Reals, covariance: Reals) -> float:
         """Return by how much the covariances of both are too small for their difference, at least 1 (Birge 1932).
 
         positions (N, D), metres, and covariance (N D, N D), metres^2, of another estimate
         """
-        used = np.diag(self.precision) > 0
-        laid = align(self.positions, positions, np.flatnonzero(used.reshape(positions.shape).any(axis=1)))
-        away = (positions - laid).ravel()[used]
-        both = (np.linalg.pinv(self.precision, rcond=1e-9, hermitian=True) + covariance)[np.ix_(used, used)]
+        laid = self.laid_on(positions)
+        used = np.diag(laid.precision) > 0
+        away = (positions - laid.positions).ravel()[used]
+        both = (np.linalg.pinv(laid.precision, rcond=1e-9, hermitian=True) + covariance)[np.ix_(used, used)]
         values, vectors = np.linalg.eigh(both)
         kept = values > ZERO * values[-1]
         return max(1.0, float(np.mean((away @ vectors[:, kept]) ** 2 / values[kept])))

@@ -1,0 +1,128 @@
+"""The likelihood of short windows: derivatives, information, and what leaves it unchanged."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fdcal.cost.short_windows import (
+    ShortField,
+    ShortLikelihood,
+    advanced,
+    anisotropic_kernel,
+    first_field,
+    free_parameters,
+    upright,
+    with_direct_sound,
+)
+
+N, T, F, W = 6, 2, 5, 20
+SPACE = np.arange(3)
+
+
+def some_field(rng) -> ShortField:
+    return replace(
+        first_field(0.1 * rng.standard_normal((N, 3)), T),
+        channels=0.05 * rng.standard_normal((N, 2)),
+        spectrum=np.array([0.2, -0.1, 0.15, 0.05, -0.3, 0.1]),
+        directions=np.array([[0.6, 0.8, 0.0], [0.0, -0.6, 0.8]]),
+        direct=np.array([[-1.0, -2.0], [-0.5, 0.2]]),
+        curvature=np.array([0.3, 0.8]),
+    )
+
+
+def drawn(field: ShortField, rng, windows: int = W, frequencies: int = F) -> ShortLikelihood:
+    """Windows of the model at a field, each with a power of its own."""
+    k, takes = np.tile(np.linspace(4, 40, frequencies), T), np.repeat(np.arange(T), frequencies)
+    N = len(field.positions)
+    found = np.empty((len(k), windows, N), complex)
+    each = np.unique(k)
+    K = anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
+    along = (each - each[0]) / (each[-1] - each[0])
+    noise = np.exp(np.interp(along, np.linspace(0, 1, len(field.noise)), field.noise))
+    x, v, q = field.positions, field.directions, field.curvature
+    for g, (one, take) in enumerate(zip(k, takes, strict=True)):
+        m = int(np.searchsorted(each, one))
+        power = np.exp(np.interp(along[m], [0, 1], field.direct[take]))
+        delay = -x @ v[take] + q[take] / 2 * (np.sum(x**2, axis=1) - (x @ v[take]) ** 2)
+        h = np.exp(-1j * one * delay)
+        L = np.linalg.cholesky(K[m] + noise[m] * np.eye(N) + power * np.outer(h, h.conj()))
+        z = (rng.standard_normal((windows, N)) + 1j * rng.standard_normal((windows, N))) / np.sqrt(2)
+        gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
+        found[g] = gain * (z @ L.T) * np.exp(rng.standard_normal((windows, 1)))
+    return ShortLikelihood(k, takes, found)
+
+
+def test_the_gradient_is_that_of_the_cost():
+    rng = np.random.default_rng(0)
+    field = some_field(rng)
+    likelihood = drawn(field, rng)
+    likelihood.pressures[3, 4:7] = 0
+    likelihood = replace(likelihood, dispersion=2.5)
+    here = replace(field, positions=field.positions + 0.01 * rng.standard_normal((N, 3)))
+    terms = likelihood.terms(here)
+    h = 1e-6
+    numerical = [
+        (likelihood.terms(advanced(here, e), False).cost - likelihood.terms(advanced(here, -e), False).cost) / (2 * h)
+        for e in h * np.eye(len(terms.gradient))
+    ]
+    assert np.abs(terms.gradient - numerical).max() < 1e-5 * np.abs(terms.gradient).max()
+    assert np.allclose(terms.scores.sum(axis=0), terms.gradient, atol=0.2 * np.abs(terms.gradient).max())  # less priors
+
+
+def test_the_scores_of_the_model_scatter_as_the_information_says():
+    rng = np.random.default_rng(1)
+    field = some_field(rng)
+    likelihood = drawn(field, rng, windows=60, frequencies=40)
+    terms = likelihood.terms(field)
+    values, vectors = np.linalg.eigh(terms.fisher)
+    kept = values > 1e-3 * values[-1]
+    scatter = np.mean(np.sum((terms.scores @ vectors[:, kept]) ** 2, axis=0) / values[kept])
+    assert 0.8 < scatter < 1.25
+
+
+def test_neither_the_power_of_a_window_nor_a_turn_about_the_vertical_changes_the_likelihood():
+    rng = np.random.default_rng(2)
+    field = replace(some_field(rng), spectrum=np.array([0, 0, 0, 0, -0.3, 0.1]))
+    likelihood = drawn(field, rng)
+    louder = replace(likelihood, pressures=likelihood.pressures * np.exp(rng.standard_normal((2 * F, W, 1))))
+    before = [one.terms(field, False).cost for one in (likelihood, louder)]
+    turn = np.array([[np.cos(1), -np.sin(1), 0], [np.sin(1), np.cos(1), 0], [0, 0, 1]])
+    turned = replace(field, positions=field.positions @ turn, directions=field.directions @ turn)
+    other = replace(field, positions=1.1 * field.positions)
+    after = [one.terms(turned, False).cost for one in (likelihood, louder)]
+    assert np.allclose(before, after, rtol=1e-12, atol=1e-6)
+    # the own power of a window costs N log of its power, whatever the positions
+    assert np.diff(before) == pytest.approx(np.diff([one.terms(other, False).cost for one in (likelihood, louder)]))
+
+
+def test_upright_is_a_turn_and_leaves_what_a_field_of_degree_two_explains():
+    rng = np.random.default_rng(3)
+    field = replace(some_field(rng), spectrum=np.array([0.2, -0.1, 0.15, 0.05, -0.3, 0.0]))
+    turned, axes = upright(field, SPACE)
+    assert np.array_equal(axes, SPACE)
+    k = np.linspace(4, 40, 7)
+    before, after = (anisotropic_kernel(one.positions, k, one.spectrum, False)[0] for one in (field, turned))
+    assert np.allclose(before, after, atol=1e-12)
+    tensor = [turned.spectrum[4], *np.abs(turned.spectrum[1:4])]
+    assert tensor[0] == max(tensor) and np.allclose(tensor[1:], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("spectrum", "axes"), [((0.1, 0, 0, 0, 0.9, 0), (0, 1)), ((-0.9, 0, 0, 0, -0.6, 0), (0, 2))])
+def test_an_array_in_a_plane_lies_or_stands_as_the_field_says(spectrum, axes):
+    rng = np.random.default_rng(4)
+    flat = np.hstack([0.1 * rng.standard_normal((N, 2)), np.zeros((N, 1))])
+    field = replace(some_field(rng), positions=flat, spectrum=np.array(spectrum, float))
+    turned, found = upright(field, SPACE[:2])
+    assert tuple(found) == axes
+    distances = [np.linalg.norm(x[:, None] - x, axis=2) for x in (flat, turned.positions[:, found])]
+    assert np.allclose(*distances)
+    moves = free_parameters(N, T, found)[: 5 * N].reshape(N, 5)
+    assert np.array_equal(np.flatnonzero(moves.all(axis=0)), found)
+
+
+def test_the_direction_of_the_direct_sound_is_found():
+    rng = np.random.default_rng(5)
+    field = replace(some_field(rng), direct=np.full((T, 2), 0.5), curvature=np.zeros(T))
+    found = with_direct_sound(drawn(field, rng), replace(field, directions=np.tile([1.0, 0, 0], (T, 1))))
+    assert np.all(np.sum(found.directions * field.directions, axis=1) > 0.95)

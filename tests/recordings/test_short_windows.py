@@ -1,0 +1,113 @@
+"""Short windows of a recording: which count, and how a measurement keeps them."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fdcal.model.measurement import Measurement, load_measurement, save_measurement
+from fdcal.model.problem import ShortWindows
+from fdcal.model.validation import InputError
+from fdcal.recordings.recording import ImportOptions, recording_of
+from fdcal.recordings.short_windows import SKIP, WINDOW, short_windows
+
+RATE = 8000
+
+
+def noise(count: int = 6, seconds: float = 3.0, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal((count, int(seconds * RATE)))
+
+
+def windows_of(samples: np.ndarray, kind: str = "stationary", takes: int = 1, number: int = 0, **options):
+    return short_windows(recording_of("x", kind, RATE, samples), kind, ImportOptions(**options), takes, number)
+
+
+def test_each_take_has_frequencies_of_its_own_within_the_band():
+    parts = [windows_of(noise(), takes=3, number=number, windows="200:3000") for number in range(3)]
+    f = np.concatenate([one.frequencies for one in parts])
+    assert f.min() >= 200 and f.max() <= 3000 and len(np.unique(f)) == len(f)
+    assert all(np.all(np.any(one.pressures, axis=(0, 1))) for one in parts)
+
+
+def test_a_window_in_a_gap_does_not_count():
+    samples = noise()
+    samples[:, RATE : 2 * RATE] *= 1e-4
+    counts = np.any(windows_of(samples).pressures, axis=2).mean(axis=0)  # of each window, over frequencies
+    middle = np.arange(len(counts)) / len(counts)
+    assert np.all(counts[(middle > 0.36) & (middle < 0.64)] == 0) and np.all(counts[middle < 0.3] > 0.9)
+
+
+def test_of_an_impulse_response_the_direct_sound_and_the_noise_are_left_out():
+    rng, onset, decay = np.random.default_rng(1), 0.1, 0.05
+    t = np.arange(2 * RATE) / RATE
+    tail = np.where(t > onset, np.exp(-(t - onset) / decay), 0.0) * rng.standard_normal((6, len(t)))
+    tail[:, int(onset * RATE)] = 100.0
+    direct = 1e-3 * rng.standard_normal(tail.shape) + tail
+    found = windows_of(direct, "impulse")
+    # With the direct sound in it, a window would be the same in all channels.
+    p = found.pressures[:, 0]
+    coherence = np.abs(np.mean(p[:, 0] * np.conj(p[:, 1]))) / np.mean(np.abs(p) ** 2)
+    assert coherence < 0.5
+    last = onset + SKIP + found.pressures.shape[1] * WINDOW / 2 + WINDOW
+    assert last < onset + 10 * decay  # and not the two seconds of the recording
+
+
+@pytest.mark.parametrize(
+    ("count", "options"), [(6, {"windows": "none"}), (6, {"dimension": 2}), (33, {}), (6, {"seconds": 0.02})]
+)
+def test_there_are_none_of_a_plate_many_channels_or_a_recording_that_is_too_short(count, options):
+    seconds = options.pop("seconds", 0.5)
+    assert windows_of(noise(count, seconds), **options) is None
+
+
+@pytest.mark.parametrize("text", ["high", "100", "3000:200", "100:9000", "0:500"])
+def test_a_band_that_is_none_is_refused_with_the_option(text):
+    with pytest.raises(InputError) as refused:
+        windows_of(noise(seconds=0.5), windows=text)
+    assert refused.value.key == "windows"
+
+
+def measurement(seed: int, windows: ShortWindows | None) -> Measurement:
+    rng = np.random.default_rng(seed)
+    pressures = rng.standard_normal((8, 6)) + 1j * rng.standard_normal((8, 6))
+    return Measurement(np.arange(100.0, 180, 10), pressures, 343.0, 3, windows=windows)
+
+
+@pytest.fixture
+def measured() -> Measurement:
+    return measurement(2, windows_of(noise(seconds=0.3)))
+
+
+def test_a_file_keeps_them_and_leaves_out_those_of_a_microphone(measured):
+    file = io.BytesIO()
+    save_measurement(measured, file)
+    same, fewer = (load_measurement(io.BytesIO(file.getvalue()), excluded) for excluded in ((), ("2",)))
+    for name in ("frequencies", "takes", "pressures", "length"):
+        assert np.array_equal(getattr(same.windows, name), getattr(measured.windows, name))
+    assert np.array_equal(fewer.windows.pressures, measured.windows.pressures[..., [0, 1, 3, 4, 5]])
+
+
+def test_takes_are_joined_and_parted_with_their_windows(measured):
+    other = measurement(3, windows_of(noise(seconds=0.2, seed=3)))
+    both = Measurement.from_takes([measured, measurement(4, None), other])
+    assert set(both.windows.takes.tolist()) == {0, 2}
+    third = both.of_take(2).windows
+    kept = np.any(third.pressures, axis=(0, 2))
+    assert np.array_equal(third.pressures[:, kept], other.windows.pressures[:, np.any(other.windows.pressures, (0, 2))])
+    assert both.of_take(1).windows is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("frequencies", np.full(3, -1.0)), ("takes", np.full(3, -1)), ("pressures", np.zeros((2, 4, 6), complex))],
+)
+def test_windows_of_impossible_values_are_refused(name, value):
+    possible = {"frequencies": np.full(3, 100.0), "takes": np.zeros(3, int), "pressures": np.ones((3, 4, 6), complex)}
+    with pytest.raises(InputError):
+        ShortWindows(**possible | {name: value}, length=WINDOW)
+
+
+def test_a_measurement_refuses_those_of_another_count(measured):
+    with pytest.raises(InputError, match="microphones"):
+        replace(measured, windows=measured.windows.of_microphones(np.arange(4)))

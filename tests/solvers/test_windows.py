@@ -1,0 +1,105 @@
+"""Positions from short windows: what the term leaves unchanged, and what an array in a room gains by it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fdcal
+from fdcal.model.gauge import align, rigid_motions
+from fdcal.recordings.importer import ImportOptions, measurement_of_takes
+from fdcal.recordings.recording import recording_of
+from fdcal.solvers.robust.windows import WindowTerm, usable
+
+RATE, SOUND = 8000, 343.2
+
+
+def rms(found, true) -> float:
+    return float(np.sqrt(np.mean(np.sum((align(found, true) - true) ** 2, axis=1))))
+
+
+@pytest.fixture(scope="module")
+def term() -> WindowTerm:
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((6, 3))
+    x -= x.mean(axis=0)
+    motions = np.linalg.qr(rigid_motions(x))[0]
+    fixed = np.eye(18) - motions @ motions.T
+    root = rng.standard_normal((18, 18))
+    return WindowTerm(x, 1e4 * fixed @ root @ root.T @ fixed)
+
+
+def turned(x: np.ndarray, mirror: int = 1) -> np.ndarray:
+    turn = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+    turn[:, 0] *= mirror * np.sign(np.linalg.det(turn))
+    return x @ turn + [1.0, -2.0, 0.5]
+
+
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_the_term_does_not_depend_on_where_the_array_is(term, mirror):
+    moved = term.positions + 1e-3 * np.random.default_rng(2).standard_normal((6, 3))
+    here, there = term.terms(moved), term.terms(turned(moved, mirror))
+    assert here[0] > 1e-3 and here[0] == pytest.approx(there[0], rel=1e-9)
+    assert np.allclose(np.linalg.eigvalsh(here[2]), np.linalg.eigvalsh(there[2]), atol=1e-6)
+    assert term.terms(turned(term.positions, mirror))[0] == pytest.approx(0, abs=1e-12)
+
+
+def test_the_gradient_of_the_term_is_that_of_its_cost(term):
+    x = turned(term.positions) + 1e-4 * np.random.default_rng(3).standard_normal((6, 3))
+    gradient, h = term.terms(x)[1], 1e-7
+    numerical = [(term.terms(x + e)[0] - term.terms(x - e)[0]) / (2 * h) for e in h * np.eye(18).reshape(18, 6, 3)]
+    assert np.allclose(gradient, numerical, atol=1e-2 * np.abs(gradient).max())
+
+
+def test_estimates_that_differ_by_more_than_both_claim_are_less_certain(term):
+    free = np.linalg.pinv(term.precision, rcond=1e-9, hermitian=True)
+    values, vectors = np.linalg.eigh(free)
+    z = np.random.default_rng(4).standard_normal(18)
+    away = vectors @ (np.sqrt(2 * np.maximum(values, 0)) * z)  # as of two covariances that are alike
+    assert term.disagreement(term.positions, free) == 1
+    near, far = (term.disagreement(term.positions + c * away.reshape(6, 3), free) for c in (1, 5))
+    assert near < 2.5 and 10 < far < 50
+
+
+def room(x: np.ndarray, seconds: float = 4.0, seed: int = 0) -> np.ndarray:
+    """Noise from eighty sides, more of it horizontal, as in a room that absorbs at floor and ceiling : (N, T)."""
+    rng = np.random.default_rng(seed)
+    samples = int(seconds * RATE)
+    f = np.fft.rfftfreq(samples, 1 / RATE)
+    total = np.zeros((len(x), len(f)), complex)
+    for _ in range(80):
+        u = rng.standard_normal(3) * [1, 1, 0.5]
+        wave = (rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f))) * (f < 3000)
+        total += wave * np.exp(2j * np.pi * f * (x @ u / np.linalg.norm(u))[:, None] / SOUND)
+    y = np.fft.irfft(total, samples)
+    return y / y.std() + 0.01 * rng.standard_normal(y.shape)
+
+
+@pytest.fixture(scope="module")
+def heard():
+    """A measurement of eight microphones within 0.15 m in such a room, and their positions (8, 3), metres."""
+    rng = np.random.default_rng(7)
+    x = rng.standard_normal((8, 3))
+    x *= 0.15 * rng.random((8, 1)) ** (1 / 3) / np.linalg.norm(x, axis=1, keepdims=True)
+    recording = recording_of("room", "stationary", RATE, room(x))
+    return measurement_of_takes([recording], ImportOptions(kind="stationary"))[0], x
+
+
+def test_short_windows_find_what_few_long_rows_of_a_room_leave_open(heard):
+    measurement, x = heard
+    alone = fdcal.calibrate(replace(measurement, windows=None))
+    beside = fdcal.calibrate(measurement)
+    print(rms(beside.positions, x), rms(alone.positions, x), beside.uncertainty, beside.verdict, beside.converged)
+    assert rms(beside.positions, x) < 0.006 < rms(alone.positions, x)
+    claimed = float(np.sqrt(np.mean(beside.uncertainty**2)))
+    assert rms(beside.positions, x) < 2.5 * claimed and beside.converged
+
+
+def test_windows_do_not_count_for_few_microphones_or_an_array_that_sound_crosses_slowly(heard):
+    measurement, x = heard
+    problem, every = measurement.problem(), np.ones(8, bool)
+    assert usable(problem, x, every)
+    assert not usable(problem, 10 * x, every)
+    assert not usable(problem, x, np.arange(8) < 4)
+    assert not usable(replace(problem, windows=None), x, every)
+    assert not usable(replace(problem, dimension=2), x, every)
