@@ -168,8 +168,8 @@ class ShortLikelihood:
         power = np.exp(np.sum(direct_nodes * field.direct[take], axis=1))
         direct = power[:, None, None] * h[:, :, None] * h[:, None].conj()
         C = K[of_group] + noise[:, None, None] * np.eye(N) + direct
-        L = np.linalg.cholesky(C)
-        inverse = np.linalg.inv(C)
+        L: Complexes = np.linalg.cholesky(C)
+        inverse: Complexes = np.linalg.inv(C)
         gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
         p = self.pressures / gain
         q = np.maximum(np.real(np.sum((np.conj(p) @ inverse) * p, axis=2)), 0.0)

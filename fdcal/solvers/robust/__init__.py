@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...cost.eq7 import search_domain
 from ...cost.noise import DIFFUSE_FLOOR
 from ...model.problem import Problem, mode_power
 from ...model.settings import Search, SolverSettings
@@ -116,7 +117,8 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
     """Return the likelihood's cost of microphone `n` over the search lattice, mode by mode, the gains constrained.
 
-    (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height.
+    (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height. Beside
+    short windows the sum over the modes in use is what the last stage minimises: each has its part of their term.
     """
     from ...cost.maps import likelihood_maps  # compiled code is loaded with the first map
 
@@ -125,7 +127,13 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     least = DIFFUSE_FLOOR * mode_power(pressures[modes])
     noise_power = np.maximum(state.model.noise[modes], least)
     equal = replace(problem, pressures=pressures, wavenumbers=k)
-    return likelihood_maps(equal, state.positions, n, modes, noise_power, search)
+    maps = likelihood_maps(equal, state.positions, n, modes, noise_power, search)
+    term = objectives.window_term_of(state.model)
+    if term is None:
+        return maps
+    domain = search_domain(problem) if search is None else search
+    beside = term.costs(state.positions, n, domain.layer()[..., :2]) / len(problem.pressures[state.modes])
+    return maps / state.model.tempering + beside
 
 
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:

@@ -446,11 +446,17 @@ def objective_of(problem: Problem, state: State, used: Integers) -> Objective:
         model.gain_sigma, model.phase_sigma, *constrained, known_sigma, state.offsets, speed or 0.0, tail, *spreads
     )
     arrivals = state_arrivals(problem, state)
-    windows = None
-    if model.window_positions is not None and model.window_precision is not None:
-        windows = WindowTerm(model.window_positions, model.window_precision)
     field = field_of(problem, state, used)
-    return Objective(problem.pressures[used], field, priors, model.log_speed, arrivals, windows, model.tempering)
+    return Objective(
+        problem.pressures[used], field, priors, model.log_speed, arrivals, window_term_of(model), model.tempering
+    )
+
+
+def window_term_of(model: Model) -> WindowTerm | None:
+    """Return the term of the short windows; None where they do not count."""
+    if model.window_positions is None or model.window_precision is None:
+        return None
+    return WindowTerm(model.window_positions, model.window_precision)
 
 
 def state_arrivals(problem: Problem, state: State) -> Arrivals | None:

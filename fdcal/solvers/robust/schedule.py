@@ -320,9 +320,12 @@ def _next_round(turn: Turn) -> State:
 def _next_final(turn: Turn) -> State:
     """Return another round of the last stage if it would assume another noise, kernel or given positions, or the end.
 
-    Damped waves are taken where the noise is now so low that these count.
+    Short windows of the recordings, which determine small arrays far better, count from the second round on. Damped
+    waves are taken where the noise is now so low that these count.
     """
     problem, state, progress = turn.problem, turn.state, turn.state.progress
+    if state.model.window_positions is None and (beside := with_windows(problem, state)) is not None:
+        return beside
     model, ahead = state.model, replace(progress, rounds=progress.rounds + 1)
     if model.kernel == "directional" and noise.isotropic_kernel(problem, state) == "series":
         model = replace(model, kernel="damped_directional")
@@ -331,10 +334,7 @@ def _next_final(turn: Turn) -> State:
     change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
     other = a.kernel != b.kernel or bool(change > NOISE_TOLERANCE) or not given.same_given(state, again)
     other = other or not (turn.within_tolerance or objectives.is_converged(problem, state))
-    if other and again.progress.rounds < MAX_ROUNDS:
-        return again
-    beside = None if a.window_positions is not None else with_windows(problem, state)
-    return finished(problem, state) if beside is None else beside
+    return again if other and again.progress.rounds < MAX_ROUNDS else finished(problem, state)
 
 
 def with_windows(problem: Problem, state: State) -> State | None:

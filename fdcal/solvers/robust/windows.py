@@ -63,6 +63,14 @@ class WindowTerm:
         gradient = laid.precision @ away
         return float(away @ gradient) / 2, gradient, laid.precision
 
+    def costs(self, positions: Reals, n: int, places: Reals) -> np.ndarray:
+        """Return the cost with microphone `n` of positions (N, D) at places (..., 2), at its own height : (...)."""
+        D = positions.shape[1]
+        here, gradient, matrix = self.terms(positions)
+        own = matrix[D * n : D * n + 2, D * n : D * n + 2]
+        away = places - positions[n, :2]
+        return here + away @ gradient[D * n : D * n + 2] + np.sum(away @ own * away, axis=-1) / 2
+
     def disagreement(self, positions: Reals, covariance: Reals) -> float:
         """Return by how much the covariances of both are too small for their difference, at least 1 (Birge 1932).
 
@@ -209,7 +217,8 @@ def _dispersion(likelihood: ShortLikelihood, field: ShortField, free: Bools) -> 
     scores = here.scores[:, index] - here.scores[:, index].mean(axis=0)
     values, vectors = np.linalg.eigh(here.fisher[np.ix_(index, index)])
     kept = values > ZERO * values[-1]
-    return max(1.0, float(np.mean(np.sum((scores @ vectors[:, kept]) ** 2, axis=0) / values[kept])))
+    along: Reals = scores @ vectors[:, kept]
+    return max(1.0, float(np.mean(np.sum(along**2, axis=0) / values[kept])))
 
 
 def position_covariance(field: ShortField, free: Bools, likelihood: ShortLikelihood, axes: Integers) -> np.ndarray:
