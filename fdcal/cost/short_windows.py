@@ -22,6 +22,7 @@ without what the powers take, times N / (N + 1). A group is one take at one freq
 here, such as Eq. 9: the coherence of distant microphones is small at high frequencies, and still informative.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -48,6 +49,7 @@ NOISE_NODES, DIRECT_NODES = 5, 2
 SPECTRUM_SPREAD = np.array([0.5, 0.5, 0.5, 0.5, 1.0, 0.5])
 CHANNEL_SPREAD = 0.05
 NOISE_PRIOR, DIRECT_PRIOR, CURVATURE_PRIOR = (-3.5, 2.0), (-1.5, 2.0), (0.4, 0.3)
+NEGATIVE = 1e4  # nats, twice the cost of a power of -1, relative to the mean, from one of the directions
 NO_DIRECT = -14.0  # logarithm of the power of a direct sound that does not count
 NOISE_BOUNDS = (np.log(1e-5), np.log(5.0))
 
@@ -195,7 +197,7 @@ class ShortLikelihood:
         design = _design(take, len(field.direct), noise_nodes, direct_nodes)
         scores, fisher = _scores_and_fisher(windows, inverse, M, [*rows, C, 1j * C], whole, design)
         gradient = scores.sum(axis=0) + prior_gradient
-        return ShortTerms(cost + prior_cost, gradient, fisher + np.diag(stiffness), scores)
+        return ShortTerms(cost + prior_cost, gradient, fisher + stiffness, scores)
 
 
 def _design(take: Integers, takes: int, noise_nodes: Reals, direct_nodes: Reals) -> np.ndarray:
@@ -272,7 +274,7 @@ def anisotropic_kernel(
     r = np.linalg.norm(d, axis=1) + 1e-9
     u = d / r[:, None]
     t = u[:, 2]
-    Y = np.array([*((u @ Q * u).sum(axis=1) for Q in QUADRATIC), (35 * t**4 - 30 * t**2 + 3) / 8])
+    Y = _harmonics(u)
     z = np.maximum(k[:, None] * r, 1e-4)
     J = {degree: spherical_jn(degree, z) for degree in (0, 2, 4)}
     each = np.array([J[degree] for degree in DEGREES]) * Y[:, None]
@@ -321,7 +323,10 @@ def _turned_delays(field: ShortField) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
-    """Cost, gradient and stiffness of the Gaussian priors, in the order of the parameters."""
+    """Cost, gradient (P,) and stiffness (P, P) of the priors, in the order of the parameters.
+
+    They are Gaussian; and no direction has a negative power, 1 + sum_l (-1)^(l / 2) a_l Y_l(u) of the mean.
+    """
     N, T = field.channels.shape[0], len(field.direct)
     each, spread = np.zeros((N, 5)), np.full((N, 5), np.inf)
     each[:, 3:], spread[:, 3:] = field.channels, CHANNEL_SPREAD
@@ -330,16 +335,35 @@ def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
     takes[:, -1], widths[:, -1] = field.curvature - CURVATURE_PRIOR[0], CURVATURE_PRIOR[1]
     away = np.concatenate([each.ravel(), field.spectrum, field.noise - NOISE_PRIOR[0], takes.ravel()])
     noise = np.full(NOISE_NODES, NOISE_PRIOR[1])
-    stiffness = 1 / np.concatenate([spread.ravel(), SPECTRUM_SPREAD, noise, widths.ravel()]) ** 2
-    return float(np.sum(away**2 * stiffness)) / 2, away * stiffness, stiffness
+    diagonal = 1 / np.concatenate([spread.ravel(), SPECTRUM_SPREAD, noise, widths.ravel()]) ** 2
+    gradient, stiffness = away * diagonal, np.diag(diagonal)
+    signs = (-1.0) ** (np.array(DEGREES) // 2)
+    slopes = signs * _harmonics(_directions(100)).T  # (100, 6)
+    power = np.minimum(1 + slopes @ field.spectrum, 0.0)
+    own = slice(5 * N, 5 * N + len(DEGREES))
+    gradient[own] += NEGATIVE * power @ slopes
+    stiffness[own, own] += NEGATIVE * slopes[power < 0].T @ slopes[power < 0]
+    return float(np.sum(away**2 * diagonal) + NEGATIVE * np.sum(power**2)) / 2, gradient, stiffness
+
+
+def _harmonics(u: Reals) -> np.ndarray:
+    """Y_l (6, P) in the directions u (P, 3)."""
+    t = u[:, 2]
+    return np.array([*(np.sum(u @ Q * u, axis=1) for Q in QUADRATIC), (35 * t**4 - 30 * t**2 + 3) / 8])
+
+
+@functools.cache
+def _directions(count: int) -> np.ndarray:
+    """Unit vectors (count, 3) that lie evenly on the sphere, on a spiral."""
+    turn = np.arange(count)
+    height = 1 - 2 * (turn + 0.5) / count
+    angle, flat = turn * np.pi * (3 - np.sqrt(5.0)), np.sqrt(1 - height**2)
+    return np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
 
 
 def with_direct_sound(likelihood: ShortLikelihood, field: ShortField, count: int = 300) -> ShortField:
     """Return the field with the likeliest direct sound of each take: of `count` directions and four powers."""
-    turn = np.arange(count)
-    height = 1 - 2 * (turn + 0.5) / count
-    angle, flat = turn * np.pi * (3 - np.sqrt(5.0)), np.sqrt(1 - height**2)
-    directions = np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
+    directions = _directions(count)
     powers, N = np.exp([-3.0, -1.5, 0.0, 1.5]), len(field.positions)
     each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
     K = anisotropic_kernel(field.positions, each, field.spectrum, False)[0]

@@ -343,15 +343,12 @@ def with_windows(problem: Problem, state: State) -> State | None:
     It begins where the windows have found the array. The likelihood of the long rows then counts as much as its
     covariance claims.
     """
-    healthy, model = noise.healthy(state.model), state.model
-    if is_noiseless(problem, state) or not windows.usable(problem, state.positions, healthy):
+    model = state.model
+    heard = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
+    heard &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
+    if is_noiseless(problem, state) or not windows.usable(problem, state.positions, heard):
         return None
-    # Of all channels the fit finds gain and phase itself; what a fault has done to one of them is taken off before.
-    faulty = np.any(state.offsets != 0, axis=1)
-    if model.delay_sigma == 0:
-        faulty |= np.any(model.filters != 0, axis=1)
-    channels = np.where(faulty[:, None], np.hstack([state.gains, model.filters]), 0.0)
-    term = windows.window_term(problem, state.positions, channels, healthy)
+    term = windows.window_term(problem, state.positions, state.offsets[:, 1], heard)
     if term is None:
         return None
     claim = claim_of(problem, state)

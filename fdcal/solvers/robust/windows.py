@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...cost.likelihood import log_response
 from ...cost.short_windows import ShortField, ShortLikelihood, advanced, first_field, free_parameters, upright
 from ...cost.short_windows import with_direct_sound as with_direct
 from ...model.gauge import align, rigid_motions
@@ -33,6 +32,9 @@ MAX_DIAMETER = 0.1
 # windows. On jobs a, b, e, simulated balls and circles and a measured array the errors are 2.2 times as large as claims
 # without it, at the median
 MODEL_EXCESS = 4.0
+# noise as a part of the power of a channel, and its delay times the sound speed, metres, from which on its windows do
+# not count
+MAX_NOISE, MAX_DELAY = 0.1, 0.02
 STAGES = (600.0, 1500.0)  # Hz, highest frequencies of the first stages
 START_BAND = 2000.0  # Hz, highest frequency of the start by coherence
 MAX_STEP = 0.25  # longest move of a microphone in a step, over the shortest wavelength
@@ -91,47 +93,47 @@ def _turn(before: Reals, after: Reals) -> np.ndarray:
     return U @ V
 
 
-def usable(problem: Problem, positions: Reals, healthy: Bools) -> bool:
+def usable(problem: Problem, positions: Reals, heard: Bools) -> bool:
     """Return whether the windows say something of an array of this size."""
-    if problem.windows is None or problem.dimension != 3 or np.sum(healthy) < MIN_MICROPHONES:
+    if problem.windows is None or problem.dimension != 3 or np.sum(heard) < MIN_MICROPHONES:
         return False
-    x = positions[healthy]
+    x = positions[heard]
     diameter = float(np.linalg.norm(x[:, None] - x, axis=2).max())
     return diameter <= MAX_DIAMETER * problem.windows.length * problem.sound_speed
 
 
-def window_term(problem: Problem, positions: Reals, channels: Reals, healthy: Bools) -> WindowTerm | None:
+def window_term(problem: Problem, positions: Reals, phases: Reals, heard: Bools) -> WindowTerm | None:
     """Return the term of the windows of a problem; None where they find no array.
 
-    positions : (N, D), metres, that the long rows have found; channels : (N, 4), log gain, nepers, phase, radians,
-    delay, metres, and corner, rad/m, of channels with a fault, else 0; healthy : (N,) bool, those that count
+    positions : (N, D), metres, that the long rows have found; phases : (N,), radians, of channels of inverted polarity,
+    else 0: the fit finds small ones, and levels, by itself; heard : (N,) bool, channels that count
     """
     assert problem.windows is not None  # `usable`
     N, D = positions.shape
-    likelihood = likelihood_of(problem.windows.of_microphones(healthy), problem.sound_speed, channels[healthy])
+    likelihood = likelihood_of(problem.windows.of_microphones(heard), problem.sound_speed, phases[heard])
     starts = [start for start in (_coherent(likelihood, D),) if start is not None]
     try:
-        field, free, likelihood, axes = fitted(likelihood, starts, positions[healthy])
+        field, free, likelihood, axes = fitted(likelihood, starts, positions[heard])
         covariance = MODEL_EXCESS * position_covariance(field, free, likelihood, axes)
     except np.linalg.LinAlgError:
         return None
     x = np.array(positions)
     found = field.positions[:, axes]
-    x[healthy] = align(found, positions[healthy])
-    whole = np.kron(np.eye(len(found)), _turn(found, x[healthy]))
+    x[heard] = align(found, positions[heard])
+    whole = np.kron(np.eye(len(found)), _turn(found, x[heard]))
     precision = np.linalg.pinv(whole.T @ covariance @ whole, rcond=1e-9, hermitian=True)
     if not np.any(np.diag(precision) > 0):
         return None
-    index = np.arange(N * D).reshape(N, D)[healthy].ravel()
+    index = np.arange(N * D).reshape(N, D)[heard].ravel()
     embedded = np.zeros((N * D, N * D))
     embedded[np.ix_(index, index)] = precision
     return WindowTerm(x, embedded)
 
 
-def likelihood_of(windows: ShortWindows, sound_speed: float, channels: Reals) -> ShortLikelihood:
-    """Return the likelihood of windows, the channels corrected and alike in their mean level."""
+def likelihood_of(windows: ShortWindows, sound_speed: float, phases: Reals) -> ShortLikelihood:
+    """Return the likelihood of windows, the `phases` (N,) of the channels taken off and all alike in mean level."""
     k = 2 * np.pi * windows.frequencies / sound_speed
-    p = windows.pressures * np.exp(-log_response(channels, k)[0])[:, None]
+    p = windows.pressures * np.exp(-1j * phases)
     power = np.mean(np.abs(p) ** 2, axis=(0, 1))
     takes = np.unique(windows.takes, return_inverse=True)[1]
     return ShortLikelihood(k, takes, p / np.sqrt(np.maximum(power, 1e-300)))
@@ -217,7 +219,7 @@ def _dispersion(likelihood: ShortLikelihood, field: ShortField, free: Bools) -> 
     scores = here.scores[:, index] - here.scores[:, index].mean(axis=0)
     values, vectors = np.linalg.eigh(here.fisher[np.ix_(index, index)])
     kept = values > ZERO * values[-1]
-    along: Reals = scores @ vectors[:, kept]
+    along = np.asarray(scores @ vectors[:, kept])
     return max(1.0, float(np.mean(np.sum(along**2, axis=0) / values[kept])))
 
 
