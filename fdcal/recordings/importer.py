@@ -383,6 +383,10 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         found, sigma = np.isfinite(measurement.arrivals), np.median(measurement.arrival_sigma)
         scatter = f"{1e3 * measurement.sound_speed * sigma:.1f} mm"
         lines += [f"arrivals     direct sound at {np.sum(found)} of {found.size} microphones, to about {scatter}"]
+    if (windows := measurement.windows) is not None:
+        groups, most, _ = windows.pressures.shape
+        of = f"{groups} groups of at most {most} windows of {1e3 * windows.length:g} ms"
+        lines += [f"windows      {of}, {windows.frequencies.min():.0f} to {windows.frequencies.max():.0f} Hz"]
     if not report.takes:
         lines += [f"modelled     {recording.modelled}"] if recording.modelled else _snr_lines(taken)
     lines.append(f"highest usable frequency  {limit}")
