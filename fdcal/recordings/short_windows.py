@@ -46,7 +46,7 @@ def short_windows(
     for window, start in enumerate(np.linspace(first, last, count).astype(int)):
         p[:, window] = (read_samples(recording, int(start), int(start) + n) @ transform).T
     power = np.mean(np.abs(p) ** 2, axis=2)
-    p /= np.sqrt(np.maximum(power, 1e-300))[..., None]
+    p /= np.sqrt(np.maximum(power, np.finfo(np.float32).tiny))[..., None]
     p[power <= QUIET * power.mean(axis=1, keepdims=True)] = 0
     return ShortWindows(f, np.zeros(len(f), np.int64), p, WINDOW)
 

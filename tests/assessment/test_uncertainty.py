@@ -34,7 +34,8 @@ from fdcal.model.settings import SolverSettings
 from fdcal.session.plan import make_plan
 from fdcal.solvers import load
 from fdcal.solvers.interface import Estimate, TriedOptimum
-from fdcal.solvers.robust.result import estimate_at, sandwich
+from fdcal.solvers.robust.result import estimate_at
+from fdcal.solvers.robust.spread import sandwich
 from fdcal.viewer.gui.binding import PlanChoices
 from fdcal.viewer.session_view import uncertainty_of
 from fdcal.viewer.tabs.plan import plan_request, planned_array
