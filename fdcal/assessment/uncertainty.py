@@ -209,20 +209,23 @@ def _blocks(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
     return np.einsum("nanb->nab", covariance.reshape(N, D, N, D))
 
 
-def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
-    """Return one sigma of the least certain stretching or shearing of the array as a whole, relative to its radius.
+LEAST_EXTENT = 0.5  # of an array along its shortest axis, relative to the longest: a flat one has no height to stretch
 
-    Of the maps x -> x + B x that fit a move of the `healthy` (N,) bool microphones best, since that of a dead channel
-    may stand anywhere; without the rigid motions. By the moves of the microphones, sqrt(D) |B x| / |x|: a flat array
-    has hardly a height to be stretched.
+
+def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
+    """Return one sigma of the least certain stretching or shearing of the array as a whole, relative.
+
+    Of the maps x -> x + B x, B symmetric, that fit a move of the `healthy` (N,) bool microphones best, since that of a
+    dead channel may stand anywhere.
     """
     positions, covariance = estimate.positions, estimate.spread.covariance
     D, index = positions.shape[1], np.flatnonzero(np.repeat(healthy, positions.shape[1]))
     x = positions[healthy] - positions[healthy].mean(axis=0)
-    motions = np.linalg.qr(rigid_motions(x))[0]
-    along = np.linalg.svd(x, full_matrices=False)[0] * np.sqrt(D / np.sum(x**2))  # what B x can be : (N, D)
-    moves = np.kron(along.T, np.eye(D)) @ (np.eye(len(index)) - motions @ motions.T)
-    return float(np.sqrt(np.linalg.eigvalsh(moves @ covariance[np.ix_(index, index)] @ moves.T)[-1]))
+    along, extents, axes = np.linalg.svd(x, full_matrices=False)
+    inverse = (along / np.maximum(extents, LEAST_EXTENT * extents[0])).T  # of x in its own axes
+    fit = np.kron(inverse, axes)  # (D D, N D)
+    fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
+    return float(np.sqrt(np.linalg.eigvalsh(fit @ covariance[np.ix_(index, index)] @ fit.T)[-1]))
 
 
 def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:

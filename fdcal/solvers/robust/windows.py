@@ -219,8 +219,8 @@ def _dispersion(likelihood: ShortLikelihood, field: ShortField, free: Bools) -> 
     scores = here.scores[:, index] - here.scores[:, index].mean(axis=0)
     values, vectors = np.linalg.eigh(here.fisher[np.ix_(index, index)])
     kept = values > ZERO * values[-1]
-    along = np.asarray(scores @ vectors[:, kept])
-    return max(1.0, float(np.mean(np.sum(along**2, axis=0) / values[kept])))
+    ratios: Reals = np.sum(np.asarray(scores @ vectors[:, kept]) ** 2, axis=0) / values[kept]
+    return max(1.0, float(ratios.mean()))
 
 
 def position_covariance(field: ShortField, free: Bools, likelihood: ShortLikelihood, axes: Integers) -> np.ndarray:
