@@ -209,7 +209,9 @@ def _blocks(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
     return np.einsum("nanb->nab", covariance.reshape(N, D, N, D))
 
 
-LEAST_EXTENT = 0.5  # of an array along its shortest axis, relative to the longest: a flat one has no height to stretch
+# of an array along its shortest axis, relative to the longest, where short windows determine it: a flat one has no
+# height to stretch. By long rows alone 1 of 60 arrays would be good, a line in a plane, at 2.4 times its claim
+LEAST_EXTENT = 0.5
 
 
 def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
@@ -222,7 +224,8 @@ def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
     D, index = positions.shape[1], np.flatnonzero(np.repeat(healthy, positions.shape[1]))
     x = positions[healthy] - positions[healthy].mean(axis=0)
     along, extents, axes = np.linalg.svd(x, full_matrices=False)
-    inverse = (along / np.maximum(extents, LEAST_EXTENT * extents[0])).T  # of x in its own axes
+    least = (LEAST_EXTENT if estimate.by_windows else 1e-9) * extents[0]
+    inverse = (along / np.maximum(extents, least)).T  # of x in its own axes
     fit = np.kron(inverse, axes)  # (D D, N D)
     fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
     return float(np.sqrt(np.linalg.eigvalsh(fit @ covariance[np.ix_(index, index)] @ fit.T)[-1]))
