@@ -32,10 +32,16 @@ from .state import (
 
 
 def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -> State:
-    """Return `state` with power and channel noise after one round of their fixed point."""
-    power = np.array(state.model.power)
+    """Return `state` with power and channel noise after one round of their fixed point.
+
+    Beside short windows the positions are not those that explain the long rows best: what is left of a channel then
+    says nothing of its noise, which stays.
+    """
+    power, model = np.array(state.model.power), state.model
     power[used] = updated_power(chosen, terms)
-    return replace(state, model=replace(state.model, power=power, channel_noise=updated_channel_noise(chosen, terms)))
+    kept = model.window_positions is not None
+    channel_noise = model.channel_noise if kept else updated_channel_noise(chosen, terms)
+    return replace(state, model=replace(model, power=power, channel_noise=channel_noise))
 
 
 # modes, evenly taken, to estimate the noise from, at most; with all, the error of 1 of 22 arrays grows from 36 to 54

@@ -359,7 +359,8 @@ def with_windows(problem: Problem, state: State) -> State | None:
         window_precision=term.precision / ratio,
         tempering=model.tempering * claim.excess * ratio,
     )
-    x = frozen_array(term.positions, float)
+    # Given positions have led to the right basin, and stay in place.
+    x = state.positions if len(problem.known) else frozen_array(term.positions, float)
     progress = replace(state.progress, rounds=0, steps=0)
     return refined(problem, replace(state, positions=x, shape=x, model=fitted, progress=progress))
 
