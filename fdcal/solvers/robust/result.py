@@ -1,21 +1,6 @@
 """What the likelihood solver has found, as `fdcal.solvers.interface.Estimate`.
 
-    H      Gauss-Newton matrix of cost and priors over everything that is free;  P = H^-1, the covariance by the model
-    g_b    gradient of a block of neighbouring frequencies of a take, or of the arrivals of a take, less their mean;
-           H_b its part of H
-
-H takes the field as `WEAKER_FIELD` times as powerful, which weakens the prior of an isotropic field: what becomes
-uncertain rests on that prior and not on the wave equation. Without given positions the covariance is that of the array
-without its rigid motions; in the frame of the least gauge, of the array moved into it.
-
-A room is not the random field of the model, and its blocks disagree by more, or less, than H says. The sandwich of
-their gradients measures it (Huber 1967, White 1980), with the leverage of each block corrected as by leaving it out
-(MacKinnon and White 1985):
-
-    J = sum_b H^-1 g_b g_b^T (H - H_b)^-1,    Q = P (sum_b H_b) P,    dispersion = tr J / tr Q
-
-over the coordinates of the microphones whose channels are healthy. Where the model holds, J is Q on average: the part
-of P that is the error of the data. The rest is the error of what the priors state, which blocks cannot show.
+The covariance of the positions is that of `spread`.
 
 Given positions and pressures agree if the array without given positions is hardly likelier:
 

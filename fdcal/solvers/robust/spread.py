@@ -16,6 +16,8 @@ their gradients measures it (Huber 1967, White 1980), with the leverage of each 
 
 over the coordinates of the microphones whose channels are healthy. Where the model holds, J is Q on average: the part
 of P that is the error of the data. The rest is the error of what the priors state, which blocks cannot show.
+
+Beside short windows (`windows`) the likelihood counts no more than it claims, and H takes the field as it is.
 """
 
 from collections.abc import Iterator
