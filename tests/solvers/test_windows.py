@@ -7,8 +7,13 @@ import pytest
 
 import fdcal
 from fdcal.model.gauge import align, rigid_motions
+from fdcal.model.settings import SolverSettings
 from fdcal.recordings.importer import ImportOptions, measurement_of_takes
 from fdcal.recordings.recording import recording_of
+from fdcal.solvers import robust
+from fdcal.solvers.robust.objective import in_unit_power
+from fdcal.solvers.robust.schedule import with_windows
+from fdcal.solvers.robust.state import FINAL
 from fdcal.solvers.robust.windows import WindowTerm, usable
 
 RATE, SOUND = 8000, 343.2
@@ -89,7 +94,6 @@ def test_short_windows_find_what_few_long_rows_of_a_room_leave_open(heard):
     measurement, x = heard
     alone = fdcal.calibrate(replace(measurement, windows=None))
     beside = fdcal.calibrate(measurement)
-    print(rms(beside.positions, x), rms(alone.positions, x), beside.uncertainty, beside.verdict, beside.converged)
     assert rms(beside.positions, x) < 0.006 < rms(alone.positions, x)
     claimed = float(np.sqrt(np.mean(beside.uncertainty**2)))
     assert rms(beside.positions, x) < 2.5 * claimed and beside.converged
@@ -103,3 +107,19 @@ def test_windows_do_not_count_for_few_microphones_or_an_array_that_sound_crosses
     assert not usable(problem, x, np.arange(8) < 4)
     assert not usable(replace(problem, windows=None), x, every)
     assert not usable(replace(problem, dimension=2), x, every)
+
+
+def test_delays_that_all_channels_share_leave_the_windows_and_one_of_a_faulty_channel_does_not(heard):
+    problem = in_unit_power(heard[0].problem())
+    state = robust.init(problem, SolverSettings(modes=len(problem.frequencies)), 0, heard[1])
+    every = np.tile([0.05, 0.0], (8, 1))  # metres, more than a window's
+
+    def fitted(delay_sigma: float, filters: np.ndarray):
+        model = replace(state.model, filters=filters, delay_sigma=delay_sigma)
+        return with_windows(problem, replace(state, model=model, progress=replace(state.progress, stage=FINAL)))
+
+    assert fitted(0.01, every).model.window_positions is not None
+    assert fitted(0.0, every) is None
+    one = fitted(0.0, every * (np.arange(8) == 3)[:, None])
+    counted = np.diag(one.model.window_precision).reshape(8, 3) > 0
+    assert np.array_equal(np.flatnonzero(~counted.any(axis=1)), [3])

@@ -345,7 +345,8 @@ def with_windows(problem: Problem, state: State) -> State | None:
     """
     model = state.model
     heard = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
-    heard &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
+    if model.delay_sigma == 0:  # otherwise small arrays put errors of their size into the delays of all channels
+        heard &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
     if is_noiseless(problem, state) or not windows.usable(problem, state.positions, heard):
         return None
     term = windows.window_term(problem, state.positions, state.offsets[:, 1], heard)
