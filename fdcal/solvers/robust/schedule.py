@@ -343,11 +343,13 @@ def with_windows(problem: Problem, state: State) -> State | None:
     It begins where the windows have found the array. The likelihood of the long rows then counts as much as its
     covariance claims.
     """
+    if problem.windows is None:
+        return None
     model = state.model
     heard = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
     if model.delay_sigma == 0:  # otherwise small arrays put errors of their size into the delays of all channels
         heard &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
-    if is_noiseless(problem, state) or not windows.usable(problem, state.positions, heard):
+    if not windows.usable(problem, state.positions, heard) or is_noiseless(problem, state):
         return None
     term = windows.window_term(problem, state.positions, state.offsets[:, 1], heard)
     if term is None:
