@@ -17,6 +17,7 @@ MAX_GROUPS = 120  # of all takes together
 MIN_WINDOWS = 30
 SPACING = 1.5  # of the frequencies, over that of independent ones, 1 / WINDOW
 LOWEST, HIGHEST = 100.0, 4000.0  # Hz, unless another band is asked for
+OCTAVE = 2.0  # least ratio of the ends of the band
 QUIET = 1e-3  # of the mean power at a frequency; a window with less is in a gap
 ONSET = 0.3  # of the peak, where the direct sound begins
 OVER_NOISE = 4.0  # power over that of the end of the recording, where an impulse response ends
@@ -26,7 +27,9 @@ SHORTEST = 0.2  # seconds after the onset that count in any case
 def short_windows(
     recording: Recording, kind: str, options: ImportOptions, takes: int = 1, number: int = 0
 ) -> ShortWindows | None:
-    """Return the windows of a take; None where none are wanted, of a plate, a recording too short, or many channels.
+    """Return the windows of a take; None where none are wanted, or it cannot have any.
+
+    That is a plate, more than MAX_COUNT channels, and a recording that is too short or holds low frequencies alone.
 
     kind : one of `fdcal.recordings.recording.KINDS`; takes, number : how many takes there are, and which one this is:
     each has frequencies of its own. Raises InputError for a band that the recording cannot hold.
@@ -34,6 +37,8 @@ def short_windows(
     if options.dimension != 3 or options.windows == "none" or recording.count > MAX_COUNT:
         return None
     band = _band(recording, options)
+    if options.windows == "auto" and band[1] < OCTAVE * band[0]:  # the recording holds lower frequencies
+        return None
     fs, n = recording.sample_rate, int(WINDOW * recording.sample_rate)
     first, last = (0, recording.samples - n) if kind == "stationary" else _decay(recording, n)
     if last <= first:

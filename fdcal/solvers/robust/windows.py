@@ -35,8 +35,8 @@ MODEL_EXCESS = 4.0
 # noise as a part of the power of a channel, and its delay times the sound speed, metres, from which on its windows do
 # not count
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
-STAGES = (600.0, 1500.0)  # Hz, highest frequencies of the first stages
-START_BAND = 2000.0  # Hz, highest frequency of the start by coherence
+STAGES = (11.0, 27.5)  # rad/m, greatest wavenumbers of the first stages: 600 and 1500 Hz in air
+START_BAND = 36.7  # rad/m, greatest wavenumber of the start by coherence: 2 kHz in air
 MAX_STEP = 0.25  # longest move of a microphone in a step, over the shortest wavelength
 STEPS, LAST_STEPS = 25, 40  # at most
 DECREASE, LAST_DECREASE = 1.0, 0.02  # nats, at which a stage ends
@@ -143,7 +143,7 @@ def _coherent(likelihood: ShortLikelihood, axes: int) -> np.ndarray | None:
     """Positions (N, axes), metres, by the coherence of the windows; None where it shows no array."""
     count = likelihood.pressures.shape[1]
     p, k = likelihood.pressures.reshape(-1, likelihood.pressures.shape[2]), np.repeat(likelihood.wavenumbers, count)
-    kept = np.any(p, axis=1) & (k <= 2 * np.pi * START_BAND / 343.0)
+    kept = np.any(p, axis=1) & (k <= START_BAND)
     p, k = p[kept], k[kept]
     try:
         return coherence_start(p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1))[:, None], k, None, 3, axes)
@@ -166,7 +166,7 @@ def fitted(
     for positions, stages in [*((start, STAGES) for start in starts), (found, STAGES[1:])]:
         field, cost = first_field(positions, T), np.inf
         for top in stages:
-            kept = k <= max(2 * np.pi * top / 343.0, lowest)
+            kept = k <= max(top, lowest)
             part = replace(
                 likelihood, wavenumbers=k[kept], takes=likelihood.takes[kept], pressures=likelihood.pressures[kept]
             )
