@@ -116,6 +116,12 @@ def press(page, name):
                 raise
 
 
+def trigger(button):
+    """Press a button without waiting for it to stand still: on a busy machine a page may get no frame for a minute."""
+    button.wait_for()
+    button.evaluate("element => element.click()")
+
+
 def slider(page, label):
     number = page.get_by_text(label, exact=True).get_attribute("for")
     return page.locator(f"[id='{number}']").get_by_role("slider")

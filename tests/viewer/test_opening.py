@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import COARSE, choose, serving_here, tab, unhurried
+from browsing import COARSE, choose, serving_here, tab, trigger, unhurried
 
 from fdcal.viewer import opening
 from fdcal.viewer.explore import INVITATION, summed_text
@@ -144,7 +144,7 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
     first = opened(browser, url)
     first.evaluate("fdcalFilm.hold()")
     assert first.evaluate(WORDS) == "One frequency: 8 places fit", "before any message of the server"
-    first.get_by_role("button", name="Skip").click()
+    trigger(first.get_by_role("button", name="Skip"))
     first.locator("#fdcal [data-do=play]").wait_for()
     first.wait_for_function(LEFT)
     first.wait_for_function("location.hash.includes('modes=92') && location.hash.includes('relief')")
@@ -165,7 +165,7 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
     second.keyboard.press("Shift")
     assert second.evaluate(f"{FILM}.className") == "", "a key that types nothing is no touch"
 
-    first.get_by_role("button", name="3-D", exact=True).click()
+    trigger(first.get_by_role("button", name="3-D", exact=True))
     angle = "window.__viserMutable.cameraControl.polarAngle"
     while first.evaluate(angle) < 1.4:  # a face that has just changed may place the camera once more
         first.mouse.move(30, 200)
@@ -174,14 +174,14 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
         first.mouse.up()
         first.wait_for_timeout(500)
     assert first.evaluate(angle) < np.pi / 2, "above the floor"
-    first.get_by_role("button", name="3-D", exact=True).click()
+    trigger(first.get_by_role("button", name="3-D", exact=True))
     first.wait_for_function(f"{angle} < 1")
-    first.get_by_role("button", name="Expert", exact=True).click()
+    trigger(first.get_by_role("button", name="Expert", exact=True))
     tab(first, "Map")
     choose(first, "Show", "No map")
     first.wait_for_function("location.hash.includes('map=none')")
 
-    second.get_by_role("button", name="Now you").click()
+    trigger(second.get_by_role("button", name="Now you"))
     second.locator(FILM_NODE).wait_for(state="detached")  # there is no map that it could give way to
     second.wait_for_function("location.hash.includes('microphone=0')")
     assert first.evaluate("document.documentElement.dataset.mantineColorScheme") == "light", "its own user's"
