@@ -13,6 +13,7 @@ is left out, and computed when the solver rests.
 
 import collections
 import contextlib
+import functools
 import itertools
 import logging
 import queue
@@ -21,7 +22,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 
@@ -29,6 +30,8 @@ from .. import solvers
 from ..model.address import Unit
 from ..model.validation import InputError, frozen_array
 from ..solvers.interface import RunState, bounded
+
+P = ParamSpec("P")
 
 COST_TIME = 0.25  # of the time of the steps that costs may take while the solver runs
 MAX_FILLED = 300  # states, evenly spaced over a run, whose cost is computed when the solver rests
@@ -88,27 +91,6 @@ class StateCosts:
 MAX_STATES = 4000  # of a run that are kept, about 6 kB each; beyond it every second one is dropped
 
 
-class History(Sequence):
-    """The first `count` entries of a list that is only appended to: a frozen sequence without a copy.
-
-    `lineage` is one object for all histories of a run; a reset, or continuing from an earlier state, makes a new one.
-    """
-
-    __slots__ = ("_count", "_states", "lineage")
-
-    def __init__(self, states: list, count: int, lineage: object = None):
-        self.lineage = states if lineage is None else lineage
-        self._states, self._count = states, count
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __getitem__(self, index: int | slice) -> Any:
-        if isinstance(index, slice):
-            return self._states[: self._count][index]
-        return self._states[range(self._count)[index]]
-
-
 def thinned(states: Sequence) -> list:
     """Return about half of the states: the first, the last, the first of every stage, every second of the others."""
     last = len(states) - 1
@@ -132,35 +114,24 @@ class SessionView:
 
     state: Any  # the solver state at `index`
     index: int  # place in the history that is shown; the run continues from there
-    count: int  # number of states in the history
-    running: bool  # whether steps are being taken
-    error: str  # the last exception of the solver, "" if there is none
-    history: History  # oldest first
+    history: tuple = field(compare=False)  # states, oldest first
+    running: bool = False  # whether steps are being taken
+    error: str = ""  # the last exception of the solver, "" if there is none
+    # one object for all histories of a run; a reset, or continuing from an earlier state, makes a new one
+    lineage: object = field(default_factory=object, compare=False)
     costs: StateCosts = field(default_factory=StateCosts, compare=False)  # of the states in the history
     refused: InputError | None = None  # why the last command was refused, which changed nothing
+
+    @property
+    def count(self) -> int:
+        """Number of states in the history."""
+        return len(self.history)
 
     @property
     def cost(self) -> float:
         """Cost of the state by the reference cost, dB; in a run or a drag perhaps that of a state just before."""
         state = self.history[self.index]
         return self.costs.of(state) if self.costs.knows(state) else self.costs.newest
-
-
-@dataclass(frozen=True)
-class Command:
-    """A method of `SolverRun` by its name, and its arguments; "close" ends the thread."""
-
-    name: str
-    arguments: tuple = ()
-
-    def replaces(self, before: "Command") -> bool:
-        """Return whether the command `before` need not be done, since this one follows."""
-        if self.name == before.name == "place":  # of the same microphone in the same gesture
-            return self.arguments[::2] == before.arguments[::2]
-        return self.name == before.name and self.name in NEWEST_ONLY
-
-
-NEWEST_ONLY = ("seek", "use_modes", "pace")  # of several such commands in a row only the last counts
 
 
 log = logging.getLogger(__name__)
@@ -194,49 +165,47 @@ class SolverRun:
         self._gesture: object = None  # the gesture that the last state came from, if the user placed a microphone
         self.pause_between_steps = 0.0
         self.spent = collections.deque([0.0], maxlen=3)  # s of the processor, by the last steps
-        history = History(self._states, count)
         self._costs.compute(self._states[index])
-        self.view = SessionView(self._states[index], index, count, False, "", history, self._costs)
+        self.view = SessionView(self._states[index], index, tuple(self._states), costs=self._costs)
 
-    def guarded(self, function: Callable, *arguments) -> None:
-        """Call a function; an exception pauses the run and is shown in the view."""
+    def execute(self, method: Callable, *arguments, **named) -> None:
+        """Call a method of this class; an exception pauses the run and is shown in the view.
+
+        A command, unlike a step, that asks for what cannot be changes nothing, and the view says why.
+        """
+        before, is_command = self._reached, method is not SolverRun.advance
+        if is_command:
+            self.view = replace(self.view, refused=None)
         try:
-            function(*arguments)
+            method(self, *arguments, **named)
         except Exception as error:
+            if is_command and isinstance(error, InputError):
+                self._reached = before
+                self._publish(refused=error)
+                return
             log.exception("the solver stopped at state %d", self.view.index)
             self._reached = None
             self._publish(running=False, error=f"{type(error).__name__}: {error}")
-
-    def execute(self, command: Command) -> None:
-        """Carry out a command; one that asks for what cannot be changes nothing, and the view says why."""
-        before = self._reached
-        self.view = replace(self.view, refused=None)
-        try:
-            getattr(self, command.name)(*command.arguments)
-        except InputError as error:
-            self._reached = before
-            self._publish(refused=error)
 
     def _publish(self, **changes) -> None:
         self.view = replace(self.view, **changes)
         self._on_change()
 
     def _keep(self, states: list, error: str = "", lineage: object = None, dragged: bool = False) -> None:
-        """Show the last of `states`. Published lists are only appended to, never cut.
+        """Show the last of `states`, of a new lineage unless it is given.
 
         The cost of a state that the next move of a drag will replace is computed when there is time.
         """
-        self._states, count = states, len(states)
-        self._gesture = None
+        self._states, self._gesture = states, None
         if self._reached is None and not dragged:
             self._costs.compute(states[-1])
         self._publish(
             state=states[-1],
-            index=count - 1,
-            count=count,
+            index=len(states) - 1,
             running=self._reached is not None,
             error=error,
-            history=History(states, count, lineage),
+            history=tuple(states),
+            lineage=lineage or object(),
         )
 
     def advance(self) -> None:
@@ -257,10 +226,10 @@ class SolverRun:
             return
         states = self._states if len(self._states) < MAX_STATES else thinned(self._states)
         states.append(state)
-        self._keep(states, lineage=view.history.lineage)
+        self._keep(states, lineage=view.lineage)
 
     def play(self) -> None:
-        """Run until paused or finished."""
+        """Run until `pause` or until the solver has finished."""
         self._reached = lambda state: False
         self._publish(running=True, error="")
 
@@ -274,8 +243,8 @@ class SolverRun:
         self._costs.compute(self.view.state)
         self._publish(running=False)
 
-    def advance_by(self, unit: Unit, count: int) -> None:
-        """Run until the number of the state's step, sweep or stage has risen by `count`; the first step at once."""
+    def step(self, count: int = 1, unit: Unit = "step") -> None:
+        """Take `count` steps, or run until the number of the sweep or stage has risen by it or the solver ends."""
         end = getattr(self.view.state, unit) + count
         self._reached = lambda state: getattr(state, unit) >= end
         if unit == "step":
@@ -283,8 +252,8 @@ class SolverRun:
         else:
             self._publish(running=True, error="")
 
-    def reset(self, seed: int | None, settings=None) -> None:
-        """Restart, with `seed` or the last one used, and perhaps with other `settings`."""
+    def reset(self, seed: int | None = None, settings=None) -> None:
+        """Restart, with `seed` or the last one used, and perhaps with other `settings`, another solver included."""
         seed, module = self._seed if seed is None else int(seed), self._module
         if settings is None:
             settings = self._settings
@@ -295,14 +264,17 @@ class SolverRun:
         self._keep([state])
 
     def seek(self, index: int) -> None:
-        """Show state `index` of the history, clipped to it, and pause."""
+        """Show state `index` of the history (clipped to it) and pause; continuing from there drops the later ones."""
         self._reached = self._gesture = None
         index = min(max(index, 0), len(self._states) - 1)
         self._costs.compute(self._states[index])
         self._publish(state=self._states[index], index=index, running=False)
 
     def use_modes(self, first: int, last: int, automatic: bool) -> None:
-        """Replace the state that is shown: a slider that is dragged must not fill the history."""
+        """Set the modes in use (counted from 1, inclusive) and whether the solver adds more.
+
+        This replaces the state that is shown: a slider that is dragged must not fill the history.
+        """
         state = self._module.use_modes(self._problem, self.view.state, first, last, automatic)
         self._keep([*self._states[: self.view.index], state])
 
@@ -319,6 +291,16 @@ class SolverRun:
         self._gesture = gesture
 
 
+def command(method: Callable[Concatenate[SolverRun, P], None]) -> Callable[Concatenate["Session", P], None]:
+    """Return the method of a session that has its thread call a method of `SolverRun`."""
+
+    def request(self: "Session", *arguments: P.args, **named: P.kwargs) -> None:
+        self._commands.put((method, arguments, named))
+
+    return functools.update_wrapper(request, method)
+
+
+NEWEST_ONLY = (SolverRun.seek, SolverRun.use_modes, SolverRun.pace)  # of several in a row only the last counts
 YIELD_TIME = 0.15  # s without a step after a request of the user
 
 
@@ -341,13 +323,17 @@ class Session:
         reference_cost: Callable[..., float] | None = None,
         yield_time: float = YIELD_TIME,
     ):
-        self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self._commands: queue.SimpleQueue[tuple | None] = queue.SimpleQueue()  # None ends the thread
         self._yield_time, self._yield_from, self._yield_to = yield_time, 0.0, 0.0  # s, readings of `time.monotonic`
         self._changed = threading.Condition()
         self._stepped = 0.0  # reading of `time.monotonic` at the last step
         self._run = SolverRun(problem, settings, seed, module, states, index, self._notify, StateCosts(reference_cost))
         self._thread = threading.Thread(target=self._serve, name="fdcal-solver", daemon=True)
         self._thread.start()
+
+    play, pause, step = command(SolverRun.play), command(SolverRun.pause), command(SolverRun.step)
+    pace, reset = command(SolverRun.pace), command(SolverRun.reset)
+    seek, use_modes = command(SolverRun.seek), command(SolverRun.use_modes)
 
     @property
     def view(self) -> SessionView:
@@ -359,22 +345,6 @@ class Session:
         """Processor time of a step, s: the minimum of the last three, since one may have been compiled meanwhile."""
         return min(self._run.spent.copy())
 
-    def play(self) -> None:
-        """Run until `pause` or until the solver has finished."""
-        self._put("play")
-
-    def pause(self) -> None:
-        """Stop after the present step."""
-        self._put("pause")
-
-    def step(self, count: int = 1, unit: Unit = "step") -> None:
-        """Take `count` steps, or run until the number of the sweep or stage has risen by it or the solver ends."""
-        self._put("advance_by", unit, int(count))
-
-    def pace(self, rate: float) -> None:
-        """Take at most `rate` steps per second while running; 0 stands for no limit."""
-        self._put("pace", float(rate))
-
     def yield_to_ui(self) -> None:
         """Begin no step for `yield_time` seconds, so that the user interface can respond to the user.
 
@@ -384,44 +354,24 @@ class Session:
         self._yield_from = now if now > self._yield_to else self._yield_from
         self._yield_to = now + self._yield_time
 
-    def reset(self, seed: int | None = None, settings=None) -> None:
-        """Restart, with `seed` or the last one used, and perhaps with other `settings`, another solver included."""
-        self._put("reset", seed, settings)
-
     def place(self, microphone: int, position, gesture: object = None) -> None:
         """Move a microphone to `position`, metres, its first coordinates or all of them, and pause.
 
         Moves of one `gesture` (any object but None) make one state of the history.
         """
         self.yield_to_ui()
-        self._put("place", int(microphone), tuple(map(float, position)), gesture)
-
-    def seek(self, index: int) -> None:
-        """Show state `index` of the history (clipped to it) and pause; continuing from there drops the later ones."""
-        self._put("seek", int(index))
-
-    def use_modes(self, first: int, last: int, automatic: bool) -> None:
-        """Set the modes in use (counted from 1, inclusive) and whether the solver adds more."""
-        self._put("use_modes", int(first), int(last), bool(automatic))
-
-    @property
-    def alive(self) -> bool:
-        """Whether the solver thread still runs."""
-        return self._thread.is_alive()
+        self._commands.put((SolverRun.place, (int(microphone), tuple(map(float, position)), gesture), {}))
 
     def close(self, timeout: float = 2.0) -> bool:
         """End the thread after the present step; return False if that takes longer than `timeout` seconds."""
-        self._put("close")
+        self._commands.put(None)
         self._thread.join(timeout)
-        return not self.alive
+        return not self._thread.is_alive()
 
     def wait_for(self, predicate: Callable[[SessionView], bool], timeout: float | None = None) -> bool:
         """Block until `predicate(view)` is true; return False if it is not within `timeout` seconds."""
         with self._changed:
             return self._changed.wait_for(lambda: predicate(self._run.view), timeout)
-
-    def _put(self, name: str, *arguments) -> None:
-        self._commands.put(Command(name, arguments))
 
     # Below: the solver thread alone.
 
@@ -431,15 +381,16 @@ class Session:
 
     def _serve(self) -> None:
         while True:
-            for command in self._pending():
-                if command.name == "close":
+            for waiting in self._pending():
+                if waiting is None:
                     self._run.pause()
                     return
-                self._run.guarded(self._run.execute, command)
+                method, arguments, named = waiting
+                self._run.execute(method, *arguments, **named)
             view = self.view
             if time.monotonic() >= self._no_step_before:
                 if view.running:
-                    self._run.guarded(self._run.advance)
+                    self._run.execute(SolverRun.advance)
                     self._stepped = self._yield_from = time.monotonic()
                 elif missing := view.costs.missing(view.history):  # left out while the solver ran or in a drag
                     view.costs.compute(missing[0])
@@ -451,7 +402,7 @@ class Session:
         """Reading of `time.monotonic` until which the solver yields to the user interface."""
         return min(self._yield_to, self._yield_from + 2 * self._yield_time)
 
-    def _pending(self) -> list[Command]:
+    def _pending(self) -> list[tuple | None]:
         """Return the commands that wait, without those that a later one replaces.
 
         When idle, or before the next step is due, block for one.
@@ -461,11 +412,16 @@ class Session:
             timeout = max(self._stepped + self._run.pause_between_steps, self._no_step_before) - time.monotonic()
         elif view.costs.missing(view.history):
             timeout = self._no_step_before - time.monotonic()
-        commands: list[Command] = []
+        commands: list[tuple | None] = []
         with contextlib.suppress(queue.Empty):
             if timeout is None or timeout > 0:
                 commands.append(self._commands.get(timeout=timeout))
             while True:
                 commands.append(self._commands.get_nowait())
-        pairs = itertools.zip_longest(commands, commands[1:])
-        return [command for command, after in pairs if after is None or not after.replaces(command)]
+
+        def replaced(one: tuple | None, after: tuple | None) -> bool:
+            if one is None or after is None or one[0] is not after[0]:
+                return False  # a move is replaced by one of the same microphone in the same gesture
+            return one[0] in NEWEST_ONLY or (one[0] is SolverRun.place and one[1][::2] == after[1][::2])
+
+        return [one for one, after in itertools.zip_longest(commands, commands[1:]) if not replaced(one, after)]

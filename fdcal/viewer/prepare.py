@@ -177,7 +177,7 @@ class PreparedRun:
         Settings and seed are those of the states, which a reset may have changed.
         """
         scene, seed = replace(self.scene, solver=view.state.settings), view.state.seed
-        return OpenRequest(scene, seed, self.measurement, tuple(view.history), view.index, choices)
+        return OpenRequest(scene, seed, self.measurement, view.history, view.index, choices)
 
     @property
     def anchor(self) -> Reals | None:

@@ -88,8 +88,8 @@ class VerdictWorker:
 
         `found`: the assessment of its state, or None.
         """
-        if found is not None or view.history.lineage is not self._lineage:
-            self._lineage = view.history.lineage
+        if found is not None or view.lineage is not self._lineage:
+            self._lineage = view.lineage
             self._sought = healthy_microphones(self._run.sought, self._run.measurement.names, found)
         return self._sought
 

@@ -15,7 +15,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError, StorageError
-from fdcal.session.session import COST_TIME, Command, Session, SolverRun, StateCosts
+from fdcal.session.session import COST_TIME, Session, SolverRun, StateCosts
 from fdcal.session.worker import LatestWorker, WakeEvent
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
@@ -200,19 +200,19 @@ def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, c
     for _ in range(150):
         first, last = sorted(rng.integers(1, rows + 1, 2).tolist())
         command = [
-            Command("use_modes", (first, last, bool(rng.integers(2)))), Command("pause"),
-            Command("use_modes", (1, int(rng.integers(1, 8)), False)), Command("play"),
-            Command("advance_by", ("step", 1)), Command("advance_by", ("sweep", 1)),
-            Command("seek", (int(rng.integers(9)),)), Command("reset", (int(rng.integers(3)),)),
-            Command("place", (int(rng.integers(count)), tuple(rng.uniform(-1, 2, 2).tolist()), None)),
+            (SolverRun.use_modes, first, last, bool(rng.integers(2))), (SolverRun.pause,),
+            (SolverRun.use_modes, 1, int(rng.integers(1, 8)), False), (SolverRun.play,),
+            (SolverRun.step, 1, "step"), (SolverRun.step, 1, "sweep"),
+            (SolverRun.seek, int(rng.integers(9))), (SolverRun.reset, int(rng.integers(3))),
+            (SolverRun.place, int(rng.integers(count)), tuple(rng.uniform(-1, 2, 2).tolist()), None),
         ][int(rng.integers(9))]  # fmt: skip
         before = run.view
-        run.guarded(run.execute, command)
+        run.execute(*command)
         if run.view.refused:
             refused += 1
             assert run.view.state is before.state and run.view.running == before.running, command
         if run.view.running:
-            run.guarded(run.advance)
+            run.execute(SolverRun.advance)
         state = run.view.state
         assert not run.view.error and not caplog.records, (command, run.view.error)
         assert np.all(np.isfinite(state.positions)) and 1 <= state.first <= state.last <= rows
@@ -374,12 +374,12 @@ def test_a_long_run_keeps_a_bounded_history(make, monkeypatch):
 
     monkeypatch.setattr(module, "MAX_STATES", 8)
     session = make(Counter())
-    before = session.view.history.lineage
+    before = session.view.lineage
     session.play()
     assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
     view = session.view
     steps = [state.step for state in view.history]
-    assert len(steps) <= 9 and view.index == len(steps) - 1 and view.history.lineage is before
+    assert len(steps) <= 9 and view.index == len(steps) - 1 and view.lineage is before
     assert steps[0] == 0 and steps[-1] == 12 and steps == sorted(set(steps))
     assert 6 in steps, "the first state of a stage stays"
 

@@ -13,7 +13,7 @@ from benchmarks.protocol import CAMERA, connect, messages, send
 from fdcal import solvers
 from fdcal.assessment.calibration import Evidence
 from fdcal.session.calibration_run import Assessment
-from fdcal.session.session import History, SessionView
+from fdcal.session.session import SessionView
 from fdcal.viewer.server.client_values import fits, is_plain
 
 INVALID_VALUES = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2], {"a": 1}, 10**400, b"\x00"]
@@ -91,7 +91,7 @@ class CallRecorder:
 
 
 def view_of(states, **changes) -> SessionView:
-    view = SessionView(states[-1], len(states) - 1, len(states), False, "", History(states, len(states)))
+    view = SessionView(states[-1], len(states) - 1, tuple(states))
     return dataclasses.replace(view, **changes)
 
 

@@ -30,7 +30,6 @@ from fdcal.graphics.heatmap import (
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.settings import Search
-from fdcal.session.session import History
 from fdcal.viewer.cost_maps import map_modes
 from fdcal.viewer.drop import LineHandles
 from fdcal.viewer.gui.binding import BASINS, FLOOR, NOTHING, SHAPE, Binding
@@ -107,8 +106,7 @@ def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
 def step_to(viewer, *states, **changes):
     """Let the session show the last of some states of its run."""
     session = viewer.run.session
-    history = History(list(states), len(states), session.view.history.lineage)
-    changes = {"index": len(states) - 1, "count": len(states), "history": history, **changes}
+    changes = {"index": len(states) - 1, "history": states, **changes}
     session.view = dataclasses.replace(session.view, state=states[-1], **changes)
 
 

@@ -136,7 +136,7 @@ def test_another_scene_replaces_the_first(tiny_page, scene):
     assert choices.style.dark and not choices.style.log and choices.trails
     assert choices.microphone == 9 and choices.modes == (2,) and session.view.state.seed == 5
     assert page.panels.tabs == tabs and page.viewer.tabs.map.microphone.value == 9
-    assert not first.session.alive and session.alive
+    assert first.session.close(0.0)
     session.step()
     turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
 

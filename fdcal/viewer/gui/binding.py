@@ -110,7 +110,7 @@ class Choices:
         state, order = view.state, self.map_order
         return CostMapRequest(
             revision, microphone, map_modes(run, state, self.modes, order, self.take), order, self.modes is not None,
-            replace(self.style, opacity=1.0), follow, state, view.history.lineage, self.take,
+            replace(self.style, opacity=1.0), follow, state, view.lineage, self.take,
         )  # fmt: skip
 
     def to_save(self) -> dict[str, Any]:

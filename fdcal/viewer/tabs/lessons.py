@@ -89,7 +89,7 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
             act(getattr(setting, name))
 
 
-def show_frame(session: Session, address: Mapping[str, str], states: list) -> None:
+def show_frame(session: Session, address: Mapping[str, str], states: Sequence) -> None:
     """Show the state of a run that an address names; one that the run has not come to is run to, from its last state.
 
     `states`: of the run so far.
