@@ -1,6 +1,6 @@
 """A calibration as text: the JSON of a result file, CSV of positions and of gains; and as a table of pandas.
 
-`Keys` declares every key with its type and its shape; what a solver does not find has no key. Keys that are not
+`ResultTable` declares every key with its type and its shape; what a solver does not find has no key. Keys that are not
 declared are ignored. A file carries its version, and another one is refused.
 """
 
@@ -10,10 +10,10 @@ import json
 import re
 import sys
 from collections.abc import Iterable
-from dataclasses import asdict, fields
+from dataclasses import fields
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypedDict, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import msgspec
 import numpy as np
@@ -31,11 +31,13 @@ LARGEST = sys.float_info.max
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]  # neither NaN nor infinite
 Vector = Annotated[list[Number], msgspec.Meta(min_length=1)]
 Matrix = Annotated[list[Vector], msgspec.Meta(min_length=1)]
-Place = Annotated[list[Number], msgspec.Meta(min_length=2, max_length=3)]
+Place = Annotated[tuple[Number, ...], msgspec.Meta(min_length=2, max_length=3)]
 Positions = Annotated[list[Place], msgspec.Meta(min_length=1)]
 # Shapes stand last in an annotation: N microphones, D coordinates.
 OfEachMicrophone = Annotated[Vector, "N"]
 OfEachAxis = Annotated[Vector, "D"]
+ABSENT: Any = None  # a key that the file does not have; null is not of the type of such a key
+VERSION = 1  # of a result file
 
 
 class Symmetry(msgspec.Struct):
@@ -43,16 +45,6 @@ class Symmetry(msgspec.Struct):
 
     map: str
     positions: Positions
-
-
-class FaultRow(msgspec.Struct, forbid_unknown_fields=True):
-    """A `ChannelFault`, of which every key must be there."""
-
-    name: str
-    kind: str
-    value: Number | None
-    unit: Literal["", "dB", "degrees", "s", "Hz", "m"]
-    partner: str | None
 
 
 class GivenRow(msgspec.Struct, forbid_unknown_fields=True):
@@ -70,79 +62,77 @@ class CheckRow(msgspec.Struct):
     """What is read of the comparison with a list: whether it fits, and at whose place each microphone stands."""
 
     fits: bool
-    order: list[str]
+    order: tuple[str, ...]
 
 
-class RequiredKeys(TypedDict):
-    """Keys of every result; null where the true positions are unknown."""
+# Keys of attributes of `Calibration`, `Evidence` and `Channels` that are called otherwise there.
+RENAMED = {
+    "elapsed": "elapsed_s", "mean_error": "mean_error_m", "max_error": "max_error_m", "rms_error": "rms_error_m",
+    "errors": "errors_m", "uncertainty": "uncertainty_m", "covariance": "covariance_m2",
+    "leave_one_out_db": "left_out_db", "microphones_db": "left_out_microphones_db",
+    "frequencies_db": "left_out_frequencies_db", "faults": "odd_channel_details", "given": "given_positions",
+    **{name: f"channel_{name}" for name in CHANNEL_NUMBERS},
+}  # fmt: skip
 
-    fdcal_result: int
+
+class ResultTable(msgspec.Struct, rename=RENAMED):
+    """All keys; those without a default are in every file. `room` to `symmetries` are of solver "room"."""
+
     positions: Annotated[Positions, "ND"]
     solver: str
     seed: int
     frequencies: Vector
     cost: Number
     sweeps: int
-    elapsed_s: Number
+    elapsed: Number
     converged: bool
-    mean_error_m: Number | None
-    max_error_m: Number | None
+    mean_error: Number | None  # null where the true positions are unknown
+    max_error: Number | None
+    fdcal_result: int = VERSION
+    names: Annotated[tuple[str, ...], "N"] = ABSENT
+    known: tuple[str, ...] = ABSENT
+    excluded: tuple[str, ...] = ()
+    aligned: bool = False
+    errors: Annotated[Vector | None, "N"] = None
+    sound_speed: Number = ABSENT
+    sound_speed_sigma: Number = ABSENT
+    verdict: str = ""
+    verdict_text: str = ""
+    uncertainty: OfEachMicrophone = ABSENT
+    covariance: Annotated[list[Matrix], "NDD"] = ABSENT
+    rms_error: Number | None = None
+    cost_db: Number = ABSENT
+    residual_to_noise: Number = ABSENT
+    leave_one_out_db: Number = ABSENT
+    microphones_db: OfEachMicrophone = ABSENT
+    frequencies_db: Vector = ABSENT
+    noise_to_given: Number = ABSENT
+    room: OfEachAxis = ABSENT
+    source: OfEachAxis = ABSENT
+    admittance: tuple[Number, Number] = ABSENT
+    symmetries: list[Symmetry] = ABSENT
+    gain_db: OfEachMicrophone = ABSENT
+    gain_sigma_db: OfEachMicrophone = ABSENT
+    phase_deg: OfEachMicrophone = ABSENT
+    phase_sigma_deg: OfEachMicrophone = ABSENT
+    noise_db: OfEachMicrophone = ABSENT
+    odd_channels: list[str] = ABSENT
+    faults: tuple[ChannelFault, ...] = ABSENT
+    given: list[GivenRow] = ABSENT
+    check: CheckRow = ABSENT
+
+    def part(self, kind: type, **others: Any) -> Any:
+        """Return a dataclass whose fields have the names of keys, except for `others`."""
+        names = {field.name for field in fields(kind)} & {*self.__struct_fields__} - {*others}
+        return kind(**{name: getattr(self, name) for name in names}, **others)
 
 
-class Keys(RequiredKeys, total=False):
-    """All keys; `room` to `symmetries` are of solver "room", `channel_gain_db` and what follows of the others."""
-
-    names: Annotated[list[str], "N"]
-    known: list[str]
-    excluded: list[str]
-    aligned: bool
-    errors_m: Annotated[Vector | None, "N"]
-    sound_speed: Number
-    verdict: str
-    verdict_text: str
-    uncertainty_m: OfEachMicrophone
-    covariance_m2: Annotated[list[Matrix], "NDD"]
-    sound_speed_sigma: Number
-    rms_error_m: Number | None
-    cost_db: Number
-    residual_to_noise: Number
-    left_out_db: Number
-    left_out_microphones_db: OfEachMicrophone
-    left_out_frequencies_db: Vector
-    noise_to_given: Number
-    room: OfEachAxis
-    source: OfEachAxis
-    admittance: tuple[Number, Number]
-    symmetries: list[Symmetry]
-    channel_gain_db: OfEachMicrophone
-    channel_gain_sigma_db: OfEachMicrophone
-    channel_phase_deg: OfEachMicrophone
-    channel_phase_sigma_deg: OfEachMicrophone
-    channel_noise_db: OfEachMicrophone
-    odd_channels: list[str]
-    odd_channel_details: list[FaultRow]
-    given_positions: list[GivenRow]
-    check: CheckRow
-
-
-VERSION = 1  # of a result file
-REQUIRED = tuple(RequiredKeys.__annotations__)
+REQUIRED = {field.encode_name for field in structs.fields(ResultTable) if field.required}
 SHAPES = {
-    key: hint.__metadata__[-1]
-    for key, hint in get_type_hints(Keys, include_extras=True).items()
+    RENAMED.get(name, name): hint.__metadata__[-1]
+    for name, hint in get_type_hints(ResultTable, include_extras=True).items()
     if isinstance(getattr(hint, "__metadata__", (None,))[-1], str)
 }
-# Attributes of each part, and their keys where these are others.
-RENAMED = {
-    "elapsed": "elapsed_s", "mean_error": "mean_error_m", "max_error": "max_error_m", "rms_error": "rms_error_m",
-    "errors": "errors_m", "uncertainty": "uncertainty_m", "covariance": "covariance_m2",
-    "leave_one_out_db": "left_out_db", "microphones_db": "left_out_microphones_db",
-    "frequencies_db": "left_out_frequencies_db",
-}  # fmt: skip
-PARTS = {"evidence", "room", "channels", "run", "order"}
-RESULT = {f.name: RENAMED.get(f.name, f.name) for f in fields(Calibration) if f.name not in PARTS}
-EVIDENCE = {f.name: RENAMED.get(f.name, f.name) for f in fields(Evidence)}
-CHANNELS = {name: f"channel_{name}" for name in CHANNEL_NUMBERS}
 
 
 def result_text(self: Calibration) -> str:
@@ -157,27 +147,21 @@ def result_text(self: Calibration) -> str:
     InputError
         A value is not finite, or an array has the wrong shape.
     """
-    result = self
-    table = {"fdcal_result": VERSION, **{key: getattr(result, name) for name, key in RESULT.items()}}
-    if result.evidence is not None:
-        table |= {key: getattr(result.evidence, name) for name, key in EVIDENCE.items()}
-    if (room := result.room) is not None:
-        table |= {
-            "room": room.size,
-            "symmetries": [{"map": name, "positions": positions} for name, positions in room.symmetries],
-            "source": room.source,
-            "admittance": [room.admittance.real, room.admittance.imag],
-        }
-    if (channels := result.channels) is not None:
-        table |= {key: getattr(channels, name) for name, key in CHANNELS.items()}
-        table["odd_channels"] = [fault.name for fault in channels.faults]
-        table["odd_channel_details"] = [asdict(fault) for fault in channels.faults]
-        table["given_positions"] = [
-            {"name": p.name, "given_m": p.given, "found_m": p.found, "difference_m": p.difference, "sigma_m": p.sigma,
-             "wrong": p.wrong} for p in channels.given
-        ] or None  # fmt: skip
-    kept = {key: value for key, value in table.items() if key in REQUIRED or value is not None}
-    text = json.dumps(kept, indent=1, default=lambda array: array.tolist()) + "\n"
+    channels, room = self.channels, self.room
+    keys = ResultTable.__struct_fields__
+    values = {key: getattr(part, key) for part in (self, self.evidence, channels) for key in keys if hasattr(part, key)}
+    values["room"] = None
+    if room is not None:
+        values |= {"room": room.size, "source": room.source, "admittance": (room.admittance.real, room.admittance.imag)}
+        values["symmetries"] = [Symmetry(name, places.tolist()) for name, places in room.symmetries]
+    if channels is not None:
+        values["odd_channels"] = [fault.name for fault in channels.faults]
+        values["given"] = [
+            GivenRow(p.name, p.given, p.found, p.difference, p.sigma, p.wrong) for p in channels.given
+        ] or None
+    table = msgspec.to_builtins(ResultTable(**values), enc_hook=lambda array: array.tolist())
+    kept = {key: value for key, value in table.items() if value is not None or key in REQUIRED}
+    text = json.dumps(kept, indent=1) + "\n"
     read_result(text, "the result")
     return text
 
@@ -200,33 +184,27 @@ def read_result(text: str | bytes, where: str = "the result") -> Calibration:
     InputError
         `text` is no JSON, or a key is missing or malformed.
     """
-    table = parse_json(text, where)
-    if not isinstance(table, dict):
-        raise InputError(f"{where} must hold one JSON object with the keys {', '.join(REQUIRED)}")
-    if table.get("fdcal_result") != VERSION:
-        found = shown(table.get("fdcal_result"), 20)
+    content = parse_json(text, where)
+    if not isinstance(content, dict):
+        raise InputError(f"{where} must hold one JSON object with the keys {', '.join(sorted(REQUIRED))}")
+    if content.get("fdcal_result") != VERSION:
+        found = shown(content.get("fdcal_result"), 20)
         problem = f"{where} is no result of this version of fdcal (fdcal_result = {found})"
         raise InputError(problem, "write it with `fdcal calibrate -o`", key="fdcal_result", value=found)
-    table = _checked(table, where)
-    values = {name: table[key] for name, key in RESULT.items() if key in table}
-    values["names"] = table.get("names", map(str, range(len(table["positions"]))))
-    values |= {key: tuple(values[key]) for key in ("names", "known", "excluded") if key in values}
-    if "residual_to_noise" in table:
-        values["evidence"] = Evidence(**{name: table[key] for name, key in EVIDENCE.items() if key in table})
-    if "symmetries" in table:
-        arrays = tuple((one.map, np.array(one.positions)) for one in table["symmetries"])
-        values["room"] = KnownRoom(tuple(table["room"]), table["source"], complex(*table["admittance"]), arrays)
-    if "check" in table and table["check"].fits:
-        values["order"] = tuple(table["check"].order)
-    if "channel_gain_db" in table:
-        faults = tuple(ChannelFault(**structs.asdict(row)) for row in table.get("odd_channel_details", ()))
-        given = tuple(
-            GivenPosition(row.name, tuple(row.given_m), tuple(row.found_m), row.sigma_m, row.wrong)
-            for row in table.get("given_positions", ())
-        )
-        numbers = {name: table[key] for name, key in CHANNELS.items()}
-        values["channels"] = Channels(**numbers, faults=faults, given=given)
-    return Calibration(**values)
+    table = _checked(content, where)
+    evidence = room = channels = None
+    if table.residual_to_noise is not None:
+        evidence = table.part(Evidence)
+    if table.symmetries is not None:
+        arrays = tuple((one.map, np.array(one.positions)) for one in table.symmetries)
+        room = KnownRoom(tuple(table.room), np.array(table.source), complex(*table.admittance), arrays)
+    if table.gain_db is not None:
+        rows = table.given or ()
+        given = tuple(GivenPosition(row.name, row.given_m, row.found_m, row.sigma_m, row.wrong) for row in rows)
+        channels = table.part(Channels, faults=table.faults or (), given=given)
+    names = table.names or tuple(map(str, range(len(table.positions))))
+    order = table.check.order if table.check is not None and table.check.fits else None
+    return table.part(Calibration, names=names, evidence=evidence, room=room, channels=channels, order=order)
 
 
 def save_result(
@@ -295,57 +273,53 @@ def load_result(path: str | PathLike[str]) -> Calibration:
     return read_result(content, str(path))
 
 
-def _checked(table: dict, where: str) -> dict[str, Any]:
-    """Return the declared keys of a table after a check of their types, shapes and what they have to do with others."""
+def _checked(content: dict, where: str) -> ResultTable:
+    """Return the declared keys of a file after a check of their types, shapes and what they have to do with others."""
 
-    def missing(key: str) -> InputError:
-        return InputError(f'{where} has no "{key}"', "write it with `fdcal calibrate -o`", key=key)
+    def require(right: bool, key: str, problem: str) -> None:
+        if not right:
+            raise InputError(f'{where}: "{key}" {problem}', key=key, value=content.get(key))
+
+    def require_key(right: bool, key: str) -> None:
+        if not right:
+            raise InputError(f'{where} has no "{key}"', "write it with `fdcal calibrate -o`", key=key)
 
     try:
-        checked: dict[str, Any] = {**msgspec.convert(table, Keys)}
+        table = msgspec.convert(content, ResultTable)
     except msgspec.ValidationError as error:  # as "Expected `float`, got `str` - at `$.positions[0][1]`"
         if lacking := re.fullmatch(r"Object missing required field `(\w+)`", str(error)):
-            raise missing(lacking[1]) from None
+            require_key(False, lacking[1])
         reason, _, place = str(error).rstrip("`").rpartition(" - at `$.")
         key = re.split(r"\W", place)[0]
         reason = "must be finite" if str(LARGEST) in reason else shown(reason.replace("`", ""), 120)
         inside = "" if place == key else f" at {place}"
-        problem = f'{where}: "{key}" is malformed: {reason[0].lower()}{reason[1:]}{inside}'
-        raise InputError(problem, key=key, value=table.get(key)) from None
+        require(False, key, f"is malformed: {reason[0].lower()}{reason[1:]}{inside}")
+        raise
 
-    def has_shape(values: list, shape: tuple[int, ...]) -> bool:
-        try:
-            return np.shape(values) == shape
-        except ValueError:  # rows of different lengths
-            return False
-
-    def require(right: bool, key: str, problem: str) -> None:
-        if not right:
-            raise InputError(f'{where}: "{key}" {problem}', key=key, value=table.get(key))
-
-    sizes = {"N": len(checked["positions"]), "D": len(checked["positions"][0])}
+    sizes = {"N": len(table.positions), "D": len(table.positions[0])}
     shapes = {key: tuple(sizes[axis] for axis in axes) for key, axes in SHAPES.items()}
     for key, shape in shapes.items():
-        right = checked.get(key) is None or has_shape(checked[key], shape)
+        right = content.get(key) is None or np.array(content[key], object).shape == shape
         require(right, key, f"must be of shape {shape}, of {sizes['N']} microphones in {sizes['D']} dimensions")
-    absent = [key for key in CHANNELS.values() if key not in checked]
-    if 0 < len(absent) < len(CHANNELS):
-        raise missing(absent[0])
-    if "symmetries" in checked:
-        beside = {"room", "source", "admittance"} <= checked.keys()
-        require(beside, "symmetries", 'needs "room", "source" and "admittance"')
-        right = all(has_shape(one.positions, shapes["positions"]) for one in checked["symmetries"])
+    absent = [RENAMED[name] for name in CHANNEL_NUMBERS if getattr(table, name) is None]
+    if len(absent) < len(CHANNEL_NUMBERS):
+        require_key(not absent, absent[0] if absent else "")
+    if table.symmetries is not None:
+        right = {"room", "source", "admittance"} <= content.keys()
+        require(right, "symmetries", 'needs "room", "source" and "admittance"')
+        right = all(np.array(one.positions, object).shape == shapes["positions"] for one in table.symmetries)
         require(right, "symmetries", 'must hold positions of the same shape as "positions"')
-    for key in ("odd_channel_details", "given_positions"):
-        right = "names" not in checked or {row.name for row in checked.get(key, ())} <= {*checked["names"]}
+    given = table.given or ()
+    for key, rows in (("odd_channel_details", table.faults or ()), ("given_positions", given)):
+        right = table.names is None or {row.name for row in rows} <= {*table.names}
         require(right, key, 'has a name that is not in "names"')
-    places = [place for row in checked.get("given_positions", ()) for place in (row.given_m, row.found_m)]
-    require(all(len(place) == sizes["D"] for place in places), "given_positions", f"must hold {sizes['D']} coordinates")
-    return checked
+    right = all(len(place) == sizes["D"] for row in given for place in (row.given_m, row.found_m))
+    require(right, "given_positions", f"must hold {sizes['D']} coordinates")
+    return table
 
 
 def position_table(measurement: Measurement, positions, sigma=None, by: slice | np.ndarray = slice(None)) -> str:
-    """Return positions (N, D) as CSV; lengths in metres, unknown values empty, numbers to full precision.
+    """Return positions (N, D) as CSV; lengths in metres, unknown values empty.
 
     Without any known microphone the error is that after the best rigid motion or mirror image of the whole array, which
     the microphones `by` determine, in a column called error_once_aligned_m. Nominal positions have columns nominal_x_m.
@@ -362,7 +336,7 @@ def position_table(measurement: Measurement, positions, sigma=None, by: slice | 
 
 
 def channel_table(result: Calibration) -> str:
-    """Return gain, phase and noise of every channel as CSV, numbers to full precision.
+    """Return gain, phase and noise of every channel as CSV.
 
     To correct a recording, divide the pressures of a channel by 10^(gain_db / 20) exp(j phase_deg pi / 180). The fault
     is empty, or one of those of `fdcal.assessment.channels`.
@@ -427,6 +401,8 @@ def _channel_columns(result: Calibration) -> dict[str, list]:
 
 
 def _csv(head: list[str], rows: Iterable[Iterable[object]]) -> str:
+    """Return rows as CSV, numbers to nine digits."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([head, *rows])
+    shown = ([f"{x:.9g}" if isinstance(x, float) else x for x in row] for row in rows)
+    csv.writer(text, lineterminator="\n").writerows([head, *shown])
     return text.getvalue()

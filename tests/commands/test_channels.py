@@ -45,7 +45,7 @@ def test_the_gains_become_a_table(spoiled, refused):
     rows = list(csv.DictReader((folder / "gains.csv").open()))
     result = json.loads((folder / "result.json").read_text())
     assert list(rows[0]) == ["name", "gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db", "fault"]
-    assert [float(row["gain_db"]) for row in rows] == result["channel_gain_db"]
+    assert [float(row["gain_db"]) for row in rows] == pytest.approx(result["channel_gain_db"], rel=1e-8)
     assert {row["name"]: row["fault"] for row in rows if row["fault"]} == {"3": "dead", "9": "inverted"}
     assert abs(float(rows[INVERTED]["phase_deg"])) > 170
     done("export", "result.json", "-o", "positions.csv", "--force", folder=folder)

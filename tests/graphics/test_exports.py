@@ -93,8 +93,10 @@ def test_names_pass_through_paraview_and_the_table_is_complete(measured, solid, 
     assert [row["name"] for row in rows] == list(solid.names)
     assert [row["known"] for row in rows] == ["yes" if n in (1, 4, 5, 6) else "no" for n in range(9)]
     for start, values in (("", estimate), ("true_", solid.positions)):
-        assert np.array_equal([[float(row[f"{start}{a}_m"]) for a in "xyz"] for row in rows], values)
-    assert [float(row["error_m"]) for row in rows] == position_errors(estimate, solid.positions).tolist()
+        np.testing.assert_allclose([[float(row[f"{start}{a}_m"]) for a in "xyz"] for row in rows], values, rtol=1e-8)
+    errors = position_errors(estimate, solid.positions).tolist()
+    assert [float(row["error_m"]) for row in rows] == pytest.approx(errors, rel=1e-8)
+    assert ",2.47," in position_table(solid, np.full_like(estimate, 2.4699999999999998))
     assert {row["uncertainty_m"] for row in rows} == {"0.002"}
 
 
