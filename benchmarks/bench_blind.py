@@ -14,8 +14,7 @@ import numpy as np
 import soundfile
 
 import fdcal
-from fdcal.session.plan import make_plan
-from fdcal.session.plan_request import Layout, PlanRequest
+from fdcal.session.plan import Layout, PlanRequest, make_plan
 from fdcal_bench.cases import LIVING, SNR_DB, STUDIO, Case, Family
 from fdcal_bench.scores import error_mm
 

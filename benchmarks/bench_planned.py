@@ -18,8 +18,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fdcal.session.plan import make_plan
-from fdcal.session.plan_request import Layout, PlanRequest
+from fdcal.session.plan import Layout, PlanRequest, make_plan
 from fdcal_bench.cases import FAMILIES, LIVING, SNR_DB, TAKES, Family
 from fdcal_bench.methods import fdcal
 from fdcal_bench.scores import read_reference, score

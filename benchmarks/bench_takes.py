@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdcal.session.plan import make_plan
-from fdcal.session.plan_request import Layout, PlanRequest
+from fdcal.session.plan import Layout, PlanRequest, make_plan
 from fdcal_bench.cases import HALL, LIVING, SNR_DB, Family
 from fdcal_bench.methods import fdcal
 from fdcal_bench.scores import score

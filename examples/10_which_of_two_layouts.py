@@ -1,7 +1,6 @@
 """Which of two layouts is better? The expected error of each, and the least, before any is built."""
 
-from fdcal.session.plan import make_plan
-from fdcal.session.plan_request import PlanRequest, read_layout
+from fdcal.session.plan import PlanRequest, make_plan, read_layout
 
 layouts = ("rectangle 4x4 0.5x0.5", "ball 16 0.3")
 room = (5.0, 4.0, 2.6)

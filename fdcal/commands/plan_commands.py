@@ -56,12 +56,10 @@ def plan(
     """Tell beforehand how exact an array will be calibrated.
 
     LAYOUT is a table name,x,y[,z] or another file of positions, a scene, or a geometry in words: "circle 16
-    0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3", "box 32 0.6x0.6x0.4", metres; "vertical" after a circle or a rectangle
-    sets it upright.
+    0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3", "box 32 0.6x0.6x0.4", metres.
     """
     path = output_path(output, SUFFIXES, force, layout) if output else None
-    from ..session.plan import make_plan, plan_lines
-    from ..session.plan_request import PlanRequest, read_layout
+    from ..session.plan import PlanRequest, make_plan, plan_lines, read_layout
 
     array = read_layout(layout, seed)
     request = PlanRequest(

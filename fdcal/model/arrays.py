@@ -32,7 +32,7 @@ def positions_of(scene: Scene) -> np.ndarray:
         positions = positions_3d(scene)[:, : scene.array.dimension]
     else:
         cell = scene.room.cell_size
-        positions = snap(_geometry(scene.array, np.random.default_rng([scene.seed, 0]), cell), cell)
+        positions = snap(geometry(scene.array, np.random.default_rng([scene.seed, 0]), cell), cell)
         _check_plane(positions, scene)
     known = scene.gauge.indices(len(positions))
     if len(known) == len(positions):
@@ -58,7 +58,7 @@ def positions_of(scene: Scene) -> np.ndarray:
     return frozen_array(positions, float)
 
 
-def _geometry(array: Array, rng: np.random.Generator, cell: float = 0.0) -> np.ndarray:
+def geometry(array: Array, rng: np.random.Generator, cell: float = 0.0) -> np.ndarray:
     """Return the positions, before they are snapped to any cells : (N, 2) or (N, 3), metres."""
     center, count, radius = array.center or (0.0, 0.0), array.count or 0, array.radius or 0.0
     shape, size = array.shape or (), array.size or ()
@@ -117,7 +117,7 @@ CLEARANCE = 1e-6  # metres: microphones closer than this count as one
 
 def positions_3d(scene: Scene) -> np.ndarray:
     """Return the positions of a scene's microphones in space : (N, 3) float64, metres; InputError as `positions_of`."""
-    positions = _geometry(scene.array, np.random.default_rng([scene.seed, 0]))
+    positions = geometry(scene.array, np.random.default_rng([scene.seed, 0]))
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1) + np.eye(len(positions))
     first, second = divmod(int(distance.argmin()), len(distance))
     if distance[first, second] < CLEARANCE:

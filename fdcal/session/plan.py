@@ -1,7 +1,8 @@
 """A plan: how exact an array will be calibrated, before anything is recorded, as numbers, in words and as JSON.
 
-The bound takes all frequencies as independent. They are not: the pressures of a room that decays evenly are alike over
-a distance of x Hz as
+A `PlanRequest` is an array, from a table, a geometry of Acoular, a scene or words such as "circle 16 0.2", and the
+circumstances of its calibration. The bound takes all frequencies as independent. They are not: the pressures of a room
+that decays evenly are alike over a distance of x Hz as
 
     |r|^2 = 1 / (1 + (pi x / s)^2),    s = 6.9 / T60 nepers per second
 
@@ -18,16 +19,256 @@ millimetres in words.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
 
-from ..acoustics.room_modes import decay_rate
-from ..assessment.uncertainty import Bound, Information, diffuse_information, position_bound
-from ..model.arrays import WALL_DISTANCE_M, encloses, random_source
+from ..acoustics.dictionary import array_f_max
+from ..acoustics.room_modes import decay_rate, independent_frequencies
+from ..assessment.uncertainty import Bound, Information, Prior, diffuse_information, position_bound
+from ..model.arrays import WALL_DISTANCE_M, encloses, geometry, positions_of, random_source
 from ..model.gauge import fixes_gauge
-from ..model.validation import InputError, length_text
-from .plan_request import PLAN_LIMITS, PlanRequest, evenly
+from ..model.measurement import checked_known
+from ..model.scene import Array, MeasuredScene, Scene, load_scene, scene_names
+from ..model.validation import (
+    InputError,
+    Metres,
+    MetresPerSecond,
+    Seconds,
+    Seed,
+    check,
+    frozen_array,
+    length_text,
+    refusal,
+    within,
+)
+from ..recordings.formats.positions import READERS, read_positions
+from ..recordings.frequencies import default_max_rows
 from .process import one_blas_thread
+
+FLAT_M = 1e-6  # distance from a plane up to which microphones lie in it
+FORMS = ("circle", "rectangle", "ball", "box")
+EXAMPLES = '"circle 16 0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3" or "box 32 0.6x0.6x0.4"'
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The microphones of a plan."""
+
+    name: str  # of the file or scene, or the words
+    names: tuple[str, ...]  # (N,) tuple of str
+    positions: np.ndarray  # (N, D) float64, metres; D is 2 for a plane array, whose coordinates are in its plane
+    scene: Scene | None = None
+
+
+def read_layout(text: str, seed: int = 0) -> Layout:
+    """Return the array of a table or geometry, a scene, or a geometry in words.
+
+    Words are its name as in scenes, then count and radius, or shape and size, metres; `seed`: of "ball" and "box".
+    """
+    words = text.split()
+    if Path(text).suffix.lower() in READERS:
+        placed = read_positions(text)
+        return _in_its_plane(Path(text).name, placed.names, np.asarray(placed.positions, float))
+    if len(words) > 1 or text in FORMS:
+        positions = _of_words(words, text, seed)
+        return Layout(text, tuple(map(str, range(len(positions)))), frozen_array(positions, float))
+    if text in scene_names() or text.lower().endswith(".toml"):
+        scene = load_scene(text)
+        if not isinstance(scene, MeasuredScene):
+            positions = positions_of(scene)
+            return Layout(scene.name, tuple(map(str, range(len(positions)))), positions, scene)
+        from ..acoustics.measure import cached_measurement  # brings the signal library, which no other layout needs
+
+        measurement = cached_measurement(scene)
+        if measurement.positions is not None:
+            return Layout(scene.name, measurement.names, measurement.positions)
+        problem = f"{scene.name} is a measurement without positions"
+        raise InputError(problem, "give a table of them, or another scene", key="layout", value=scene.name)
+    files = f"a file of positions ({', '.join(sorted(READERS))})"
+    remedy = f"give {files}, a scene ({', '.join(scene_names())}), or a geometry as {EXAMPLES}"
+    raise InputError(f'"{text}" names no array', remedy, key="layout", value=text)
+
+
+def _in_its_plane(name: str, names: tuple[str, ...], x: np.ndarray) -> Layout:
+    """Return the array at positions (N, 3), metres, by two coordinates where it is plane: x and y where it is level."""
+    if np.ptp(x[:, 2]) < FLAT_M:
+        return Layout(name, names, frozen_array(x[:, :2], float))
+    centre = x.mean(axis=0)
+    _, _, axes = np.linalg.svd(x - centre)
+    if len(x) <= 3 or np.abs((x - centre) @ axes[2]).max() >= FLAT_M:
+        return Layout(name, names, frozen_array(x, float))
+    return Layout(f"{name}, coordinates in its plane", names, frozen_array((x - centre) @ axes[:2].T, float))
+
+
+def _of_words(words: list[str], text: str, seed: int) -> np.ndarray:
+    refused = InputError(f'"{text}" is no geometry', f"write it as {EXAMPLES}", key="layout", value=text)
+    if words[0] not in FORMS or len(words) != 3:
+        raise refused
+    try:
+        counts = tuple(map(int, words[1].lower().split("x")))
+        lengths = tuple(map(float, words[2].lower().split("x")))
+    except ValueError:
+        raise refused from None
+    kind, plane = words[0], words[0] in FORMS[:2]
+    sizes = {"rectangle": {"shape": counts, "size": lengths}, "box": {"count": counts[0], "size": lengths}}
+    size = sizes.get(kind, {"count": counts[0], "radius": lengths[0]})
+    return geometry(Array(kind, center=(0.0,) * (2 if plane else 3), **size), np.random.default_rng(seed))
+
+
+ONE_PLACE = 1e-6  # of the array's extent: microphones that are closer count as one
+
+
+@dataclass(frozen=True)
+class PlanLimits:
+    """What is assumed where nothing is given, and how much is computed."""
+
+    low: float = 20.0  # lowest frequency by default
+    # highest frequency by default, relative to what the array can interpolate (Eq. 9): there the functions are as many
+    # as the microphones, and the pressures predict nothing
+    high: float = 0.7
+    # frequencies times microphones of which the information is computed; more are accounted for by scaling it
+    work: int = 3000
+    min_frequencies: int = 16  # of them at least
+    clearance: float = 0.7  # least distance of a source from the microphones in a room, metres
+    # centre of an array in a room where its own coordinates do not lie inside, relative to the room's lengths
+    place: tuple[float, float, float] = (0.43, 0.46, 0.45)
+    max_microphones: int = 300  # of a plan
+    max_takes: int = 100  # likewise
+    max_snr_db: float = 120.0  # dB
+    wide: float = 5.0  # width of an array from which a refusal asks for its unit, metres
+
+
+PLAN_LIMITS = PlanLimits()
+
+
+MIN_FREQUENCIES = 3  # of a calibration
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """An array, and the circumstances of its calibration."""
+
+    layout: Layout
+    # (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
+    room: tuple[Metres, ...] | None = None
+    reverberation_time: Seconds = 0.5
+    snr_db: float = 30.0  # signal-to-noise ratio of each frequency
+    # (2,) tuple of float, Hz; from 20 Hz to 0.7 times what the array can interpolate (Eq. 9) unless given. Of
+    # frequencies above what it can interpolate none is used
+    band: tuple[float, float] | None = None
+    known: tuple[int, ...] = ()  # (A,) tuple of int, microphones whose positions are given
+    # one sigma of each of their coordinates; 0 for exact ones
+    known_sigma: Annotated[float, within(0, 1e12, "m")] = 0.0
+    # spread of the channels' gains; 0 for equal channels
+    gain_sigma_db: Annotated[float, within(0, 1e12, "dB")] = 0.0
+    sound_speed: MetresPerSecond = 343.0
+    accuracy: Metres = 0.01  # that is wanted
+    seed: Seed = 0  # of the places of the source
+    # the lowest so many independent frequencies of the band, evenly over these at most as many as an import takes
+    modes: Annotated[int, within(MIN_FREQUENCIES)] | None = None
+    # places of the source, each recorded by itself at `snr_db`; every take has all frequencies
+    takes: Annotated[int, within(1, PLAN_LIMITS.max_takes)] = 1
+    # what the source plays: "impulse" stands for sweeps and claps, too, whose arrival times count
+    kind: Literal["stationary", "impulse"] = "stationary"
+
+    def __post_init__(self):
+        x, room = self.layout.positions, self.room
+        (N, D), least, most = x.shape, x.shape[1] + 3, PLAN_LIMITS.max_microphones
+        if not least <= N <= most:
+            raise InputError(f"the layout has {N} microphones", f"give {least} to {most}", key="layout", value=N)
+        pairs = np.triu_indices(N, 1)
+        apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=-1)
+        if apart.min() <= ONE_PLACE * apart.max():
+            first, second = (self.layout.names[rows[np.argmin(apart)]] for rows in pairs)
+            problem = f"microphones {first} and {second} are at one place"
+            raise InputError(problem, "move them apart, or leave one out", key="layout")
+        check(self, names={"snr_db": "snr", "band": "frequencies"})
+        if not 0 < self.snr_db <= PLAN_LIMITS.max_snr_db:
+            remedy = f"use more than 0 and at most {PLAN_LIMITS.max_snr_db:g}"
+            raise refusal("snr", self.snr_db, "is out of range", remedy, "dB")
+        if room is not None and len(room) not in (2, 3):
+            raise refusal("room", list(room), f"has {len(room)} lengths", "give <room> two or three")
+        if room is not None and len(room) < D:
+            raise InputError("the array has heights and the room has none", "give <room> three lengths", key="room")
+        if self.kind == "impulse" and room is None:
+            problem = "arrival times of impulses depend on where in the room the source can be"
+            raise InputError(problem, "give <room>", key="room")
+        checked_known(self.known, None, self.layout.positions, N, D)
+        if self.known_sigma and not self.known:
+            why = "is of given positions, and none is given"
+            raise refusal("known_sigma", self.known_sigma, why, "give <known>, or leave out <known_sigma>", "m")
+        extent, sides = np.ptp(x, axis=0), np.array(room or (np.inf,) * D)
+        if self.is_plane_in_room:  # in any direction
+            extent, sides = np.sort(extent), np.sort(sides)[1:]
+        if np.any(extent > sides - 2 * WALL_DISTANCE_M):
+            array, size = (" x ".join(f"{length:.3g}" for length in lengths) for lengths in (extent, room or ()))
+            problem = (
+                f"the array, {array} m, does not fit into the room, {size} m, {WALL_DISTANCE_M:g} m from its walls"
+            )
+            raise InputError(problem, "give a smaller array or a larger <room>, both in metres", key="room", value=room)
+        if len(self.frequencies) < MIN_FREQUENCIES:
+            low, high = self.limits
+            problem = f"{low:.1f} to {high:.1f} Hz with a reverberation time of {self.reverberation_time:g} s hold"
+            problem += f" {len(self.frequencies)} independent frequencies, and a calibration needs {MIN_FREQUENCIES}"
+            remedy = "use a wider band (<frequencies>), or a smaller array, whose band reaches higher" + self._width
+            raise InputError(problem, remedy, key="frequencies")
+
+    @property
+    def dimension(self) -> int:
+        """Of the sound field, 2 or 3."""
+        return 3 if self.room is None else len(self.room)
+
+    @property
+    def is_plane_in_room(self) -> bool:
+        """Whether the array is plane and the room has three dimensions."""
+        return self.room is not None and len(self.room) == 3 and self.layout.positions.shape[1] == 2
+
+    @property
+    def f_max(self) -> float:
+        """The highest frequency that the array can interpolate (Eq. 9), Hz."""
+        return array_f_max(self.layout.positions, self.sound_speed, self.dimension)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The band in use, Hz: of the one that was given, what the array can interpolate."""
+        low, high = self.band or (min(PLAN_LIMITS.low, self.f_max / 10), PLAN_LIMITS.high * self.f_max)
+        if not 0 < low < high:
+            remedy = "give <frequencies> as LO:HI with LO below HI"
+            raise InputError(f"{low:g} to {high:g} Hz is no band", remedy, key="frequencies")
+        if low >= self.f_max:
+            problem = f"the array interpolates up to {self.f_max:.0f} Hz, and the band begins at {low:g} Hz"
+            remedy = "use a lower band (<frequencies>), a smaller array or more microphones" + self._width
+            raise InputError(problem, remedy, key="frequencies", value=self.band)
+        return low, min(high, self.f_max)
+
+    @property
+    def _width(self) -> str:
+        """What a remedy adds for an array so wide that its positions may be in another unit than metres."""
+        width = float(np.ptp(self.layout.positions, axis=0).max())
+        wide = f"; the array is {width:.3g} m wide: give its positions in metres, not in centimetres or millimetres"
+        return wide if width > PLAN_LIMITS.wide else ""
+
+    @property
+    def band_frequencies(self) -> np.ndarray:
+        """All independent frequencies of the band, the lowest `modes` of them where that is given : float64, Hz."""
+        return independent_frequencies(*self.limits, self.reverberation_time, self.sound_speed, self.room)[: self.modes]
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """The frequencies of one take : (M,) float64, Hz: of the band evenly at most as many as an import takes."""
+        return evenly(self.band_frequencies, default_max_rows(len(self.layout.names), self.takes))
+
+    @property
+    def prior(self) -> Prior:
+        """What is given beside the pressures."""
+        return Prior(np.array(self.known, int), self.known_sigma, self.gain_sigma_db * np.log(10) / 20)
+
+
+def evenly(f: np.ndarray, most: int) -> np.ndarray:
+    """Return at most so many of some frequencies, evenly taken."""
+    return f[np.unique(np.linspace(0, len(f) - 1, min(len(f), most)).round().astype(int))]
 
 
 @dataclass(frozen=True)
@@ -105,7 +346,7 @@ def make_plan(request: PlanRequest) -> Plan:
             diffuse_information(x, k, one / (1 + one), request.dimension).scaled(1 / len(used)) for one in noise
         ]
         table = [[_forecast(other, one, arrivals[other.takes]) for one in of_frequency] for other in others]
-        bound = position_bound(of_frequency[0].scaled(request.rows), request.prior)
+        bound = position_bound(of_frequency[0].scaled(request.takes * len(request.frequencies)), request.prior)
     expected = np.array([[cell.rms for cell in row] for row in table])
     forecast = table[takes.index(request.takes)][0]
     return Plan(request, bound, forecast, ratios, takes, expected, _degeneracies(request, bound))
@@ -113,7 +354,7 @@ def make_plan(request: PlanRequest) -> Plan:
 
 def _forecast(request: PlanRequest, of_frequency: Information, arrivals: Sequence[np.ndarray]) -> Forecast:
     """Return the error to be expected; `arrivals`: of `_arrival_information`, for some sets of sources."""
-    information = of_frequency.scaled(request.rows)
+    information = of_frequency.scaled(request.takes * len(request.frequencies))
     if request.is_plane_in_room:
         bound = position_bound(information, request.prior)
         low, middle, high = (factor * bound.rms for factor in FORECAST.plane)
@@ -183,7 +424,7 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
 
     Their own coordinates where these lie inside; otherwise the array is moved off the room's middle.
     """
-    size, x = np.array(request.room), request.stated_places
+    size, x = np.array(request.room), request.layout.positions
     if np.all((x > WALL_DISTANCE_M) & (x < size - WALL_DISTANCE_M)):
         return x
     edge = np.ptp(x, axis=0) / 2 + WALL_DISTANCE_M
@@ -224,14 +465,12 @@ def plan_sentences(plan: Plan) -> tuple[list[str], tuple[str, str]]:
         f"{len(request.layout.names)} microphones ({request.layout.name}) in {field},"
         f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB{takes}"
     ]
-    if request.room is not None and not np.array_equal(places_in_room(request), request.stated_places):
+    inside = request.room is None or request.is_plane_in_room
+    if not inside and not np.array_equal(places_in_room(request), request.layout.positions):
         centre = ", ".join(f"{value:.3g}" for value in places_in_room(request).mean(axis=0))
         lines.append(
             f"the layout does not lie inside the room: the array is moved as a whole, its centre to ({centre}) m"
         )
-    if request.layout.axes is not None:
-        along = " and ".join(f"({', '.join(f'{value + 0.0:.3g}' for value in axis)})" for axis in request.layout.axes)
-        lines.append(f"a plane array that is not level: its coordinates are along {along}")
     wanted = len(request.band_frequencies)
     of = f" in each take, as many of {wanted} as an import takes by default," if count < wanted else ""
     top = high if request.band is None else request.band[1]

@@ -16,7 +16,7 @@ from fdcal.model.measurement import Measurement, load_measurement, save_measurem
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
-from fdcal.session.plan_request import read_layout
+from fdcal.session.plan import read_layout
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import OpenRequest
 

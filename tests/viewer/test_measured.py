@@ -22,8 +22,7 @@ from fdcal.model.scene import MeasuredScene, load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import with_estimated_domain
-from fdcal.session.plan import make_plan, plan_lines
-from fdcal.session.plan_request import PlanRequest, read_layout
+from fdcal.session.plan import PlanRequest, make_plan, plan_lines, read_layout
 from fdcal.session.sources import OpenRequest, scene_input
 from fdcal.viewer import prepare
 from fdcal.viewer.cost_maps import count_label, map_modes, modes_label, row_label

@@ -10,8 +10,7 @@ import numpy as np
 import viser
 
 from ...assessment.uncertainty import confidence_factor, ellipse_axes
-from ...session.plan import Plan, make_plan, plan_sentences, plan_table
-from ...session.plan_request import Layout, PlanRequest
+from ...session.plan import Layout, Plan, PlanRequest, make_plan, plan_sentences, plan_table
 from ..gui import html
 from ..gui.binding import Binding, PlanChoices, Tab, Tick
 from ..gui.html import error_message
