@@ -20,13 +20,14 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from ..acoustics.dictionary import dictionary, max_order
-from ..cost.kernels import EXTRA_ORDERS, applied, blocks, hermitian_inverses, series_kernel
-from ..cost.likelihood import FieldModel, isotropic_field
+from ..cost.kernels import applied, blocks, hermitian_inverses
+from ..cost.likelihood import FieldModel, field_covariance, isotropic_field
 from ..cost.noise import DIFFUSE_FLOOR, estimate_noise
 from ..model.measurement import Measurement
 from ..model.problem import Problem, mode_power
 from ..model.validation import Hertz, InputError, Metres, convert, frozen_array
 
+EXTRA_ORDERS = 8  # beyond ceil(k R): the rest of W W^H is below 1e-9
 NOISE_DEFLATION = 3.0  # times less noise is assumed: a room's field is less isotropic than this prior
 TINY = np.finfo(float).tiny
 BLOCK = 4096  # points evaluated at a time
@@ -85,9 +86,10 @@ def leave_one_out_errors(
     x, errors = np.asarray(positions, float), np.array(problem.pressures[modes])
     seen = np.ones(len(x), bool) if healthy is None else healthy
     some = replace(problem, pressures=problem.pressures[:, seen])
-    mu, diagonal = _weights(_field(some, x[seen], modes, noise)), np.arange(int(np.sum(seen)))
+    field = replace(_field(some, x[seen], modes, noise), wavenumbers=problem.wavenumbers[modes], about=x[seen])
+    mu, diagonal = _weights(field), np.arange(int(np.sum(seen)))
     for m in blocks(len(errors), 2 * len(x) ** 2):
-        K = series_kernel(x, x[seen], problem.wavenumbers[modes][m], problem.dimension, slope=False)[0]
+        K = field_covariance(x, field, m, False)[0]
         C = K[:, seen][:, :, seen]
         C[:, diagonal, diagonal] += mu[m, None]
         inverse = hermitian_inverses(np.ascontiguousarray(C))[0]

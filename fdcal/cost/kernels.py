@@ -1,30 +1,18 @@
-"""The waves of a sound field over an array, the covariance that they make between microphones, and its slope.
+"""The covariance that a sound field makes between microphones, the waves that it consists of, and its slope.
 
-circular   J_0, sqrt(2) J_l cos(l theta), sqrt(2) J_l sin(l theta): the columns of Eq. 4 after a unitary map, which
-           leaves W W^H unchanged, and real for a real wavenumber
-plane      sqrt(w_q S_q) exp(-j k x . u_q), directions u_q of a quadrature of the circle or the sphere, power S_q
-
-With an ample order, or enough directions of equal power, W W^H is the covariance of a diffuse field of unit power,
-J_0(k r) or sin(k r) / (k r). Matrices are kept transposed, (modes, waves, microphones): the microphones are next to
-each other in memory. For every mode at once
-
-    K_m[i, j]    = covariance of the field at microphones i and j
+    K_m[i, j]    = covariance of the field at microphones i and j, of mode m and unit power
     D_ma[i, j]   = derivative of K_m[i, j] with respect to coordinate a of microphone i
 
-`diffuse_kernel`     plane waves of a real wavenumber from everywhere: J_0(k r) in the plane, sin(k r) / (k r) in space
-`series_kernel`      the same waves with a complex wavenumber, as the series W W^H about the centre of the array; with
-                     `near`, columns of high order are amplified as a source close to the array does. Needed where the
-                     noise is below what a real wavenumber, or a field without near sources, leaves unexplained.
-`plane_wave_kernel`  waves whose power depends on their direction
+A diffuse field of a real wavenumber k has K_ij = kappa(k |x_i - x_j|): J_0(k r) in the plane, sin(k r) / (k r) in space
+(`diffuse_kernel`). With a complex k, of damped waves, it depends on the centre, from which positions x are counted:
 
-For a complex k the covariance depends on the centre, and J_0(k r) is none. In space the sum over m of the series has a
-closed form (addition theorem) and, without gains h_l, the one over l, too:
+    K_ij = kappa(z),   z^2 = (k x_i - conj(k) x_j)^2        (`damped_matrices`; in the plane by the waves)
 
-    K_ij = sum_l (2l + 1) h_l^2 j_l(k a_i) conj(j_l(k a_j)) P_l(cos gamma_ij)
-         = sin(z) / z + sum_l (2l + 1) (h_l^2 - 1) j_l(k a_i) conj(j_l(k a_j)) P_l(cos gamma_ij)
+A field whose power S_q depends on the direction u_q is a sum of plane waves (`plane_wave_covariance`):
 
-a, gamma   distance from the centre of the expansion; angle between two microphones as seen from the centre
-z          z^2 = (k x_i - conj(k) x_j)^2, x from the centre; with real k it is k times the distance
+    K = W W^H,   W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q),   w_q of a quadrature of the circle or the sphere
+
+Matrices of waves are kept transposed, (modes, waves, microphones): the microphones are next to each other in memory.
 
 Undamped plane waves come in opposite pairs. With c = cos(k x . u_q), s = sin(k x . u_q), powers S_q and S'_q of
 opposite directions and their weight w_q,
@@ -40,17 +28,16 @@ results do not depend on the number of cores.
 
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.linalg import get_lapack_funcs
-from scipy.special import hankel1, j0, j1, spherical_jn, spherical_yn
+from scipy.special import j0, j1
 
 from ..acoustics.compiled import parallel_map
-from ..acoustics.dictionary import bessel, complex_sinc, cosine_and_sine, max_order, sinc
+from ..acoustics.dictionary import complex_sinc, cosine_and_sine, sinc
 from ..model.validation import Complexes, Integers, Numbers, Reals, frozen_array
 
 BLOCK = 1.3e5  # numbers in the largest array of a block: about the size of the second-level cache
@@ -160,101 +147,10 @@ def whole_curvature(H: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(H.transpose(2, 0, 3, 1))
 
 
-EXTRA_ORDERS = 8  # beyond ceil(k R) about the centre of mass: the rest of W W^H is below 1e-9
-NEAR_FIELD_ORDERS = 16  # the same with near sources: the rest of the power of one at 1.75 R is below 1e-10
 DIRECTION_ORDERS = 6  # beyond ceil(k R), that plane waves must resolve
-SOURCE_DISTANCE = 1.5  # times R: nearest source that the near-field gains allow for
 # degrees of Lebedev's rules without a negative weight
 DEGREES = (3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 29, 31, 35, 41, 47, 53, 59, 65, 71, 77, 83, 89, 95, 101, 107, 113, 119,
            125, 131)  # fmt: skip
-
-
-def expansion_about(
-    x: Reals, k: Numbers, dimension: int, near: bool, about: Reals | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the centre (D,), the order L (M,) of every mode and the gain of every order (M, L + 1).
-
-    x : (N, D) float64, metres; k : (M,) rad/m; about : (N, D) positions that give centre and extent, `x` unless given.
-    A source close to the array excites high orders more than a diffuse field does, by |H_l(k rho)|, rho its distance.
-    With `near` the waves have that gain where it is above 1, for rho = SOURCE_DISTANCE R.
-    """
-    about = x if about is None else about
-    centre = about.mean(axis=0)
-    reach = float(np.linalg.norm(about - centre, axis=1).max())
-    centre = centre + 1e-3 * reach * np.array([0.61, 0.37, 0.7])[: len(centre)]  # no microphone stands on the centre
-    farthest = float(np.linalg.norm(x - centre, axis=1).max())
-    if not np.isfinite(farthest):
-        raise np.linalg.LinAlgError("positions are not finite")
-    orders = np.asarray(max_order(k, farthest, NEAR_FIELD_ORDERS if near else EXTRA_ORDERS))
-    gains = np.ones((len(k), int(orders.max()) + 1))
-    if near and reach > 0:
-        z = np.real(k) * SOURCE_DISTANCE * reach
-        gains = _loudness(tuple(z.tolist()), gains.shape[1], dimension)
-    return centre, orders, gains
-
-
-@functools.lru_cache(maxsize=4)
-def _loudness(z: tuple[float, ...], count: int, dimension: int) -> np.ndarray:
-    """Return |h_l(z)| for l = 0..count - 1, at least 1 : (M, count) float64, read-only; trials of a step share it."""
-    l, column = np.arange(count), np.array(z)[:, None]  # noqa: E741
-    loud = np.abs(hankel1(l, column)) if dimension == 2 else np.hypot(spherical_jn(l, column), spherical_yn(l, column))
-    return frozen_array(np.clip(loud, 1.0, 1e100), float)
-
-
-def circular_waves(
-    x: Reals, centre: Reals, k: Numbers, orders: Sequence[int] | Integers, gains: Reals, slopes: bool
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return W (M, 2L + 1, N), of the type of `k`, and its derivatives along x and y (2, M, 2L + 1, N), 1/m, or None.
-
-    x : (N, 2) and centre (2,) float64, metres; k : (M,) rad/m; orders : (M,) int, columns of higher orders are zero;
-    gains : (M, L + 1) float64, factor of every order
-    """
-    L, offsets = int(np.max(orders, initial=0)), x - centre
-    r = np.hypot(offsets[:, 0], offsets[:, 1])
-    J = bessel(np.multiply.outer(k, r), L + 1)
-    towards = np.where(r > 0, (offsets[:, 0] + 1j * offsets[:, 1]) / np.maximum(r, np.finfo(float).tiny), 1.0)
-    phases = np.empty((L + 2, len(r)), complex)  # exp(j l theta); theta = 0 at the centre
-    phases[0], phases[1:] = 1.0, towards
-    phases = np.cumprod(phases, axis=0)[:, None]
-    C, S = J * phases.real.copy(), J * phases.imag.copy()
-    factor = np.where(np.arange(L + 1) <= np.asarray(orders)[:, None], gains[:, : L + 1], 0.0)
-    factor[:, 1:] *= np.sqrt(2.0)
-    W = np.empty((len(k), 2 * L + 1, len(x)), J.dtype)
-    np.multiply(C[: L + 1].swapaxes(0, 1), factor[:, :, None], out=W[:, : L + 1])
-    np.multiply(S[1 : L + 1].swapaxes(0, 1), factor[:, 1:, None], out=W[:, L + 1 :])
-    return W, (_circular_slopes(C, S, factor * np.asarray(k)[:, None] / 2) if slopes else None)
-
-
-def _circular_slopes(cosines: np.ndarray, sines: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """dW from J_l cos(l theta) and J_l sin(l theta), l = 0..L+1; `half` (M, L + 1) is k / 2 times the factor."""
-    C, S = cosines.swapaxes(0, 1), sines.swapaxes(0, 1)
-    L, half = half.shape[1] - 1, half[:, :, None]
-    dW = np.empty((2, len(C), 2 * L + 1, C.shape[2]), C.dtype)
-    for a, zero in enumerate((C, S)):
-        np.multiply(zero[:, 1], -2 * half[:, 0], out=dW[a, :, 0])
-        cosine, sine = dW[a, :, 1 : L + 1], dW[a, :, L + 1 :]
-        if a == 0:
-            np.subtract(C[:, :L], C[:, 2:], out=cosine)
-            np.subtract(S[:, :L], S[:, 2:], out=sine)
-        else:
-            np.negative(np.add(S[:, :L], S[:, 2:], out=cosine), out=cosine)
-            np.add(C[:, :L], C[:, 2:], out=sine)
-        cosine *= half[:, 1:]
-        sine *= half[:, 1:]
-    return dW
-
-
-def circular_dictionary(points: ArrayLike, k: complex, order: int, centre: ArrayLike) -> np.ndarray:
-    """Return W (N, 2L + 1) of one mode at `points` (N, 2), real for a real k; W W^H is that of Eq. 4.
-
-    Cosine and sine of an order stand side by side, so that the first columns are the dictionary of a lower order.
-    """
-    W, _ = circular_waves(
-        np.asarray(points, float), np.asarray(centre), np.array([k]), [order], np.ones((1, order + 1)), False
-    )
-    out = np.empty(W.shape[:0:-1], W.dtype)
-    out[:, 0], out[:, 1::2], out[:, 2::2] = W[0, 0], W[0, 1 : order + 1].T, W[0, order + 1 :].T
-    return out
 
 
 def direction_count(dimension: int, order: int) -> int:
@@ -264,10 +160,13 @@ def direction_count(dimension: int, order: int) -> int:
     return len(_sphere(next((degree for degree in DEGREES if degree >= 2 * order), DEGREES[-1]))[1])
 
 
-def directions_needed(positions: Reals, wavenumbers: Numbers, dimension: int) -> int:
-    """Return how many directions resolve a field over the array; positions (N, D), metres, wavenumbers (M,), rad/m."""
+def directions_needed(positions: Reals, wavenumbers: Numbers, dimension: int, orders: int = DIRECTION_ORDERS) -> int:
+    """Return how many directions resolve a field over the array, with some `orders` beyond ceil(k R).
+
+    positions : (N, D), metres; wavenumbers : (M,), rad/m
+    """
     reach = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    return direction_count(dimension, int(np.ceil(np.real(wavenumbers).max() * reach)) + DIRECTION_ORDERS)
+    return direction_count(dimension, int(np.ceil(np.real(wavenumbers).max() * reach)) + orders)
 
 
 @functools.cache
@@ -323,7 +222,6 @@ def plane_waves(
 
 
 SMALL = 1e-6  # argument below which J_1(z) / z is 1/2
-NEAREST = 1e-9  # metres: no microphone is closer to the centre, where directions are undefined
 
 
 def diffuse_correlation(z: np.ndarray, dimension: int) -> np.ndarray:
@@ -369,64 +267,17 @@ def _pairs(N: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return first, second, pair
 
 
-def series_kernel(
-    x: Reals, about: Reals | None, wavenumbers: Numbers, dimension: int, near: bool = False, slope: bool = True
-):
-    """Covariance K (M, N, N) complex128 at x (N, D), metres, for complex `wavenumbers` (M,), rad/m, and D or None.
-
-    about : (N, D) float64, metres, or None for `x`; the series is about their centre, `near` relative to their extent
-    """
-    x, k = np.asarray(x, float), np.asarray(wavenumbers, complex)
-    (N, axes), M = x.shape, len(k)
-    centre, orders, gains = expansion_about(x, k, dimension, near, about)
-    K, D = np.empty((M, N, N), complex), np.empty((axes, M, N, N), complex) if slope else None
-    if dimension == 3:
-        l = np.arange(int(gains.shape[1]))  # noqa: E741
-        excess = np.where(l <= orders[:, None], (2 * l + 1) * (gains**2 - 1), 0.0)
-        for m in blocks(M, 2 * N * N):
-            K[m] = _isotropic(x - centre, k[m], None if D is None else D[:, m])
-            if excess[m].any():
-                K[m] += _excess(x - centre, k[m], excess[m], None if D is None else D[:, m])
-        return K, D
-    for m in blocks(M, N * N):
-        _products(*circular_waves(x, centre, k[m], orders[m], gains[m], slope), K[m], None if D is None else D[:, m])
-    return K, D
-
-
-def plane_wave_kernel(
-    x: Reals,
-    about: Reals,
-    wavenumbers: Numbers,
-    powers: Reals,
-    slope: bool = True,
-    dimension: int = 2,
-    modes: slice = slice(None),
-):
-    """Covariance K (M, N, N) complex128 of a field whose power by direction is `powers` (M, Q), and D or None.
-
-    x, about : (N, D) float64, metres, the centre is the mean of `about`; wavenumbers : (M,) rad/m, real or complex;
-    modes : those of which the covariance is wanted
-    """
-    x, k, powers = np.asarray(x, float) - np.mean(about, axis=0), np.asarray(wavenumbers), powers[modes]
-    every = cosines_and_sines(x, k, powers.shape[1], dimension)[modes] if np.isrealobj(k) and not slope else None
-    k, (N, axes), (M, Q) = k[modes], x.shape, powers.shape
-    K, D = np.empty((M, N, N), complex), np.empty((axes, M, N, N), complex) if slope else None
-    for m in blocks(M, (1 if np.isrealobj(k) else 2) * N * max(N, Q)):
-        if every is None:
-            _products(*plane_waves(x, k[m], powers[m], slope, dimension), K[m], None if D is None else D[:, m])
-        else:
-            pair_covariance(every[m], *pair_powers(powers[m], dimension), K[m])
-    return K, D
-
-
 # of vectors u (M, N) and Hermitian matrices P (M, N, N)
 Slopes = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def plane_wave_covariance(
-    x: Reals, about: Reals, wavenumbers: Numbers, powers: Reals, dimension: int, modes: slice
+    x: Reals, wavenumbers: Numbers, powers: Reals, dimension: int, modes: slice
 ) -> tuple[np.ndarray, Slopes]:
-    """Return the covariance of `plane_wave_kernel`, and a function that makes of its slope D what the likelihood needs.
+    """Return K (M, N, N) complex128, and a function that makes of its slope D what the likelihood needs.
+
+    x : (N, D) float64, metres, from the centre; wavenumbers : (M,) rad/m, real or complex;
+    powers : (M, Q), S, power by direction; modes : those of which the covariance is wanted
 
     That function takes vectors u (M, N) complex128 and Hermitian matrices P (M, N, N), and returns sum_j D_a,ij u_j
     (D, M, N) complex128 and Re sum_j D_a,ij conj(P_ij) (D, M, N). With the waves themselves,
@@ -435,7 +286,7 @@ def plane_wave_covariance(
 
     so that D, an (N, N) product for each axis, is not needed.
     """
-    x, k, powers = np.asarray(x, float) - np.mean(about, axis=0), np.asarray(wavenumbers), powers[modes]
+    k, powers = np.asarray(wavenumbers), powers[modes]
     towards = wave_directions(dimension, powers.shape[1])[0][: x.shape[1]]
     if np.isrealobj(k):
         waves, (a, b) = cosines_and_sines(x, k, powers.shape[1], dimension)[modes], pair_powers(powers, dimension)
@@ -478,14 +329,6 @@ def _pair_slopes(
     return np.moveaxis(g, 2, 0), np.moveaxis(traced, 2, 0)
 
 
-def _products(W: Complexes, dW: Complexes | None, K: Complexes, D: Complexes | None) -> None:
-    """K = W W^H and D = dW W^H of some modes."""
-    WH = np.conj(W)
-    np.matmul(W.swapaxes(1, 2), WH, out=K)
-    for derivative, along in zip(() if D is None else D, () if dW is None else dW, strict=True):
-        np.matmul(along.swapaxes(1, 2), WH, out=derivative)
-
-
 def cosines_and_sines(x: Reals, k: Numbers, Q: int, dimension: int) -> np.ndarray:
     """cos and sin of k x . u of half the Q directions, side by side : (M, N, Q) float64, not to be written to.
 
@@ -522,52 +365,28 @@ def pair_covariance(waves: Reals, a: Reals, b: Reals, out: Complexes) -> None:
     out.imag = crossed - crossed.swapaxes(1, 2)
 
 
-def _isotropic(x: Reals, k: Complexes, D: Complexes | None) -> np.ndarray:
-    """Return the covariance in space without gains, and put its derivatives into `D`; `x` is from the centre."""
-    N, (i, j) = len(x), np.tril_indices(len(x))
+def damped_matrices(x: Reals, wavenumbers: Complexes, slope: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """Covariance K (M, N, N) complex128 of a damped isotropic field in space, and D (D, M, N, N), 1/m, or None.
+
+    x : (N, D) float64, metres, from the centre; wavenumbers : (M,) complex128, rad/m
+    """
+    (N, axes), M, (i, j) = x.shape, len(wavenumbers), np.tril_indices(len(x))
     apart, along = x[i] - x[j], x[i] + x[j]
     distance2, along2, mixed = (np.sum(u * v, axis=1) for u, v in ((apart, apart), (along, along), (apart, along)))
-    square, k2 = np.empty((len(k), len(i)), complex), (k * k)[:, None]
-    square.real = np.real(k)[:, None] ** 2 * distance2 - np.imag(k)[:, None] ** 2 * along2
-    square.imag = np.imag(k2) * mixed
-    kappa, over = complex_sinc(square)
-    if D is not None:  # half the gradient of z^2 with respect to x_i is k (k x_i - conj(k) x_j)
-        slope = _hermitian(over, i, j, N)
-        for derivative, column in zip(D, x.T, strict=True):
-            own, other = np.multiply.outer(k * k, column), np.multiply.outer(np.abs(k) ** 2, column)
-            np.multiply(slope, own[:, :, None] - other[:, None, :], out=derivative)
-    return _hermitian(kappa, i, j, N)
-
-
-def _excess(x: Reals, k: Complexes, excess: Reals, D: Complexes | None) -> np.ndarray:
-    """Return what gains add to the covariance, and add its derivatives to `D`; `x` is from the centre.
-
-    excess : (M, L + 1) float64, (2 l + 1) (h_l^2 - 1)
-    """
-    a = np.maximum(np.linalg.norm(x, axis=1), NEAREST)
-    e = x / a[:, None]
-    cosine, z, wanted = e @ e.T, np.multiply.outer(k, a), np.flatnonzero(np.any(excess, axis=0))
-    f, (P, dP) = bessel(z, int(wanted[-1]) + 1, spherical=True), _legendre(cosine, int(wanted[-1]))
-    K, R, A, product = (np.zeros((len(k), *cosine.shape), complex) for _ in range(4))
-    for l in wanted:  # noqa: E741
-        other, own = np.conj(f[l])[:, None, :], excess[:, l, None]
-        np.multiply((own * f[l])[:, :, None], other, out=product)
-        _add(K, P[l], product)
-        if D is not None:
-            _add(A, dP[l], product)
-            np.multiply((own * k[:, None] * (l / z * f[l] - f[l + 1]))[:, :, None], other, out=product)
-            _add(R, P[l], product)
-    if D is not None:
-        A /= a[:, None]
-        R -= A * cosine
-        for derivative, along in zip(D, e.T, strict=True):
-            derivative += R * along[:, None] + A * along
-    return K
-
-
-def _add(total: Complexes, factor: Reals, product: Complexes) -> None:
-    """Add the product of a real (N, N) factor and a complex (M, N, N) one; NumPy would make the real one complex."""
-    total.view(float)[...] += np.repeat(factor, 2, axis=1) * product.view(float)
+    K, D = np.empty((M, N, N), complex), np.empty((axes, M, N, N), complex) if slope else None
+    for m in blocks(M, 2 * N * N):
+        k = wavenumbers[m]
+        square, k2 = np.empty((len(k), len(i)), complex), (k * k)[:, None]
+        square.real = np.real(k)[:, None] ** 2 * distance2 - np.imag(k)[:, None] ** 2 * along2
+        square.imag = np.imag(k2) * mixed
+        kappa, over = complex_sinc(square)
+        K[m] = _hermitian(kappa, i, j, N)
+        if D is not None:  # half the gradient of z^2 with respect to x_i is k (k x_i - conj(k) x_j)
+            sloped = _hermitian(over, i, j, N)
+            for derivative, column in zip(D, x.T, strict=True):
+                own, other = np.multiply.outer(k * k, column), np.multiply.outer(np.abs(k) ** 2, column)
+                np.multiply(sloped, own[:, :, None] - other[:, None, :], out=derivative[m])
+    return K, D
 
 
 def _hermitian(values: Numbers, i: Integers, j: Integers, N: int) -> np.ndarray:
@@ -576,14 +395,3 @@ def _hermitian(values: Numbers, i: Integers, j: Integers, N: int) -> np.ndarray:
     A[:, j, i] = np.conj(values)
     A[:, i, j] = values
     return A
-
-
-def _legendre(c: Reals, top: int) -> tuple[np.ndarray, np.ndarray]:
-    """P_l and its derivative of every argument, l = 0..top : two (top + 1, ...) float64."""
-    P, dP = np.ones((top + 1, *c.shape)), np.zeros((top + 1, *c.shape))
-    if top:
-        P[1], dP[1] = c, 1.0
-    for l in range(1, top):  # noqa: E741
-        P[l + 1] = ((2 * l + 1) * c * P[l] - l * P[l - 1]) / (l + 1)
-        dP[l + 1] = dP[l - 1] + (2 * l + 1) * P[l]
-    return P, dP

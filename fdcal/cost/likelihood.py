@@ -39,6 +39,7 @@ from .kernels import Slopes
 
 MIN_FIELD_SHARE = 1e-3  # least power of the field over that of the pressures, so that C is never pure noise
 MIN_WEIGHT = 1e-11  # least mu = v / s; below it rounding errors of A are not small beside it
+ISOTROPIC_ORDERS = 10  # beyond ceil(k R), with which waves from everywhere are isotropic to 1e-9
 ZERO = 1e-13  # of the largest eigenvalue: what is below counts as zero
 
 
@@ -46,19 +47,28 @@ ZERO = 1e-13  # of the largest eigenvalue: what is below counts as zero
 class FieldModel:
     """What is assumed of the sound field and of the noise."""
 
-    # (M,) float64 or complex128, rad/m; complex ones take the series, real ones the diffuse kernel
+    # (M,) float64 or complex128, rad/m, of damped waves
     wavenumbers: Reals
     # power, noise: (M,) float64, s and v, in the unit of abs(pressures)**2
     power: Reals
     noise: Reals
     channel_noise: Reals  # (N,) float64, tau
     dimension: int  # 2 or 3, of the sound field
-    near: bool = False  # whether a source may be close to the array; with the series only
-    # (N, D) float64, metres, or None: positions that give the centre of the series, those of the microphones unless
-    # given; the gradient takes it as fixed
+    # (N, D) float64, metres, or None: positions that give the centre, those of the microphones unless given; the
+    # gradient takes it as fixed
     about: Reals | None = None
     # (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.noise`)
     directions: Reals | None = None
+
+    def powers(self, x: Reals) -> Reals | None:
+        """Return the power by direction (M, Q); None of an isotropic field whose covariance has a closed form."""
+        if self.directions is not None or self.dimension == 3 or np.isrealobj(self.wavenumbers):
+            return self.directions
+        return np.ones((len(self.wavenumbers), kernels.directions_needed(x, self.wavenumbers, 2, ISOTROPIC_ORDERS)))
+
+    def offsets(self, x: Reals) -> np.ndarray:
+        """Return positions (N, D) from the centre, metres."""
+        return x - np.mean(x if self.about is None else self.about, axis=0)
 
 
 def isotropic_field(pressures: Numbers, wavenumbers: Numbers, noise: Reals, dimension: int) -> FieldModel:
@@ -116,9 +126,10 @@ def _largest(x: Reals, field: FieldModel, waves: FewWaves | None) -> int:
     """Return how many numbers the largest array of one mode has; `waves` as of `few_waves`."""
     if waves is not None:
         return 2 * len(x) * waves[1]
-    if field.directions is None:
+    powers = field.powers(x)
+    if powers is None:
         return len(x) ** 2
-    return len(x) * max(len(x), field.directions.shape[1]) * (2 if np.iscomplexobj(field.wavenumbers) else 1)
+    return len(x) * max(len(x), powers.shape[1]) * (2 if np.iscomplexobj(field.wavenumbers) else 1)
 
 
 def log_response(channels: Reals | None, wavenumbers: Reals) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -190,17 +201,11 @@ def few_waves(x: Reals, field: FieldModel) -> FewWaves | None:
 
     The waves are a callable: of a slice of modes, and whether derivatives are wanted, W (M, r, N) and dW (2, M, r, N).
     """
-    if field.dimension == 3:
+    powers = field.powers(x)
+    if field.dimension == 3 or powers is None or powers.shape[1] >= len(x):
         return None
-    k, directions = field.wavenumbers, field.directions
-    if directions is not None:
-        offsets, r = x - np.mean(x if field.about is None else field.about, axis=0), directions.shape[1]
-        return (lambda m, slope: kernels.plane_waves(offsets, k[m], directions[m], slope), r) if r < len(x) else None
-    centre, orders, gains = kernels.expansion_about(x, k, 2, field.near, field.about)
-    r = 2 * int(orders.max()) + 1
-    if r >= len(x):
-        return None
-    return lambda m, slope: kernels.circular_waves(x, centre, k[m], orders[m], gains[m], slope), r
+    offsets, k = field.offsets(x), field.wavenumbers
+    return lambda m, slope: kernels.plane_waves(offsets, k[m], powers[m], slope), powers.shape[1]
 
 
 def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
@@ -248,29 +253,29 @@ def _real_products(A: Numbers, B: Numbers) -> np.ndarray:
     return np.einsum("mqn,mqn->mn", A, B)
 
 
-def field_covariance(x: Reals, field: FieldModel, m: slice, slope: bool):
-    """Return K (M, N, N) of a field of unit power for the modes `m` and, if wanted, its slope.
+def field_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool) -> tuple[np.ndarray, Slopes]:
+    """Return K (M, N, N) of a field of unit power for the modes `m`, and a function of its slope.
 
-    The slope is S (M, N, N), D_a = S (x_i - x_j)_a, of the diffuse kernel, and D (D, M, N, N) of the others.
+    That function is the one of `fdcal.cost.kernels.plane_wave_covariance`; it may be called with `derivatives` only.
     """
-    if field.directions is not None:
-        about = x if field.about is None else field.about
-        return kernels.plane_wave_kernel(x, about, field.wavenumbers, field.directions, slope, field.dimension, m)
-    if np.iscomplexobj(field.wavenumbers):
-        about = x if field.about is None else field.about
-        return kernels.series_kernel(x, about, field.wavenumbers[m], field.dimension, field.near, slope)
-    return kernels.diffuse_matrices(x, field.wavenumbers[m], field.dimension, slope)
+    powers, k = field.powers(x), field.wavenumbers
+    if powers is not None:
+        return kernels.plane_wave_covariance(field.offsets(x), k, powers, field.dimension, m)
+    if np.iscomplexobj(k):
+        K, D = kernels.damped_matrices(field.offsets(x), k[m], derivatives)
+    else:
+        K, D = kernels.diffuse_matrices(x, k[m], field.dimension, derivatives)
+    return K, lambda u, P: _dense_slopes(x, u, P, D)
 
 
 def _dense_rule(x: Reals, q: Complexes, field: FieldModel) -> Rule:
     """Modes factorised by the covariance itself."""
     if field.directions is not None and np.isrealobj(field.wavenumbers):  # kept for the blocks of all threads
-        about = x if field.about is None else field.about
-        kernels.cosines_and_sines(x - about.mean(axis=0), field.wavenumbers, field.directions.shape[1], field.dimension)
+        kernels.cosines_and_sines(field.offsets(x), field.wavenumbers, field.directions.shape[1], field.dimension)
     diagonal = np.arange(len(x))
 
     def rule(m: slice, derivatives: bool) -> _Block:
-        C, sloped = _sloped_covariance(x, field, m, derivatives)
+        C, sloped = field_covariance(x, field, m, derivatives)
         C *= field.power[m, None, None]
         C[:, diagonal, diagonal] += np.multiply.outer(field.noise[m], field.channel_noise)
         P, log_det = kernels.hermitian_inverses(C)
@@ -284,15 +289,6 @@ def _dense_rule(x: Reals, q: Complexes, field: FieldModel) -> Rule:
         return _Block(costs, u, d, 1.0, lambda n, i: P[n, i], None, slopes)
 
     return rule
-
-
-def _sloped_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool) -> tuple[np.ndarray, Slopes]:
-    """Return the covariance, and the function that makes of its slope what `plane_wave_covariance` says."""
-    if field.directions is not None:
-        about = x if field.about is None else field.about
-        return kernels.plane_wave_covariance(x, about, field.wavenumbers, field.directions, field.dimension, m)
-    C, D = field_covariance(x, field, m, derivatives)
-    return C, lambda u, P: _dense_slopes(x, u, P, D)
 
 
 def _dense_slopes(x: Reals, u: Complexes, traced: Numbers, D: Any) -> tuple[np.ndarray, np.ndarray]:

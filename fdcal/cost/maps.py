@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 from scipy.special import jv
 
-from ..acoustics.dictionary import fourier_bessel, max_order
+from ..acoustics.dictionary import bessel, fourier_bessel, max_order
 from ..model.problem import ChannelCorrection, Problem, SolverState, equalised
 from ..model.settings import Search
 from ..model.validation import Complexes, InputError, Reals, frozen_array
@@ -49,7 +49,7 @@ from .eq7 import (
     require_plane_field,
     search_domain,
 )
-from .kernels import circular_dictionary, diffuse_correlation
+from .kernels import diffuse_correlation
 from .likelihood import isotropic_field
 from .scale import DECADES, DEPTH, FEW_MODES, Minima, on_scale
 
@@ -360,7 +360,7 @@ def likelihood_maps(
         counts, rest = node_counts(domain, k), np.delete(p[m], n)
         if few:
             rows = _node_rows(problem, range(len(problem.pressures))[modes][m], k, int(orders[m]))
-            W = circular_dictionary(others, k, int(orders[m]), middle)
+            W = _real_dictionary(others, k, int(orders[m]), middle)
             # With an ample order W W^T is the kernel, and A = W^T W + mu I = G G^T takes the place of C_-n:
             # f = w A^-1 W^T p_-n and h = |G^-1 w|^2, O(K^2) per node.
             mu = v / s
@@ -387,6 +387,19 @@ def likelihood_maps(
     return np.stack(maps)
 
 
+def _real_dictionary(points: Reals, k: float, order: int, centre: Reals) -> np.ndarray:
+    """Return W (N, 2L + 1) float64 of a real k: J_0, then sqrt(2) J_l cos(l theta) and sqrt(2) J_l sin(l theta).
+
+    It is that of Eq. 4 after a unitary map, so that W W^T is the same. The first columns are those of a lower order.
+    """
+    offsets, orders = points - centre, np.arange(1, order + 1)
+    J = np.sqrt(2.0) * bessel(k * np.hypot(*offsets.T), order).T
+    angle = np.arctan2(offsets[:, 1], offsets[:, 0])[:, None] * orders
+    W = np.empty((len(points), 2 * order + 1))
+    W[:, 0], W[:, 1::2], W[:, 2::2] = J[:, 0] / np.sqrt(2.0), J[:, 1:] * np.cos(angle), J[:, 1:] * np.sin(angle)
+    return W
+
+
 def _distances(a: Reals, b: Reals) -> np.ndarray:
     return np.sqrt(sum(np.subtract.outer(a[:, axis], b[:, axis]) ** 2 for axis in range(a.shape[1])))
 
@@ -407,7 +420,7 @@ def _node_rows(problem: Problem, mode: int, k: float, order: int) -> np.ndarray:
     rows, domain = _tables(problem).get(mode), search_domain(problem)
     if rows is None or rows.shape[1] < 2 * order + 1:
         points = node_points(domain, node_counts(domain, k), ())
-        rows = _tables(problem)[mode] = circular_dictionary(points, k, order, _middle(domain))
+        rows = _tables(problem)[mode] = _real_dictionary(points, k, order, _middle(domain))
     return rows[:, : 2 * order + 1]
 
 

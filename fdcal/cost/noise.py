@@ -143,19 +143,6 @@ def hyper_cost(field: FieldModel, corrected: Numbers) -> float:
     return float(of_power + CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau)))
 
 
-# greatest factor on the power of the field where two kernels are compared, and how many
-MAX_PROFILED = 1e4
-PROFILED = 33
-
-
-def profile_cost(positions: Reals, corrected: Numbers, field: FieldModel, noise: float) -> float:
-    """Return -log likelihood of corrected pressures (M, N) with each mode's likeliest power; noise : noise fraction."""
-    values, along = spectra(positions, corrected, field)
-    powers = np.geomspace(1 / MAX_PROFILED, MAX_PROFILED, PROFILED)
-    mixed = np.multiply.outer(powers, values * field.power[:, None]) + noise
-    return float((np.log(mixed) + along / mixed).sum(axis=2).min(axis=0).sum())
-
-
 ISOTROPY = 0.03  # observations of a diffuse field, over those of the take; 0.01 to 0.3 give the same errors to 10 %
 
 

@@ -23,7 +23,7 @@ from . import noise
 from . import objective as objectives
 from .result import result
 from .schedule import Turn, begin, begin_stage, following
-from .state import DIRECTION_UPDATES, DIRECTIONAL, FREE, STAGES, State
+from .state import DIRECTION_UPDATES, FREE, STAGES, State
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
@@ -72,9 +72,7 @@ def step(problem: Problem, state: State) -> State:
     shapes = objectives.polynomial_deformations(state.shape, constrained, stage.degree) if stage.degree else None
     free = objective.free(here, shapes)
     max_step = MAX_STEP * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
-    # With the near-field kernel the pull of given positions is lost in rounding: nothing holds the array as a whole.
-    blind = state.model.kernel == "near" and not len(constrained)
-    trial = objectives.channel_step(here, objective, free, progress.damping, max_step, blind)
+    trial = objectives.channel_step(here, objective, free, progress.damping, max_step)
     moved = replace(
         objectives.with_unknowns(state, trial.unknowns),
         step=state.step + 1,
@@ -82,12 +80,12 @@ def step(problem: Problem, state: State) -> State:
         cost=trial.cost if np.isfinite(trial.cost) else state.cost,
         progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
     )
-    directional, healthy = state.model.kernel in DIRECTIONAL, noise.healthy(state.model)
+    directional, healthy = state.model.directional, noise.healthy(state.model)
     within_sigmas = (
         directional and problem.dimension == 3 and objectives.sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
     )
     ended = within_sigmas or trial.moved < stage.tolerance or trial.decrease < stage.negligible
-    if stage.learns and trial.terms is not None:
+    if trial.terms is not None:
         moved = noise.with_power(moved, used, objective.field, trial.terms)
         moved = noise.with_directions(problem, moved, used, DIRECTION_UPDATES)
         if here.gains:

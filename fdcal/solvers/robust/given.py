@@ -115,8 +115,8 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
 
 def _let_go(problem: Problem, state: State) -> State:
     """`state` with every exact given position free, its channels where they fit, and the noise that is then left."""
-    kernel = noise.isotropic_kernel(problem, state)
-    model = replace(state.model, contradicted=np.ones(len(problem.known), bool), kernel=kernel)
+    damped, every = noise.is_damped(problem, state), np.ones(len(problem.known), bool)
+    model = replace(state.model, contradicted=every, damped=damped, directional=False)
     state = replace(state, model=replace(model, directions=None), shape=state.positions)
     used = objectives.used_modes(problem, state)
     state, damping = relocated(problem, state)[0], STAGE_DAMPING

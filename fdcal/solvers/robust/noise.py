@@ -11,7 +11,6 @@ from ...cost.noise import (
     estimate_noise,
     hyper_cost,
     learned_powers,
-    profile_cost,
     updated_channel_noise,
     updated_power,
 )
@@ -22,10 +21,7 @@ from . import objective as objectives
 from .state import (
     CORNER_SIGMA,
     DELAY_SIGMA,
-    DIRECTIONAL,
-    MIN_NOISE_FRACTION,
     SUSPICIOUS,
-    KernelName,
     Model,
     State,
 )
@@ -52,12 +48,12 @@ NOISE_MODES = 24
 BELIEVED = 2.0
 
 
-def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bool = True) -> State:
+def with_noise(problem: Problem, state: State, rough: bool = True) -> State:
     """Return `state` with the noise and the spread of the positions that explain best what is left.
 
     rough : whether the spread adds to the noise; where every microphone has found its place, all is noise
     """
-    used, floor = objectives.used_modes(problem, state, NOISE_MODES), MIN_NOISE_FRACTION[state.model.kernel]
+    used, floor = objectives.used_modes(problem, state, NOISE_MODES), state.model.min_noise
     seen = objectives.corrected(problem, state, used)
     found = estimate_noise(state.positions, seen, objectives.field_of(problem, state, used), floor)
     fraction = found.noise_fraction if rough else found.alone
@@ -66,17 +62,9 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
     level = 0.0 if given is None else float(np.median(given))
     if given is not None and level / BELIEVED < fraction < level * BELIEVED:
         noise = np.maximum(given, floor)
-    noise = np.maximum(noise / deflation, floor)
     noise = np.minimum(noise + rough * (k * found.spread) ** 2 / problem.dimension, MAX_NOISE_FRACTION)
-    model = replace(state.model, noise=noise, noise_fraction=fraction, spread=found.spread, deflation=deflation)
+    model = replace(state.model, noise=noise, noise_fraction=fraction, spread=found.spread)
     return replace(state, model=model)
-
-
-def misfit(problem: Problem, state: State) -> float:
-    """Return -log likelihood of the pressures with the noise found and each mode's likeliest power of the field."""
-    used = objectives.used_modes(problem, state, NOISE_MODES)
-    seen = objectives.corrected(problem, state, used)
-    return profile_cost(state.positions, seen, objectives.field_of(problem, state, used), state.model.noise_fraction)
 
 
 def given_noise(problem: Problem, state: State) -> np.ndarray | None:
@@ -293,24 +281,27 @@ def with_silent_inside(problem: Problem, state: State) -> State:
 DAMPED = 0.1
 
 
-def isotropic_kernel(problem: Problem, state: State) -> KernelName:
-    """Return the kernel of an isotropic field that the noise left calls for."""
+def is_damped(problem: Problem, state: State) -> bool:
+    """Return whether the noise that is left is so low that the damping of the modes counts."""
     k = problem.wavenumbers[state.modes]
     radius = float(np.sqrt(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1).mean()))
-    return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > DAMPED * state.model.noise_fraction else "diffuse"
+    return bool((np.abs(np.imag(k)).max() * radius) ** 2 > DAMPED * state.model.noise_fraction)
 
 
 MAX_DIRECTION_PRODUCTS = 3e8  # products M N^2 Q of a field in space by Q directions at most; beyond it stays isotropic
 
 
-def last_kernel(problem: Problem, state: State) -> KernelName:
-    """Return the kernel of the last stage: directional, but for plane arrays in space and where that takes too long."""
+def with_last_field(problem: Problem, state: State) -> State:
+    """Return `state` with the field of the last stage: directional where that does not take too long.
+
+    That of a plane array in space stays isotropic.
+    """
     k = objectives.wavenumbers(problem, state)[objectives.used_modes(problem, state)]
     products = len(k) * len(state.positions) ** 2 * directions_needed(state.positions, k, problem.dimension)
     slow = problem.dimension == 3 and (state.quick or products > MAX_DIRECTION_PRODUCTS)
     if slow or objectives.given_carry_scale(problem):
-        return state.model.kernel
-    return "damped_directional" if isotropic_kernel(problem, state) == "series" else "directional"
+        return state
+    return replace(state, model=replace(state.model, damped=is_damped(problem, state), directional=True))
 
 
 # observations that the directions of a row are those of its take; resonances of a plate differ more than the
@@ -319,9 +310,9 @@ DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 
 def with_directions(problem: Problem, state: State, used: Integers, updates: int) -> State:
-    """Return `state` with the power of the field by direction learned a little further, where its kernel has one."""
+    """Return `state` with the power of the field by direction learned a little further, where it depends on it."""
     model = state.model
-    if model.kernel not in DIRECTIONAL:
+    if not model.directional:
         return state
     if model.directions is None:
         k = objectives.field_wavenumbers(problem, state)

@@ -41,13 +41,11 @@ from .arrivals import Arrivals, TakeSources, arrivals_of
 from .state import (
     CORNER_SIGMA,
     DELAY_SIGMA,
-    DIRECTIONAL,
     GIVEN_SIGMA,
     NEGLIGIBLE_DECREASE,
     STAGE_DAMPING,
     STAGES,
     SUSPICIOUS,
-    UNDAMPED,
     WEAKER_FIELD,
     Model,
     State,
@@ -327,7 +325,8 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
         gain_sigma=GAIN_SIGMA if gain is None else gain * np.log(10) / 20,
         phase_sigma=PHASE_SIGMA if phase is None else float(np.radians(phase)),
         known_sigma=first_known_sigma(problem, settings),
-        kernel="diffuse",
+        damped=False,
+        directional=False,
         places=frozen_array(problem.known_positions, float),
         contradicted=frozen_array(np.zeros(len(problem.known), bool), bool),
         filters=np.zeros((N, 2)),
@@ -405,9 +404,9 @@ def wavenumbers(problem: Problem, state: State) -> np.ndarray:
 
 
 def field_wavenumbers(problem: Problem, state: State) -> np.ndarray:
-    """Those of the kernel (M,), rad/m: float64 where it leaves out the damping, else complex128."""
+    """Those of the field (M,), rad/m: complex128 where damping counts, else float64."""
     k = wavenumbers(problem, state)
-    return np.real(k) if state.model.kernel in UNDAMPED else k.astype(complex)
+    return k.astype(complex) if state.model.damped else np.real(k)
 
 
 def corrected(problem: Problem, state: State, used: Integers | slice) -> np.ndarray:
@@ -426,9 +425,8 @@ def field_of(problem: Problem, state: State, used: Integers) -> FieldModel:
         model.noise[used],
         model.channel_noise,
         problem.dimension,
-        model.kernel == "near",
-        None if model.kernel == "diffuse" else state.shape,
-        model.directions[used] if model.kernel in DIRECTIONAL and model.directions is not None else None,
+        state.shape if model.damped or model.directional else None,
+        model.directions[used] if model.directional and model.directions is not None else None,
     )
 
 
@@ -556,16 +554,15 @@ def channel_step(
     free: np.ndarray,
     damping: float,
     max_step: float = np.inf,
-    blind: bool = False,
 ) -> ChannelStep:
-    """Return one damped Gauss-Newton step; max_step in metres, `blind` where given positions do not hold the array."""
+    """Return one damped Gauss-Newton step; max_step in metres."""
     try:
         here = objective.evaluate(unknowns)
     except np.linalg.LinAlgError:
         return ChannelStep(unknowns, np.inf, 0.0, FIRST_DAMPING, 0.0, free)
     if not free.shape[-1]:
         return ChannelStep(unknowns, here.cost, 0.0, FIRST_DAMPING, 0.0, free, here.terms, np.zeros((0, 0)))
-    g, H = reduced(unknowns, here, free, blind or objective.priors.blind)
+    g, H = reduced(unknowns, here, free, objective.priors.blind)
     before, near = unknowns.vector, objective.beside(here.source)
     step = damped_step(
         before,

@@ -103,7 +103,7 @@ def estimate_at(
     begun = begin(State, problem, matched, 0, positions)
     state = replace(begun, first=first + 1, last=last, progress=replace(begun.progress, stage=FINAL))
     state = noise.with_noise(problem, state, rough=False)
-    state = refined(problem, replace(state, model=replace(state.model, kernel=noise.last_kernel(problem, state))))
+    state = refined(problem, noise.with_last_field(problem, state))
     state = _with_field(problem, state)
     if speed_is_free(problem, state):
         objective = objective_of(problem, state, used_modes(problem, state))
@@ -124,7 +124,7 @@ def _with_field(problem: Problem, state: State) -> State:
             objective = objective_of(problem, state, used)
             state = noise.with_power(state, used, objective.field, objective.evaluate(unknowns_of(state)).terms)
             state = noise.with_directions(problem, state, used, DIRECTION_UPDATES)
-        state = noise.with_noise(problem, state, state.model.deflation, rough=False)
+        state = noise.with_noise(problem, state, rough=False)
     return state
 
 

@@ -2,7 +2,6 @@
 
 deformation, deformation, free, gains (rounds)    one restart, from one start
 another restart                                   until two agree, or one explains all
-noiseless                                         of a measurement without noise
 final (rounds)                                    from the likeliest optimum, then the end
 
 What follows which stage, and on what condition, stands in one table at the end, `TRANSITIONS`.
@@ -26,8 +25,6 @@ from .spread import claim_of
 from .state import (
     DIRECTION_UPDATES,
     FINAL,
-    MIN_NOISE_FRACTION,
-    NOISELESS,
     STAGE_DAMPING,
     STAGES,
     SUSPICIOUS,
@@ -161,8 +158,7 @@ def explains_all(problem: Problem, state: State) -> bool:
     """
     fraction, worst = state.model.noise_fraction, float(state.model.channel_noise.max())
     if is_noiseless(problem, state):
-        floor = 1.01 * MIN_NOISE_FRACTION[state.model.kernel]
-        return fraction <= max(LOW_NOISE, floor) and fraction * worst <= LOW_CHANNEL_NOISE
+        return fraction <= max(LOW_NOISE, 1.01 * state.model.min_noise) and fraction * worst <= LOW_CHANNEL_NOISE
     reported = noise.given_noise(problem, state)
     if reported is None or not state.quick or not len(problem.known):
         return False
@@ -175,44 +171,14 @@ def begin_final(problem: Problem, state: State) -> State:
     progress = replace(state.progress, rounds=0, stage=FINAL)
     at_best = replace(state, positions=best.positions, shape=best.positions, gains=best.gains, offsets=best.offsets)
     state = replace(at_best, model=best.model, progress=progress)
-    if is_noiseless(problem, state) and explains_all(problem, state):
-        near = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(state.positions))))
-        least = frozen_array(np.full(len(state.model.noise), MIN_NOISE_FRACTION[near.model.kernel]), float)
-        return begin_stage(problem, replace(near, model=replace(near.model, noise=least)), NOISELESS)
     state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
     state = given.resolved(problem, state)
-    state = replace(state, model=replace(state.model, kernel=noise.last_kernel(problem, state)))
-    return refined(problem, state)
-
-
-def after_noiseless(problem: Problem, state: State) -> State:
-    """Return the beginning of the last stage after the positions alone were sought."""
-    placed = replace(state, positions=given.anchored(problem, state))
-    return refined(problem, given.resolved(problem, placed))
-
-
-# residual of the near-field kernel over the noise that is assumed with it; without it an array with an error of 3.4
-# mm and a claim of 0.9 mm is good
-NEAR_DEFLATION = 3.0
-# fraction of noise by dimension of the field, at or below which a source near the array counts; if it never does, an
-# array near the source goes from 0.4 to 2.0 mm
-NEAR_NOISE = {2: 1e-5, 3: 2e-6}
+    return refined(problem, noise.with_last_field(problem, state))
 
 
 def refined(problem: Problem, state: State) -> State:
-    """Return the beginning of a round of the last stage: new noise, and perhaps another kernel.
-
-    The near-field kernel is taken only if the pressures are likelier with it: it explains those of few microphones
-    without any noise, but then they have more power than the field would have at most of them.
-    """
-    near = state.model.kernel == "near"
-    here = replace(state, shape=state.positions)
-    fresh = noise.with_noise(problem, here, NEAR_DEFLATION if near else 1.0, rough=False)
-    if not near and fresh.model.noise_fraction <= NEAR_NOISE[problem.dimension]:
-        other = replace(here, model=replace(here.model, kernel="near"))
-        other = noise.with_noise(problem, other, NEAR_DEFLATION, rough=False)
-        fresh = other if noise.misfit(problem, other) < noise.misfit(problem, fresh) else fresh
-    begun = begin_stage(problem, fresh, FINAL)
+    """Return the beginning of a round of the last stage, with new noise, and filters where the channels differ."""
+    begun = begin_stage(problem, noise.with_noise(problem, replace(state, shape=state.positions), rough=False), FINAL)
     updates = DIRECTION_UPDATES if begun.model.directions is None else 0
     begun = noise.with_directions(problem, begun, objectives.used_modes(problem, begun), updates)
     return noise.with_filters(problem, begun)
@@ -239,9 +205,10 @@ class Turn:
 
     @cached_property
     def estimated(self) -> State:
-        """The state with the noise, and the kernel of an isotropic field, that it calls for."""
-        kernel = noise.isotropic_kernel(self.problem, self.state)
-        state = replace(self.state, model=replace(self.state.model, kernel=kernel), shape=self.state.positions)
+        """The state with the noise, and the damping of an isotropic field, that it calls for."""
+        damped = noise.is_damped(self.problem, self.state)
+        model = replace(self.state.model, damped=damped, directional=False)
+        state = replace(self.state, model=model, shape=self.state.positions)
         return noise.with_noise(self.problem, state, rough=self.place == "free")
 
     @cached_property
@@ -282,12 +249,6 @@ def _noise_within_tolerance(turn: Turn) -> bool:
 MAX_ROUNDS = 8  # of stage "gains" at most in one restart, and of stage "final"
 
 
-def _nothing_else_free(turn: Turn) -> bool:
-    """Channels are matched and given positions exact, or there are none."""
-    soft = len(turn.problem.known) and turn.state.model.known_sigma > 0
-    return turn.state.settings.gains == "fixed" and not soft
-
-
 def _modes_chosen(turn: Turn) -> bool:
     return not turn.state.automatic
 
@@ -303,7 +264,7 @@ def _stop(turn: Turn) -> State:
 def _next_deformation(turn: Turn) -> State:
     """Begin the next stage, with the noise that its modes show; after the last deformation outliers are moved."""
     stage = turn.state.progress.stage
-    state = replace(turn.state, model=replace(turn.state.model, kernel="diffuse"), shape=turn.state.positions)
+    state = replace(turn.state, model=replace(turn.state.model, damped=False), shape=turn.state.positions)
     ahead = replace(state, progress=replace(state.progress, stage=stage + 1))  # of whose modes the noise is
     state = replace(noise.with_noise(turn.problem, ahead), progress=state.progress)
     if not STAGES[stage + 1].degree:
@@ -318,7 +279,7 @@ def _next_round(turn: Turn) -> State:
 
 
 def _next_final(turn: Turn) -> State:
-    """Return another round of the last stage if it would assume another noise, kernel or given positions, or the end.
+    """Return another round of the last stage if it would assume another noise, field or given positions, or the end.
 
     Short windows of the recordings, which determine small arrays far better, count from the second round on. Damped
     waves are taken where the noise is now so low that these count.
@@ -327,12 +288,12 @@ def _next_final(turn: Turn) -> State:
     if state.model.window_positions is None and (beside := with_windows(problem, state)) is not None:
         return beside
     model, ahead = state.model, replace(progress, rounds=progress.rounds + 1)
-    if model.kernel == "directional" and noise.isotropic_kernel(problem, state) == "series":
-        model = replace(model, kernel="damped_directional")
+    if model.directional and noise.is_damped(problem, state):
+        model = replace(model, damped=True)
     again = refined(problem, given.resolved(problem, replace(state, model=model, progress=ahead)))
     a, b = state.model, again.model
     change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
-    other = a.kernel != b.kernel or bool(change > NOISE_TOLERANCE) or not given.same_given(state, again)
+    other = a.damped != b.damped or bool(change > NOISE_TOLERANCE) or not given.same_given(state, again)
     other = other or not (turn.within_tolerance or objectives.is_converged(problem, state))
     return again if other and again.progress.rounds < MAX_ROUNDS else finished(problem, state)
 
@@ -400,7 +361,5 @@ TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | St
     ("gains", _noise_within_tolerance, lambda turn: _ended(turn, turn.searched[0])),
     ("gains", lambda turn: turn.state.progress.rounds + 1 >= MAX_ROUNDS, lambda turn: _ended(turn, turn.searched[0])),
     ("gains", _always, _next_round),
-    ("noiseless", _nothing_else_free, lambda turn: finished(turn.problem, turn.state)),
-    ("noiseless", _always, lambda turn: after_noiseless(turn.problem, turn.state)),
     ("final", _always, _next_final),
 )

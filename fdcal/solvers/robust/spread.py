@@ -21,7 +21,7 @@ Beside short windows (`windows`) the likelihood counts no more than it claims, a
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -63,8 +63,6 @@ class Claim:
 def claim_of(problem: Problem, state: State) -> Claim:
     """Return what the solver claims at `state`, in its last stage."""
     objective, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
-    undeflated = objective.field.noise * state.model.deflation  # without what the last stage takes off the noise
-    objective = replace(objective, field=replace(objective.field, noise=undeflated))
     evaluated = objective.evaluate(here)
     weakened = _weakened(objective, here, evaluated)
     likely = quadratic(here, objective, weakened)

@@ -2,7 +2,7 @@
 
 The other numbers stand above the functions that use them. Those that were ablated carry a figure: what gets worse
 without them on the field suite (482 cases, or those of the families that the number serves; 75 where it says so). Among
-these are NEAR_NOISE, DAMPED and GROSS_GAIN_SIGMA. NOISE_TOLERANCE is undecided: with one round only, of 11 arrays two
+these are DAMPED and GROSS_GAIN_SIGMA. NOISE_TOLERANCE is undecided: with one round only, of 11 arrays two
 become worse (15 to 21 mm, 3.9 to 4.5 mm) and two better (31 to 2.9 mm, 6.3 to 4.7 mm).
 
 CONVERGED_SIGMAS, MAX_RESTARTS, MAX_ROUNDS, SAME_PLACE, LOW_NOISE, SUSPICIOUS and MAX_SIGMA were not ablated alone. What
@@ -10,7 +10,7 @@ else has no figure bounds memory or steps, or sets units.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
@@ -39,9 +39,9 @@ SUSPICIOUS = 4.0  # channel noise over that of the others from which a channel i
 # the errors grow by 2 %
 DIRECTION_UPDATES = 3
 
-# least fraction of noise in the power that each kernel can show; with 1e-10 for all, the covariance without noise
-# depends on the frame, with 1e-8 such an array is not found to the last digit
-MIN_NOISE_FRACTION = {"diffuse": 1e-6, "series": 1e-8, "directional": 1e-8, "damped_directional": 1e-8, "near": 1e-10}
+# least fraction of noise in the power: of an undamped isotropic field, which leaves that much of any room unexplained,
+# and of the others; with 1e-10 the covariance without noise depends on the frame
+MIN_NOISE_FRACTION = {"isotropic": 1e-6, "others": 1e-8}
 
 STAGE_DAMPING = 1e-6  # of the first step of a stage
 
@@ -57,7 +57,6 @@ class Stage:
     modes: int
     lowest: bool  # with given positions the lowest ones instead: they hold the scale
     gains: bool  # whether channel gains are free
-    learns: bool  # whether the power of the field and the noise of the channels are estimated again after every step
     max_steps: int  # at most
     tolerance: float  # metres, a stage ends when nothing moves further
     # nats, or when the cost falls by no more. Without tolerances and with equal bounds on steps (and with one damping,
@@ -66,18 +65,13 @@ class Stage:
 
 
 STAGES = (
-    Stage("deformation", 2, 30, True, False, True, 12, 2e-3, 0.5),
-    Stage("deformation", 3, 30, False, False, True, 12, 2e-3, 0.5),
-    Stage("free", 0, 0, False, False, True, 5, 1e-3, 2.0),
-    Stage("gains", 0, 0, False, True, True, 10, 1e-4, 0.3),
-    Stage("noiseless", 0, 0, False, False, False, 10, 3e-5, 0.01),
-    Stage("final", 0, 0, False, True, True, 16, 3e-5, 0.01),
+    Stage("deformation", 2, 30, True, False, 12, 2e-3, 0.5),
+    Stage("deformation", 3, 30, False, False, 12, 2e-3, 0.5),
+    Stage("free", 0, 0, False, False, 5, 1e-3, 2.0),
+    Stage("gains", 0, 0, False, True, 10, 1e-4, 0.3),
+    Stage("final", 0, 0, False, True, 16, 3e-5, 0.01),
 )
-FREE, NOISELESS, FINAL = 2, 4, 5  # stages; the last but one is of measurements without noise alone
-
-KernelName = Literal["diffuse", "series", "near", "directional", "damped_directional"]
-UNDAMPED: tuple[KernelName, ...] = ("diffuse", "directional")  # which leave out the imaginary part of wavenumbers
-DIRECTIONAL: tuple[KernelName, ...] = ("directional", "damped_directional")
+FREE, FINAL = 2, 4  # stages
 
 
 @dataclass(frozen=True)
@@ -93,16 +87,16 @@ class Model:
     gain_sigma: float
     phase_sigma: float
     known_sigma: float  # metres; 0 for exact given positions, which never move
-    kernel: KernelName  # "diffuse", "series", "near", "directional", or "damped_directional" of complex wavenumbers
+    damped: bool  # whether the imaginary part of the wavenumbers counts
+    directional: bool  # whether the power of the field depends on the direction
     # (A, D) float64, metres, of the microphones whose position is given; two that were exchanged put right
     places: Reals
     contradicted: Bools  # (A,) bool, which of them hold nothing, since the pressures contradict them
     # (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times 2 pi / c, of each channel
     filters: Reals
     log_speed: float = 0.0  # logarithm of the sound speed over that of the measurement
-    # (M, Q) float64, power of the field by direction, mean 1; of the directional kernels only
+    # (M, Q) float64, power of the field by direction, mean 1; of a directional field, once it was learned
     directions: Reals | None = None
-    deflation: float = 1.0  # of the noise that is assumed, by which the residual is larger
     # (T,) float64, metres, one sigma of the arrivals of each take; None before they count
     arrival_sigma: np.ndarray | None = None
     # delay_sigma, corner_sigma: spread of the delays, metres, and of the corners, rad/m, of all channels; 0 where only
@@ -113,6 +107,11 @@ class Model:
     window_positions: np.ndarray | None = None
     window_precision: np.ndarray | None = None
     tempering: float = 1.0  # by which the cost of the long rows is divided beside short windows
+
+    @property
+    def min_noise(self) -> float:
+        """The least fraction of noise in the power that the model of the field can show."""
+        return MIN_NOISE_FRACTION["others" if self.damped or self.directional else "isotropic"]
 
 
 @dataclass(frozen=True)
@@ -169,7 +168,7 @@ class State(RunState):
     def best_positions(self) -> np.ndarray:
         """The best positions (N, D) so far, metres: those of the likeliest optimum while another restart runs."""
         reached = [one for one in self.optima if np.isfinite(one.score)]
-        late = self.finished or self.progress.stage >= NOISELESS or not reached
+        late = self.finished or self.progress.stage == FINAL or not reached
         return self.positions if late else min(reached, key=lambda one: one.score).positions
 
     @property
