@@ -262,7 +262,7 @@ def field_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool) -
     if powers is not None:
         return kernels.plane_wave_covariance(field.offsets(x), k, powers, field.dimension, m)
     if np.iscomplexobj(k):
-        K, D = kernels.damped_matrices(field.offsets(x), k[m], derivatives)
+        K, D = kernels.damped_matrices(field.offsets(x), k[m].astype(complex), derivatives)
     else:
         K, D = kernels.diffuse_matrices(x, k[m], field.dimension, derivatives)
     return K, lambda u, P: _dense_slopes(x, u, P, D)

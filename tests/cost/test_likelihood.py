@@ -22,8 +22,8 @@ K = np.array([1.5, 2.5, 4.0])  # rad/m
 M = len(K)
 POWER, NOISE = np.array([1.0, 0.7, 1.6]), np.array([0.03, 0.05, 0.02])
 ARRAYS = [(2, 2), (3, 3), (3, 2)]  # dimensions of the field and of the array
-KERNELS = ["diffuse", "series", "near", "directional", "damped directional"]
-MANY = 48  # microphones: more than the waves of every kernel in the plane
+KERNELS = ["diffuse", "damped", "directional", "damped directional"]
+MANY = 48  # microphones: more than the waves in the plane
 CASES = [(kernel, *array, 9) for kernel in KERNELS for array in ARRAYS] + [(kernel, 2, 2, MANY) for kernel in KERNELS]
 
 
@@ -40,7 +40,7 @@ def assumed(kernel, x, dimension):
     tau = rng.uniform(0.5, 2.0, len(x))
     tau[3] = 1e3
     k = K if kernel in ("diffuse", "directional") else K - 0.05j
-    field = FieldModel(k, POWER, NOISE, tau, dimension, kernel == "near")
+    field = FieldModel(k, POWER, NOISE, tau, dimension)
     field = field if kernel == "diffuse" else replace(field, about=x + 0.01)
     if "directional" not in kernel:
         return field
@@ -49,8 +49,15 @@ def assumed(kernel, x, dimension):
 
 def covariances(x, field):
     """C (M, N, N) and the slope of s K by every coordinate of its first microphone (D, M, N, N)."""
-    matrices, D = field_covariance(x, field, slice(None), True)
-    D = np.moveaxis(D[..., None] * (x[:, None] - x), -1, 0) if D.ndim == 3 else D
+    powers, offsets, k = field.powers(x), field.offsets(x), field.wavenumbers
+    if powers is not None:
+        W, dW = kernels.plane_waves(offsets, k, powers, True, field.dimension)
+        matrices, D = W.swapaxes(1, 2) @ W.conj(), dW.swapaxes(2, 3) @ W.conj()
+    elif np.iscomplexobj(k):
+        matrices, D = kernels.damped_matrices(offsets, k, True)
+    else:
+        matrices, S = kernels.diffuse_matrices(x, k, field.dimension, True)
+        D = np.moveaxis(S[..., None] * (x[:, None] - x), -1, 0)
     s = field.power[:, None, None]
     return s * matrices + field.noise[:, None, None] * np.diag(field.channel_noise), s * D
 
@@ -61,7 +68,7 @@ def test_the_terms_are_those_of_the_explicit_covariance_and_of_differences(kerne
     """Whether the covariance itself is factorised or, of many microphones in the plane, its waves."""
     x, p, channels = drawn(D, count)
     field, channels = assumed(kernel, x, dimension), channels[:, :parameters] if parameters else None
-    assert (few_waves(x, field) is not None) == (count == MANY)
+    assert (few_waves(x, field) is not None) == (count == MANY and kernel != "diffuse")
     found = likelihood_terms(x, p, field, channels)
     log_gain, by_parameter = log_response(channels, K)
     q = p * np.exp(-log_gain)
@@ -121,7 +128,7 @@ def test_no_rigid_motion_no_mirror_and_no_order_of_the_microphones_changes_the_c
 
 
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
-@pytest.mark.parametrize("kernel", ["series", "near", "damped directional"])
+@pytest.mark.parametrize("kernel", ["damped", "damped directional"])
 def test_the_positions_given_for_it_set_the_centre_of_a_damped_field(kernel, dimension, D):
     x, p, _ = drawn(D, seed=5)
     field = assumed(kernel, x, dimension)
@@ -146,16 +153,15 @@ def test_positions_that_are_not_finite_are_refused(kernel):
             likelihood_terms(y, p, field)
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("kernel", KERNELS[1:])
 def test_few_waves_without_noise_have_a_cost(kernel):
     """There the covariance is singular, and a least share of noise stands in."""
     x, _, _ = drawn(2, MANY)
     field = assumed(kernel, x, 2)
     field = replace(field, channel_noise=np.ones(MANY))
     p = np.exp(-1j * np.real(field.wavenumbers)[:, None] * (x @ [0.6, 0.8]))
-    none, little = (likelihood_terms(x, p, replace(field, noise=share * POWER)) for share in (0.0, 1e-9))
+    none = likelihood_terms(x, p, replace(field, noise=0.0 * POWER))
     assert np.all(np.isfinite(none.costs)) and np.all(np.isfinite(none.gradient))
-    assert none.cost < little.cost or kernel != "diffuse", "an undamped wave is explained but for rounding errors"
 
 
 # Channels.
@@ -203,7 +209,7 @@ def test_the_spectra_give_the_likelihood(kernel, dimension, D, count):
 
 def test_an_array_of_many_wavelengths_and_one_in_space_have_no_few_waves():
     x = drawn(2, MANY)[0]
-    field = assumed("diffuse", x, 2)
+    field = assumed("damped", x, 2)
     assert few_waves(x, field)[1] < MANY
     assert few_waves(20 * x, field) is None
     assert few_waves(drawn(3, MANY)[0], replace(field, dimension=3)) is None

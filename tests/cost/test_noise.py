@@ -15,15 +15,12 @@ from fdcal.cost.noise import (
     MAX_CHANNEL_NOISE,
     MAX_NOISE_FRACTION,
     MAX_POWER,
-    MAX_PROFILED,
     MIN_CHANNEL_NOISE,
     POWER_COUNT,
-    PROFILED,
     estimate_noise,
     expected_power,
     hyper_cost,
     learned_powers,
-    profile_cost,
     updated_channel_noise,
     updated_power,
 )
@@ -169,17 +166,6 @@ def test_a_singular_field_and_a_dead_channel_stay_within_their_bounds():
     assert np.all(np.isfinite(field.power)) and np.all(field.power <= MAX_POWER * expected * (1 + 1e-9))
     assert field.channel_noise.min() >= MIN_CHANNEL_NOISE
     assert field.channel_noise[1] > 100 and field.channel_noise.max() <= MAX_CHANNEL_NOISE
-
-
-@pytest.mark.parametrize("damping", [0.0, 0.05])
-def test_the_profile_is_the_likelihood_at_the_likeliest_power_of_each_mode(damping):
-    (p,), tau = draws(0.05, 1), np.linspace(0.5, 2, N)
-    base = np.linspace(0.5, 2, M)
-    field = FieldModel(K - 1j * damping if damping else K, base, 0.03 * ONES, tau, 2)
-    factors = np.geomspace(1 / MAX_PROFILED, MAX_PROFILED, PROFILED)
-    costs = [likelihood_terms(TRUTH, p, replace(field, power=one * base), derivatives=False).costs for one in factors]
-    expected = np.min(costs, axis=0).sum() - M * np.log(tau).sum()
-    assert profile_cost(TRUTH, p, field, 0.03) == pytest.approx(expected, rel=1e-6)
 
 
 # Power by direction: each iteration raises the likelihood, and finds the waves that are there.

@@ -117,5 +117,5 @@ def test_without_noise_an_array_with_a_channel_that_fits_nowhere_explains_nothin
     problem, states = run
     quiet = replace(problem, noise_power=np.zeros(len(problem.pressures)))
     loud = np.where(np.arange(24) == 3, noisier, 1.0)
-    model = replace(states[-1].model, kernel="near", noise_fraction=1e-7, channel_noise=loud)
+    model = replace(states[-1].model, directional=True, noise_fraction=1e-8, channel_noise=loud)
     assert schedule.explains_all(quiet, replace(states[-1], model=model)) == explained
