@@ -15,8 +15,9 @@ import fdcal
 from benchmarks.documents import ALL, DOCS, PAGES, ROOT, name_of, prose, text_of
 from benchmarks.printed import run_fdcal
 from fdcal.acoustics.dictionary import array_f_max
+from fdcal.assessment.calibration import ChannelFault
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
-from fdcal.assessment.result_file import FaultRow, GivenRow, Keys
+from fdcal.assessment.result_file import GivenRow, ResultTable
 from fdcal.commands.cli import commands
 from fdcal.model.address import Map, View
 from fdcal.model.arrays import positions_of
@@ -113,7 +114,8 @@ NAMED = {
     "solvers": (text_of(DOCS / "reference" / "solvers.md"), "| `{}` |", solver_names()),
     "keys of a measurement": (FILES, "`{}`", REQUIRED + OPTIONAL + SEARCH),
     "keys of a result": (
-        FILES, "`{}`", {*Keys.__annotations__, *FaultRow.__struct_fields__, *GivenRow.__struct_fields__}
+        FILES, "`{}`",
+        {*ResultTable.__struct_encode_fields__, *GivenRow.__struct_fields__, *ChannelFault.__match_args__},
     ),
     "options of import": (RECORDING, "`{}", options("import") - {"-o", "--output", "--force", "--seed"}),
     "tables of positions": (RECORDING, "| `{}` |", formats.suffixes("write")),
