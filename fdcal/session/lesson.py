@@ -30,6 +30,8 @@ Scale = Literal["log", "linear"]
 Quantity = Literal["eq7", "objective"]
 MAX_ORDER_OFFSET = 4  # of a map
 MAX_CHOICES = 6  # of one question
+MAX_MODE = 9999  # highest number of a mode, counted from 1
+FILE_BYTES = 1_000_000  # size of a lesson
 RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
 
 
@@ -192,20 +194,6 @@ def states_of_lesson(lesson: Lesson, problem: Problem, settings: SolverSettings,
     return shown
 
 
-@dataclass(frozen=True)
-class LessonLimits:
-    """How large a lesson may be."""
-
-    file_bytes: int = 1_000_000  # size of its file
-    steps: int = 50  # number of steps
-    choices: int = MAX_CHOICES  # number of choices of one question
-    characters: int = 5000  # length of a text, a question or a reveal
-    mode: int = 9999  # highest number of a mode, counted from 1
-
-
-LESSON_LIMITS = LessonLimits()
-
-
 def lesson_folder() -> Path:
     """Return the folder of the built-in lessons: in the checkout, or inside an installed package."""
     beside = Path(__file__).parents[1] / "lessons"
@@ -226,7 +214,7 @@ def load_lesson(path: str | Path) -> Lesson:
             remedy = f'did you mean "{near[0]}"?' if near else f"use a .toml file or one of {', '.join(names)}"
             raise InputError(f'lesson "{path}" is unknown', remedy, key="lesson", value=str(path))
         path = lesson_folder() / f"{path}.toml"
-    table = parse_toml(read_bytes(path, LESSON_LIMITS.file_bytes, "lesson"), path)
+    table = parse_toml(read_bytes(path, FILE_BYTES, "lesson"), path)
     try:
         for key in Lesson.OPTIONAL:
             if key in table:
@@ -238,92 +226,75 @@ def load_lesson(path: str | Path) -> Lesson:
     return lesson
 
 
+Fault = tuple[object, str, str, str]  # whether there is one; key, what is wrong with it, and the remedy
+
+
 def check(lesson: Lesson) -> None:
     """Raise InputError if no page could show a lesson."""
-    count = len(lesson.steps)
-    if not 1 <= count <= LESSON_LIMITS.steps:
-        raise InputError(
-            f"steps has {count} entries", f"give 1 to {LESSON_LIMITS.steps} [[steps]]", key="steps", value=count
-        )
-    if lesson.steps[0].page.scene is None:
-        key = "steps[1].page.scene"
-        raise InputError(f"{key} is missing", 'name a scene, as "tiny", that the lesson begins with', key=key)
-    scene = _scene_of(lesson, 0, False, "steps[1].page")
+    none = not lesson.steps or lesson.steps[0].page.scene is None
+    _refuse("steps[1].", [(none, "page.scene", "is missing", 'name a scene, as "tiny", that the lesson begins with')])
+    scene = None
     for number, step in enumerate(lesson.steps):
-        key = f"steps[{number + 1}]"
-        _check_step(key, step)
-        for part, setting, revealed in (("page", step.page, False), ("then", step.then, True)):
+        place, count = f"steps[{number + 1}].", len(step.choices)
+        wrong_count = bool(step.question) != bool(count) or count == 1 or count > MAX_CHOICES
+        choices = f"give 2 to {MAX_CHOICES} with a question, none without"
+        added = "add a question and choices, or remove it and the settings of `then`"
+        _refuse(place, [
+            (not step.text.strip(), "text", '= "" says nothing', "write a few sentences"),
+            (wrong_count, "choices", f"has {count} entries", choices),
+            ((count or step.answer) and not 1 <= step.answer <= count, "answer",
+             f"= {step.answer} is none of the {count} choices", "count them from 1"),
+            (count and not step.reveal.strip(), "reveal", '= "" leaves the question open', "write the answer and why"),
+            (not count and (step.reveal or step.then != LessonSetting()), "reveal", "has no question before it", added),
+        ])  # fmt: skip
+        for part, setting in (("page", step.page), ("then", step.then)):
+            key = f"{place}{part}."
             if setting.begins:
-                scene = _scene_of(lesson, number, revealed, f"{key}.{part}")
-            _check_setting(f"{key}.{part}", setting, scene)
+                try:
+                    start = lesson.start(number, part == "then")
+                except (InputError, StorageError) as error:
+                    remedy = error.remedy if isinstance(error, InputError) else "name a scene that can be read"
+                    problem = error.problem if isinstance(error, InputError) else error
+                    raise InputError(f"{key}scene or {key}changes: {problem}", remedy, key=f"{key}scene") from error
+                assert start is not None  # the first step names a scene
+                scene = start[0]
+            assert scene is not None
+            _check_setting(key, setting, scene)
 
 
-def _check_step(key: str, step: LessonStep) -> None:
-    """Raise InputError for texts and a question that no page could show."""
-    for name in ("text", "question", "reveal"):
-        length = len(getattr(step, name))
-        if length > LESSON_LIMITS.characters:
-            remedy = f"use {LESSON_LIMITS.characters} at most"
-            raise InputError(f"{key}.{name} has {length} characters", remedy, key=f"{key}.{name}", value=length)
-    if not step.text.strip():
-        raise InputError(f'{key}.text = "" says nothing', "write a few sentences", key=f"{key}.text", value=step.text)
-    count = len(step.choices)
-    if bool(step.question) != bool(count) or count == 1 or count > LESSON_LIMITS.choices:
-        remedy = f"give 2 to {LESSON_LIMITS.choices} with a question, none without"
-        raise InputError(f"{key}.choices has {count} entries", remedy, key=f"{key}.choices", value=count)
-    if (count or step.answer) and not 1 <= step.answer <= count:
-        problem = f"{key}.answer = {step.answer} is none of the {count} choices"
-        raise InputError(problem, "count them from 1", key=f"{key}.answer", value=step.answer)
-    key = f"{key}.reveal"
-    if count and not step.reveal.strip():
-        raise InputError(f'{key} = "" leaves the question open', "write the answer and why", key=key, value=step.reveal)
-    if not count and (step.reveal or step.then != LessonSetting()):
-        remedy = "add a question and choices, or remove it and the settings of `then`"
-        raise InputError(f"{key} has no question before it", remedy, key=key, value=step.reveal)
+def _refuse(place: str, faults: Iterable[Fault]) -> None:
+    """Raise InputError for the first fault of a part of a lesson."""
+    for wrong, key, why, remedy in faults:
+        if wrong:
+            raise InputError(f"{place}{key} {why}", remedy, key=f"{place}{key}")
 
 
-def _scene_of(lesson: Lesson, number: int, revealed: bool, key: str) -> Scene:
-    try:
-        start = lesson.start(number, revealed)
-    except InputError as error:
-        raise error.within(f"{key}.scene or {key}.changes") from error
-    except StorageError as error:
-        problem = f"{key}.scene or {key}.changes: {error}"
-        raise InputError(problem, "name a scene that can be read", key=f"{key}.scene") from error
-    if start is None:
-        raise InputError(f"{key}.scene is missing", "name a scene", key=f"{key}.scene")
-    return start[0]
-
-
-def _check_setting(key: str, setting: LessonSetting, scene: Scene) -> None:
+def _check_setting(place: str, setting: LessonSetting, scene: Scene) -> None:
     """Raise InputError for settings that a page with this scene does not have."""
-    if setting.frame is not None and setting.run is not None:
-        remedy = "let one step run the solver, and another one show the frame"
-        raise InputError(f"{key}.frame and run are both given", remedy, key=f"{key}.frame", value=setting.frame)
+    both = setting.frame is not None and setting.run is not None
+    _refuse(place, [(both, "frame", "and run are both given", "let one step run the solver, another show the frame")])
     try:
         if setting.frame is not None and not parse_address(setting.frame):
             raise InputError(f'"{shown(setting.frame)}" names nothing', 'write as "step=12&microphone=9"')
         setting = setting.unfolded()
     except InputError as error:
-        raise error.within(f"{key}.frame") from error
-    chosen = {"modes": setting.modes, "map_modes": None if setting.map_modes == SOLVER else setting.map_modes}
-    for name, text in chosen.items():
-        if text is None:
+        raise error.within(f"{place}frame") from error
+    for name, text in (("modes", setting.modes), ("map_modes", setting.map_modes)):
+        if text is None or (name == "map_modes" and text == SOLVER):
             continue
         try:
-            modes = parse_modes(text, LESSON_LIMITS.mode)
+            modes = parse_modes(text, MAX_MODE)
         except InputError as error:
-            raise error.within(f'{key}.{name} = "{shown(text)}"') from error
-        if name == "modes" and modes != tuple(range(modes[0], modes[-1] + 1)):
-            problem, remedy = f'{key}.modes = "{text}" has gaps', "give one range, as 1-20"
-            raise InputError(problem, remedy, key=f"{key}.modes", value=text)
-    if setting.map == "volume" and positions_of(scene).shape[1] != 3:
-        remedy = "name a scene whose array is in space, as ball3d, or another map"
-        raise InputError(f'{key}.map = "volume" needs an array in space', remedy, key=f"{key}.map", value="volume")
-    if setting.run not in (None, "end") and not RUN.fullmatch(setting.run):
-        remedy = 'write "end", or as "3 sweeps", "1 step", "2 stages"'
-        raise InputError(f'{key}.run = "{setting.run}" is unknown', remedy, key=f"{key}.run", value=setting.run)
-    n, count = setting.microphone, len(positions_of(scene))
-    if n is not None and not 0 <= n < count:
-        remedy = f"{scene.name} has 0 to {count - 1}"
-        raise InputError(f"{key}.microphone = {n} is not there", remedy, key=f"{key}.microphone", value=n)
+            raise error.within(f'{place}{name} = "{shown(text)}"') from error
+        gaps = name == "modes" and modes != tuple(range(modes[0], modes[-1] + 1))
+        _refuse(place, [(gaps, "modes", f'= "{text}" has gaps', "give one range, as 1-20")])
+    positions, n = positions_of(scene), setting.microphone
+    count, run = len(positions), setting.run
+    _refuse(place, [
+        (setting.map == "volume" and positions.shape[1] != 3, "map", '= "volume" needs an array in space',
+         "name a scene whose array is in space, as ball3d, or another map"),
+        (run not in (None, "end") and not RUN.fullmatch(run or ""), "run", f'= "{run}" is unknown',
+         'write "end", or as "3 sweeps", "1 step", "2 stages"'),
+        (n is not None and not 0 <= n < count, "microphone", f"= {n} is not there",
+         f"{scene.name} has 0 to {count - 1}"),
+    ])  # fmt: skip
