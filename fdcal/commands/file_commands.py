@@ -172,7 +172,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     """Record takes, and see after each where the microphones are.
 
     EARLIER are takes recorded before, of the same array. The next take has the next free number: take1.wav, take2.wav.
-    While a take is recorded, silent, clipped and duplicated channels are named, and after 15 s inverted, dead and, with
+    While a take is recorded, silent, clipped and duplicated channels are named, and after it inverted, dead and, with
     --positions, swapped ones. Ctrl-C ends a take and keeps what was recorded.
 
     The exit code is that of calibrate with all takes, 4 if they give no result, 130 after Ctrl-C.
@@ -200,7 +200,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     day, paths, written = Day(positions, options, opt.OPTIONS), list(earlier), 0
     while True:
         stream = replayed(replay[written], inputs) if replay else sound_card(inputs, rate, device)
-        take = _record(record_take, stream, path, seconds, day, force)
+        take = _record(record_take, stream, path, seconds, force)
         print(f"take {len(paths) + 1}  {take.text}", flush=True)
         if take.stopped:
             return INTERRUPTED
@@ -255,18 +255,14 @@ def _exit_code(found: TakesResult | None) -> int:
     return 0 if found.result.verdict == "good" else 4
 
 
-def _record(record_take, stream: SoundStream, path: Path, seconds: float, day: Day, force: bool) -> Take:
+def _record(record_take, stream: SoundStream, path: Path, seconds: float, force: bool) -> Take:
     """Record one take with a view of its channels; Ctrl-C, SIGTERM and SIGHUP end it."""
     from ..session.process import Interrupt
-    from ..session.takes import EarlyCheck
 
-    view, early = LiveView(stream.names), EarlyCheck(day, stream, wait=not stream.live)
-    with Interrupt(urgent=False) as interrupt, contextlib.closing(early), contextlib.closing(view):
+    with Interrupt(urgent=False) as interrupt, contextlib.closing(LiveView(stream.names)) as view:
 
         def watch(moment: Moment) -> bool:
             view.show(moment)
-            if said := early.add(moment):
-                view.say(said)
             return not interrupt.received
 
         return record_take(stream, path, seconds, watch, force)

@@ -42,7 +42,6 @@ class SoundStream:
     names: tuple[str, ...]  # (N,) of the channels
     full_scale: float | None  # greatest value that a sample can take
     blocks: Callable[[], Generator[Block, None, None]]  # opens the stream; closing the iterator closes it
-    live: bool = True  # whether the sound goes on while nobody reads it
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +49,6 @@ class Moment:
     """A take while it is recorded."""
 
     seconds: float  # recorded so far
-    samples: np.ndarray  # (N, t), the newest block
     level_db: np.ndarray  # (N,) float64, root mean square of that block over full scale, decibels
     health: ChannelHealth  # by all samples so far
 
@@ -162,7 +160,7 @@ def replayed(
             yield read_samples(recording, start, stop), False
 
     full_scale = recording.full_scale
-    return SoundStream(str(path), recording.sample_rate, recording.names, full_scale, blocks, live=False)
+    return SoundStream(str(path), recording.sample_rate, recording.names, full_scale, blocks)
 
 
 def check_take(stream: SoundStream, path: Path, seconds: float) -> None:
@@ -217,7 +215,7 @@ def record_take(
                     level = np.sqrt(np.mean(block**2, axis=1)) / (stream.full_scale or 1.0)
                     decibels = 20 * np.log10(np.maximum(level, FLOOR))
                     health = channels.health(stream.full_scale)
-                    stopped = not watch(Moment(done / stream.sample_rate, block, decibels, health))
+                    stopped = not watch(Moment(done / stream.sample_rate, decibels, health))
                     if stopped or done >= wanted:
                         break
             except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""A recording day: takes one after the other, what they say together, and what is wrong with a take while it lasts.
+"""A recording day: takes one after the other, and what they say together.
 
 One inference serves all: the recordings are imported without their faulty channels, calibrated by solver robust, which
 names inverted and dead channels, and compared with a list of positions, which shows exchanged ones.
@@ -16,20 +16,15 @@ import numpy as np
 from ..assessment.calibration import FAULTS
 from ..assessment.position_check import PositionCheck, compare_positions, fit_result
 from ..assessment.words import counted, error_words, faults_text, list_faults, result_sentences
-from ..model.validation import InputError, length_text
+from ..model.validation import length_text
 from ..recordings.importer import measurement_of_takes, read_takes
-from ..recordings.recording import ImportOptions, Recording, recording_of
-from ..recordings.take import Moment, SoundStream
+from ..recordings.recording import ImportOptions, Recording
 from .calibration_run import solve
 from .sources import CalibrationInput, compared_with_file, measurement_input
-from .worker import LatestWorker
 
 if TYPE_CHECKING:
     from ..assessment.calibration import Calibration
 
-EARLY = 15.0  # s of sound after which a take is checked while it goes on
-PATIENCE = 60.0  # s that a replay waits for this check
-EARLY_SAMPLES = 60_000_000  # of all channels that are held for it, 240 MB
 NEXT = "move the loudspeaker to the other side of the array"
 
 
@@ -123,51 +118,3 @@ def takes_result(takes: Sequence[str | Path | Recording], day: Day) -> TakesResu
         known = inputs.measurement.known.tolist() if inputs.settings.known == "all" else []
         check = compare_positions(result.positions, positions, known)
     return TakesResult(len(recordings), inputs, result, check)
-
-
-class EarlyCheck:
-    """Calibrates the first seconds of a take while the rest is recorded, on a thread of its own.
-
-    `wait`: whether `add` waits for the result, PATIENCE at most, as suits a stream that waits itself.
-    """
-
-    def __init__(self, day: Day, stream: SoundStream, wait: bool = False):
-        self._day, self._stream, self._wait = day, stream, wait
-        self._blocks: list[np.ndarray] = []
-        self._worker: LatestWorker | None = None
-        self._done = EARLY * stream.sample_rate * len(stream.names) > EARLY_SAMPLES
-
-    def add(self, moment: Moment) -> str:
-        """Take the newest block, and return what was found in words; "" while there is nothing new."""
-        if self._done:
-            return ""
-        if self._worker is None:
-            self._blocks.append(moment.samples.astype(np.float32))
-            if moment.seconds < EARLY:
-                return ""
-            self._worker = LatestWorker(self._calibrate, "fdcal-early")
-            self._worker.request()
-        head = f"after {EARLY:g} s of sound: "
-        if self._wait and not self._worker.wait_for(lambda latest: latest is not None, PATIENCE):
-            self.close()
-            return f"{head}no result within {PATIENCE:g} s; the take goes on"
-        latest = self._worker.latest
-        if latest is None:
-            return ""
-        self.close()
-        if latest.result is None:
-            return head + (str(latest.cause) if isinstance(latest.cause, InputError) else latest.error)
-        return head + ("; ".join(latest.result.faults) or "no fault found")
-
-    def _calibrate(self) -> TakesResult:
-        samples = np.concatenate(self._blocks, axis=1)
-        self._blocks = []
-        names, full_scale = self._stream.names, self._stream.full_scale
-        take = recording_of("the take", None, self._stream.sample_rate, samples, names=names, full_scale=full_scale)
-        return takes_result([take], self._day)
-
-    def close(self) -> None:
-        """Take no result any more; what is being computed ends by itself."""
-        self._done = True
-        if self._worker is not None:
-            self._worker.close(0.0)
