@@ -247,9 +247,6 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
     return path
 
 
-SESSIONS = (".zip", ".json")
-
-
 def option_name(key: str) -> str:
     """Return what the command line calls an argument that has no other name there."""
     return f"--{key.replace('_', '-')}"
@@ -472,7 +469,7 @@ def result_of(path: str | None) -> Calibration | None:
 
 def open_request_of(text: str) -> OpenRequest:
     """Return what a page is to show: a saved session, a measurement or recordings, or a scene."""
-    if text.lower().endswith(SESSIONS):
+    if text.lower().endswith(".zip"):
         from ..session.session_file import read
 
         return read(text)

@@ -1,10 +1,9 @@
 """A session as a file, with which `fdcal view SESSION` continues.
 
-It is a .zip of two files, session.json and session.npz, which may also lie in a folder of their own. The first holds
-the scene with the settings of its solver, the seed of the start, the index of the state that was shown, the values of
-the page's controls and the states; it has infinity as Python's JSON does. The second holds their arrays and the
-measurement; it is a measurement file that `fdcal calibrate` can read. msgspec reads each state as its class declares
-it. Reading either file runs nothing.
+It is a .zip of two files. session.json holds the scene with the settings of its solver, the seed of the start, the
+index of the state that was shown, the values of the page's controls and the states; it has infinity as Python's JSON
+does. session.npz holds their arrays and the measurement; it is a measurement file that `fdcal calibrate` can read.
+msgspec reads each state as its class declares it. Reading either file runs nothing.
 """
 
 import dataclasses
@@ -66,21 +65,17 @@ def write(opening: OpenRequest) -> bytes:
 
 
 def read(path: str | Path) -> OpenRequest:
-    """Return what a session's .zip holds, or its .json with the .npz of the same name beside it."""
-    path = Path(path)
+    """Return what a session's .zip holds."""
     try:
-        require_regular(path)
-        if path.suffix.lower() == ".zip":
-            with zipfile.ZipFile(path) as archive:
-                if not {TABLE, ARRAYS} <= set(archive.namelist()):
-                    raise InputError(f"{path} is no session", f"a session holds {TABLE} and {ARRAYS}", key="session")
-                _require_small(path, sum(entry.file_size for entry in archive.infolist()))
-                text, arrays = archive.read(TABLE), archive.read(ARRAYS)
-        else:
-            for file in (path, path.with_suffix(".npz")):
-                require_regular(file)
-                _require_small(file, file.stat().st_size)
-            text, arrays = path.read_bytes(), path.with_suffix(".npz").read_bytes()
+        require_regular(Path(path))
+        with zipfile.ZipFile(path) as archive:
+            if not {TABLE, ARRAYS} <= set(archive.namelist()):
+                raise InputError(f"{path} is no session", f"a session holds {TABLE} and {ARRAYS}", key="session")
+            # no entry of an archive gives more bytes than it says
+            if (size := sum(entry.file_size for entry in archive.infolist())) > UNPACKED_BYTES:
+                problem = f"{path} would take {size / 1e6:.0f} MB of memory"
+                raise InputError(problem, f"a session takes {UNPACKED_BYTES / 1e6:.0f} MB at most", key="session")
+            text, arrays = archive.read(TABLE), archive.read(ARRAYS)
     except InputError:
         raise
     except OSError as error:
@@ -91,13 +86,6 @@ def read(path: str | Path) -> OpenRequest:
         return _opening(text, arrays)
     except InputError as error:
         raise error.within(path) from None
-
-
-def _require_small(name: str | Path, size: int) -> None:
-    """Raise InputError for what would fill the memory; no entry of an archive gives more bytes than it says."""
-    if size > UNPACKED_BYTES:
-        problem = f"{name} would take {size / 1e6:.0f} MB of memory"
-        raise InputError(problem, f"a session takes {UNPACKED_BYTES / 1e6:.0f} MB at most", key="session", value=size)
 
 
 def _opening(text: bytes, packed: bytes) -> OpenRequest:
@@ -115,8 +103,6 @@ def _opening(text: bytes, packed: bytes) -> OpenRequest:
     if isinstance(scene, MeasuredScene):
         scene = dataclasses.replace(scene, file="")  # a session reads no other file
     try:
-        with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-            _require_small(ARRAYS, sum(entry.file_size for entry in archive.infolist()))
         arrays = read_archive(io.BytesIO(packed), lambda key: key.startswith("states_"))
     except InputError:
         raise
