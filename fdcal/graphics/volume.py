@@ -5,7 +5,7 @@
     levels_of       round levels of cost for the isosurfaces
     volume_of       a Volume of costs on a lattice, still without a slice
     slice_of        a slice in the colours of a Volume
-    faded           a Volume with translucent isosurfaces made more so
+    brightened      a Volume for a dark page
     sampled_volume  values and minima on a lattice of the whole domain
     drawn_volume    its isosurfaces
     sliced          these with a slice across an axis
@@ -149,16 +149,11 @@ def plate_of(rgb: np.ndarray, axis: int, position: float, domain: np.ndarray) ->
     return Plate("slice", frozen_array(rgb, np.uint8), axis, position, origin, size, SLICE_OPACITY)
 
 
-def faded(volume: Volume, opacity: float, dark: bool = False) -> Volume:
-    """Return a volume whose isosurfaces have a fraction of their opacity, 0 to 1.
-
-    On a dark page they are brighter and less translucent: the low costs have dark colours.
-    """
+def brightened(volume: Volume) -> Volume:
+    """Return a volume for a dark page: brighter and less translucent, for the low costs have dark colours."""
     texture = volume.surface.texture.astype(float)
-    if dark:
-        texture[..., :3] += ON_DARK * (255 - texture[..., :3])
-        texture[..., 3] *= 1 + ON_DARK
-    texture[..., 3] *= opacity
+    texture[..., :3] += ON_DARK * (255 - texture[..., :3])
+    texture[..., 3] *= 1 + ON_DARK
     texture = np.rint(np.minimum(texture, 255))
     return replace(volume, surface=replace(volume.surface, texture=frozen_array(texture, np.uint8)))
 

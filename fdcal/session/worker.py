@@ -1,16 +1,18 @@
-"""A thread that runs only the newest request: for cost maps, pictures and other results that may arrive late."""
+"""Threads that carry out only the newest requests: for cost maps, pictures and other results that may arrive late."""
 
 import collections
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ..model.validation import InputError
 
 log = logging.getLogger(__name__)
+
+Flag = threading.Event  # ends the waiting of a loop early; any thread may set it
 
 
 @dataclass(frozen=True)
@@ -25,22 +27,53 @@ class Delivery:
     ended: float = 0.0
 
 
-class WakeEvent(threading.Event):
-    """Ends the waiting of a loop early; any thread may `set` it."""
+class Lane:
+    """A thread for several workers, which starts with the first request.
 
-    def wait(self, timeout: float | None = None) -> bool:
-        """Block until the event is set, and clear it; return False if it is not set within `timeout`, s."""
-        happened = super().wait(timeout)
-        if happened:  # one that comes after the end of the waiting counts for the next
-            self.clear()
-        return happened
+    Of the workers with a request that waits, the one that was made first goes first.
+
+    A function that returns an iterator is a long computation: between its parts all others get their turn.
+    """
+
+    def __init__(self, name: str):
+        self.changed, self.workers = threading.Condition(), list[LatestWorker]()
+        self._closed = False
+        self.thread = threading.Thread(target=self._serve, name=name, daemon=True)
+
+    def close(self, timeout: float = 2.0) -> bool:
+        """End the thread after the running request; return False if that takes longer than `timeout` seconds."""
+        with self.changed:
+            self._closed = True
+            for worker in self.workers:
+                worker.requested = None
+            self.changed.notify_all()
+        if self.thread.ident is not None:
+            self.thread.join(timeout)
+        return not self.thread.is_alive()
+
+    def turn(self, besides: "LatestWorker | None" = None) -> bool:
+        """On the thread: carry out one request of a worker, other than `besides`; return whether one waited."""
+        with self.changed:
+            worker = next((one for one in self.workers if one.waiting and one is not besides), None)
+            if worker is None or self._closed:
+                return False
+            arguments, worker.running = worker.waiting.popleft(), True
+        worker.carry_out(arguments)
+        return True
+
+    def _serve(self) -> None:
+        while not self._closed:
+            if not self.turn():
+                with self.changed:
+                    self.changed.wait_for(lambda: self._closed or any(worker.waiting for worker in self.workers))
 
 
 class LatestWorker:
-    """A thread that calls `function` with the newest requests; older ones than the `keep` that wait are dropped.
+    """Calls `function` with the newest requests; older ones than the `keep` that wait are dropped.
 
-    An exception becomes `latest.error`; the thread continues, and calls `notify` after every delivery. `latest`: the
-    newest delivery; `requested`: the arguments that `newest` has requested last; None where they count no longer.
+    `lane`: the thread, one of its own unless given. An exception becomes `latest.error`; the thread continues, and
+    calls `notify` after every delivery. `latest`: the newest delivery; `requested`: the arguments that `newest` has
+    requested last; None where they count no longer.
     """
 
     def __init__(
@@ -49,32 +82,35 @@ class LatestWorker:
         name: str = "fdcal-worker",
         keep: int = 1,
         notify: Callable[[], None] = lambda: None,
+        lane: Lane | None = None,
     ):
-        self._function, self._notify = function, notify
-        self._changed = threading.Condition()
-        self._waiting: collections.deque[tuple] = collections.deque(maxlen=keep)
-        self._busy = self._closed = False
+        self._function, self._name, self._notify = function, name, notify
+        self.waiting: collections.deque[tuple] = collections.deque(maxlen=keep)
+        self.running = False
         self.latest: Delivery | None = None
         self.requested: tuple | None = None
-        self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
-        self._thread.start()
+        self._lane = Lane(name) if lane is None else lane
+        with self._lane.changed:
+            self._lane.workers.append(self)
 
     @property
     def busy(self) -> bool:
         """Whether a request waits or is running."""
-        with self._changed:
-            return self._busy or bool(self._waiting)
+        with self._lane.changed:
+            return self.running or bool(self.waiting)
 
     @property
     def full(self) -> bool:
         """Whether one more request would drop one that waits."""
-        return len(self._waiting) == self._waiting.maxlen
+        return len(self.waiting) == self.waiting.maxlen
 
     def request(self, *arguments) -> None:
         """Request `function(*arguments)`; if the queue is `full`, this replaces the oldest request that waits."""
-        with self._changed:
-            self._waiting.append(arguments)
-            self._changed.notify_all()
+        with self._lane.changed:
+            self.waiting.append(arguments)
+            if self._lane.thread.ident is None:
+                self._lane.thread.start()
+            self._lane.changed.notify_all()
 
     def newest(self, *arguments) -> Delivery | None:
         """Request the computation, unless it was requested last; return the newest delivery, perhaps an older one."""
@@ -89,33 +125,28 @@ class LatestWorker:
 
     def wait_for(self, predicate: Callable[[Delivery | None], bool], timeout: float | None = None) -> bool:
         """Block until `predicate(latest)` is true; return False if it is not within `timeout` seconds."""
-        with self._changed:
-            return self._changed.wait_for(lambda: predicate(self.latest), timeout)
+        with self._lane.changed:
+            return self._lane.changed.wait_for(lambda: predicate(self.latest), timeout)
 
     def close(self, timeout: float = 2.0) -> bool:
         """End the thread after the running request; return False if that takes longer than `timeout` seconds."""
-        with self._changed:
-            self._closed, self.requested = True, None
-            self._changed.notify_all()
-        self._thread.join(timeout)
-        return not self._thread.is_alive()
+        return self._lane.close(timeout)
 
-    def _serve(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._waiting)
-                if self._closed:
-                    return
-                arguments, self._busy = self._waiting.popleft(), True
-            began = time.perf_counter()
-            try:
-                delivery = Delivery(arguments, result=self._function(*arguments))
-            except Exception as error:
-                expected = isinstance(error, (InputError, OSError))  # the caller reports it, in one line
-                log.log(logging.DEBUG if expected else logging.ERROR, "%s failed", self._thread.name, exc_info=True)
-                delivery = Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)
-            delivery = replace(delivery, began=began, ended=time.perf_counter())
-            with self._changed:
-                self.latest, self._busy = delivery, False
-                self._changed.notify_all()
-            self._notify()
+    def carry_out(self, arguments: tuple) -> None:
+        """On the thread: compute and deliver the result of a request."""
+        began = time.perf_counter()
+        try:
+            result = self._function(*arguments)
+            for _ in result if isinstance(result, Iterator) else ():
+                while self._lane.turn(besides=self):
+                    pass
+            delivery = Delivery(arguments, result=result)
+        except Exception as error:
+            expected = isinstance(error, (InputError, OSError))  # the caller reports it, in one line
+            log.log(logging.DEBUG if expected else logging.ERROR, "%s failed", self._name, exc_info=True)
+            delivery = Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)
+        delivery = replace(delivery, began=began, ended=time.perf_counter())
+        with self._lane.changed:
+            self.latest, self.running = delivery, False
+            self._lane.changed.notify_all()
+        self._notify()

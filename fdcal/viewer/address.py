@@ -19,9 +19,9 @@ from ..model.scene import load_scene, scene_names
 from ..model.validation import InputError, modes_text, parse_modes, shown
 from ..session.lesson import LessonSetting
 from ..session.sources import OpenRequest
-from .gui.binding import kind_of
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 from .session_view import Viewer
+from .state import kind_of
 from .tabs.lessons import KINDS, LessonPage, LessonsTab, apply_setting, plain_choices
 
 MAX_MODES_TEXT = 60  # characters of the modes of a map: with the camera a command has room for no more

@@ -6,7 +6,7 @@ from pathlib import Path
 from ..session.lesson import Lesson
 from ..session.process import Interrupt
 from ..session.sources import OpenRequest
-from ..session.worker import WakeEvent
+from ..session.worker import Flag
 from .opening import film_html, opening_request
 from .server.hardening import is_loopback, open_server, without_output
 from .server.process import error_log, share_one_heap
@@ -36,7 +36,7 @@ def serve(
     share_one_heap()
     with Interrupt() as interrupt, error_log():
         page, opens = None, request is None and begin is None
-        sent, connected = WakeEvent(), WakeEvent()
+        sent, connected = Flag(), Flag()
         server = open_server(host, port, film_html() if opens else "", sent.set)
         try:
             server.gui.configure_theme(show_share_button=False, show_logo=False)

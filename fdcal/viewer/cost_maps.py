@@ -4,7 +4,7 @@ A fast thread computes the map over the solver's own lattice, many times a secon
 slow one then computes the same map on a finer lattice once nothing changes, and stops as soon as another is requested.
 
 A volume, the cost of one microphone in space, takes most of its time for the terms of the cost at its nodes
-(`fdcal.cost.maps`). They are kept until microphone, modes or positions change, so that another slice, scale or opacity
+(`fdcal.cost.maps`). They are kept until microphone, modes or positions change, so that another slice or scale
 is drawn from what there is.
 """
 
@@ -39,7 +39,8 @@ from ..model.settings import Search
 from ..model.validation import InputError
 from ..solvers.interface import RunState
 from .gui.html import error_message
-from .prepare import Last, PreparedRun, Threads
+from .prepare import PreparedRun
+from .scheduler import Memo, Scheduler
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,6 @@ class MapStyle:
     """How a map is drawn."""
 
     log: bool = True  # whether its scale is logarithmic
-    opacity: float = 1.0  # 0 to 1
     relief: bool = False  # whether its heights rise with its colours
     relief_height: float = 0.3  # of the highest cost, of the longer side of the search domain
     shared: bool = False  # one scale for all the maps side by side
@@ -281,7 +281,7 @@ class VolumeMaps:
     def __init__(self, run: PreparedRun):
         self._run = run
         # by whether fine: the values, what is drawn of them without a slice, and their basins
-        self._sampled, self._drawn, self._found = ({False: Last(), True: Last()} for _ in range(3))
+        self._sampled, self._drawn, self._found = ({False: Memo(), True: Memo()} for _ in range(3))
 
     def map(self, request: CostMapRequest, fine: bool, cancelled: Callable[[], bool] = lambda: False) -> CostMap | None:
         """Return the volume on a fine or a coarse lattice, with such a slice; None once cancelled.
@@ -294,27 +294,27 @@ class VolumeMaps:
             pixels, negligible, points = COARSE_PIXELS, COARSE_NEGLIGIBLE, COARSE_POINTS
         sampled: SampledVolume | None = self._sampled[True].get(key)
         fine = fine or sampled is not None
-        if sampled is None and (sampled := self._sampled[fine].get(key)) is None:
+
+        def sample() -> SampledVolume | None:
             terms = terms_of(self._run.problem, request, cancelled, negligible)
-            sampled = None if terms is None else sampled_volume(terms, points, cancelled)
-            if sampled is None:
-                return None
-            self._sampled[fine].keep(sampled, key)
+            return None if terms is None else sampled_volume(terms, points, cancelled)
+
+        if sampled is None and (sampled := self._sampled[fine](sample, key)) is None:
+            return None
         place, note = 0.0, ""  # where along its axis the slice lies: through the estimate unless it was moved
         if style.slice_axis in AXES:
             estimate = float(position[AXES.index(style.slice_axis)])
             place = estimate if style.slice_position is None else style.slice_position
         if style.basins:  # a slice through them; another slice needs no new ones
-            basins = self._found[fine].get(key) or self._found[fine].keep(basins_of(sampled.cost), key)
+            basins = self._found[fine](lambda: basins_of(sampled.cost), key)
             home, name = place_of_basin(self._run, request)
             volume = basin_slice(basins, sampled.search, style.slice_axis, place, sampled.minima, home, name)
             volume = volume if style.minima else replace(volume, minima=None)
             note = descent_text(basins, sampled.search, home, name)
         else:
-            drawn = self._drawn[fine].get(key, style.log, style.minima)
-            if drawn is None:
-                drawn = drawn_volume(sampled, style.log, style.minima)
-                self._drawn[fine].keep(drawn, key, style.log, style.minima)
+            drawn = self._drawn[fine](
+                lambda: drawn_volume(sampled, style.log, style.minima), key, style.log, style.minima
+            )
             volume = sliced(drawn, sampled, style.slice_axis, place, style.log, pixels)
             fine = fine and pixels == PIXELS
         found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
@@ -350,12 +350,12 @@ IDLE_TIME = 0.35  # s without a change before a finer map is requested
 class CostMapWorker:
     """Requests maps and returns the newest that fits; all on the caller's thread except `_compute`, `_compute_fine`."""
 
-    def __init__(self, run: PreparedRun, threads: Threads):
+    def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._since = run, 0.0
         self._volumes = VolumeMaps(run)
-        self._costs, self._fine_costs = Last(), Last()  # maps of single modes and minima, of each thread
-        self.worker = threads.start(self._compute, "fdcal-map", wakes=True)
-        self._fine_worker = threads.start(self._compute_fine, "fdcal-fine-map")
+        self._costs, self._fine_costs = Memo(), Memo()  # maps of single modes and minima, of each thread
+        self.worker = threads.map(self._compute)
+        self._fine_worker = threads.job(self._compute_fine)
 
     def newest(self, wanted: CostMapRequest, running: bool, now: float) -> tuple[CostMap | None, str]:
         """Return the map to show, or None, and the error that keeps it from being computed, "" without one.
@@ -415,14 +415,14 @@ class CostMapWorker:
         run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
         if request.style.basins:
             search = maps.lattice_of(run.problem, modes)  # a lattice without false minima
-        key = _key(request), search
-        if (found := self._costs.get(*key)) is None:
+
+        def compute() -> tuple[ModePanels, Minima]:
             each = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search)
             shown, total = shown_modes(len(modes)), each.sum(axis=0)
             panels = ModePanels(tuple(modes[i] for i in shown), each[shown], total, search)
-            minima = maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
-            found = self._costs.keep((panels, minima), *key)
-        panels, minima = found
+            return panels, maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
+
+        panels, minima = self._costs(compute, _key(request), request.style.basins)
         return cost_map(run, request, panels.total, search, minima, panels)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
@@ -430,11 +430,13 @@ class CostMapWorker:
         cancelled = lambda: not self.worker.wants(request)  # noqa: E731
         if request.style.volume:
             return self._volumes.map(request, True, cancelled)
-        key = _key(request)
-        if (found := self._fine_costs.get(key)) is None:
-            if (panels := fine_panels(self._run, request, cancelled)) is None:
-                return None
-            found = self._fine_costs.keep((panels, maps.minima_of(panels.total, panels.search)), key)
+
+        def compute() -> tuple[ModePanels, Minima] | None:
+            panels = fine_panels(self._run, request, cancelled)
+            return None if panels is None else (panels, maps.minima_of(panels.total, panels.search))
+
+        if (found := self._fine_costs(compute, _key(request))) is None:
+            return None
         panels, minima = found
         if request.style.relief:  # a finer surface would take seconds to send: only the maps side by side are finer
             latest = self.worker.latest

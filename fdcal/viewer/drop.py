@@ -10,8 +10,7 @@ there and the path downhill, which a thread computes. When it is let go it rolls
 below it, and the session gets one new state at its end. Where no cost is shown, the microphone follows the pointer in
 the session.
 
-MicrophonePicker   handles of the microphones
-LineHandles        handles at the ends of the line of a cut
+MicrophonePicker   handles of the microphones, and of the line of a cut
 Drop               what is dragged or rolls
 """
 
@@ -22,6 +21,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import viser
@@ -35,14 +35,15 @@ from ..graphics.primitives import Floor, Picture
 from ..model.validation import Reals
 from ..session.session import SessionView
 from .cost_maps import CostMap
-from .gui.binding import Binding, Line
+from .gui.binding import Binding
 from .gui.html import NO_BUTTONS, CanvasWords
-from .prepare import Last
+from .scheduler import Memo
 
 HANDLE_RADIUS = 1.7  # in radii of a marker
 FIXED = 0.9  # size of the handles of microphones that cannot be dragged, of the others: a finger rather takes those
 BALL = 1.6  # size of the handle of the ball, likewise: it is what a pointer looks for
-SPECK = 1e-3  # size of what stands in the corners of the search domain, likewise
+END = 1.8 * CUT_RADIUS / HANDLE_RADIUS  # size of those at the ends of the line, likewise
+SPECK = 1e-3  # size of what stands in the corners of the search domain, and of what is not there, likewise
 HANDLE_HEIGHT = 14 / 24  # of its middle over the floor, in radii of a marker
 
 
@@ -52,10 +53,10 @@ Move = Callable[[int, np.ndarray, int, bool], None]  # microphone, place, number
 class MicrophonePicker:
     """Owns the handles. With Shift a microphone stays where it is let go.
 
-    `binding`: of the session; `picture`: as drawn, for the extent of the search domain and the size of the markers;
-    `select`: called with the number of the microphone that was clicked; `move`: called with the number of one that is
-    dragged, its place, metres, the number of the gesture, and whether it was let go; `place`: likewise, with Shift;
-    `name`: of the handles' node, a new one for each instance. `handles`: in the scene.
+    `binding`: of the session, whose `choices.cut` is the line; `picture`: as drawn, for the extent of the search domain
+    and the size of the markers; `select`: called with the number of the microphone that was clicked; `move`: called
+    with the number of one that is dragged, its place, metres, the number of the gesture, and whether it was let go;
+    `place`: likewise, with Shift; `name`: of the handles' node, a new one for each instance. `handles`: in the scene.
     """
 
     def __init__(
@@ -68,10 +69,8 @@ class MicrophonePicker:
         place: Move,
         name: str = "/picking",
     ):
-        self._binding, self._picture = binding, picture
-        self._select = select
-        self._marker, self._base, self._across = picture.marker_radius, picture.z_range[0], 2
-        self._shown: np.ndarray | None = None
+        self._binding, self._picture, self._across = binding, picture, 2
+        self._count, self._marker = binding.measurement.count, picture.marker_radius
         self._gestures = itertools.count()
         self._gesture: dict[int, int] = {}  # number of the gesture of each page that drags
         self._last: dict[int, tuple[Move, int, np.ndarray]] = {}  # of each of them: the last move
@@ -79,15 +78,21 @@ class MicrophonePicker:
         edge = 0.0 if binding.measurement.search is None else binding.measurement.search.step / 2
         z0, z1 = picture.z_range
         self._low, self._high = np.array([x0 + edge, y0 + edge, z0]), np.array([x1 - edge, y1 - edge, z1])
-        self._corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
-        start = np.tile(self._corners[0], (binding.measurement.count, 1))
-        self.handles = handles = add_handles(server, name, start, HANDLE_RADIUS * self._marker, self._corners)
-        self._sized: np.ndarray | None = None  # the sizes that were sent last
+        # The browser looks for handles only inside the box that they all spanned at first: specks in the corners of the
+        # search domain span it.
+        corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
+        self._shown, self._sizes = np.concatenate([np.tile(corners[0], (self._count + 2, 1)), corners]), np.zeros(0)
+        vertices, faces = annuli(np.zeros((1, 3)), HANDLE_RADIUS * self._marker / 2, HANDLE_RADIUS * self._marker, 12)
+        self.handles = handles = server.scene.add_batched_meshes_simple(
+            name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (len(self._shown), 1)), self._shown,
+            batched_scales=np.full(len(self._shown), SPECK),
+            opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
 
         @handles.on_click
         async def _(event) -> None:
-            if event.instance_index in range(binding.measurement.count):
-                self._select(event.instance_index)
+            if event.instance_index in range(self._count):
+                select(event.instance_index)
 
         async def drag(move: Move, event) -> None:
             self._drag(event, move)
@@ -95,24 +100,30 @@ class MicrophonePicker:
         handles.on_drag("left")(partial(drag, move))
         handles.on_drag("left", modifier="shift")(partial(drag, place))
 
-    def _movable(self, index) -> bool:
+    def _movable(self, index: int) -> bool:
         """Whether a microphone may be dragged: a known one stays, unless it is released or only planned."""
-        binding, choices = self._binding, self._binding.choices
-        free = choices.release or choices.plan.shown
-        return index in range(binding.measurement.count) and (free or index not in binding.run.problem.known)
+        choices = self._binding.choices
+        return choices.release or choices.plan.shown or index not in self._binding.run.problem.known
 
     def _drag(self, event, move: Move) -> None:
-        """Move the microphone to where the line of sight meets its height, or its slice, inside the search domain."""
+        """Move a microphone or an end to where the line of sight meets its height or slice inside the search domain."""
         if event.phase == "start":
             self._gesture[event.client_id] = next(self._gestures)
-        index, gesture = event.instance_index, self._gesture.get(event.client_id)
-        if not self._movable(index) or gesture is None:
+        index, gesture, line = event.instance_index, self._gesture.get(event.client_id), self._binding.choices.cut
+        if gesture is None or index not in range(self._count + 2):
+            return
+        is_end = index >= self._count
+        if line is None if is_end else not self._movable(index):
             return
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
-        here = self._corners[0] if self._shown is None else self._shown[index]
-        place = plane_point(eye, point, float(here[self._across]), self._across)
+        across = 2 if is_end else self._across
+        place = plane_point(eye, point, float(self._shown[index, across]), across)
         if place is not None:
             place = np.clip(place, self._low[: len(place)], self._high[: len(place)])
+            if line is not None and is_end:
+                x, y = place.tolist()
+                self._binding.choose(cut=((x, y), line[1]) if index == self._count else (line[0], (x, y)))
+                return
             self._last[event.client_id] = move, index, place
             if event.phase != "end":
                 move(index, place, gesture, False)
@@ -127,41 +138,30 @@ class MicrophonePicker:
             move(index, place, gesture, True)
 
     def show(self, positions, floor: Floor | None, across: int = 2, ball: int | None = None) -> None:
-        """Move the handles to the estimated positions; called by the main loop.
+        """Move the handles to the estimated positions and the ends of the line; called by the main loop.
 
         `positions` (N, D) float64, metres; `floor`: the map, on the relief of which they stand, or None; `across`: axis
         across the plane in which microphones are dragged; `ball`: the one that is drawn as a ball, or None.
         """
-        self._across = across
-        points = drape(positions, floor, self._marker)
-        heights = points[:, 2] if points.shape[1] == 3 else np.full(len(points), self._base)
-        handles = np.column_stack([points[:, :2], heights + HANDLE_HEIGHT * self._marker])
-        sizes = np.array([1.0 if self._movable(n) else FIXED for n in range(len(handles))])
+        self._across, places, sizes = across, self._shown.copy(), np.full(len(self._shown), SPECK)
+        places[: self._count] = self._over(drape(positions, floor, self._marker), 1)
+        sizes[: self._count] = [1.0 if self._movable(n) else FIXED for n in range(self._count)]
         if ball is not None:
-            handles[ball], sizes[ball] = ball_centre(self._picture, positions[ball], floor), BALL
-        if self._sized is None or not np.array_equal(self._sized, sizes):
-            self._sized = sizes
-            self.handles.batched_scales = np.concatenate([sizes, np.full(len(self._corners), SPECK)]).astype(np.float32)
-        if self._shown is None or not np.array_equal(self._shown, handles):
-            self._shown = handles
-            self.handles.batched_positions = np.concatenate([handles, self._corners]).astype(np.float32)
+            places[ball], sizes[ball] = ball_centre(self._picture, positions[ball], floor), BALL
+        if self._binding.choices.cut is not None:
+            ends = slice(self._count, self._count + 2)
+            places[ends], sizes[ends] = self._over(drape(np.array(self._binding.choices.cut), floor), 2), END
+        if not np.array_equal(self._sizes, sizes):
+            self._sizes = sizes
+            self.handles.batched_scales = sizes.astype(np.float32)
+        if not np.array_equal(self._shown, places):
+            self._shown = places
+            self.handles.batched_positions = places.astype(np.float32)
 
-
-def add_handles(server: viser.ViserServer, name: str, places: np.ndarray, radius: float, corners: np.ndarray):
-    """Add an invisible handle at each of `places` (P, 3), metres, and specks in the corners of the search domain.
-
-    The browser looks for handles only inside the box that they all spanned at first, so they span the whole search
-    domain from the start, under a new name each time.
-
-    `name`: of the node, a new one each time; `radius`: metres; `corners` (C, 3) float64, metres.
-    """
-    count, specks = len(places), len(corners)
-    vertices, faces = annuli(np.zeros((1, 3)), radius / 2, radius, corners=12)
-    return server.scene.add_batched_meshes_simple(
-        name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), np.concatenate([places, corners]),
-        batched_scales=np.repeat([1.0, SPECK], [count, specks]),
-        opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
-    )  # fmt: skip
+    def _over(self, points: np.ndarray, layer: int) -> np.ndarray:
+        """Return places (P, 3) over points on the floor, metres: the ends of the line over the microphones."""
+        points = points if points.shape[1] == 3 else lift(points, self._picture.z_range[0])
+        return points + [0.0, 0.0, layer * HANDLE_HEIGHT * self._marker]
 
 
 def plane_point(eye: np.ndarray, point: np.ndarray, level: float, axis: int = 2) -> np.ndarray | None:
@@ -182,65 +182,6 @@ def plane_point(eye: np.ndarray, point: np.ndarray, level: float, axis: int = 2)
 
 
 GRAZING = 0.05  # sine of the angle to a plane below which a pointer meets it nowhere in particular
-END_RADIUS = 1.8 * CUT_RADIUS  # in radii of a marker
-
-
-class LineHandles:
-    """Owns the handles at the ends of the line, as long as there is one.
-
-    `binding`: whose `choices.cut` is the line; `picture`: as drawn, for the extent of the search domain and the size of
-    the markers; `name`: begins the names of the handles' nodes, a new one for each instance.
-    """
-
-    def __init__(self, server: viser.ViserServer, binding: Binding, picture: Picture, name: str = "/cut_ends"):
-        self._server, self._binding, self._name = server, binding, name
-        self._marker, self._base = picture.marker_radius, picture.z_range[0]
-        x0, y0, x1, y1 = picture.focus
-        self._low, self._high = np.array([x0, y0]), np.array([x1, y1])
-        self._corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
-        self._numbers, self._handles, self._shown = itertools.count(), None, np.zeros((0, 3))
-
-    def show(self, line: Line | None, floor: Floor | None) -> None:
-        """Put the handles at the ends of a line, or remove them; called by the main loop.
-
-        `line`: its ends, metres, or None; `floor`: the map, on the relief of which they lie, or None.
-        """
-        if line is None:
-            self.remove()
-            return
-        ends = drape(np.array(line), floor)
-        ends = ends if ends.shape[1] == 3 else lift(ends, self._base)
-        ends = ends + [0.0, 0.0, 2 * HANDLE_HEIGHT * self._marker]  # over the handles of the microphones
-        if self._handles is None:
-            name, radius = f"{self._name}/{next(self._numbers)}", END_RADIUS * self._marker
-            self._handles = add_handles(self._server, name, ends, radius, self._corners)
-
-            @self._handles.on_drag("left")
-            async def _(event) -> None:
-                self._drag(event)
-
-        elif not np.array_equal(ends, self._shown):
-            self._handles.batched_positions = np.concatenate([ends, self._corners]).astype(np.float32)
-        self._shown = ends
-
-    def _drag(self, event) -> None:
-        """Move one end to where the line of sight meets the map, inside the search domain."""
-        line, end = self._binding.choices.cut, event.instance_index
-        if line is None or not isinstance(end, int) or end not in (0, 1) or len(self._shown) != 2:
-            return
-        eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
-        place = plane_point(eye, point, float(self._shown[end, 2]))
-        if place is not None:
-            x, y = np.clip(place, self._low, self._high).tolist()
-            self._binding.choose(cut=((x, y), line[1]) if end == 0 else (line[0], (x, y)))
-
-    def remove(self) -> None:
-        """Remove the handles from the scene."""
-        if self._handles is not None:
-            self._handles.remove()
-            self._handles = None
-
-
 ROLL_TIME = 1.4  # s from where the microphone is let go to its minimum
 PATIENCE = 4.0  # s that a microphone waits for its path; after that it stays where it was let go
 CONTINUE = "Continue from here"
@@ -293,18 +234,12 @@ class Dropped:
 class Drop:
     """Owns the drag, the thread of the paths, and the counts of tries and of those that ended at home.
 
-    `select`: shows the map of a microphone; `follow`: that of the modes that the solver uses; `words`: on the canvas,
-    or None.
+    `words`: on the canvas, or None; `tabs`: of the session, once they are made.
     """
 
-    def __init__(
-        self,
-        binding: Binding,
-        select: Callable[[int], None],
-        follow: Callable[[], None],
-        words: CanvasWords | None = None,
-    ):
-        self._binding, self._select, self._follow, self._words = binding, select, follow, words
+    def __init__(self, binding: Binding, words: CanvasWords | None = None):
+        self._binding, self._words = binding, words
+        self.tabs: Any = None  # Tabs
         self._drag: Drag | None = None
         self._droppable = False  # whether the map shows a cost
         self._asked: tuple[Drag, CostMap] | None = None
@@ -312,9 +247,9 @@ class Drop:
         self._released = self._rolls = math.nan  # when the microphone was let go, and began to roll, s
         self._placed: tuple[SessionView, float] | None = None  # when the session was sent the end: its view, and s
         self._count = 0  # states of the history at the last tick
-        self._cost = Last()  # of the map; of the thread alone
+        self._cost = Memo()  # of the map; of the thread alone
         self.tries = self.home = 0
-        self.worker = binding.threads.start(self._compute, "fdcal-drop", wakes=True)
+        self.worker = binding.threads.map(self._compute)
 
     def move(self, microphone: int, place, gesture: int, released: bool) -> None:
         """Drag a microphone to a place, (2,) or (3,), metres, or let it go there; on viser's event loop."""
@@ -326,7 +261,7 @@ class Drop:
         if held is None:
             binding.session.pause()
             if binding.choices.follow or binding.choices.microphone != microphone:
-                self._select(microphone)
+                self.tabs.map.pick(microphone)
         at = tuple(float(x) for x in place)
         here = binding.positions[microphone] if held is None else held.place
         at += tuple(float(x) for x in here[len(at) :])  # the height, where the pointer gives none
@@ -397,7 +332,7 @@ class Drop:
             def run_on() -> None:
                 """Run the solver from the present state; the map is that of the modes it uses."""
                 self._say("")
-                self._follow()
+                self.tabs.follow_solver()
                 self._binding.session.play()
 
             self._say(fall.text, {CONTINUE: run_on})
@@ -432,15 +367,16 @@ class Drop:
     def _compute(self, drag: Drag, drawn: CostMap) -> Fall:
         """Return where a microphone falls from its place, by the cost that a map shows."""
         run, request = self._binding.run, drawn.request
-        if (found := self._cost.get(request, drawn.fine)) is None:
+
+        def on_lattice() -> tuple:
             if drawn.sampled is not None:
-                cost, search = drawn.sampled.cost, drawn.sampled.search
-            else:
-                n, modes, order = request.microphone, request.modes, request.order_offset
-                search = lattice_of(run.problem, modes)  # that has the minima marked on it
-                cost = cost_maps(run.problem, run.solver, request.state, n, modes, order, search).sum(axis=0)
-            found = self._cost.keep((cost, search, basins_of(cost)), request, drawn.fine)
-        cost, search, basins = found
+                return drawn.sampled.cost, drawn.sampled.search, basins_of(drawn.sampled.cost)
+            n, modes, order = request.microphone, request.modes, request.order_offset
+            search = lattice_of(run.problem, modes)  # that has the minima marked on it
+            cost = cost_maps(run.problem, run.solver, request.state, n, modes, order, search).sum(axis=0)
+            return cost, search, basins_of(cost)
+
+        cost, search, basins = self._cost(on_lattice, request, drawn.fine)
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
         decibels = request.order_offset is not None
         truth = run.drawn_truth(request.state.positions)

@@ -158,7 +158,7 @@ class Explore:
         """Bring bar and sheet up to date; called by the main loop."""
         viewer, overlay, current = self._page.viewer, self._page.panels.overlay, self._page.switcher.current
         error = error_message(self._page.switcher.error)
-        title, waiting = ("", error) if current is None else (current.request.scene.title, current.progress.text)
+        title, waiting = ("", error) if current is None else (current.request.scene.title, current.text)
         if viewer is None:
             words = f"<b>{escape(title)}</b><small>{escape(waiting)}</small>"
             overlay.show("bar", f"<span class='scene'><span>{words}</span></span>" if waiting else "")

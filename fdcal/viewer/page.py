@@ -8,6 +8,7 @@ opened, the status bar says why in one line. Otherwise its controls replace the 
 
 import collections
 import logging
+import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,15 +18,16 @@ import viser
 from ..session.lesson import Lesson
 from ..session.process import Interrupt
 from ..session.sources import OpenRequest
-from ..session.worker import WakeEvent
+from ..session.worker import Flag
 from .address import AddressBar
 from .explore import Explore
 from .gui import html
 from .gui.html import CanvasWords
 from .panels import Panels, SessionFolders, StatusBar
-from .prepare import PreparedRun, SessionSwitcher, Threads
+from .prepare import PreparedRun, SessionSwitcher
 from .scene3d.cameras import Surroundings
 from .scene3d.nodes import SceneNodes
+from .scheduler import Memo
 from .server import content
 from .server.process import release_memory
 from .session_view import Viewer
@@ -35,9 +37,10 @@ from .tabs.open_file import REMOTE, OpenFile
 
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
 COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
-RATE = 25.0  # updates of the screen per second
+RATE = 25.0  # looks per second at whether anything has changed, and updates of the screen then
 MAX_RATE = 50.0  # updates per second while the user waits for something
-CANVAS_INTERVAL = 1.0  # s between two looks at the sizes of all canvases
+SETTLING = 5.0  # s for which the screen is updated after the last change: longer than anything is shown later
+CANVAS_INTERVAL = 1.0  # s between two looks at the sizes of all canvases, and at the files of the folder
 RELEASE_DELAY = 1.5  # s from the end of a session, when its threads have ended, until its memory is released
 
 log = logging.getLogger(__name__)
@@ -59,17 +62,16 @@ class Page:
         on_progress: Callable[[str], None] = lambda text: None,
         folder: Path | None = None,
     ):
-        self._server, self.nodes, self.switcher = server, nodes, SessionSwitcher()
-        self.panels = Panels(server.gui)
+        self._server, self.nodes, self.switcher, self.wake = server, nodes, SessionSwitcher(), Flag()
+        self.panels = Panels(server.gui, self.wake.set)
         self.status_bar = StatusBar(self.panels, self.switcher)
         self.viewer: Viewer | None = None
         self.words = CanvasWords(self.panels.overlay)
         self.lessons = LessonsTab(self, lessons)
         with self.panels.tabs["Help"]:
             server.gui.add_html(help.text())
-        self._threads = Threads()
         with self.panels.tabs["Open"]:
-            self.open_file = None if folder is None else OpenFile(server.gui, self._threads, folder, self.open)
+            self.open_file = None if folder is None else OpenFile(server.gui, folder, self.open)
             if folder is None:
                 server.gui.add_html(html.remark(REMOTE))
         help.add_keys(server.gui, self)
@@ -79,7 +81,7 @@ class Page:
         self.panels.overlay.on("dark", lambda client, value: self._prefer(client, value == "on"))
         self.panels.overlay.on("face", lambda client, value: nodes.cameras.show_face(client, value == "expert"))
         self._progress, self._on_progress, self._faults = "", on_progress, dict[str, str]()
-        self._canvases_checked, self._wake = 0.0, WakeEvent()
+        self._checked = 0.0
         self._releases: collections.deque[float] = collections.deque()  # when each is due, one for each session
 
         # Each browser gets a camera that fits its canvas, whose size is known only when the panels are laid out.
@@ -117,56 +119,73 @@ class Page:
             self.viewer.tabs.view.darken(dark, preferred=True)
 
     def run(self, interrupt: Interrupt) -> None:
-        """Bring the screen up to date until interrupted.
+        """Bring the screen up to date until interrupted; do nothing while nothing changes.
 
         Raises InputError, StorageError: the first request cannot be shown.
         """
-        due = time.perf_counter()
+        settled, next_look = math.inf, 0.0
         while not interrupt.received:
-            began = time.perf_counter()
-            self.tick(began)
-            due = max(due + 1 / RATE, time.perf_counter())
-            if self._wake.wait(due - time.perf_counter()):
-                due = began + 1 / MAX_RATE
-                time.sleep(max(due - time.perf_counter(), 0.0))
+            now = time.perf_counter()
+            if self._changed:
+                settled = now + SETTLING
+            if now < settled:
+                self.tick(now)
+            elif now - self._checked > CANVAS_INTERVAL:
+                self._look_around(now)
+            next_look = max(next_look + 1 / RATE, time.perf_counter())
+            if self.wake.wait(next_look - time.perf_counter()):
+                next_look = now + 1 / MAX_RATE
+                time.sleep(max(next_look - time.perf_counter(), 0.0))
+
+    @property
+    def _changed(self) -> bool:
+        """Whether anything may have to be shown that is not, or only changes with the time."""
+        woken = self.wake.is_set()
+        self.wake.clear()
+        viewer, cameras = self.viewer, self.nodes.cameras
+        return woken or viewer is None or viewer.changing or not self.switcher.idle or cameras.waiting
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date once, at the time `now`, s."""
         prepared = self.switcher.poll()
         first = self.viewer is None
         self.nodes.settle(now)
-        if first:
+        if first and self.switcher.error is not None:
             self._report_progress()
-            if self.switcher.error is not None:
-                raise self.switcher.error
+            raise self.switcher.error
         if prepared is not None:
             self._replace_session(prepared)
         self.status_bar.show(first)
+        if first:
+            self._report_progress()
         if self.viewer is not None:
             self.viewer.tabs.run_bar.status.visible = self.switcher.current is None  # which stands above then
             self.nodes.cameras.around = Surroundings(
                 self.viewer.binding.choices.lecture, self.lessons.progress.lesson is not None
             )
             self.viewer.guarded_tick(now)
-            if (opener := self.open_file) is not None:
-                self._guarded("list of files", lambda: opener.show(now))
         elif self.nodes.is_empty and (current := self.switcher.current) is not None:
-            if current.progress.measurement is not None:
-                self.nodes.show_room(current.request, current.progress.measurement)
+            if current.measurement is not None:
+                self.nodes.show_room(current.request, current.measurement)
                 self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
         call = self._server.get_event_loop().call_soon_threadsafe
         self._guarded("lessons", lambda: self.lessons.show(call))
         self._guarded("address", lambda: self.address.tick(call))
         self._guarded("canvas", self.explore.show)
-        clients = self._server.get_clients().values()
-        self.nodes.cameras.process_requests(clients)
-        if now - self._canvases_checked > CANVAS_INTERVAL:
-            self._canvases_checked = now
-            self.nodes.cameras.follow_all(clients)
+        self.nodes.cameras.process_requests(self._server.get_clients().values())
+        if now - self._checked > CANVAS_INTERVAL:
+            self._look_around(now)
         if self._releases and now > self._releases[0]:
             while self._releases and now > self._releases[0]:
                 self._releases.popleft()
             release_memory(self._server)
+
+    def _look_around(self, now: float) -> None:
+        """Look at what changes without notice: the sizes of the canvases, and the files of the folder."""
+        self._checked = now
+        self.nodes.cameras.follow_all(self._server.get_clients().values())
+        if (opener := self.open_file) is not None:
+            self._guarded("list of files", opener.list_folder)
 
     def _guarded(self, part: str, update: Callable[[], None]) -> None:
         """Update a part of the page; an exception is logged once, and the page continues, as after one of a session."""
@@ -183,7 +202,7 @@ class Page:
         try:
             with self._server.atomic():
                 before = old and old.binding.choices
-                new = Viewer(self._server, prepared, folders, self.nodes, self.open, before, self._wake.set, self.words)
+                new = Viewer(self._server, prepared, folders, self.nodes, self.open, before, self.wake.set, self.words)
                 if old is not None:
                     old.take_down()
         except Exception as error:
@@ -192,7 +211,7 @@ class Page:
             if old is None:
                 raise
             self.switcher.refuse(error)
-            old.drawn_key = ()
+            old.drawn = Memo()
             return
         self.viewer = new
         self._server.gui.set_panel_label(f"fdcal · {prepared.scene.name}")
@@ -211,7 +230,7 @@ class Page:
     def _report_progress(self, text: str | None = None) -> None:
         """Report the progress of the first session, or `text`, where it has changed."""
         current = self.switcher.current
-        text = text if text is not None else "" if current is None else current.progress.text
+        text = text if text is not None else "" if current is None else current.text
         if text != self._progress:
             self._progress = text
             self._on_progress(text)
@@ -221,7 +240,6 @@ class Page:
         self._report_progress(COMPILING if self.switcher.compiling else "")
         if self.viewer is not None:
             self.viewer.close(CLOSE_TIME)
-        self._threads.close(CLOSE_TIME)
         self.switcher.close(CLOSE_TIME)
         self._report_progress("")
         if self.viewer is not None:

@@ -20,9 +20,10 @@ from ..model.address import Unit
 from ..model.scene import MeasuredScene, no_rectangle
 from ..session.sources import OpenRequest
 from .gui import html
-from .gui.binding import Binding, Due, Tab, Tick
+from .gui.binding import Binding, Tab
 from .gui.html import Overlay
-from .prepare import Same, SessionSwitcher
+from .prepare import SessionSwitcher
+from .state import PageState
 from .tabs.curves import CurvesTab
 from .tabs.cut import CutPanel
 from .tabs.map import MapsPanel, MapTab
@@ -43,11 +44,12 @@ class Panels:
     """Owns the main panel on the right, the panel on the left, and their tabs, which the face Explore hides.
 
     `top`: folder above everything else, for messages about the page as a whole; `tabs`: of both panels by name, and
-    RUN_BAR, the folder between `top` and the tabs; `overlay`: regions on the canvas; `numbers`: counts the sessions.
+    RUN_BAR, the folder between `top` and the tabs; `overlay`: regions on the canvas; `numbers`: counts the sessions;
+    `wake`: makes the main loop update the page at once.
     """
 
-    def __init__(self, gui: viser.GuiApi):
-        self.gui, self.numbers, self.overlay = gui, itertools.count(), Overlay(gui)
+    def __init__(self, gui: viser.GuiApi, wake: Callable[[], None] = lambda: None):
+        self.gui, self.numbers, self.overlay = gui, itertools.count(), Overlay(gui, wake)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_WIDTH)
         self.top = gui.add_folder(None)
@@ -65,7 +67,7 @@ class StatusBar:
     """Owns the line above the panel while a session is prepared, or after a request was refused."""
 
     def __init__(self, panels: Panels, switcher: SessionSwitcher):
-        self._switcher, self._due, gui = switcher, Due(), panels.gui
+        self._switcher, gui = switcher, panels.gui
         with panels.top:
             self.line = gui.add_html("", visible=False)
             self.bar = gui.add_progress_bar(0.0, visible=False)
@@ -82,14 +84,13 @@ class StatusBar:
         `first`: whether there is no session yet, to which Cancel could return.
         """
         current, error = self._switcher.current, self._switcher.error
-        progress, title = (None, "") if current is None else (current.progress, current.request.scene.title)
-        text, percent = ("", 0) if progress is None else (progress.text, round(100 * progress.done))
-        if not self._due(0.0, title, text, percent, Same(error), first):
-            return
-        busy = progress is not None
-        self.line.content = html.waiting(title, text) if busy else html.complaint(html.error_message(error))
+        busy, self.bar.visible = current is not None, current is not None
+        if current is not None:
+            self.line.content = html.waiting(current.request.scene.title, current.text)
+            self.bar.value = float(round(100 * current.progress))
+        else:
+            self.line.content = html.complaint(html.error_message(error))
         self.line.visible = busy or error is not None
-        self.bar.value, self.bar.visible = float(percent), busy
         self.button.label, self.button.visible = "Cancel" if busy else "Close", self.line.visible and not first
 
 
@@ -208,7 +209,7 @@ class RunBar:
         else:
             self._restart()
 
-    def show(self, tick: Tick) -> None:
+    def show(self, tick: PageState) -> None:
         """Bring the bar up to date; called by the main loop. A finished solver offers nothing but Reset."""
         view, send = tick.view, self._binding.send
         done = view.state.finished and not view.running
@@ -234,7 +235,7 @@ class RunBar:
             self.run.icon = viser.Icon.PLAYER_PAUSE if view.running else viser.Icon.PLAYER_PLAY
         self.run.disabled, self.steps.options = bool(done), ("Reset",) if done else STEPS
 
-    def show_status(self, tick: Tick) -> None:
+    def show_status(self, tick: PageState) -> None:
         """Bring the status lines up to date."""
         run = self._binding.run
         sought = run.sought if tick.sought is None else tick.sought
@@ -325,7 +326,7 @@ class SolverTab(Tab):
         automatic = self.automatic.value if automatic is None else automatic
         self._binding.session.use_modes(min(first, last), last, automatic)
 
-    def show(self, tick: Tick) -> None:
+    def show(self, tick: PageState) -> None:
         """Let the controls follow the solver."""
         state, send, refused = tick.view.state, self._binding.send, tick.view.refused
         if refused is not self._refused:
@@ -394,8 +395,9 @@ class Tabs:
             tab.refresh()
         self.run_bar.apply_rate()
 
-    def show(self, tick: Tick) -> None:
+    def show(self, tick: PageState) -> None:
         """Bring everything up to date; called by the main loop."""
+        self.binding.state = tick
         self.run_bar.show(tick)
         for tab in self:
-            tab.show(tick)
+            tab.update(tick)

@@ -1,8 +1,7 @@
 """From a request for a scene to a session that can be shown, on a thread that can be cancelled.
 
-Threads           the threads of one session: whoever needs one starts it here, and all of them end together
 Warmup            compiles what `fdcal.solvers.warmup_calls` returns, beside the simulation and then beside the page
-prepare_run       simulates or takes the measurement, and starts a session
+Preparation       simulates or takes the measurement, and starts a session
 DisplayFrame      in which the page draws the states of a session
 SessionSwitcher   takes requests from any thread; the main loop executes them and takes what is ready
 """
@@ -10,7 +9,7 @@ SessionSwitcher   takes requests from any thread; the main loop executes them an
 import collections
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,69 +30,7 @@ from ..session.sources import OpenRequest, as_given
 from ..session.worker import LatestWorker
 from ..solvers import warmup_calls
 from ..solvers.interface import RunState, Solver
-
-
-@dataclass(frozen=True, eq=False)
-class Same:
-    """An object in a key: equal to the same object alone, which it holds, for an id is given again to another one."""
-
-    value: object
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same) and other.value is self.value
-
-    def __hash__(self) -> int:
-        return id(self.value)
-
-
-class Last:
-    """Keeps the value that was made last, for its own key alone; None is no value. Threads may share it."""
-
-    def __init__(self):
-        self._kept: tuple[Any, Any] = None, None
-
-    def get(self, *key) -> Any:
-        """Return the value where it was made for this key, else None."""
-        own, value = self._kept
-        return value if own == key else None
-
-    def keep(self, value: Any, *key) -> Any:
-        """Keep a value for a key, in place of the one before, and return it."""
-        self._kept = key, value
-        return value
-
-
-class Threads:
-    """Owns all that has to be ended with a session.
-
-    `wake`: function that makes the main loop update the page at once; `owned`: what `close` waits for.
-    """
-
-    def __init__(self, wake: Callable[[], None] = lambda: None):
-        self._wake = wake
-        self.owned: list[LatestWorker | Session] = []
-        self._abandoned: list[LatestWorker] = []
-
-    def start(
-        self, function: Callable, name: str, keep: int = 1, wakes: bool = False, awaited: bool = True
-    ) -> LatestWorker:
-        """Start a thread that calls `function` with the arguments of each request.
-
-        `keep`: requests that may wait; `wakes`: whether a delivery makes the main loop update the page at once;
-        `awaited`: whether `close` waits for the work in progress.
-        """
-        worker = LatestWorker(function, name, keep, self._wake if wakes else lambda: None)
-        (self.owned if awaited else self._abandoned).append(worker)
-        return worker
-
-    def close(self, timeout: float) -> None:
-        """End everything after the work in progress; wait `timeout` at most, s."""
-        end = time.perf_counter() + timeout
-        for owner in (*self.owned, *self._abandoned):  # all are asked to stop before any is waited for
-            owner.close(0.0)
-        for owner in self.owned:
-            owner.close(max((end - time.perf_counter()) / 2, 0.0))
-
+from .scheduler import Memo
 
 POLL_INTERVAL = 0.05  # s between two looks at the progress
 COMPILE_TIME = 1.0  # s; a piece that takes longer is compiled, a faster one is read from the disk
@@ -208,7 +145,7 @@ class DisplayFrame:
     def __init__(self, run: PreparedRun):
         self._anchor = run.anchor
         self.by = np.arange(run.measurement.count)
-        self._moved = Last()
+        self._moved = Memo()
 
     def positions(self, positions: Any) -> Reals:
         """Return positions as the page draws them."""
@@ -219,12 +156,9 @@ class DisplayFrame:
         """Return a state with its positions as the page draws them; the same one for the same as last time."""
         if self._anchor is None:
             return state
-        key = Same(state), Same(self.by)
-        moved = self._moved.get(*key)
-        if moved is None:
-            positions = frozen_array(self.positions(state.positions), float)
-            moved = self._moved.keep(replace(state, positions=positions), *key)
-        return moved
+        return self._moved(
+            lambda: replace(state, positions=frozen_array(self.positions(state.positions), float)), state, self.by
+        )
 
     def view(self, view: SessionView) -> SessionView:
         """Return the view of a session with the state that is shown as the page draws it; the history is as it was."""
@@ -261,54 +195,69 @@ class DisplayFrame:
 SIMULATING, READING = "Simulating the room", "Reading the measurement"
 
 
-class PreparationProgress:
-    """Progress of the preparation: written by its thread, read by the main one. Setting `stop` cancels it.
+class Preparation:
+    """One request on its way to a run: written by its thread, read by the main loop. Setting `stop` cancels it.
 
-    `task`: what is in progress; `done`: 0 to 1, of the task; `measurement`: or None until there is one.
+    `task`: what is in progress; `progress`: 0 to 1, of the task; `measurement`: or None until there is one; `run` or
+    `error`: set at the end, when it is `done`.
     """
 
-    def __init__(self, task: str = SIMULATING):
-        self.task, self.done, self.stop = task, 0.0, False
+    def __init__(self, request: OpenRequest):
+        read = request.measurement is not None or isinstance(request.scene, MeasuredScene)
+        self.request, self.task, self.progress = request, READING if read else SIMULATING, 0.0
+        self.stop = self.done = False
         self._since = time.perf_counter()
         self.warmup: Warmup | None = None
         self.measurement: Measurement | None = None
+        self.run: PreparedRun | None = None
+        self.error: Exception | None = None
 
-    def __call__(self, done: float, *_) -> None:
-        self.done = float(done)
+    def __call__(self, progress: float, *_) -> None:
+        """Note the progress; raise Cancelled once it is no longer wanted."""
+        self.progress = float(progress)
         if self.stop:
             raise Cancelled
 
     @property
-    def ended(self) -> bool:
-        """Whether it was cancelled or closed, and none of its threads still compiles."""
-        return self.stop if self.warmup is None else self.warmup.stop and self.warmup.close(0.0)
+    def compiling(self) -> bool:
+        """Whether its compilation is in progress."""
+        return self.warmup is not None and self.warmup.busy
 
     @property
     def text(self) -> str:
         """The progress in words."""
-        if self.done < 1:
-            if self.done:
-                return f"{self.task} ... {round(100 * self.done)} %"
+        if self.progress < 1:
+            if self.progress:
+                return f"{self.task} ... {round(100 * self.progress)} %"
             slow = self.task == SIMULATING and time.perf_counter() - self._since > COMPILE_TIME
             return "Preparing the simulation ..." if slow else f"{self.task} ..."
         return (self.warmup.text if self.warmup else "") or "Preparing the solver ..."
 
+    def execute(self) -> None:
+        """Prepare the run; called on the thread."""
+        try:
+            self(0.0)
+            self.run = self.prepare()
+        except Cancelled:
+            pass
+        except Exception as error:
+            self.error = error
+        self.done = True
 
-def prepare_run(opening: OpenRequest, progress: PreparationProgress) -> PreparedRun:
-    """Simulate or take the measurement, pose the problem and start a session.
+    def prepare(self) -> PreparedRun:
+        """Simulate or take the measurement, pose the problem and start a session.
 
-    `opening`: what is to be shown; `progress`: kept up to date; its `stop` cancels the preparation. Raises InputError:
-    the scene, the measurement or the states cannot be used; Cancelled: `progress.stop` has been set.
-    """
-    warmup = progress.warmup = Warmup(opening.scene)
-    try:
-        return _prepare(opening, progress, warmup)
-    except BaseException:
-        warmup.close(0.0)
-        raise
+        Raises InputError: the scene, the measurement or the states cannot be used; Cancelled: `stop` has been set.
+        """
+        self.warmup = Warmup(self.request.scene)
+        try:
+            return _prepare(self.request, self, self.warmup)
+        except BaseException:
+            self.warmup.close(0.0)
+            raise
 
 
-def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup) -> PreparedRun:
+def _prepare(opening: OpenRequest, progress: Preparation, warmup: Warmup) -> PreparedRun:
     scene, source = opening.scene, opening.measurement
     if source is None:
         source = cached_measurement(scene, progress)
@@ -363,28 +312,6 @@ log = logging.getLogger(__name__)
 COMPILE_TIMEOUT = 60.0  # s; the longest compilation takes 8 s of processor time
 
 
-class Preparation:
-    """One request while it is prepared. Its thread sets `run` or `error`, and then `done`."""
-
-    def __init__(self, request: OpenRequest):
-        read = request.measurement is not None or isinstance(request.scene, MeasuredScene)
-        self.request, self.progress = request, PreparationProgress(READING if read else SIMULATING)
-        self.run: PreparedRun | None = None
-        self.error: Exception | None = None
-        self.done = False
-
-    def execute(self) -> None:
-        """Prepare the run; called on the thread."""
-        try:
-            self.progress(0.0)
-            self.run = prepare_run(self.request, self.progress)
-        except Cancelled:
-            pass
-        except Exception as error:
-            self.error = error
-        self.done = True
-
-
 class SessionSwitcher:
     """Prepares the newest request on a thread of its own.
 
@@ -395,8 +322,7 @@ class SessionSwitcher:
         self._commands: collections.deque[OpenRequest | None] = collections.deque()  # None: cancel
         self._worker = LatestWorker(Preparation.execute, "fdcal-prepare")
         self.current: Preparation | None = None
-        self._cancelled: list[Preparation] = []  # some of which may still be in progress
-        self._begun: list[PreparationProgress] = []  # whose compilations may still be in progress
+        self._begun: list[Preparation] = []  # some of which may still be in progress, or compile
         self.error: Exception | None = None
 
     def open(self, request: OpenRequest) -> None:
@@ -417,7 +343,7 @@ class SessionSwitcher:
     @property
     def compiling(self) -> bool:
         """Whether a compilation is in progress, of a session that is shown or of one that nobody waits for."""
-        return any(progress.warmup is not None and progress.warmup.busy for progress in self._begun)
+        return any(one.compiling for one in self._begun)
 
     def poll(self) -> PreparedRun | None:
         """Execute the commands that wait; return the run that is ready, once, or None."""
@@ -449,26 +375,26 @@ class SessionSwitcher:
         """
         self._begin(None)
         self._worker.close(timeout)
-        self._close_cancelled()
         end = time.perf_counter() + compile_timeout
-        for progress in self._begun:
-            if progress.warmup is not None:
-                progress.warmup.close(max(end - time.perf_counter(), 0.0))
+        for one in self._begun:
+            if one.warmup is not None:
+                one.warmup.close(max(end - time.perf_counter(), 0.0))
+        self._close_cancelled()
 
     def _begin(self, request: OpenRequest | None) -> None:
         if self.current is not None:
-            self.current.progress.stop = True
-            self._cancelled.append(self.current)
+            self.current.stop = True
         self.current, self.error = None, None
         if request is not None:
             self.current = Preparation(request)
-            self._begun = [progress for progress in self._begun if not progress.ended]
-            self._begun.append(self.current.progress)
+            self._begun.append(self.current)
             self._worker.request(self.current)
 
     def _close_cancelled(self) -> None:
-        """Close the sessions of preparations that were cancelled too late."""
-        for preparation in self._cancelled:
-            if preparation.done and preparation.run is not None:
-                preparation.run.close(0.0)
-        self._cancelled = [preparation for preparation in self._cancelled if not preparation.done]
+        """Close the sessions that were cancelled too late, and forget those that compile no longer."""
+        for one in self._begun:
+            if one.done and one.stop and one.run is not None:
+                one.run.close(0.0)
+            if one.done and one.warmup is not None and not one.compiling:
+                one.warmup.close(0.0)
+        self._begun = [one for one in self._begun if not one.done or one.compiling]

@@ -8,6 +8,7 @@ import contextlib
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import viser
@@ -19,7 +20,7 @@ from ..graphics import overlays
 from ..graphics.annotations import legend_of
 from ..graphics.picture import static_picture, with_estimate, with_floor
 from ..graphics.primitives import Floor, Picture
-from ..graphics.volume import Volume, faded
+from ..graphics.volume import Volume, brightened
 from ..model.settings import search_around
 from ..model.validation import length_text
 from ..session.calibration_run import Assessment, assess_state, healthy_microphones
@@ -28,26 +29,31 @@ from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker, count_label
-from .drop import Drop, Dropped, LineHandles, MicrophonePicker
-from .gui.binding import Binding, Choices, PositionUncertainty, Tick
+from .drop import Drop, Dropped, MicrophonePicker
+from .gui.binding import Binding
 from .gui.html import CONTROLS, CanvasWords, canvas_legend
 from .panels import SessionFolders, Tabs
-from .prepare import DisplayFrame, Last, PreparedRun, Same, Threads
+from .prepare import DisplayFrame, PreparedRun
 from .scene3d.nodes import SceneNodes
+from .scheduler import Memo, Scheduler
+from .state import Choices, PageState, PositionUncertainty
 from .tabs.plan import PlannedArray
-from .tabs.view import Exports, ViewSnapshot
+from .tabs.view import Exports
 
 
-def uncertainty_of(found: Assessment | None) -> PositionUncertainty | None:
+def uncertainty_of(
+    found: Assessment | None, frame: DisplayFrame | None = None, positions: Any = None
+) -> PositionUncertainty | None:
     """Return the uncertainty at the end of a run, None before it and where it cannot be determined.
 
     In a known room each position has images; their ellipses are not drawn.
 
-    `found`: Assessment of the state on the screen, or None.
+    `found`: of the state on the screen, or None; `frame`: in which the page draws the `positions` of that state.
     """
     if found is None or found.room is not None or not np.isfinite(found.covariance).all():
         return None
     axes = ellipse_axes(found.covariance, confidence_factor(0.95, found.covariance.shape[-1]))
+    axes = axes if frame is None else frame.axes(positions, axes)
     return PositionUncertainty(axes, found.uncertainty, found.verdict, found.verdict_text, found.channels)
 
 
@@ -57,11 +63,11 @@ VERDICT_DELAY = 0.3  # s without a change before the verdict is computed
 class VerdictWorker:
     """Requests verdicts on a thread of the session, and returns the one on the state on the screen."""
 
-    def __init__(self, run: PreparedRun, threads: Threads):
+    def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._state, self._since = run, None, 0.0
         self._requested: RunState | None = None  # compared by identity
         self._lineage, self._sought = None, run.sought  # of the last verdict
-        self._worker = threads.start(self._compute, "fdcal-verdict", wakes=True)
+        self._worker = threads.job(self._compute)
 
     def of(self, state: RunState, running: bool, now: float) -> Assessment | None:
         """Return the assessment of `state`, None while there is none.
@@ -209,9 +215,9 @@ class Viewer:
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
     function that makes the main loop update the page at once; `words`: on the canvas, or None. Raises InputError: the
     request of the run has choices that are not possible. `view`: the states as they are shown; `snapshot`: what is on
-    the screen; `drawn_key`: of what is drawn, () to draw it again; `found`: the assessment of the state, once there is
-    one; `wanted`: the map that belongs to it, None without one; `fault`: the last exception of the page, as long
-    as the status lines show it.
+    the screen; `drawn`: the picture, which is drawn again where something has changed; `found`: the assessment of the
+    state, once there is one; `wanted`: the map that belongs to it, None without one; `fault`: the last exception of the
+    page, as long as the status lines show it.
     """
 
     def __init__(
@@ -233,37 +239,44 @@ class Viewer:
         self.view, self._viewed = run.session.view, 0.0
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
-        self.drawn_key: tuple = ()  # of what is drawn
+        self.drawn, self._volume, self._uncertainty = Memo(), Memo(), Memo()
         self.wanted: CostMapRequest | None = None
         self.found: Assessment | None = None
-        self._uncertainty: PositionUncertainty | None = None  # of `found`
-        self._floor, self._volume = Last(), Last()  # with the opacity that was chosen
         try:
             binding = self.binding
             self._picture = SessionPicture(run, binding.frame)
             view = binding.frame.view(run.session.view)
             picture = self._picture.draw(view, binding.choices, self._selected)
-            self.snapshot = ViewSnapshot(run, picture, view, binding.choices, self._selected, None)
+            self.snapshot = PageState(
+                view, microphone=self._selected, picture=picture, run=run, choices=binding.choices
+            )
+            # In this order they get their turn.
+            self.drop = Drop(binding, words)
+            self.exports, self._verdict = Exports(binding.threads), VerdictWorker(run, binding.threads)
+            self.maps = CostMapWorker(run, binding.threads)
             self.tabs = Tabs(folders, binding, nodes.cameras.request, self.export)
-            self.maps, self._verdict = CostMapWorker(run, binding.threads), VerdictWorker(run, binding.threads)
-            self.exports = Exports(binding.threads)
+            self.drop.tabs = self.tabs
             self.tabs.run_bar.apply_rate()
             nodes.show(picture)
-            self.drop = Drop(binding, self.tabs.map.pick, self.tabs.follow_solver, words)
             moves = self.tabs.map.pick, self.drop.move, self.drop.place
             self.picker = MicrophonePicker(server, binding, picture, *moves, f"/picking/{folders.number}")
-            self._line_handles = LineHandles(server, binding, picture, f"/cut_handles/{folders.number}")
-            binding.threads.owned.append(run.session)
+            binding.threads.session = run.session
         except BaseException:
             self.binding.threads.close(0.0)
             raise
+
+    @property
+    def changing(self) -> bool:
+        """Whether the session is no longer what is shown, or goes on by itself."""
+        view = self.run.session.view
+        compiles = self.run.warmup is not None and self.run.warmup.busy
+        return view is not self.view or view.running or compiles or self.tabs.sweep.playing
 
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""
         self.binding.closed = True
         self.picker.handles.remove()
         self.drop.close()
-        self._line_handles.remove()
         self._folders.remove()
 
     def close(self, timeout: float = 1.0) -> None:
@@ -282,7 +295,7 @@ class Viewer:
                 log.exception("the page could not be updated")
             self.fault, self._fault_time = text, now
             with contextlib.suppress(Exception):
-                self.tabs.run_bar.show_status(Tick(self.run.session.view, fault=text))
+                self.tabs.run_bar.show_status(PageState(self.run.session.view, fault=text))
         else:
             if now - self._fault_time > FAULT_TIME:
                 self.fault = ""
@@ -302,53 +315,39 @@ class Viewer:
         if view.state is not self._state:
             self._revision, self._state = self._revision + 1, view.state
         drawn, reason = self._select_map(view, choices, now)
-        if found is not self.found:
-            self.found, uncertainty = found, uncertainty_of(found)
-            if uncertainty is not None:
-                uncertainty = replace(uncertainty, axes=frame.axes(newest.state.positions, uncertainty.axes))
-            self._uncertainty = uncertainty
-        tick = Tick(
-            view, now, self._revision, self._selected, drawn, reason, fault=self.fault,
-            note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._uncertainty,
-            assessing=self._verdict.pending(newest), sought=sought,
+        if drawn is not None and drawn.volume is not None and choices.style.dark:
+            drawn = self._volume(lambda: replace(drawn, volume=brightened(drawn.volume)), drawn)
+        self.found = found
+        uncertainty = self._uncertainty(lambda: uncertainty_of(found, frame, newest.state.positions), found)
+        note = self.run.warmup.text if self.run.warmup else ""
+        state = PageState(
+            view, now, self._revision, self._selected, drawn, reason, self.snapshot.picture, self.fault, note, found,
+            uncertainty, self._verdict.pending(newest), sought, self.run, choices,
         )  # fmt: skip
         with self._server.atomic():  # the cost in the headline and at the ball, which the picture has, are one number
-            self._draw(tick, choices, self.drop.tick(newest, drawn, now))
-        tick = replace(tick, picture=self.snapshot.picture)
-        tabs.show(tick)
+            self.snapshot = self._draw(state, self.drop.tick(newest, drawn, now))
+        tabs.show(self.snapshot)
 
-    def _draw(self, tick: Tick, choices: Choices, dropped: Dropped | None) -> None:
-        """Draw the picture again where anything of it has changed."""
-        floor, volume = (None, None) if tick.drawn is None else (tick.drawn.floor, tick.drawn.volume)
-        opacity, dark = choices.style.opacity, choices.style.dark
-        if floor is not None:  # with the opacity that was chosen; the same objects as last time where nothing changed
-            faint = Same(floor), opacity
-            floor = self._floor.get(*faint) or self._floor.keep(replace(floor, opacity=opacity), *faint)
-        if volume is not None:
-            faint = Same(volume), opacity, dark
-            volume = self._volume.get(*faint) or self._volume.keep(faded(volume, opacity, dark), *faint)
-        parts = floor, volume, tick.uncertainty, self.tabs.plan.planned
-        awaited = "" if tick.drawn is not None else tick.reason
-        if self.wanted is not None and tick.drawn is None and not awaited:
+    def _draw(self, state: PageState, dropped: Dropped | None) -> PageState:
+        """Draw the picture again where anything of it has changed; return the state with its picture."""
+        choices, drawn, awaited = state.choices, state.drawn, "" if state.drawn is not None else state.reason
+        if self.wanted is not None and drawn is None and not awaited:
             modes = count_label(self.run.measurement, self.wanted.modes)
             awaited = f"Computing the map of microphone {self.wanted.microphone}: {modes} ..."
-        key = tick.revision, choices, tick.microphone, dropped, awaited, *map(Same, parts)
-        if key == self.drawn_key:
-            return
-        picture = self._picture.draw(tick.view, choices, tick.microphone, *parts, dropped)
-        sigma = None if tick.uncertainty is None else tick.uncertainty.sigma
-        sought = np.asarray(tick.sought)
-        self.snapshot = ViewSnapshot(
-            self.run, picture, tick.view, choices, tick.microphone, sigma, volume, sought, tick.drawn
-        )
-        self.nodes.show(picture)
-        self._folders.overlay.show(
-            "legend", canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
-        )
-        across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
-        self.picker.show(self._picture.places, picture.floor, across if across >= 0 else 2, self._picture.ball)
-        self._line_handles.show(choices.cut, floor)
-        self.drawn_key = key
+        floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
+        parts = floor, volume, state.uncertainty, self.tabs.plan.planned
+
+        def draw() -> Picture:
+            picture = self._picture.draw(state.view, choices, state.microphone, *parts, dropped)
+            self.nodes.show(picture)
+            legend = canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
+            self._folders.overlay.show("legend", legend)
+            across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
+            self.picker.show(self._picture.places, picture.floor, across if across >= 0 else 2, self._picture.ball)
+            return picture
+
+        picture = self.drawn(draw, state.revision, choices, state.microphone, dropped, awaited, *parts)
+        return replace(state, picture=picture)
 
     def _hint(self, picture: Picture) -> str:
         """Return how to read the map of a cost, in words, or why there can be none; "" for anything else."""

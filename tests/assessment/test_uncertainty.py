@@ -36,8 +36,8 @@ from fdcal.solvers import load
 from fdcal.solvers.interface import Estimate, TriedOptimum
 from fdcal.solvers.robust.result import estimate_at
 from fdcal.solvers.robust.spread import sandwich
-from fdcal.viewer.gui.binding import PlanChoices
 from fdcal.viewer.session_view import uncertainty_of
+from fdcal.viewer.state import PlanChoices
 from fdcal.viewer.tabs.plan import plan_request, planned_array
 
 TRUTH = np.random.default_rng(5).uniform(-0.5, 0.5, (9, 2)) + [2.6, 2.3]

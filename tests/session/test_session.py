@@ -16,7 +16,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.session import COST_TIME, Session, SolverRun, StateCosts
-from fdcal.session.worker import LatestWorker, WakeEvent
+from fdcal.session.worker import Lane, LatestWorker
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
 
@@ -253,20 +253,23 @@ def test_worker_runs_the_newest_request_only():
     assert worker.close(WAIT)
 
 
-def test_a_worker_signals_that_it_has_delivered(monkeypatch):
-    wake, worker = WakeEvent(), None
-    try:
-        worker = LatestWorker(lambda x: x, notify=wake.set)
-        assert not wake.wait(0.0)
-        worker.request(1)
-        assert wake.wait(WAIT) and worker.latest.result == 1
-        assert not wake.wait(0.0), "once for one"
-        with monkeypatch.context() as patch:
-            patch.setattr(threading.Event, "wait", lambda event, timeout: event.set() or False)
-            assert not wake.wait(0.0)
-        assert wake.wait(0.0), "a signal at the end of a waiting counts for the next"
-    finally:
-        worker.close(WAIT)
+def test_workers_of_a_lane_take_turns_and_a_long_computation_gives_way_between_its_parts():
+    lane, done, gate, told = Lane("fdcal-lane"), [], threading.Semaphore(0), []
+
+    def parts(name):
+        for number in range(3):
+            assert gate.acquire(timeout=WAIT)
+            yield done.append(f"{name}{number}")
+
+    long = LatestWorker(parts, lane=lane, notify=lambda: told.append(long.latest.request))
+    quick = LatestWorker(done.append, lane=lane)
+    long.request("a")
+    gate.release()
+    quick.request("quick")
+    assert quick.wait_for(lambda latest: latest is not None, WAIT) and done == ["a0", "quick"] and long.busy
+    gate.release(2)
+    assert long.wait_for(lambda latest: latest is not None, WAIT)
+    assert lane.close(WAIT) and done == ["a0", "quick", "a1", "a2"] and told == [("a",)]
 
 
 @pytest.mark.parametrize("error", [InputError("too many"), StorageError("disk full"), PermissionError("no")])

@@ -14,8 +14,8 @@ from fdcal.viewer import cost_maps, prepare, session_view
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.page import Page
 from fdcal.viewer.panels import Panels, SessionFolders, Tabs
-from fdcal.viewer.prepare import Threads
 from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.scheduler import Scheduler
 from fdcal.viewer.server import hardening
 
 
@@ -48,7 +48,7 @@ def measurement(scene):
 @pytest.fixture(scope="module")
 def threads():
     """Threads as a session has them, which end after the tests of a module."""
-    made = Threads()
+    made = Scheduler()
     yield made
     made.close(WAIT)
 

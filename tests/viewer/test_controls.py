@@ -18,7 +18,8 @@ from fdcal.session.session import StateCosts
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.cost_maps import CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, run_curve
-from fdcal.viewer.gui.binding import FLOOR, MAP_KINDS, NOTHING, RELIEF, Binding, Tick, kind_of
+from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.state import FLOOR, MAP_KINDS, NOTHING, RELIEF, PageState, kind_of
 from fdcal.viewer.tabs import help, map
 from fdcal.viewer.tabs import scene as scenetab
 from fdcal.viewer.tabs.help import KEYS, add_keys
@@ -37,7 +38,7 @@ def test_controls_without_effect_are_hidden(controls):
     for ellipses, finished, seen in ((False, False, False), (True, False, True), (True, True, False)):
         set_by_client(view.ellipses, ellipses)
         state = dataclasses.replace(session.view.state, finished=finished)
-        view.show(Tick(dataclasses.replace(session.view, state=state), picture=picture))
+        view.show(PageState(dataclasses.replace(session.view, state=state), picture=picture))
         assert view.ellipses_text.visible == seen and (not seen or "appear when" in view.ellipses_text.content)
         assert view.scale.visible == ellipses
     assert export.size.visible and export.view.visible
@@ -62,7 +63,7 @@ def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, w
     unbounded = dataclasses.replace(work, problem=dataclasses.replace(work.problem, search=None))
     map_ = map.MapTab(Binding(server.gui, unbounded, 6))
     assert not any(handle.visible for handle in (map_.kind, map_.which, map_.upto, map_.scale))
-    map_.show(Tick(work.session.view, microphone=3))
+    map_.show(PageState(work.session.view, microphone=3))
     assert "search domain" in map_.caption.content
     server.gui.reset()
 
@@ -70,17 +71,17 @@ def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, w
 def test_values_set_by_the_program_are_no_commands_and_the_mode_sliders_never_cross(controls):
     panel, session = controls
     set_by_client(panel.solver.last, 5, client=False)
-    panel.show(Tick(view_of([State(session.view.state.positions, last=6)]), microphone=4))
+    panel.show(PageState(view_of([State(session.view.state.positions, last=6)]), microphone=4))
     assert panel.solver.last.value == 6 and panel.map.microphone.value == 4
     assert session.commands == [] and panel.binding.choices.microphone == 3
-    panel.solver.show(Tick(session.view))
+    panel.solver.show(PageState(session.view))
     for slider, value in ((panel.solver.first, 5), (panel.solver.first, 1), (panel.solver.last, 2)):
         set_by_client(slider, value)
     assert session.commands == [("use_modes", 5, 5, True), ("use_modes", 1, 3, True), ("use_modes", 1, 2, True)]
     refused = InputError("2 modes are too few", "use at least 3 modes (<modes>)")
-    panel.solver.show(Tick(dataclasses.replace(session.view, refused=refused)))
+    panel.solver.show(PageState(dataclasses.replace(session.view, refused=refused)))
     assert "2 modes are too few; use at least 3" in panel.solver.refusal.content and panel.solver.last.value == 3
-    panel.solver.show(Tick(session.view))
+    panel.solver.show(PageState(session.view))
     assert panel.solver.refusal.content == "", "the slider has gone back"
 
 
@@ -98,7 +99,7 @@ def test_one_button_runs_and_pauses_and_a_slider_rewinds(controls):
     panel, session = controls
     set_by_client(panel.run_bar.run, True)
     session.view = dataclasses.replace(session.view, running=True)
-    panel.show(Tick(session.view, microphone=3))
+    panel.show(PageState(session.view, microphone=3))
     assert panel.run_bar.run.label == "Pause"
     set_by_client(panel.run_bar.run, True)
     set_by_client(panel.run_bar.time, 1)
@@ -111,7 +112,7 @@ def test_choosing_a_microphone_stops_following_the_solver_until_that_is_asked_fo
     set_by_client(panel.map.microphone, 7)
     assert panel.binding.choices.microphone == 7 and not panel.binding.choices.follow and not panel.map.follow.value
     set_by_client(panel.map.follow, True)
-    panel.show(Tick(session.view, microphone=5))
+    panel.show(PageState(session.view, microphone=5))
     assert panel.map.microphone.value == 5
 
 
@@ -127,7 +128,7 @@ def test_a_run_that_is_watched_begins_slowly_and_speeds_up_unless_a_speed_is_cho
     panel, session = controls
 
     def pace(now, running=True):
-        panel.run_bar.show(Tick(dataclasses.replace(session.view, running=running), now))
+        panel.run_bar.show(PageState(dataclasses.replace(session.view, running=running), now))
         return [command[1] for command in session.commands if command[0] == "pace"][-1]
 
     panel.run_bar.apply_rate()

@@ -30,11 +30,13 @@ from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare
 from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker, MapStyle
-from fdcal.viewer.gui.binding import VOLUME, Binding, Choices, initial_choices, kind_of
+from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.state import VOLUME, Choices, PageState, initial_choices, kind_of
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import MapTab, caption
-from fdcal.viewer.tabs.view import ViewSnapshot
+from fdcal.viewer.tabs.view import caption as caption_of
+from fdcal.viewer.tabs.view import panels_on_screen
 
 
 def test_a_file_describes_the_picture_drawn(viewer, monkeypatch):
@@ -45,7 +47,7 @@ def test_a_file_describes_the_picture_drawn(viewer, monkeypatch):
     client = SimpleNamespace(add_notification=lambda *_, **__: None)
     viewer.export(client, exports.PICTURE)
     ((_, kind, moment),) = asked
-    assert "step 0" in moment.caption and exports.file_name(moment, kind) == "fdcal-tiny-step-0.png"
+    assert "step 0" in caption_of(moment) and exports.file_name(moment, kind) == "fdcal-tiny-step-0.png"
 
 
 @pytest.mark.parametrize("name", ["../../etc/passwd", 'a"b\r\n.exe', "<script>", "", "ü" * 300])
@@ -108,7 +110,7 @@ def snapshot(scene, kernels):
     view = view_of([dataclasses.replace(state, positions=measurement.positions + away)])
     run = prepare.PreparedRun(scene, measurement, problem, solver, SimpleNamespace(view=view), OpenRequest(scene))
     choices = Choices(MICROPHONE, modes=MODES, order_offset=0)
-    return exports.ViewSnapshot(run, None, view, choices, MICROPHONE, None)
+    return PageState(view, microphone=MICROPHONE, run=run, choices=choices)
 
 
 @pytest.fixture(scope="module")
@@ -194,15 +196,15 @@ def test_every_file_shows_the_state_of_the_page(snapshot, drawn, tmp_path, one_p
 
 def test_a_file_takes_the_maps_that_are_on_the_screen_and_computes_others(snapshot, drawn):
     shown = dataclasses.replace(snapshot, drawn=drawn)
-    found = shown.fine_panels(8)
-    assert found.modes == MODES and found.total is drawn.panels.total and shown.fine_panels(2).modes == (7, 20)
+    found = panels_on_screen(shown, 8)
+    assert found.modes == MODES and found.total is drawn.panels.total and panels_on_screen(shown, 2).modes == (7, 20)
     for changes in (
         {"microphone": MICROPHONE + 1},
         {"choices": dataclasses.replace(shown.choices, modes=(7,))},
         {"drawn": dataclasses.replace(drawn, fine=False)},
         {"drawn": None},
     ):
-        assert dataclasses.replace(shown, **changes).fine_panels(8) is None
+        assert panels_on_screen(dataclasses.replace(shown, **changes), 8) is None
 
 
 @pytest.fixture(scope="module")
@@ -221,9 +223,8 @@ def run():
 @pytest.fixture
 def space(run):
     style = MapStyle(volume=True)
-    return ViewSnapshot(
-        run, None, run.session.view, Choices(MICROPHONE, modes=(1, 5, 30), style=style), MICROPHONE, None
-    )
+    choices = Choices(MICROPHONE, modes=(1, 5, 30), style=style)
+    return PageState(run.session.view, microphone=MICROPHONE, run=run, choices=choices)
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,8 @@ from fdcal.session.lesson import Lesson, LessonProgress, LessonSetting, LessonSt
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
-from fdcal.viewer.gui.binding import MAP_KINDS, Choices
 from fdcal.viewer.panels import LESSON_MOVES, LESSON_RATE, Panels, watched_rate
+from fdcal.viewer.state import MAP_KINDS, Choices
 from fdcal.viewer.tabs.lessons import NEXT, LessonsTab, apply_setting, caption_html, show_frame
 
 EVIL = "<script>alert(1)</script>"

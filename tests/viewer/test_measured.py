@@ -27,8 +27,9 @@ from fdcal.session.sources import OpenRequest, scene_input
 from fdcal.viewer import prepare
 from fdcal.viewer.cost_maps import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.gui import html
-from fdcal.viewer.gui.binding import Binding, PlanChoices, Tick
-from fdcal.viewer.prepare import DisplayFrame, PreparationProgress, prepare_run
+from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.prepare import DisplayFrame, Preparation
+from fdcal.viewer.state import PageState, PlanChoices
 from fdcal.viewer.tabs import map, spectrum
 from fdcal.viewer.tabs import map as map_tab
 from fdcal.viewer.tabs.plan import PlanTab, planned_array
@@ -43,7 +44,7 @@ def tiny() -> Measurement:
 @contextmanager
 def prepared(opening):
     """What the page shows of a request."""
-    work = prepare_run(opening, PreparationProgress())
+    work = Preparation(opening).prepare()
     yield work
     work.session.close(2.0)
 
@@ -187,11 +188,11 @@ def test_the_list_of_takes_changes_rows_and_spectrum(tabs, controls):
     binding, map_, shown = tabs
     assert map_.take.options == ("All takes", "Take 0", "Take 1")
     view = binding.session.view
-    shown.show(Tick(view, 0.0))
+    shown.show(PageState(view, 0.0))
     every = len(shown.spectrum.handle.data[0])
     set_by_client(map_.take, "Take 1")
     assert binding.choices.take == 1
-    shown.show(Tick(view, 1.0))
+    shown.show(PageState(view, 1.0))
     assert "take 1" in shown.text.content and len(shown.spectrum.handle.data[0]) < every
     set_by_client(map_.take, "All takes")
     assert binding.choices.take is None
@@ -330,7 +331,7 @@ def test_what_cannot_be_planned_is_one_line(viewer, server, work):
     assert found.error and "\n" not in found.error
     measured = placeholder_scene(work.measurement, "hall", work.scene.solver)
     tab = PlanTab(Binding(server.gui, dataclasses.replace(work, scene=measured), 6))
-    tab.show(Tick(work.session.view))
+    tab.show(PageState(work.session.view))
     assert tab.planned is None
     assert not hasattr(tab, "shown"), "a measurement has nothing to plan"
 

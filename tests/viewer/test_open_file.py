@@ -1,6 +1,5 @@
 """Files that the page opens from the folder in which it was started, and no others."""
 
-import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -16,7 +15,6 @@ from fdcal.model.measurement import save_measurement
 from fdcal.recordings.importer import import_recording
 from fdcal.session import session_file
 from fdcal.session.sources import measurement_input, measurement_request
-from fdcal.viewer.prepare import Threads
 from fdcal.viewer.tabs import open_file as module
 from fdcal.viewer.tabs.open_file import NONE, OpenFile
 
@@ -33,17 +31,15 @@ def tab(server, tmp_path):
     (tmp_path / "notes.txt").write_text("<b>mine</b>")
     (tmp_path / ".hidden.wav").touch()
     (tmp_path / "folder.wav").mkdir()
-    threads, opened = Threads(), []
-    made = OpenFile(server.gui, threads, tmp_path, opened.append)
-
-    turns = itertools.count(step=module.LISTED)
+    opened = []
+    made = OpenFile(server.gui, tmp_path, opened.append)
 
     def until(happened):
-        wait_until(happened, lambda: made.show(next(turns)))
+        wait_until(happened, made.list_folder)
 
     until(lambda: made.file.value != NONE)
     yield SimpleNamespace(tab=made, until=until, opened=opened, folder=tmp_path)
-    threads.close(WAIT)
+    made.worker.close(WAIT)
     server.gui.reset()
 
 
@@ -83,9 +79,9 @@ def test_it_offers_the_files_of_its_folder_alone_and_lists_it_only_after_a_chang
         assert made.file.value == "one.wav"
     monkeypatch.setattr(module.os, "listdir", lambda path: listed.append(path) or listdir(path))
     monkeypatch.setattr(module, "SETTLED", 0)
-    for turn in range(10):
-        made.show(1e6 + turn * module.LISTED)
+    for _ in range(10):
+        made.list_folder()
     assert not listed
     (tab.folder / "two.wav").touch()
-    made.show(2e6)
+    made.list_folder()
     assert len(listed) == 1 and made.file.options == ("one.wav", "two.wav") and made.file.value == "one.wav"

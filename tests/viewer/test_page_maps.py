@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from browsing import WAIT
-from doubles import State, finish, set_by_client, view_of
+from doubles import State, set_by_client, view_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -31,9 +31,9 @@ from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.settings import Search
 from fdcal.viewer.cost_maps import map_modes
-from fdcal.viewer.drop import LineHandles
-from fdcal.viewer.gui.binding import BASINS, FLOOR, NOTHING, SHAPE, Binding
+from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.session_view import Viewer
+from fdcal.viewer.state import BASINS, FLOOR, NOTHING, SHAPE
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import sweep as sweeping
 from fdcal.viewer.tabs.cut import MAX_MODES, POINTS, SPAN, cut_series, foot, line_across
@@ -71,11 +71,6 @@ def test_a_map_stands_under_its_own_microphone_only_and_the_legend_says_that_it_
     viewer.tick(0.0)
     assert shown(viewer) is None and "Computing the map of microphone 3" in legend(viewer)
     assert mapped(viewer) == 3 and "Computing" not in legend(viewer)
-    before = viewer.snapshot.picture.floor
-    viewer.binding.choose_style(opacity=0.4)
-    viewer.tick(1.0)
-    assert viewer.snapshot.picture.floor.opacity == 0.4 and viewer.snapshot.picture.floor.rgb is before.rgb
-    assert not viewer.maps.busy, "opacity takes no new map"
     set_by_client(viewer.tabs.map.microphone, 7)
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of microphone 3 stands under microphone 7"
@@ -431,65 +426,6 @@ def test_the_foot_of_a_position_is_where_it_projects_and_none_far_from_the_line(
     assert foot([0.5, 0.02], ends) == pytest.approx(0.5)
     assert foot([0.5, 0.3], ends) is None and foot([-0.1, 0.0], ends) is None and foot([2.1, 0.0], ends) is None
     assert foot([0.5, 0.0], np.zeros((2, 2))) is None
-
-
-@pytest.fixture
-def handles():
-    """Handles on a line, the choices they change, and a function that passes them a drag."""
-    callbacks, removed = {}, []
-    choices = SimpleNamespace(cut=None)
-    binding = SimpleNamespace(choices=choices, choose=lambda cut: setattr(choices, "cut", cut))
-
-    def add(name, vertices, faces, turned, places, **_):
-        return SimpleNamespace(
-            on_drag=lambda _: lambda call: callbacks.update(drag=call), remove=lambda: removed.append(name),
-            batched_positions=places,
-        )  # fmt: skip
-
-    server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=add))
-    picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 0.0), focus=(*LOW, *HIGH))
-    made = LineHandles(server, binding, picture)
-
-    def drag(index, point, eye=(1.2, 2.2, 5.0)):
-        client = SimpleNamespace(camera=SimpleNamespace(position=np.array(eye)))
-        finish(callbacks["drag"](SimpleNamespace(instance_index=index, end_position=point, client=client)))
-
-    return SimpleNamespace(made=made, choices=choices, drag=drag, removed=removed)
-
-
-LINE = ((1.1, 2.1), (1.3, 2.5))
-
-
-def show_line(handles, line):
-    handles.choices.cut = line
-    handles.made.show(line, None)
-
-
-def test_a_drag_moves_one_end_and_leaves_the_other(handles):
-    show_line(handles, LINE)
-    handles.drag(0, (1.2, 2.4, 0.0), eye=(1.2, 2.4, 5.0))
-    (ax, ay), b = handles.choices.cut
-    assert (ax, ay) == pytest.approx((1.2, 2.4)) and b == (1.3, 2.5)
-    handles.made.show(handles.choices.cut, None)
-    np.testing.assert_allclose(handles.made._handles.batched_positions[:2, :2], handles.choices.cut)
-    handles.drag(1, (9.0, -9.0, 0.0))
-    assert handles.choices.cut[1] == pytest.approx((1.4, 2.0)), "it stays inside the search domain"
-
-
-def test_no_end_that_is_not_there_and_no_pointer_beside_the_map_moves_anything(handles):
-    show_line(handles, LINE)
-    for index, point in [
-        *((index, (1.2, 2.4, 0.0)) for index in (None, -1, 2, 10**9, 1.0, "0")),
-        *((0, point) for point in ((1.2, 2.4, 9.0), (np.nan, 0, 0), (1.2, 2.4), (np.inf, 0, 0))),
-    ]:
-        handles.drag(index, point)
-        assert handles.choices.cut == LINE, (index, point)
-    show_line(handles, None)
-    handles.drag(0, (1.2, 2.4, 0.0))
-    assert handles.choices.cut is None and len(handles.removed) == 1, "without a line there are no handles"
-    show_line(handles, LINE)
-    show_line(handles, None)
-    assert len(set(handles.removed)) == 2, "a new name each time"
 
 
 def test_the_plot_of_a_cut_through_the_estimate_has_the_cost_of_the_status_line(opened):

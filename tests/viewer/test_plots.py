@@ -9,8 +9,9 @@ from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.session.session import StateCosts
 from fdcal.viewer.gui import html, plots
-from fdcal.viewer.gui.binding import Binding, Tick
+from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.gui.plots import Plot
+from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import spectrum as spectrum_plot
 from fdcal.viewer.tabs.curves import NO_RESTART, CurvesTab
@@ -28,7 +29,7 @@ def test_plots_hold_finite_numbers_only(curves, measurement):
     """uPlot never stops looking for axis ticks if it meets a NaN."""
     worse = measurement.positions + 0.1
     states = [State(worse), State(measurement.positions, 1), State(worse, 2, last=4)]
-    curves.show(Tick(view_of(states, costs=costs_of(states, [np.nan, -160.0, 2.0])), 0.0))
+    curves.show(PageState(view_of(states, costs=costs_of(states, [np.nan, -160.0, 2.0])), 0.0))
     for plot in (curves.error, curves.cost):
         assert all(np.isfinite(column).all() for column in plot.data)
         assert len({len(column) for column in plot.data}) == 1 and (np.diff(plot.data[0]) >= 0).all()
@@ -43,14 +44,14 @@ def test_stages_and_restarts_are_marked_and_the_cost_is_that_of_the_reference_co
     place = measurement.positions
     states = [State(place.copy(), i, i, stage=i // 2, last=6, cost=1e5, restart=i // 3) for i in range(4)]
     costs = costs_of(states, [-1.0, -3.0, np.nan, -9.0])
-    curves.show(Tick(view_of(states[:2], costs=costs), 0.0))
+    curves.show(PageState(view_of(states[:2], costs=costs), 0.0))
     np.testing.assert_allclose(curves.cost.data[1], [-1, -3])
     assert "dB" in curves.cost.title and "Eq. 7" in curves.cost.title and NO_RESTART in curves.remark.content
-    curves.show(Tick(view_of(states, costs=costs), 1.0))
+    curves.show(PageState(view_of(states, costs=costs), 1.0))
     x, cost, restarts, marks, stage = curves.cost.data
     assert cost[np.unique(x, return_index=True)[1]].tolist() == [-1, -3, -6, -9], "straight where one was left out"
     costs.compute(states[2])
-    curves.show(Tick(view_of(states, costs=costs), 2.0))
+    curves.show(PageState(view_of(states, costs=costs), 2.0))
     assert -4.0 in curves.cost.data[1], "computed when the solver rested"
     assert x[marks < 1].tolist() == [2.0] and x[restarts < 1].tolist() == [3.0]
     assert restarts.min() < marks.min(), "longer than the tick of a stage"
@@ -79,7 +80,7 @@ def test_errors_are_drawn_over_whole_decades_which_a_drag_keeps_until_another_ru
         (2.0, [first, dragged], (0.01, 1000)),
         (3.0, [dragged], (100, 1000)),
     ):
-        curves.show(Tick(view_of(states), now))
+        curves.show(PageState(view_of(states), now))
         curves.error.settle()
         handle = curves.error.handle
         assert handle.scales["y"]["range"] == pytest.approx(ends)
@@ -115,13 +116,13 @@ def test_errors_are_those_of_the_microphones_sought_and_follow_a_rewound_history
     away = np.zeros((10, 2))
     away[4], away[5], away[9] = [0.001, 0.0], [0.003, 0.0], [0.5, 0.0]
     states = [State(measurement.positions + away / (i + 1), i) for i in range(6)]
-    curves.show(Tick(view_of(states), 0.0))
+    curves.show(PageState(view_of(states), 0.0))
     assert [column[0] for column in curves.error.data[1:3]] == pytest.approx([2.0, 3.0])
     text = html.status(view_of(states[:1]), measurement, sought=np.array([4, 5]))
     assert "<b>mean 2 mm</b>, <span style='white-space: nowrap'>largest 3 mm</span>" in text
-    curves.show(Tick(view_of([*states[:3], State(measurement.positions + 3 * away, 3)]), 1.0))
+    curves.show(PageState(view_of([*states[:3], State(measurement.positions + 3 * away, 3)]), 1.0))
     assert curves.error.data[1] == pytest.approx([2, 1, 2 / 3, 6])
-    curves.show(Tick(view_of(states[:1]), 2.0, sought=np.array([4])))
+    curves.show(PageState(view_of(states[:1]), 2.0, sought=np.array([4])))
     assert curves.error.data[1] == pytest.approx([1.0]), "and then without the channels at fault"
 
 
@@ -142,7 +143,7 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
     binding = Binding(server.gui, work, 6)
     map_, tab = map.MapTab(binding), spectrum_plot.SpectrumPanel(binding)
     map_.choose_modes([2])
-    tab.show(Tick(work.session.view))
+    tab.show(PageState(work.session.view))
     data = tab.spectrum.handle.data
     assert len({len(column) for column in data}) == 1 and all(np.isfinite(column).all() for column in data)
     x, curve, outside, inside, limit = data
@@ -163,7 +164,7 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
 def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurement):
     chart = ErrorByDistance(server.gui, measurement)
     states = [State(measurement.positions + 0.2), State(measurement.positions + 1e-5, 1)]
-    chart.show(view_of(states), now=10.0)
+    chart.show(view_of(states))
     _, mean, here = chart.plot.data
     low, high = chart.plot.handle.scales["y"]["range"]
     assert chart.plot.handle.scales["y"]["distr"] == 3, "logarithmic"

@@ -207,7 +207,7 @@ def test_a_saved_session_is_restored(page_of, scene, tmp_path):
     first.session.seek(5)
     assert first.session.wait_for(lambda view: view.index == 5, WAIT)
     first.choose(microphone=9, follow=False, modes=(2, 4), trails=True)
-    first.choose_style(dark=True, log=False, opacity=0.4)
+    first.choose_style(dark=True, log=False)
     turn_until(lambda: page.viewer.snapshot.view.index == 5)
     moment = dataclasses.replace(page.viewer.snapshot, choices=first.choices)
     path = tmp_path / "left.zip"
@@ -238,7 +238,7 @@ def test_an_interrupted_simulation_stops(page_of, scene, monkeypatch):
 def test_the_end_of_a_page_whose_solver_runs_leaves_no_thread(scene, kernels):
     before = names()
     with serving_here(edited(scene, {"solver.name": "descent"}), play=True):
-        wait_until(lambda: names()["fdcal-map"] > before["fdcal-map"])
+        wait_until(lambda: names()["fdcal-maps"] > before["fdcal-maps"])
     wait_until(lambda: names() <= before)
 
 
@@ -280,7 +280,7 @@ def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
 
     monkeypatch.setattr(preparing, "cached_measurement", failing)
     with pytest.raises(OSError):
-        preparing.prepare_run(OpenRequest(scene), preparing.PreparationProgress())
+        preparing.Preparation(OpenRequest(scene)).prepare()
     wait_until(lambda: names()["fdcal-warmup"] <= before)
 
 

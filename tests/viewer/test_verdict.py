@@ -30,10 +30,10 @@ from fdcal.session.sources import CalibrationInput, OpenRequest, scene_input
 from fdcal.viewer import prepare
 from fdcal.viewer.explore import Explore
 from fdcal.viewer.gui import html as words
-from fdcal.viewer.gui.binding import Tick
 from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, status, verdict_html
 from fdcal.viewer.server import process
 from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, uncertainty_of
+from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import microphones, spectrum
 from fdcal.viewer.tabs.microphones import channel_table, given_table
 
@@ -180,7 +180,7 @@ def test_the_table_is_that_of_the_state_also_where_the_memory_of_an_older_one_is
     panel.microphones.error_by_distance.plot = None  # it keeps the states; an array without known microphones has none
     for turn in range(50):
         here = measurement.positions + 0.001 * turn
-        panel.microphones.show(Tick(view_of([State(here)]), float(turn)))
+        panel.microphones.show(PageState(view_of([State(here)]), float(turn)))
         assert ", ".join(f"{x:.3f}" for x in here[9]) in panel.microphones.table.content, turn
 
 

@@ -235,9 +235,13 @@ log = logging.getLogger(__name__)
 
 
 class Overlay:
-    """Owns the hidden controls, and knows what each command does."""
+    """Owns the hidden controls, and knows what each command does.
 
-    def __init__(self, gui: viser.GuiApi):
+    `wake`: makes the main loop update the page at once.
+    """
+
+    def __init__(self, gui: viser.GuiApi, wake: Callable[[], None] = lambda: None):
+        self._wake = wake
         self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self._acts: dict[str, Act] = {}
         self.start = secrets.token_hex(8)  # of this server: a browser tells by it whether its address is still of use
@@ -272,6 +276,7 @@ class Overlay:
             client.add_notification("Not possible", text, color="red", auto_close_seconds=ERROR_TIME)
         except Exception:
             log.exception("a command could not be carried out")
+        self._wake()
 
 
 def whole(value: str, low: int, high: int) -> int:

@@ -114,6 +114,11 @@ class Cameras:
         self._looks: dict[int, int] = {}  # by page: looks since its camera was placed
         self._requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = collections.deque()
 
+    @property
+    def waiting(self) -> bool:
+        """Whether requests wait for the main loop."""
+        return bool(self._requests)
+
     def request(self, client: viser.ClientHandle, view: str | Camera | None = None) -> None:
         """Have the main loop place a page's camera or, without a view, check whether its canvas has changed.
 

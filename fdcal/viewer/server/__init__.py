@@ -2,7 +2,8 @@
 
 May import: the packages below viewer.
 
-hardening      a server that only its own page can use, with a bounded rate for each client, and repairs of viser
+hardening      a server that only its own page can use, with a bounded rate for each client
+viser_defects  what works round defects of viser
 client_values  checks of messages and of the values in them
 process        the error log, and the memory of the process
 """

@@ -4,8 +4,7 @@ viser does not authenticate its clients, and the page opens files. This module r
 not come from the page itself: other sites, pages that another program serves on this machine, and programs that send no
 Origin header. It disables the public share tunnel and all other messages that the page of fdcal does not use, limits
 the size of messages, and drops updates that are not values of their control. All hooks are private parts of viser,
-which is why its version is pinned, and why no page is served unless strangers have been refused in fact: a server is
-asked as each of them would ask it, before its address is given to anybody.
+which is why its version is pinned.
 
 GuardedConnection   passes on only messages that `client_values` accepts, at a bounded rate, to a client that reads
 version_checked     refuses clients of another version of viser, without viser's message on standard output
@@ -27,23 +26,20 @@ import time
 from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
-import numpy as np
 import viser
 import websockets
 import websockets.asyncio.server
 import websockets.exceptions
-from PIL import Image
-from viser import _messages, _scene_api
-from viser.infra import _infra
-from viser.infra._async_message_buffer import AsyncMessageBuffer
+from viser import _messages
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Response
 
 from ...model.validation import InputError
 from .client_values import decoded_message, fits, is_acceptable, is_plain, message_cost
 from .process import printable
+from .viser_defects import mend
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +48,6 @@ RATE, BURST = 200.0, 400.0  # control updates per second of one client, and at o
 FLOOD_TIME = 5.0  # s that a client may have to wait in all, before it has been within its budget again
 STALL_TIME = 10.0  # s in which a client must read something of what waits for it
 MAX_UNREAD_BYTES = 16_000_000  # that wait for one client
-FOREIGN_ORIGIN = "http://foreign.invalid"  # of the server's own probe (`hardening`)
 DEAF = "a client that does not read was disconnected"
 PROTOCOL_ERROR = 1002  # code of a closed connection
 
@@ -87,8 +82,6 @@ class StrangerFilter(logging.Filter):
         error, kind = record.exc_info[1] if record.exc_info else None, record.msg
         if error is not None:
             record.msg, record.args = f"{record.getMessage()} ({type(error).__name__}: {error})", ()
-        if FOREIGN_ORIGIN in str(error):  # the server's own probe
-            return False
         count = self._counts[kind] = self._counts.get(kind, 0) + 1
         record.msg, record.args = printable(record.getMessage()), ()
         record.exc_info = record.exc_text = record.stack_info = None
@@ -169,39 +162,7 @@ def version_checked(handler: Handler) -> Handler:
 log.addFilter(StrangerFilter())
 
 
-PROBE_TIMEOUT = 10.0  # s
-REFUSED = b"HTTP/1.1 403 "
-
 Respond = Callable[..., Response | None]  # of a connection and a request
-
-
-class ForeignOriginAccepted(Exception):
-    """The server lets a page of another site connect."""
-
-
-def require_foreign_origin_refused(host: str, port: int) -> None:
-    """Raise ForeignOriginAccepted unless the server at this address refuses strangers with status 403.
-
-    Asked are a page of another site whose name leads here, one of another port of this machine, and a program that
-    sends no origin.
-    """
-    name = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
-    own, foreign = f"localhost:{port}", FOREIGN_ORIGIN.partition("//")[2]
-    for asked, origin in ((foreign, FOREIGN_ORIGIN), (own, f"http://localhost:{port ^ 1}"), (own, "")):
-        request = (
-            f"GET / HTTP/1.1\r\nHost: {asked}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            f"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
-            f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n"
-            + (f"Origin: {origin}\r\n\r\n" if origin else "\r\n")
-        )
-        try:
-            with socket.create_connection((name, port), PROBE_TIMEOUT) as connection:
-                connection.sendall(request.encode("ascii"))
-                answer = connection.recv(len(REFUSED), socket.MSG_WAITALL)
-        except OSError as error:
-            raise ForeignOriginAccepted(f"the server does not answer ({error})") from error
-        if answer != REFUSED:
-            raise ForeignOriginAccepted(f"a page of {origin or 'no origin'} is not refused")
 
 
 def own_page_only(respond: Respond) -> Respond:
@@ -270,55 +231,6 @@ def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
         before, after = before.replace(bundle[0], b""), after.replace(b"</body>", bundle[0] + b"</body>")
     renamed = before + tag + film.encode() + after
     return gzip.compress(renamed, 1) if zipped else renamed
-
-
-class LoopEvent(asyncio.Event):
-    """An event that is set on its own event loop alone; viser sets it there, too, after every message.
-
-    `wait` finds an event unset, and then queues its future. If another thread sets the event between the two, `wait`
-    never returns, because later calls of `set` find the event set and do nothing. The browser gets no more messages.
-    """
-
-    def __init__(self, loop: asyncio.AbstractEventLoop):
-        super().__init__()
-        self._own = loop
-
-    def set(self) -> None:
-        """Set the event where the caller runs on its event loop, else do nothing."""
-        with contextlib.suppress(RuntimeError):  # no event loop runs on this thread
-            if asyncio.get_running_loop() is self._own:
-                super().set()
-
-
-class SafeMessageBuffer(AsyncMessageBuffer):
-    """A buffer whose messages all reach the browsers, whichever thread pushes them."""
-
-    def __init__(self, *arguments, **options):
-        super().__init__(*arguments, **options)
-        self.message_event = LoopEvent(self.event_loop)
-
-
-LEVEL = 1  # of compression, 0 to 9
-QUALITY = 75  # of a JPEG image unless given
-
-
-def encoded(
-    format: Literal["png", "jpeg"], image: np.ndarray, jpeg_quality: int | None, channel_ordering: Literal["rgb", "bgr"]
-) -> bytes:
-    """Return an image as a file; the parameters are those of the function of viser that this replaces.
-
-    `format`: "png" or "jpeg"; `image` (h, w, 3) or (h, w, 4) uint8; `jpeg_quality`: 1 to 95; None for QUALITY;
-    `channel_ordering`: of `image`.
-    """
-    if channel_ordering == "bgr":
-        image = image[:, :, [2, 1, 0, 3][: image.shape[2]]]
-    file = io.BytesIO()
-    picture = Image.fromarray(np.ascontiguousarray(image))
-    if format == "png":
-        picture.save(file, "PNG", compress_level=LEVEL)
-    else:
-        picture.save(file, "JPEG", quality=jpeg_quality or QUALITY)
-    return file.getvalue()
 
 
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
@@ -395,19 +307,12 @@ def _open_restricted(host: str, port: int, film: str, on_sent: Callable[[], None
     """Open a server, or refuse where viser or websockets no longer have what the restrictions hang on."""
     server = None
     try:
-        for module, name, ours in (
-            (_infra, "AsyncMessageBuffer", SafeMessageBuffer),  # for servers and clients created from now on
-            (_scene_api, "cv2_imencode_with_fallback", encoded),
-        ):
-            if not hasattr(module, name):
-                raise AttributeError(f"viser has no {name}")
-            setattr(module, name, ours)
+        mend()
         with _restricted_listening(host, film, on_sent):
             server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
         for message in BLOCKED_MESSAGES:
             server._websock_server.unregister_handler(message)
         _drop_bad_updates(server)
-        require_foreign_origin_refused(host, server.get_port())
     except Exception as error:  # whatever a renamed name leads to
         if server is not None:
             without_output(server.stop)

@@ -191,7 +191,7 @@ function followScene() {
 // What is dragged has an unseen disc, which would cut a hole into whatever is translucent behind it.
 function hideHandles() {
   for (const [name, node] of Object.entries(window.__viserMutable.nodeRefFromName))
-    if (/^\/(picking|cut_handles)\//.test(name))
+    if (/^\/picking\//.test(name))
       node?.traverse(part => { for (const material of [part.material ?? []].flat()) material.depthWrite = false; });
 }
 

@@ -13,11 +13,11 @@ from viser import uplot
 
 from ...graphics.picture import cost_title
 from ...model.measurement import Measurement
-from ..gui.binding import Tab, Tick
+from ..gui.binding import Tab
 from ..gui.plots import BLUE, GREY, ORANGE, PURPLE, RED, Plot, decades_of
+from ..state import PageState
 
 MAX_POINTS = 600  # of a plot, which is sent whole each time
-INTERVAL = 0.25  # s between two updates
 ZERO = 1e-9  # mm, drawn for no error, below the axis: logarithms have no zero
 TICK, LONG_TICK, HIDDEN = 0.92, 0.8, 2.0  # lower end of a stage's tick and of a restart's; a height above the plot
 SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4))}
@@ -37,12 +37,14 @@ class CurvesTab(Tab):
     `error`: Plot of the position errors, or None where the true positions are unknown.
     """
 
+    interval = 0.25
+
     def __init__(self, gui: viser.GuiApi, measurement: Measurement, sought: np.ndarray):
         self._measurement, self._free = measurement, max(measurement.count - len(measurement.known), 1)
-        self._sought, self._costs = sought, -1  # microphones whose errors count; how many costs were computed
+        self._sought = sought  # microphones whose errors count
         self._states: list[Any] = []  # whose numbers are in _rows
         self._rows: list[tuple] = []  # sweeps, mean error, largest error, last mode in use, stage, restart
-        self._updated, self._decades = -1e9, range(0)  # when, and of the errors of this run, which only grow
+        self._decades = range(0)  # of the errors of this run, which only grow
         self.error: Plot | None = None
         if measurement.positions is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
@@ -51,27 +53,23 @@ class CurvesTab(Tab):
             self.error = Plot(gui, title, series, "sweeps", SCALES, whole=True)
         self.cost = Plot(gui, cost_title(measurement), _series(("cost", BLUE, 2.0)), "sweeps", SCALES, whole=True)
         self.remark = gui.add_html(REMARK + NO_RESTART)
+        self.plots = tuple(filter(None, (self.error, self.cost)))
 
-    def show(self, tick: Tick) -> None:
-        """Bring the plots up to date, not more often than every INTERVAL."""
-        view, now, sought = tick.view, tick.now, tick.sought
-        for plot in (self.error, self.cost):
-            if plot is not None:
-                plot.settle()
-        if now - self._updated < INTERVAL:
-            return
+    def inputs(self, state: PageState) -> tuple:
+        """Return what the curves show."""
+        view = state.view
+        return view.history[-1], view.count, view.lineage, view.costs.count, state.sought
+
+    def show(self, state: PageState) -> None:
+        """Bring the plots up to date."""
+        view, sought = state.view, state.sought
         if sought is not None and not np.array_equal(sought, self._sought):
             self._sought, self._states, self._rows, self._decades = sought, [], [], range(0)
         history, kept = view.history, min(len(self._states), len(view.history))
         while kept and self._states[kept - 1] is not history[kept - 1]:
             kept -= 1
-        new = not kept == len(history) == len(self._states)
-        if not new and view.costs.count == self._costs:
-            return
-        if new:
-            self._decades = self._decades if kept else range(0)
-            self._states[kept:], self._rows[kept:] = history[kept:], [self._row(state) for state in history[kept:]]
-        self._updated, self._costs = now, view.costs.count
+        self._decades = self._decades if kept else range(0)
+        self._states[kept:], self._rows[kept:] = history[kept:], [self._row(one) for one in history[kept:]]
         x, mean, largest, last, stage, restart = np.array(self._rows, float).T
         drawn = np.unique(np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int))
         restarted = np.flatnonzero(np.diff(restart)) + 1

@@ -17,9 +17,10 @@ from ...model.measurement import Measurement
 from ...solvers.interface import RunState
 from ..cost_maps import count_label, map_modes, shown_modes
 from ..gui import html
-from ..gui.binding import Binding, Line, Tab, Tick
+from ..gui.binding import Binding, Tab
 from ..gui.plots import BLUE, GREY, RED, Plot, dots
 from ..prepare import PreparedRun
+from ..state import Line, PageState
 
 POINTS = 121  # along the line
 MAX_MODES = 12  # that are drawn one by one
@@ -126,53 +127,47 @@ ALONG_X, ALONG_Y, TO_LOWEST, NO_LINE = "x", "y", "Lowest", "None"
 LINES = (ALONG_X, ALONG_Y, TO_LOWEST, NO_LINE)
 TITLE = "Cost along the line, Eq. 7 (dB)"
 ADVICE = "A cut shows the cost along a line from A to B. Drag its ends over the map."
-INTERVAL = 0.2  # s between two updates of the plot
 
 
 class CutPanel(Tab):
-    """Owns the controls, the plot and the thread."""
+    """Owns the controls, and the plot."""
+
+    interval = 0.2
 
     def __init__(self, binding: Binding):
-        self._binding, self._updated, self._shown = binding, -1e9, None
-        self._lowest: tuple[float, float] | None = None  # of the map that is shown
-        self._microphone = binding.choices.microphone
-        self._worker = binding.threads.start(lambda request: cost_along(binding.run, request), "fdcal-cut")
+        self._binding, self._shown = binding, None
+        self._worker = binding.threads.map(lambda request: cost_along(binding.run, request))
         gui, series = binding.gui, cut_series(binding.measurement)
         hint = "Through the estimate along x, along y, or towards the lowest cost of the map"
         with gui.add_folder("Cut", expand_by_default=False):
             self.lines = binding.on(gui.add_button_group("Line", LINES, hint=hint), self.place)
             self._plot = Plot(gui, TITLE, series, "distance from A (m)", height=230, legend=False)
             self.text = gui.add_html(html.remark(ADVICE))
+        self.plots = (self._plot,)
 
     def place(self, label: str) -> None:
         """Draw one of LINES."""
         if label == NO_LINE:
             self._binding.choose(cut=None)
             return
-        binding, search = self._binding, self._binding.run.problem.search
+        binding, state, search = self._binding, self._binding.state, self._binding.run.problem.search
         if search is not None:  # through the estimate, from edge to edge of the search domain
             low = np.array(search.origin[:2])
             high = low + search.step * (np.array(search.shape[:2]) - 1)
-            here = np.clip(binding.positions[self._microphone, :2], low, high)
+            here = np.clip(binding.positions[state.microphone, :2], low, high)
             along = np.array([0.0, 1.0] if label == ALONG_Y else [1.0, 0.0])
-            if label == TO_LOWEST and self._lowest is not None:
-                apart = self._lowest - here
+            if label == TO_LOWEST and state.drawn is not None and state.drawn.floor is not None:
+                apart = state.drawn.floor.lowest[0] - here
                 along = apart if np.linalg.norm(apart) > search.step / 10 else along
             binding.choose(cut=line_across(here, along, low, high))
 
-    def show(self, tick: Tick) -> None:
+    def show(self, tick: PageState) -> None:
         """Bring the plot up to date."""
-        self._microphone, drawn = tick.microphone, tick.drawn
-        self._plot.settle()
-        if drawn is not None and drawn.floor is not None:
-            self._lowest = drawn.floor.lowest[0]
         binding, choices, state = self._binding, self._binding.choices, tick.view.state
         if choices.cut is None or choices.cut[0] == choices.cut[1]:
             if self._shown is not None:
                 self._shown, self._plot.folder.visible = None, False
             self.text.content = html.remark(ADVICE)
-            return
-        if tick.now - self._updated < INTERVAL:
             return
         modes = map_modes(binding.run, state, choices.modes, choices.order_offset, choices.take)
         wanted = CutRequest(tick.revision, tick.microphone, modes, choices.order_offset, choices.cut, state)
@@ -180,8 +175,8 @@ class CutPanel(Tab):
         if latest is not None and latest.cause is not None:
             self.text.content = html.complaint(latest.cause)
         elif latest is not None and latest.result is not self._shown:
-            cut, self._updated = latest.result, tick.now
-            self._shown, measurement = cut, binding.measurement
+            cut, measurement = latest.result, binding.measurement
+            self._shown = cut
             columns, limits = cut_columns(cut)
             self._plot.show(columns, limits=limits)
             self._plot.folder.visible = True

@@ -17,7 +17,10 @@ from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
 from ..cost_maps import CostMap, count_label, least_range, modes_label, of_take
 from ..gui import html
-from ..gui.binding import (
+from ..gui.binding import Binding, Tab
+from ..prepare import PreparedRun
+from ..scheduler import Memo
+from ..state import (
     BASINS,
     FLOOR,
     MAP_KINDS,
@@ -27,14 +30,10 @@ from ..gui.binding import (
     SHAPE,
     SLICES,
     VOLUME,
-    Binding,
-    Due,
-    Tab,
-    Tick,
+    PageState,
     has_volume,
     kind_of,
 )
-from ..prepare import PreparedRun, Same
 
 
 def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
@@ -151,7 +150,7 @@ class MapTab(Tab):
     def __init__(self, binding: Binding):
         self._binding = binding
         self._possible = binding.run.problem.search is not None
-        self._due = Due()  # the caption
+        self._caption = Memo()
         self.kinds = tuple(kind for kind in MAP_KINDS if kind != VOLUME or has_volume(binding.measurement))
         choices, row = binding.choices, binding.row
         self.kind = binding.dropdown("Show", self.kinds, kind_of(choices), self.show_as, visible=self._possible)
@@ -290,20 +289,18 @@ class MapTab(Tab):
             self.show_as(FLOOR)
         self._risen = ""
 
-    def show(self, tick: Tick) -> None:
+    def show(self, tick: PageState) -> None:
         """Let the microphone and the caption follow what is drawn."""
         binding, choices, drawn = self._binding, self._binding.choices, tick.drawn
         if not choices.follow and choices.microphone == tick.microphone:
             binding.sent[id(self.microphone)] = tick.microphone  # set by the user, who may still be dragging the slider
         binding.send(self.microphone, tick.microphone)
         self.slice.show(drawn)
-        shown = Same(drawn and (drawn.floor or drawn.volume))
-        if not self._due(tick.now, shown, tick.reason, choices.modes_error, choices.shown):
-            return
         reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map"
-        words = caption(drawn, binding.measurement, orders_text(binding.run, drawn))
-        words = words or html.remark(tick.reason or reason)
-        self.caption.content = html.complaint(choices.modes_error) + words
+        words = drawn and self._caption(
+            lambda: caption(drawn, binding.measurement, orders_text(binding.run, drawn)), drawn
+        )
+        self.caption.content = html.complaint(choices.modes_error) + (words or html.remark(tick.reason or reason))
 
 
 IMAGE_INTERVAL = 0.2  # s at least between two images
@@ -353,9 +350,9 @@ class MapsPanel(Tab):
                 "Same scale", binding.choices.style.shared, lambda value: binding.choose_style(shared=value),
                 hint="One scale for all maps instead of one for each",
             )  # fmt: skip
-        self.worker = binding.threads.start(lambda drawn: panel_image(binding.run, drawn), "fdcal-map-grid")
+        self.worker = binding.threads.job(lambda drawn: panel_image(binding.run, drawn))
 
-    def show(self, tick: Tick) -> None:
+    def show(self, tick: PageState) -> None:
         """Show the newest image of the map on the floor, perhaps of one before."""
         drawn, now, last, latest = tick.drawn, tick.now, self._requested, self.worker.latest
         if drawn is None or drawn.panels is None:

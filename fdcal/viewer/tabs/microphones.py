@@ -16,15 +16,14 @@ from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
 from ...session.session import SessionView
-from ..gui.binding import Binding, Due, PositionUncertainty, Tab, Tick
+from ..gui.binding import Binding, Tab
 from ..gui.html import CARD
 from ..gui.plots import BLUE, RED, Plot, decades_of, dots
-from ..prepare import Same
+from ..state import PageState, PositionUncertainty
 
 MAX_ROWS = 100  # of a table
 GIVEN_HEAD = ("mic", "difference<br>(mm)", "&sigma;<br>(mm)", "given<br>(m)", "found<br>(m)")
 HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)")
-TABLE_INTERVAL, PLOT_INTERVAL = 0.2, 0.5  # s between two updates
 MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm, drawn for anything below, since logarithms have no zero, and above
 STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
 SELECTED = " style='font-weight: 700; background: rgba(31,120,200,0.15)'"  # row of the microphone of the map
@@ -125,17 +124,21 @@ def _millimetres(length: float) -> str:
 class MicrophonesTab(Tab):
     """Owns the plot and the tables."""
 
+    interval = 0.3
+
     def __init__(self, binding: Binding):
-        self._binding, self._due, gui = binding, Due(TABLE_INTERVAL), binding.gui
+        self._binding, gui = binding, binding.gui
         self.error_by_distance = ErrorByDistance(gui, binding.measurement)
         self.table, self.channels, self.given = gui.add_html(""), gui.add_html(""), gui.add_html("")
 
-    def show(self, tick: Tick) -> None:
+    def inputs(self, state: PageState) -> tuple:
+        """Return what plot and tables show."""
+        return state.view.state, state.view.index, state.microphone, state.uncertainty
+
+    def show(self, tick: PageState) -> None:
         """Bring plot and tables up to date."""
         view, found, measurement = tick.view, tick.uncertainty, self._binding.measurement
-        self.error_by_distance.show(view, tick.now)
-        if not self._due(tick.now, Same(view.state), tick.microphone, Same(found)):
-            return
+        self.error_by_distance.show(view)
         sigma = None if found is None else found.sigma
         sought = slice(None) if tick.sought is None else tick.sought
         self.table.content = table(measurement, np.asarray(view.state.positions), sigma, tick.microphone, sought)
@@ -149,7 +152,7 @@ class ErrorByDistance:
     """
 
     def __init__(self, gui: viser.GuiApi, measurement: Measurement):
-        self._truth, self._due = measurement.positions, Due(PLOT_INTERVAL)
+        self._truth = measurement.positions
         self._states: list[Any] = []  # whose errors are in _sums
         self._sums: list[np.ndarray] = []  # of the errors up to each state, (N,) float64, mm
         self.plot: Plot | None = None
@@ -167,9 +170,9 @@ class ErrorByDistance:
         )
         self.plot = Plot(gui, f"Error (mm) against distance from known microphone {first}", series, "distance (m)")
 
-    def show(self, view: SessionView, now: float) -> None:
-        """Bring the plot up to date; called by the main loop. The run ends with the state that is shown."""
-        if self.plot is None or not self._due(now, Same(view.state), view.index):
+    def show(self, view: SessionView) -> None:
+        """Bring the plot up to date. The run ends with the state that is shown."""
+        if self.plot is None:
             return
         history, kept = view.history, min(len(self._states), len(view.history))
         while kept and self._states[kept - 1] is not history[kept - 1]:

@@ -15,11 +15,9 @@ import viser
 
 from ...recordings.recording import KINDS
 from ...session.sources import OpenRequest, compared_with_file, is_recording, load_input, measurement_request
+from ...session.worker import LatestWorker
 from ..gui import html
-from ..gui.binding import Due
-from ..prepare import Threads
 
-LISTED = 2.0  # s between two looks at the folder
 SETTLED = 5e9  # ns after a change of the folder for which each look lists it: times of files are coarse
 MAX_FILES, MAX_NAME = 200, 200  # of each list, and characters of a name that is listed
 LISTS = (".csv", ".xml")  # tables of positions
@@ -28,15 +26,14 @@ REMOTE = "Other machines can reach this page, so that it opens no files. Start f
 
 
 class OpenFile:
-    """Owns the controls and the thread that reads the file.
+    """Owns the controls, and what reads the file.
 
     `folder`: of the files; `show`: function that shows a session.
     """
 
-    def __init__(self, gui: viser.GuiApi, threads: Threads, folder: Path, show: Callable[[OpenRequest], None]):
-        self._folder, self._show = folder, show
-        self._list_due, self._report_due, self._modified = Due(LISTED), Due(), 0
-        self.worker = threads.start(self._open, "fdcal-open", awaited=False)
+    def __init__(self, gui: viser.GuiApi, folder: Path, show: Callable[[OpenRequest], None]):
+        self._folder, self._show, self._modified = folder, show, 0
+        self.worker = LatestWorker(self._open, "fdcal-open", notify=self._report)
         gui.add_html(html.remark(f"Recordings, measurements and sessions in {folder}"))
         self.file = gui.add_dropdown("File name", [NONE])
         self.positions = gui.add_dropdown("List", [NONE], hint="Positions to compare the result with")
@@ -55,23 +52,19 @@ class OpenFile:
     def press(self) -> None:
         """Open the file that is chosen."""
         if self.file.value != NONE:
+            self.button.disabled, self.report.content = True, html.remark("Opening ...")
             self.worker.request(self.file.value, self.positions.value, self.kind.value, float(self.celsius.value))
 
-    def show(self, now: float) -> None:
-        """Bring list and report up to date at the time `now`, s; called by the main loop."""
-        if self._list_due(now, now):
-            self._list_folder()
-        latest, busy = self.worker.latest, self.worker.busy
-        self.button.disabled = busy or self.file.value == NONE
-        if self._report_due(now, busy, latest and latest.ended):
-            if busy:
-                self.report.content = html.remark("Opening ...")
-            elif latest is not None:
-                text = f"<div style='{html.CARD} white-space: pre-wrap'>{escape(latest.result or '')}</div>"
-                self.report.content = html.complaint(latest.cause) if latest.cause else text
+    def _report(self) -> None:
+        """Say what was found in the last file, or why it could not be opened."""
+        if (latest := self.worker.latest) is None:
+            return
+        text = f"<div style='{html.CARD} white-space: pre-wrap'>{escape(latest.result or '')}</div>"
+        self.report.content = html.complaint(latest.cause) if latest.cause else text
+        self.button.disabled = False
 
-    def _list_folder(self) -> None:
-        """Offer the files of the folder where it has changed."""
+    def list_folder(self) -> None:
+        """Offer the files of the folder where it has changed; called by the main loop now and then."""
         modified = self._folder.stat().st_mtime_ns
         if modified == self._modified and time.time_ns() - modified > SETTLED:
             return

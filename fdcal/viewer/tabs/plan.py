@@ -12,9 +12,10 @@ import viser
 from ...assessment.uncertainty import confidence_factor, ellipse_axes
 from ...session.plan import Layout, Plan, PlanRequest, make_plan, plan_sentences, plan_table
 from ..gui import html
-from ..gui.binding import Binding, PlanChoices, Tab, Tick
+from ..gui.binding import Binding, Tab
 from ..gui.html import error_message
 from ..prepare import PreparedRun
+from ..state import PageState, PlanChoices
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class PlanTab(Tab):
         if not self._possible:
             binding.gui.add_html(html.remark(MEASURED))
             return
-        self._worker = binding.threads.start(lambda choices: planned_array(binding.run, choices), "fdcal-plan")
+        self._worker = binding.threads.map(lambda choices: planned_array(binding.run, choices))
         noise, known = binding.run.scene.measurement.snr_db, binding.measurement.known.tolist()
         snr = float(np.clip(np.round(noise), *RANGES.snr_db)) if np.isfinite(noise) else PlanChoices().snr_db
         takes = min(binding.measurement.take_count, RANGES.takes[1])
@@ -138,7 +139,7 @@ class PlanTab(Tab):
         latest = self._worker.newest(plan) if self._possible and plan.shown else None
         return None if latest is None else latest.result
 
-    def show(self, tick: Tick) -> None:
+    def show(self, tick: PageState) -> None:
         """Bring the summary up to date."""
         if not self._possible:
             return

@@ -13,8 +13,9 @@ from ...model.measurement import Measurement
 from ...model.problem import mode_power
 from ..cost_maps import map_modes, row_label
 from ..gui import html
-from ..gui.binding import Binding, Due, Tab, Tick
+from ..gui.binding import Binding, Tab
 from ..gui.plots import BLUE, ORANGE, RED, dots
+from ..state import PageState
 
 GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the curve, and of the area below it
 MAX_POINTS = 700  # of the spectrum: a plot is sent whole each time
@@ -132,14 +133,13 @@ def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | 
     return spectrum, np.maximum(np.interp(f, at, decibels), np.interp(f, *spectrum))
 
 
-INTERVAL = 0.25  # s between two updates of the plot
-
-
 class SpectrumPanel(Tab):
     """Owns the plot and the text below it."""
 
+    interval = 0.25
+
     def __init__(self, binding: Binding):
-        self._binding, self._due, gui = binding, Due(INTERVAL), binding.gui
+        self._binding, gui = binding, binding.gui
         with gui.add_folder("Spectrum", expand_by_default=False):
             self.spectrum = SpectrumPlot(gui, binding.measurement, binding.modes)
             marks = {
@@ -152,21 +152,25 @@ class SpectrumPanel(Tab):
             gui.add_html(f"<div style='{html.CARD}'>{html.drawings_html(marks)}</div>")
             self.text = gui.add_html("")
 
-    def show(self, tick: Tick) -> None:
-        """Let the plot follow the modes of the map."""
-        binding, state, choices = self._binding, tick.view.state, self._binding.choices
+    def inputs(self, state: PageState) -> tuple:
+        """Return the modes of the map, the highest frequency of the array, and the take."""
+        binding, choices, shown = self._binding, self._binding.choices, state.view.state
         order_offset = None if choices.objective else choices.order_offset
-        used = map_modes(binding.run, state, choices.modes, order_offset, choices.take)
+        used = map_modes(binding.run, shown, choices.modes, order_offset, choices.take)
         problem = binding.run.problem
-        limit = array_f_max(state.positions, problem.sound_speed, problem.dimension)
+        limit = array_f_max(shown.positions, problem.sound_speed, problem.dimension)
         limit = round(limit) if np.isfinite(limit) else limit
-        if not self._due(tick.now, used, limit, choices.take):
-            return
-        self.spectrum.handle.data = self.spectrum.columns(used, limit, choices.take)
+        return used, limit, choices.take
+
+    def show(self, state: PageState) -> None:
+        """Let the plot follow the modes of the map."""
+        binding, problem = self._binding, self._binding.run.problem
+        used, limit, take = self.inputs(state)
+        self.spectrum.handle.data = self.spectrum.columns(used, limit, take)
         order = None  # L of the expansion of the highest mode (Eq. 3), where a radius is given
         if problem.search is not None and problem.dimension == 2:
             k = problem.wavenumbers[used[-1] - 1 : used[-1]]
-            order = int(max_order(k, problem.search.radius, state.order_offset)[0])
+            order = int(max_order(k, problem.search.radius, state.view.state.order_offset)[0])
         self.text.content = caption(binding.measurement, used, limit, order)
 
 

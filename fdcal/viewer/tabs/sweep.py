@@ -6,7 +6,7 @@ as images; they are as fine as those that the page shows when nothing changes, s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -32,9 +32,11 @@ from ..cost_maps import (
     of_take,
 )
 from ..gui import html
-from ..gui.binding import FLOOR, Binding, Due, Tab, Tick
+from ..gui.binding import Binding, Tab
 from ..gui.plots import BLUE, RED, Plot, dots
-from ..prepare import Last, PreparedRun, Same, Threads
+from ..prepare import PreparedRun
+from ..scheduler import Memo, Scheduler
+from ..state import FLOOR, PageState
 from .map import MapTab
 
 NO_IMAGE = np.zeros((1, 1, 3), np.uint8)
@@ -92,11 +94,11 @@ def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
 class SweepWorker:
     """Computes the maps of one sweep at a time, on a thread of the session, and keeps them."""
 
-    def __init__(self, run: PreparedRun, threads: Threads):
+    def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run = run
         self._sweep: Sweep | None = None
-        self._drawn = Last()
-        self.worker = threads.start(self._compute, "fdcal-sweep")
+        self._drawn = Memo()
+        self.worker = threads.job(self._compute)
 
     def sweep(self, wanted: SweepRequest) -> Sweep | None:
         """Return the sweep of a request, as far as it is computed; None before its modes are known."""
@@ -121,14 +123,15 @@ class SweepWorker:
         frame = sweep.frame(count)
         if frame is None or sweep.of_first(count) != wanted.modes:
             return None
-        if (drawn := self._drawn.get(Same(frame), style.minima)) is None:
+
+        def draw() -> CostMap:
             image = TABLE[frame.numbers] if frame.floor.areas else of_colour_numbers(frame.numbers)
             floor = replace(frame.floor, rgb=image, show_minima=style.minima)
-            drawn = replace(frame.map, request=wanted, floor=floor, fine=True)
-            self._drawn.keep(drawn, Same(frame), style.minima)
-        return drawn
+            return replace(frame.map, request=wanted, floor=floor, fine=True)
 
-    def _compute(self, request: SweepRequest) -> None:
+        return self._drawn(draw, frame, style.minima)
+
+    def _compute(self, request: SweepRequest) -> Iterator[None]:
         """On the thread: map after map, until another sweep is requested."""
         run, state, n, offset = self._run, request.state, request.microphone, request.order_offset
         if run.problem.search is None:
@@ -154,6 +157,7 @@ class SweepWorker:
                 numbers = colour_numbers(normalise(sums.cost, low, high, request.log))
             floor = replace(drawn.floor, rgb=NO_IMAGE)
             sweep.frames.append(SweepFrame(replace(drawn, floor=None), sums.minima.count, floor, numbers))
+            yield
 
 
 @dataclass
@@ -215,7 +219,6 @@ def curve(stops: tuple[int, ...], counts: tuple[int, ...], summed: int) -> tuple
 UP, DOWN = "Lowest first", "Highest first"
 ORDERS: tuple[str, ...] = (UP, DOWN)
 RATE, MAX_RATE = 4, 20  # modes per second
-INTERVAL = 0.25  # s between two updates of the curve
 NOT_ASKED, NEXT = -2, -1  # in place of the number of a state whose sweep is wanted: of none, of the present one
 ADVICE = (
     "Play adds one {} after the other to the map and counts its local minima; the sum keeps the one that all share."
@@ -235,8 +238,7 @@ class SweepTab(Tab):
         self.worker = SweepWorker(binding.run, binding.threads)
         self._playing: Playback | None = None
         self._wanted: SweepRequest | None = None  # of the last sweep that was asked for
-        self._revision, self._updated = NOT_ASKED, -1e9
-        self._due = Due()  # the curve
+        self._revision, self._curve = NOT_ASKED, Memo()
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
         self._last: CostMap | None = None  # the map that was shown last
         self._alone = False
@@ -265,6 +267,7 @@ class SweepTab(Tab):
                 binding.gui, "Local minima of the sum", series, f"{binding.row}s summed",
                 height=140, whole=True, legend=False,
             )  # fmt: skip
+        self.plots = (self._plot,)
 
     @property
     def playing(self) -> bool:
@@ -348,7 +351,7 @@ class SweepTab(Tab):
         self._last = found
         return found, reason
 
-    def show(self, tick: Tick) -> None:
+    def show(self, tick: PageState) -> None:
         """Request the maps of a sweep that plays or was asked for, play it, and bring the tab up to date."""
         view, revision, now = tick.view, tick.revision, tick.now
         if self._revision == NEXT:
@@ -365,7 +368,7 @@ class SweepTab(Tab):
             self.worker.worker.newest(self._wanted)
         sweep = None if self._wanted is None else self.worker.sweep(self._wanted)
         self._step(sweep, now)
-        self._update(sweep, now)
+        self._update(sweep)
 
     def _step(self, sweep: Sweep | None, now: float) -> None:
         """Show the next map of what plays, where it is due and ready."""
@@ -389,7 +392,7 @@ class SweepTab(Tab):
 
             self._binding.call(go)
 
-    def _update(self, sweep: Sweep | None, now: float) -> None:
+    def _update(self, sweep: Sweep | None) -> None:
         """Bring button, slider, the number of local minima of the present sum, and curve up to date."""
         binding, sequence = self._binding, self._sequence() if sweep is None else sweep.modes
         summed = first_of(sequence, binding.choices.modes or ())  # 0 where the map is another sum
@@ -407,10 +410,8 @@ class SweepTab(Tab):
         else:
             of, modes, layer = sweep.request, sweep.of_first(summed), binding.measurement.array_dimension == 3
             self.text.content = caption(binding.measurement, of.microphone, modes, frame.count, layer)
-        self._plot.settle()
-        if now - self._updated > INTERVAL:
-            self._updated = now
-            self._plot.folder.visible = sweep is not None  # a sweep of another state has no curve
-            if sweep is not None and sweep.frames and self._due(0.0, Same(sweep), len(sweep.frames), summed):
-                counts = tuple(frame.count for frame in sweep.frames[:])
-                self._plot.show(curve(sweep.stops, counts, summed), limits=(0.0, max(counts) + 1.0))
+        self._plot.folder.visible = sweep is not None  # a sweep of another state has no curve
+        if sweep is not None and sweep.frames:
+            counts = tuple(frame.count for frame in sweep.frames[:])
+            data = self._curve(lambda: curve(sweep.stops, counts, summed), sweep, len(counts), summed)
+            self._plot.show(data, limits=(0.0, max(counts) + 1.0))

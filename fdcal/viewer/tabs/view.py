@@ -1,6 +1,6 @@
 """The tab View: the camera, the theme, what is drawn over the map, and files of what is on the screen.
 
-Files are made one after the other on a thread and sent to who asked: a `ViewSnapshot` holds everything that goes into
+Files are made one after the other on a thread and sent to who asked: a `PageState` holds everything that goes into
 one, `KINDS` lists the kinds.
 """
 
@@ -19,17 +19,13 @@ from ...cost.maps import LandscapePanels, panels_of
 from ...graphics import exports
 from ...graphics.landscape import landscape_bytes
 from ...graphics.picture import z_range_of
-from ...graphics.primitives import Picture
 from ...graphics.replay import replay_html
 from ...graphics.snapshot import render_png
-from ...graphics.volume import Volume, sampled_volume
+from ...graphics.volume import sampled_volume
 from ...model.libraries import call
 from ...model.validation import InputError
 from ...session import session_file
-from ...session.session import SessionView
 from ..cost_maps import (
-    CostMap,
-    CostMapRequest,
     ModePanels,
     fine_panels,
     least_range,
@@ -38,8 +34,9 @@ from ..cost_maps import (
     terms_of,
 )
 from ..gui import html
-from ..gui.binding import ELLIPSE_SCALES, PICTURE, VIEWS, Binding, Choices, Tab, Tick
-from ..prepare import PreparedRun, Threads
+from ..gui.binding import Binding, Tab
+from ..scheduler import Scheduler
+from ..state import ELLIPSE_SCALES, PICTURE, VIEWS, PageState
 
 ELLIPSES_LATER = "Ellipses appear when the solver has finished."
 
@@ -100,7 +97,7 @@ class ViewTab(Tab):
         dark = self._binding.choices.style.dark
         self._binding.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
 
-    def show(self, tick: Tick) -> None:
+    def show(self, tick: PageState) -> None:
         """Say how large the ellipses are, or that they come later."""
         wanted, text = self._binding.choices.ellipses, ELLIPSES_LATER
         if tick.view.state.finished:
@@ -109,48 +106,23 @@ class ViewTab(Tab):
         self.ellipses_text.visible = wanted and bool(text)
 
 
-@dataclass(frozen=True)
-class ViewSnapshot:
-    """What is on the screen at one moment."""
+def caption(state: PageState) -> str:
+    """Return scene, step and modes in words."""
+    shown = state.view.state
+    return f"{state.run.scene.title}: step {shown.step}, {modes_words(state.run.measurement, shown.first, shown.last)}"
 
-    run: PreparedRun
-    picture: Picture  # as drawn
-    view: SessionView  # whose state the picture shows
-    choices: Choices
-    microphone: int  # the selected one, counted from 0
-    sigma: np.ndarray | None  # (N,) float64, metres, one standard deviation of each position, or None
-    volume: Volume | None = None  # the cost in space that the picture shows, or None
-    sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
-    drawn: CostMap | None = None  # the map that the picture shows, or None
 
-    @property
-    def counted(self) -> np.ndarray:
-        """Numbers of the microphones whose errors count, and by which a blind array is aligned."""
-        return self.run.sought if self.sought is None else self.sought
-
-    def fine_panels(self, count: int) -> ModePanels | None:
-        """Return the maps that are on the screen, `count` single modes at most; None where they are coarse."""
-        drawn, wanted = self.drawn, self.map_request
-        if drawn is None or drawn.panels is None or not drawn.fine or drawn.request.style.shape:
-            return None
-        shown = drawn.request
-        same = (shown.state is wanted.state, shown.microphone == wanted.microphone, shown.modes == wanted.modes)
-        if not all(same) or shown.order_offset != wanted.order_offset:
-            return None
-        kept, modes = shown_modes(len(drawn.panels.modes), count), drawn.panels.modes
-        return replace(drawn.panels, modes=tuple(modes[i] for i in kept), maps=drawn.panels.maps[kept])
-
-    @property
-    def map_request(self) -> CostMapRequest:
-        """The request for the map that the choices ask for."""
-        return self.choices.map_request(self.run, self.view, self.microphone)
-
-    @property
-    def caption(self) -> str:
-        """Scene, step and modes in words."""
-        state = self.view.state
-        modes = modes_words(self.run.measurement, state.first, state.last)
-        return f"{self.run.scene.title}: step {state.step}, {modes}"
+def panels_on_screen(state: PageState, count: int) -> ModePanels | None:
+    """Return the maps that are on the screen, `count` single modes at most; None where they are coarse."""
+    drawn, wanted = state.drawn, state.map_request
+    if drawn is None or drawn.panels is None or not drawn.fine or drawn.request.style.shape:
+        return None
+    shown = drawn.request
+    same = (shown.state is wanted.state, shown.microphone == wanted.microphone, shown.modes == wanted.modes)
+    if not all(same) or shown.order_offset != wanted.order_offset:
+        return None
+    kept, modes = shown_modes(len(drawn.panels.modes), count), drawn.panels.modes
+    return replace(drawn.panels, modes=tuple(modes[i] for i in kept), maps=drawn.panels.maps[kept])
 
 
 MAX_WAITING = 8  # files that may wait to be made
@@ -160,37 +132,38 @@ MAX_NAME = 60  # characters of the scene in the name of a file
 log = logging.getLogger(__name__)
 
 
-def _picture(snapshot: ViewSnapshot) -> bytes:
+def _picture(snapshot: PageState) -> bytes:
     """Rendered again in a child process."""
     measurement, counted = snapshot.run.measurement, snapshot.counted
     errors = measurement.errors(snapshot.view.state.positions, counted)
     line = error_line(None if errors is None else errors[counted], measurement.blind, measurement.nominal)
-    title = f"{snapshot.caption}\n{line}"
-    if snapshot.volume is not None:
+    title = f"{caption(snapshot)}\n{line}"
+    volume = None if snapshot.drawn is None else snapshot.drawn.volume
+    if volume is not None:
         name = measurement.names[snapshot.microphone]
-        title += f"\n{'Basins of attraction' if snapshot.volume.areas else 'Cost'} of moving microphone {name}"
+        title += f"\n{'Basins of attraction' if volume.areas else 'Cost'} of moving microphone {name}"
     choices = snapshot.choices
     return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
 
 
-def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
+def _panels(snapshot: PageState, count: int) -> LandscapePanels:
     """Maps as fine as the screen, of the modes of the map on the page, `count` of them at most, and their sum."""
     run, request = snapshot.run, snapshot.map_request
-    panels = snapshot.fine_panels(count) or fine_panels(run, request, max_count=count)
+    panels = panels_on_screen(snapshot, count) or fine_panels(run, request, max_count=count)
     if panels is None:
         raise ValueError("maps that nobody cancels are complete")
     f, modes = run.measurement.frequencies, len(request.modes)
     return panels_of(panels.maps, panels.total, panels.modes, f, snapshot.microphone, panels.search, modes)
 
 
-def _figure(snapshot: ViewSnapshot, file_format: str) -> bytes:
+def _figure(snapshot: PageState, file_format: str) -> bytes:
     measurement, n = snapshot.run.measurement, snapshot.microphone
     positions = snapshot.view.state.positions
     truth = snapshot.run.drawn_truth(positions)
     truth = None if truth is None else truth[n][:2]
     request = snapshot.map_request
     what = "Basins of attraction" if request.style.basins else "Cost"
-    heading = f"{what} of moving microphone {measurement.names[n]}\n{snapshot.caption}"
+    heading = f"{what} of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
     decibels = request.order_offset is not None  # of Eq. 7, as on the page
     label = map_label(snapshot.run, replace(request, style=replace(request.style, log=True)))
     panels, least = _panels(snapshot, MAX_PANELS), least_range(snapshot.run, request)
@@ -199,7 +172,7 @@ def _figure(snapshot: ViewSnapshot, file_format: str) -> bytes:
     return call(landscape_bytes, file_format, *drawn)
 
 
-def _map(snapshot: ViewSnapshot) -> bytes:
+def _map(snapshot: PageState) -> bytes:
     if snapshot.choices.style.volume:
         terms = terms_of(snapshot.run.problem, snapshot.map_request)
         sampled = None if terms is None else sampled_volume(terms)
@@ -213,19 +186,24 @@ def _map(snapshot: ViewSnapshot) -> bytes:
     return exports.landscape_vti(panels, height, snapshot.choices.style.basins).encode()
 
 
-def _table(snapshot: ViewSnapshot) -> bytes:
-    positions = snapshot.view.state.positions
-    return position_table(snapshot.run.measurement, positions, snapshot.sigma, snapshot.counted).encode()
+def sigma_of(snapshot: PageState) -> np.ndarray | None:
+    """Return one standard deviation of each position (N,), metres; None where there is none."""
+    return None if snapshot.uncertainty is None else snapshot.uncertainty.sigma
 
 
-def _points(snapshot: ViewSnapshot) -> bytes:
+def _table(snapshot: PageState) -> bytes:
+    positions, sigma = snapshot.view.state.positions, sigma_of(snapshot)
+    return position_table(snapshot.run.measurement, positions, sigma, snapshot.counted).encode()
+
+
+def _points(snapshot: PageState) -> bytes:
     positions = snapshot.view.state.positions
     height, by = z_range_of(snapshot.run.known_scene, snapshot.run.measurement)[0], snapshot.counted
-    cloud = exports.microphones_vtp(snapshot.run.measurement, positions, snapshot.sigma, height, by)
+    cloud = exports.microphones_vtp(snapshot.run.measurement, positions, sigma_of(snapshot), height, by)
     return cloud.encode()
 
 
-def _replay(snapshot: ViewSnapshot) -> bytes:
+def _replay(snapshot: PageState) -> bytes:
     run, history = snapshot.run, snapshot.view.history
     shown = {"problem": run.problem, "microphone": snapshot.microphone}
     return replay_html(
@@ -233,7 +211,7 @@ def _replay(snapshot: ViewSnapshot) -> bytes:
     ).encode()
 
 
-def _session(snapshot: ViewSnapshot) -> bytes:
+def _session(snapshot: PageState) -> bytes:
     return session_file.write(snapshot.run.request_of(snapshot.view, snapshot.choices.to_save()))
 
 
@@ -243,7 +221,7 @@ class Kind:
 
     ending: str  # of the file's name
     description: str  # in a sentence
-    make: Callable[[ViewSnapshot], bytes]  # returns the content of the file
+    make: Callable[[PageState], bytes]  # returns the content of the file
     slow: bool = False  # whether that takes seconds
 
 
@@ -282,7 +260,7 @@ KINDS = {
 }
 
 
-def file_name(snapshot: ViewSnapshot, kind: Kind) -> str:
+def file_name(snapshot: PageState, kind: Kind) -> str:
     """Return a file name of scene and step, without characters that are special to a file system or a browser."""
     scene = re.sub(r"[^A-Za-z0-9_-]+", "_", snapshot.run.scene.name)[:MAX_NAME].strip("_") or "scene"
     return f"fdcal-{scene}-step-{snapshot.view.state.step}{kind.ending}"
@@ -291,13 +269,13 @@ def file_name(snapshot: ViewSnapshot, kind: Kind) -> str:
 class Exports:
     """Makes files in the order in which they were requested; a bounded number of them may wait.
 
-    `threads`: of the session, which does not wait for a file when it ends.
+    `threads`: of the session.
     """
 
-    def __init__(self, threads: Threads):
-        self.worker = threads.start(self._make, "fdcal-export", MAX_WAITING, awaited=False)
+    def __init__(self, threads: Scheduler):
+        self.worker = threads.job(self._make, MAX_WAITING)
 
-    def ask(self, client: viser.ClientHandle, label: str, snapshot: ViewSnapshot) -> None:
+    def ask(self, client: viser.ClientHandle, label: str, snapshot: PageState) -> None:
         """Request a file of one of KINDS for a page, which is notified at once that it is in progress, or refused."""
         if self.worker.full:
             client.add_notification("Too many files are waiting", "Try again in a moment.", color="red")
@@ -307,7 +285,7 @@ class Exports:
             client.add_notification("Rendering", "The download starts when the file is ready.", auto_close_seconds=4)
         self.worker.request(client, kind, snapshot)
 
-    def _make(self, client: viser.ClientHandle, kind: Kind, snapshot: ViewSnapshot) -> None:
+    def _make(self, client: viser.ClientHandle, kind: Kind, snapshot: PageState) -> None:
         """On the exports' thread. A page that has closed meanwhile gets nothing, and disturbs no other."""
         try:
             content = kind.make(snapshot)

@@ -1,0 +1,66 @@
+"""Who computes what of a session, and that nothing is computed twice.
+
+Besides the main loop a session has three threads: that of its solver; `maps`, for what follows a pointer; and `jobs`,
+for what takes longer. Each drops what is outdated: of each kind of computation only the newest request counts.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from ..session.session import Session
+from ..session.worker import Lane, LatestWorker
+
+VALUES = (int, float, str, tuple)  # compared by value, all else by identity
+
+
+class Memo:
+    """The value that was made last, which counts as long as its inputs stay; None is no value. Threads may share it."""
+
+    def __init__(self):
+        self._kept: tuple[tuple, Any] = (), None
+
+    def get(self, *inputs) -> Any:
+        """Return the value where it was made from these inputs, else None."""
+        kept, value = self._kept
+        same = len(kept) == len(inputs) and all(
+            a is b or (isinstance(a, VALUES) and a == b) for a, b in zip(kept, inputs, strict=True)
+        )
+        return value if same else None
+
+    def __call__(self, make: Callable[[], Any], *inputs) -> Any:
+        """Return the value for these inputs; call `make` where it was made from others."""
+        value = self.get(*inputs)
+        if value is None:
+            value = make()
+            self._kept = inputs, value
+        return value
+
+
+class Scheduler:
+    """Owns the threads of a session; all of them end together.
+
+    `wake`: makes the main loop update the page at once; `session`: whose thread is the solver's, once there is one.
+    """
+
+    def __init__(self, wake: Callable[[], None] = lambda: None):
+        self._wake = wake
+        self.session: Session | None = None
+        self._maps, self._jobs = Lane("fdcal-maps"), Lane("fdcal-jobs")
+
+    def map(self, function: Callable) -> LatestWorker:
+        """Return what calls `function`, which is quick, with the newest request."""
+        return LatestWorker(function, "a map", notify=self._wake, lane=self._maps)
+
+    def job(self, function: Callable, keep: int = 1) -> LatestWorker:
+        """Return what calls `function`, which takes longer, with the newest requests; `keep` of them may wait."""
+        return LatestWorker(function, "a job", keep, self._wake, self._jobs)
+
+    def close(self, timeout: float) -> None:
+        """End everything after the work in progress; wait `timeout` at most, s."""
+        owned = [owner for owner in (self.session, self._maps, self._jobs) if owner is not None]
+        end = time.perf_counter() + timeout
+        for owner in owned:  # all are asked to stop before any is waited for
+            owner.close(0.0)
+        for owner in owned:
+            owner.close(max((end - time.perf_counter()) / 2, 0.0))

@@ -1,0 +1,235 @@
+"""What the page shows at one moment: a frozen `PageState`, and the choices of its users, which events alone replace.
+
+The choices, apart from those that belong to the session, are saved with it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from ..assessment.calibration import Channels
+from ..cost.eq7 import ORDER_OFFSET
+from ..model.measurement import Measurement
+from ..model.validation import InputError
+from ..session.calibration_run import Assessment
+from ..session.lesson import MAX_ORDER_OFFSET
+from ..session.session import SessionView
+from .cost_maps import CostMap, CostMapRequest, MapStyle, map_modes
+from .prepare import PreparedRun
+
+
+@dataclass(frozen=True)
+class PlanChoices:
+    """What the controls of the tab show."""
+
+    shown: bool = False  # whether the scene shows the planned array in place of the estimates
+    snr_db: float = 30.0  # signal-to-noise ratio of each frequency, dB
+    frequencies: int | None = None  # the lowest so many are in use; None for all that the array can interpolate
+    known: tuple[int, ...] = ()  # numbers of the microphones whose positions are given
+    gain_sigma_db: float = 0.0  # spread of the channels' gains, dB; 0 for equal channels
+    moved: tuple[tuple[int, float, float], ...] = ()  # number, x and y, metres, of each microphone that was dragged
+    takes: int = 1  # places of the source, recorded equally long from each
+
+    def placed(self, positions) -> np.ndarray:
+        """Return positions (N, D), metres, with the microphones that were dragged where they are now."""
+        placed = np.array(positions, float)
+        for microphone, x, y in self.moved:
+            placed[microphone, :2] = x, y
+        return placed
+
+
+FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Mode shape (last mode)", "No map"  # kinds of map
+BASINS = "Basins of attraction"
+VOLUME = "Isosurfaces (3-D)"  # of an array in space
+SLICES = {"None": "none", "x": "x", "y": "y", "z": "z"}  # label to axis across the slice through a volume
+PICTURE = "Picture (PNG)"  # the first kind of file to save
+ELLIPSE_SCALES = {"Automatic": 0, "True": 1, "10 times": 10, "100 times": 100, "1000 times": 1000}  # label to factor
+VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
+
+Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
+BOUNDS = {"relief_height": (0.05, 1.0), "slice_position": (-math.inf, math.inf)}
+# Choices that another scene keeps.
+KEPT = ("trails", "ellipses", "ellipse_scale", "lecture", "export_kind", "export_view", "export_size", "rate", "themed")
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the controls of the page show, apart from what belongs to the session."""
+
+    microphone: int  # whose map is shown, counted from 0
+    follow: bool = True  # whether the map is that of the microphone which the last step moved
+    shown: bool = True  # whether a map is shown
+    modes: tuple[int, ...] | None = None  # of the map, counted from 1; None for those that the solver uses
+    # of the map, added to ceil(k R) in the order of every mode; that of the cost in the status at first
+    order_offset: int = ORDER_OFFSET
+    objective: bool = False  # whether the map shows what the solver minimises, in place of Eq. 7
+    style: MapStyle = field(default_factory=MapStyle)
+    trails: bool = False  # whether the path of each estimate is drawn
+    ellipses: bool = False  # whether the error ellipses are drawn
+    ellipse_scale: int = 0  # by which the error ellipses are enlarged; 0 for the factor that makes them visible
+    lecture: bool = False  # whether the page is shown by a projector
+    themed: bool = False  # whether a user has chosen a dark or a light page; else it follows the browser
+    release: bool = False  # whether known microphones can be dragged
+    modes_error: str = ""  # why the text in the field "Mode numbers" was refused, "" if it was not
+    export_kind: str = PICTURE  # kind of file to save, a key of `tabs.view.KINDS`
+    export_view: str = "top"  # view of a picture to save, a value of VIEWS
+    export_size: tuple[int, int] = (1280, 800)  # of a picture to save, width and height in pixels
+    seed: int = 0  # of the solver's next start
+    rate: int | None = None  # steps per second that the user has chosen; None before that
+    cut: Line | None = None  # the line along which the cost is drawn; None for no line
+    plan: PlanChoices = field(default_factory=PlanChoices)
+    take: int | None = None  # whose rows and spectrum are shown; None for those of all takes
+
+    @property
+    def map_order(self) -> int | None:
+        """What is added to ceil(k R) in the map; None for the solver's objective, which no volume shows."""
+        return None if self.objective and not self.style.volume else self.order_offset
+
+    def map_request(
+        self, run: PreparedRun, view: SessionView, microphone: int, revision: int = 0, follow: bool = False
+    ) -> CostMapRequest:
+        """Return the request for the map of a microphone, counted from 0, in the state that is shown.
+
+        `revision`: counts the states on the screen; `follow`: whether the map of any microphone will do.
+        """
+        state, order = view.state, self.map_order
+        return CostMapRequest(
+            revision, microphone, map_modes(run, state, self.modes, order, self.take), order, self.modes is not None,
+            self.style, follow, state, view.lineage, self.take,
+        )  # fmt: skip
+
+    def to_save(self) -> dict[str, Any]:
+        """Return the values that an OpenRequest needs to restore these choices."""
+        keys = ("microphone", "modes", "order_offset", "relief_height", "slice_axis", "slice_position")
+        keys += ("ellipse_scale", "take", *SWITCHES)
+        return {key: getattr(self.style if hasattr(self.style, key) else self, key) for key in keys}
+
+
+# Those that are saved and are true or false.
+SWITCHES = tuple(
+    one.name
+    for one in (*fields(Choices), *fields(MapStyle))
+    if one.type == "bool" and one.name not in ("lecture", "themed")
+)
+
+
+def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Choices:
+    """Return the choices of a session that opens: those of its request, and the appearance of the page before.
+
+    `modes`: number of modes that can be in use; `before`: Choices of the session that was shown before, or None. Raises
+    InputError: the request's `choices` hold an unknown key or value.
+    """
+    measurement = run.measurement
+    free = [n for n in range(measurement.count) if n not in measurement.known]
+    offset = ORDER_OFFSET if run.reference_cost is None else run.reference_cost.order_offset
+    choices = Choices(microphone=free[0] if free else 0, order_offset=offset, seed=run.session.view.state.seed)
+    choices = replace(choices, themed="dark" in run.opening.choices)
+    if before is not None:
+        kept = {name: getattr(before, name) for name in KEPT}
+        volume = (before.style.volume or before.style.basins) and has_volume(measurement)
+        style = replace(before.style, shape=False, volume=volume, slice_position=None)  # what any measurement may have
+        choices = replace(choices, style=style, **kept)
+    wanted, takes = run.opening.choices.items(), set(measurement.takes.tolist())
+    values = {key: _checked(key, value, measurement.count, modes, takes) for key, value in wanted}
+    of_style = {key: values.pop(key) for key in tuple(values) if hasattr(choices.style, key)}
+    style = replace(choices.style, **of_style)
+    if not has_volume(measurement):  # the request may be of a file of an array in a plane
+        style = replace(style, volume=False)
+    return replace(choices, style=style, **values)
+
+
+def has_volume(measurement: Measurement) -> bool:
+    """Return whether the cost of one microphone can be shown in space."""
+    return measurement.array_dimension == 3 and measurement.search is not None
+
+
+def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> Any:
+    """Return a value of a request's choices, which may come from a file."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    whole, x = number and isinstance(value, int), float(value) if number else math.nan
+    numbers = list(value) if isinstance(value, (list, tuple)) else []
+    possible = {name: isinstance(value, bool) for name in SWITCHES}
+    possible |= {name: low <= x <= high for name, (low, high) in BOUNDS.items()}
+    possible |= {
+        "microphone": whole and 0 <= x < count,
+        "take": value is None or (whole and value in takes),
+        "order_offset": whole and 0 <= x <= MAX_ORDER_OFFSET,
+        "ellipse_scale": whole and value in ELLIPSE_SCALES.values(),
+        "slice_axis": value in SLICES.values(),
+        "slice_position": value is None or number,
+        "modes": value is None or (bool(numbers) and all(isinstance(n, int) and 1 <= n <= modes for n in numbers)),
+    }
+    if possible.get(key):
+        return tuple(sorted(set(numbers))) if numbers else x if key in BOUNDS and number else value
+    raise InputError(
+        f"choices.{key} = {value!r} is not possible",
+        f"use microphone (0 to {count - 1}), take (0 to {max(takes)}), modes (from 1 to {modes}),"
+        f" order_offset (0 to {MAX_ORDER_OFFSET}),"
+        f" relief_height (0.05 to 1), slice_axis ({', '.join(SLICES.values())}), slice_position"
+        f" (metres), ellipse_scale ({', '.join(map(str, ELLIPSE_SCALES.values()))}) or, true or false,"
+        f" {', '.join(SWITCHES)}",
+        key=f"choices.{key}",
+        value=value,
+    )
+
+
+MAP_KINDS = (FLOOR, RELIEF, SHAPE, BASINS, VOLUME, NOTHING)
+
+
+def kind_of(choices: Choices) -> str:
+    """Return which kind of map the choices ask for."""
+    style = choices.style
+    if not choices.shown:
+        return NOTHING
+    if style.basins:
+        return BASINS
+    if style.volume:
+        return VOLUME
+    return RELIEF if style.relief else SHAPE if style.shape else FLOOR
+
+
+@dataclass(frozen=True)
+class PositionUncertainty:
+    """Uncertainty of N positions."""
+
+    axes: np.ndarray  # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last
+    sigma: np.ndarray  # (N,) float64, metres, one standard deviation
+    # verdict, text: the verdict and its message
+    verdict: str = ""
+    text: str = ""
+    channels: Channels | None = None  # of a solver that finds the gains of the channels, or None
+
+
+@dataclass(frozen=True)
+class PageState:
+    """What the page shows at one moment: all of its views are functions of it."""
+
+    view: SessionView  # the states of the run, that shown as the page draws it
+    now: float = 0.0  # s
+    revision: int = 0  # counts the states that were shown
+    microphone: int = 0  # whose map is shown, counted from 0
+    drawn: CostMap | None = None  # the map on the floor or in space
+    reason: str = ""  # why there is no map, "" where it is only not ready
+    picture: Any = None  # Picture, on the screen
+    fault: str = ""  # an exception of the page, as text
+    note: str = ""  # on work in the background
+    found: Assessment | None = None  # of the state, once the solver has finished
+    uncertainty: PositionUncertainty | None = None  # likewise
+    assessing: bool = False  # whether there will be one
+    sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
+    run: Any = None  # PreparedRun, and Choices of its users; a test may leave out what a view does not look at
+    choices: Any = None
+
+    @property
+    def map_request(self) -> CostMapRequest:
+        """The request for the map that the choices ask for."""
+        return self.choices.map_request(self.run, self.view, self.microphone)
+
+    @property
+    def counted(self) -> np.ndarray:
+        """Numbers of the microphones whose errors count, and by which a blind array is aligned."""
+        return self.run.sought if self.sought is None else self.sought
