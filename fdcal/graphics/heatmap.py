@@ -253,7 +253,6 @@ BORDER: Colour = (30, 32, 38)  # between basins
 BASIN_PIXELS = 500  # at least, along the longer edge of the image
 _OTHERS, _EDGE, _BORDER = 1 + len(LARGEST), 2 + len(LARGEST), 3 + len(LARGEST)
 TABLE = np.array((PLACE, *LARGEST, OTHERS, EDGE, BORDER), np.uint8)
-BYTES = np.array([1 << 16, 1 << 8, 1])  # of a colour in one number
 
 
 def basin_image(
@@ -287,13 +286,6 @@ def basin_image(
     if basins.outside:
         areas.append(Area("basins/edge", f"leaves the map {_percent(basins.outside)}", EDGE))
     return numbers, tuple(areas)
-
-
-def table_numbers(rgb: np.ndarray) -> np.ndarray:
-    """Return the numbers (h, w) uint8 of the colours of an image (h, w, 3) of basins: a third of the memory."""
-    keys = TABLE @ BYTES
-    order = np.argsort(keys)
-    return order[np.searchsorted(keys[order], rgb @ BYTES)].astype(np.uint8)
 
 
 def basin_floor(

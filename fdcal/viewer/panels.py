@@ -341,8 +341,7 @@ class SolverTab(Tab):
 class Tabs:
     """The run bar and the tabs of one session, in the order in which they are made: a later one may use an earlier one.
 
-    `place`: function that moves the camera of one browser to a view; `export`: function that sends a kind of file to
-    one browser.
+    `place`: function that moves the camera of one browser to a view.
     """
 
     def __init__(
@@ -350,7 +349,6 @@ class Tabs:
         folders: SessionFolders,
         binding: Binding,
         place: Callable[[viser.ClientHandle, str], None],
-        export: Callable[[viser.ClientHandle, str], None],
     ):
         self.binding, self._place = binding, place
         with folders.tab(RUN_BAR):
@@ -366,7 +364,7 @@ class Tabs:
             self.cut = CutPanel(binding)
         with folders.tab("View"):
             self.view = ViewTab(binding, self.look)
-            self.export = ExportTab(binding, export)
+            self.export = ExportTab(binding)
         with folders.tab("Curves"):
             self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought)
         with folders.tab("Mics"):

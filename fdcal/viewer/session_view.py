@@ -38,7 +38,6 @@ from .scene3d.nodes import SceneNodes
 from .scheduler import Memo, Scheduler
 from .state import Choices, PageState, PositionUncertainty
 from .tabs.plan import PlannedArray
-from .tabs.view import Exports
 
 
 def uncertainty_of(
@@ -252,9 +251,8 @@ class Viewer:
             )
             # In this order they get their turn.
             self.drop = Drop(binding, words)
-            self.exports, self._verdict = Exports(binding.threads), VerdictWorker(run, binding.threads)
-            self.maps = CostMapWorker(run, binding.threads)
-            self.tabs = Tabs(folders, binding, nodes.cameras.request, self.export)
+            self._verdict, self.maps = VerdictWorker(run, binding.threads), CostMapWorker(run, binding.threads)
+            self.tabs = Tabs(folders, binding, nodes.cameras.request)
             self.drop.tabs = self.tabs
             self.tabs.run_bar.apply_rate()
             nodes.show(picture)
@@ -380,7 +378,3 @@ class Viewer:
         if following and drawn is not None:
             self._selected = drawn.request.microphone
         return drawn, reason
-
-    def export(self, client: viser.ClientHandle, kind: str) -> None:
-        """Send a file of what is on the screen to one browser; on viser's event loop."""
-        self.exports.ask(client, kind, replace(self.snapshot, choices=self.binding.choices))

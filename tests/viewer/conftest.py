@@ -66,7 +66,7 @@ def controls(server, work):
     folders, opened = SessionFolders(Panels(server.gui)), []
     work.session.opened = opened
     binding = Binding(server.gui, work, 6, opened.append)
-    yield Tabs(folders, binding, lambda *_: None, lambda *_: None), work.session
+    yield Tabs(folders, binding, lambda *_: None), work.session
     binding.threads.close(0.0)
     server.gui.reset()
 

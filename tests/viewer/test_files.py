@@ -41,11 +41,11 @@ from fdcal.viewer.tabs.view import panels_on_screen
 
 def test_a_file_describes_the_picture_drawn(viewer, monkeypatch):
     asked, session = [], viewer.run.session
-    monkeypatch.setattr(viewer.exports.worker, "request", lambda *arguments: asked.append(arguments))
+    monkeypatch.setattr(viewer.tabs.export.worker, "request", lambda *arguments: asked.append(arguments))
     viewer.tick(0.0)
     session.view = view_of([State(viewer.run.measurement.positions + 0.02, step=9)])
     client = SimpleNamespace(add_notification=lambda *_, **__: None)
-    viewer.export(client, exports.PICTURE)
+    viewer.tabs.export.save(client)
     ((_, kind, moment),) = asked
     assert "step 0" in caption_of(moment) and exports.file_name(moment, kind) == "fdcal-tiny-step-0.png"
 
@@ -58,9 +58,9 @@ def test_the_name_of_a_file_is_a_name(viewer, name):
 
 
 @pytest.fixture
-def saving(threads):
+def saving(viewer):
     """What makes files, and a client that notes what it is told and sent."""
-    made, told, got = exports.Exports(threads), [], []
+    made, told, got = viewer.tabs.export, [], []
     client = SimpleNamespace(
         add_notification=lambda *words, **_: told.append(words),
         send_file_download=lambda name, *_, **__: got.append(name),
@@ -71,10 +71,12 @@ def saving(threads):
 def test_every_page_gets_its_file(viewer, saving, monkeypatch):
     made, client, told, got = saving
     gate, count = threading.Event(), exports.MAX_WAITING + 9
+    viewer.binding.choose(export_kind="gated")
     monkeypatch.setitem(exports.KINDS, "gated", exports.Kind(".x", "", lambda _: gate.wait(WAIT) and b"x"))
     for number in range(count):
         run = dataclasses.replace(viewer.run, scene=dataclasses.replace(viewer.run.scene, name=f"{number}"))
-        made.ask(client, "gated", dataclasses.replace(viewer.snapshot, run=run))
+        viewer.binding.state = dataclasses.replace(viewer.snapshot, run=run)
+        made.save(client)
     gate.set()
     assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
     assert len(got) >= exports.MAX_WAITING and got == [f"fdcal-{number}-step-0.x" for number in range(len(got))]
@@ -83,6 +85,7 @@ def test_every_page_gets_its_file(viewer, saving, monkeypatch):
 
 def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monkeypatch):
     made, client, told, _ = saving
+    viewer.binding.choose(export_kind="broken")
     errors = [InputError("no map"), OSError("disk"), ZeroDivisionError("oh")]
 
     def fail(_):
@@ -90,7 +93,7 @@ def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monk
 
     monkeypatch.setitem(exports.KINDS, "broken", exports.Kind(".x", "", fail))
     for error in errors:
-        made.ask(client, "broken", viewer.snapshot)
+        made.save(client)
         assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
         title, body = told[-1][:2]
         assert title == "The file could not be made" and str(error) in body

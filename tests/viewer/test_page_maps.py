@@ -20,12 +20,10 @@ from fdcal.graphics.heatmap import (
     EDGE,
     OTHERS,
     PLACE,
-    TABLE,
     basin_floor,
     cost_floor,
     descent_text,
     marks_of,
-    table_numbers,
 )
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
@@ -38,7 +36,7 @@ from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import sweep as sweeping
 from fdcal.viewer.tabs.cut import MAX_MODES, POINTS, SPAN, cut_series, foot, line_across
 from fdcal.viewer.tabs.map import EQ7
-from fdcal.viewer.tabs.sweep import DOWN, Playback
+from fdcal.viewer.tabs.sweep import DOWN
 
 
 def mapped(viewer):
@@ -182,7 +180,7 @@ def test_a_sweep_shows_the_basins_of_each_sum_and_the_controls_of_a_scale_are_hi
     assert not tab.scale.visible and tab.order.visible and tab.minima.visible
     set_by_client(sweep.highest, 5)
     set_by_client(sweep.summed, 3)
-    turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) == 5)
+    turn_until(lambda: (made := sweep.made) is not None and len(made.frames) == 5)
     turn_until(lambda: "sum of 3 modes" in tab.caption.content and viewer.snapshot.picture.areas)
     n = viewer.binding.choices.microphone
     basins, _, search = expected(viewer, n, (1, 2, 3))
@@ -308,20 +306,6 @@ def test_many_basins_share_a_grey_and_the_edge_has_its_own():
     assert OTHERS in colours and EDGE in colours and len(colours) == len(set(colours))
     percent = [float(area.text.split()[-2]) for area in floor.areas]
     assert sum(percent) == pytest.approx(100, abs=3) and percent[1:6] == sorted(percent[1:6], reverse=True)
-    np.testing.assert_array_equal(TABLE[table_numbers(floor.rgb)], floor.rgb)
-
-
-def played(playback, stops, ready, times):
-    """What a playback shows, and when; `ready` maps a time to the number of maps computed."""
-    found = [(now, playback.advance(stops, ready(now), now)) for now in times]
-    return [(now, stop) for now, stop in found if stop is not None]
-
-
-@pytest.mark.parametrize(("summed", "then"), [(0, 1), (3, 4), (5, 1)])
-def test_play_goes_on_after_the_present_sum_and_from_the_beginning_after_the_last(summed, then):
-    playback = Playback(rate=1.0)
-    playback.continue_from(summed, 5)
-    assert playback.advance(range(1, 6), 5, 0.0) == then
 
 
 def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_modes_the_map_has(opened):
@@ -331,7 +315,7 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
     viewer.run.session.step()
     turn_until(lambda: viewer.snapshot.view.index == 1)
     sweep, state = viewer.tabs.sweep, viewer.binding.session.view.state
-    assert sweep.worker.worker.latest is None and not sweep.worker.worker.busy and not sweep._plot.folder.visible
+    assert sweep.worker.latest is None and not sweep.worker.busy and not sweep._plot.folder.visible
     assert viewer.binding.choices.modes is None and state.first == 1 and state.last < viewer.binding.modes
     turn_until(lambda: sweep.summed.value == state.last)  # where nobody has chosen any, they are the solver's
     set_by_client(sweep.play, True)
@@ -350,9 +334,9 @@ def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monk
     set_by_client(sweep.order, DOWN)
     set_by_client(sweep.highest, 19)
     turn_until(lambda: 2 <= computed(sweep) < 19)
-    made = sweep.worker.sweep(sweep._wanted)
+    made = sweep.made
     viewer.run.session.step()
-    turn_until(lambda: sweep._wanted is None and not sweep.worker.worker.busy)
+    turn_until(lambda: sweep._wanted is None and not sweep.worker.busy)
     assert len(made.frames) < 19
     turn_until(lambda: "Play adds" in sweep.text.content and not sweep._plot.folder.visible)
 
@@ -364,7 +348,7 @@ def map_on_page(viewer):
 
 def computed(sweep):
     """How many maps of the sweep that the page wants there are."""
-    made = sweep.worker.sweep(sweep._wanted)
+    made = sweep.made
     return 0 if made is None else len(made.frames)
 
 
@@ -379,9 +363,9 @@ def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opene
     set_by_client(sweep.play, True)
     turn_until(lambda: not sweep.playing)
     assert list(dict.fromkeys(modes for modes in seen if modes)) == [tuple(range(1, m + 1)) for m in range(2, 7)]
-    made = sweep.worker.sweep(sweep._wanted)
+    made = sweep.made
     run, search = viewer.run, refined(viewer.run.problem.search)
-    for m, count in zip(made.stops, [frame.count for frame in made.frames], strict=True):
+    for m, count in enumerate([frame.minima.count for frame in made.frames], start=1):
         modes, state = range(1, m + 1), binding.session.view.state
         n, offset = binding.choices.microphone, binding.choices.order_offset
         maps = cost_maps(run.problem, run.solver, state, n, modes, offset, search)
@@ -400,7 +384,7 @@ def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
     turn_until(lambda: computed(sweep) == 9)
     turn_until(lambda: map_on_page(viewer) is not None and "sum of 4 modes" in tab.caption.content)
     swept, caption = map_on_page(viewer), tab.caption.content
-    sweep.worker._sweep = None  # so the page computes the map itself
+    sweep._sweep = None  # so the page computes the map itself
     turn_until(lambda: map_on_page(viewer) is not None and map_on_page(viewer) is not swept
                and map_on_page(viewer).rgb.shape == swept.rgb.shape)  # fmt: skip
     np.testing.assert_array_equal(map_on_page(viewer).rgb, swept.rgb)
@@ -459,15 +443,3 @@ def test_the_line_to_the_lowest_cost_goes_through_estimate_and_minimum(opened):
     direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     across = np.array([-direction[1], direction[0]])
     assert abs((here - ends[0]) @ across) < 1e-6 and abs((floor.lowest[0] - ends[0]) @ across) < 1e-6
-
-
-def test_a_playback_shows_every_map_at_its_rate_and_waits_for_maps():
-    stops, times = tuple(range(1, 9)), np.arange(0, 10, 0.05)
-    seen = played(Playback(rate=4.0), stops, lambda now: 8, times)
-    assert [stop for _, stop in seen] == list(stops)
-    assert np.diff([now for now, _ in seen]) == pytest.approx(0.25, abs=0.051)
-    playback = Playback(rate=10.0)
-    seen = played(playback, stops, lambda now: int(now), times)
-    assert [stop for _, stop in seen] == list(stops), "it leaves none out"
-    assert all(now >= stop for now, stop in seen)
-    assert playback.ended(stops, 10.0) and not Playback(4.0).ended((1,), 3.0)

@@ -35,7 +35,6 @@ from ..cost_maps import (
 )
 from ..gui import html
 from ..gui.binding import Binding, Tab
-from ..scheduler import Scheduler
 from ..state import ELLIPSE_SCALES, PICTURE, VIEWS, PageState
 
 ELLIPSES_LATER = "Ellipses appear when the solver has finished."
@@ -186,20 +185,15 @@ def _map(snapshot: PageState) -> bytes:
     return exports.landscape_vti(panels, height, snapshot.choices.style.basins).encode()
 
 
-def sigma_of(snapshot: PageState) -> np.ndarray | None:
-    """Return one standard deviation of each position (N,), metres; None where there is none."""
-    return None if snapshot.uncertainty is None else snapshot.uncertainty.sigma
-
-
 def _table(snapshot: PageState) -> bytes:
-    positions, sigma = snapshot.view.state.positions, sigma_of(snapshot)
+    positions, sigma = snapshot.view.state.positions, snapshot.sigma
     return position_table(snapshot.run.measurement, positions, sigma, snapshot.counted).encode()
 
 
 def _points(snapshot: PageState) -> bytes:
     positions = snapshot.view.state.positions
     height, by = z_range_of(snapshot.run.known_scene, snapshot.run.measurement)[0], snapshot.counted
-    cloud = exports.microphones_vtp(snapshot.run.measurement, positions, sigma_of(snapshot), height, by)
+    cloud = exports.microphones_vtp(snapshot.run.measurement, positions, snapshot.sigma, height, by)
     return cloud.encode()
 
 
@@ -266,51 +260,15 @@ def file_name(snapshot: PageState, kind: Kind) -> str:
     return f"fdcal-{scene}-step-{snapshot.view.state.step}{kind.ending}"
 
 
-class Exports:
-    """Makes files in the order in which they were requested; a bounded number of them may wait.
-
-    `threads`: of the session.
-    """
-
-    def __init__(self, threads: Scheduler):
-        self.worker = threads.job(self._make, MAX_WAITING)
-
-    def ask(self, client: viser.ClientHandle, label: str, snapshot: PageState) -> None:
-        """Request a file of one of KINDS for a page, which is notified at once that it is in progress, or refused."""
-        if self.worker.full:
-            client.add_notification("Too many files are waiting", "Try again in a moment.", color="red")
-            return
-        kind = KINDS[label]
-        if kind.slow:
-            client.add_notification("Rendering", "The download starts when the file is ready.", auto_close_seconds=4)
-        self.worker.request(client, kind, snapshot)
-
-    def _make(self, client: viser.ClientHandle, kind: Kind, snapshot: PageState) -> None:
-        """On the exports' thread. A page that has closed meanwhile gets nothing, and disturbs no other."""
-        try:
-            content = kind.make(snapshot)
-        except (InputError, OSError) as error:
-            client.add_notification("The file could not be made", html.error_message(error)[:400], color="red")
-            return
-        except Exception as error:
-            log.exception("a file could not be made")
-            text = f"{error!r}"[:300] + "; details in the log"
-            client.add_notification("The file could not be made", text, color="red")
-            return
-        client.send_file_download(file_name(snapshot, kind), content, save_immediately=True)
-
-
 SIZES = {"1280 x 800": (1280, 800), "1920 x 1080": (1920, 1080), "3840 x 2160": (3840, 2160)}
 
 
 class ExportTab(Tab):
-    """Owns the controls of the tab.
+    """Owns the controls, and makes files in the order in which they were requested; a bounded number may wait."""
 
-    `export`: function that sends a kind of file to one browser.
-    """
-
-    def __init__(self, binding: Binding, export: Callable[[viser.ClientHandle, str], None]):
+    def __init__(self, binding: Binding):
         self._binding, gui, choices = binding, binding.gui, binding.choices
+        self.worker = binding.threads.job(self._make, MAX_WAITING)
         with gui.add_folder("Save a file"):
             self.kind = binding.dropdown("File", tuple(KINDS), choices.export_kind, self.choose)
             self.description = gui.add_html("")
@@ -323,9 +281,7 @@ class ExportTab(Tab):
                 lambda value: binding.choose(export_size=SIZES[value]),
             )  # fmt: skip
             save = gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now")
-            self.button = binding.on(
-                save, lambda client, _: export(client, binding.choices.export_kind), of_client=True
-            )
+            self.button = binding.on(save, lambda client, _: self.save(client), of_client=True)
         self.refresh()
 
     def choose(self, kind: str) -> None:
@@ -338,6 +294,28 @@ class ExportTab(Tab):
         kind = self._binding.choices.export_kind
         self.description.content = html.remark(KINDS[kind].description)
         self.view.visible = self.size.visible = kind == PICTURE
+
+    def save(self, client: viser.ClientHandle) -> None:
+        """Request a file of what is shown for a page, which is told at once that it is in progress, or refused."""
+        if self.worker.full:
+            client.add_notification("Too many files are waiting", "Try again in a moment.", color="red")
+            return
+        kind = KINDS[self._binding.choices.export_kind]
+        if kind.slow:
+            client.add_notification("Rendering", "The download starts when the file is ready.", auto_close_seconds=4)
+        self.worker.request(client, kind, replace(self._binding.state, choices=self._binding.choices))
+
+    def _make(self, client: viser.ClientHandle, kind: Kind, state: PageState) -> None:
+        """On the thread. A page that has closed meanwhile gets nothing, and disturbs no other."""
+        try:
+            content = kind.make(state)
+        except Exception as error:
+            text = html.error_message(error)[:400]
+            if not isinstance(error, (InputError, OSError)):
+                log.exception("a file could not be made")
+            client.add_notification("The file could not be made", text, color="red")
+            return
+        client.send_file_download(file_name(state, kind), content, save_immediately=True)
 
 
 def _label(options: dict, value) -> str:
