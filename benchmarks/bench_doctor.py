@@ -26,9 +26,11 @@ import numpy as np
 import soundfile
 from scipy.signal import lfilter, oaconvolve, resample_poly
 
+from fdcal.acoustics.plane_waves import plane_wave_responses
 from fdcal.assessment.findings import Answer
+from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.validation import InputError
-from fdcal.recordings.formats import read, render
+from fdcal.recordings.formats import read
 from fdcal.recordings.recording import ImportOptions, read_samples
 from fdcal.session import doctor
 from fdcal.session.doctor import examine
@@ -111,11 +113,10 @@ def dead_room(seed: int) -> DataSet:
 def rendered_room(seed: int) -> DataSet:
     rng = np.random.default_rng([seed, 30])
     places = draw_array(rng, 16, 0.4)
-    names, takes, rate = tuple(map(str, range(len(places)))), [], 0
+    response, takes = load_sdm_response(next(ROOM.glob("*.mat"))), []
     for _ in range(4):  # another direction of the source: the array is turned in the field
         turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-        one = render(next(ROOM.glob("*.mat")), names, places @ turn, SPEED)
-        h, rate = read_samples(one, 0, one.samples), int(one.sample_rate)
+        h, rate = plane_wave_responses(response, places @ turn, SPEED), int(response.sample_rate)
         h = np.pad(h / np.abs(h).max(), ((0, 0), (0, int(0.2 * rate))))
         takes.append(0.5 * (h + 1e-4 * rng.standard_normal(h.shape)))
     return DataSet("rendered room", tuple(takes), rate, _listed(places, rng), "impulse")

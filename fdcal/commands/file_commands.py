@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 def import_(sources, output, force, **recorded):
     """Turn recordings or impulse responses into a measurement.
 
-    INPUT is a WAV or FLAC file, a SOFA file, a folder of them or of MeshRIR, an HDF5 file of Acoular, or an .npz file;
-    or, with --array, the .mat file of a measured room: an impulse response with directions of arrival.
+    INPUT is a WAV or FLAC file, a SOFA file, a folder of them or of MeshRIR, an HDF5 file of Acoular, or an .npz file.
 
     Several files are takes, of the same channels with the source at other places; files of one channel each are the
     channels of one take.
@@ -52,7 +51,6 @@ def import_(sources, output, force, **recorded):
 @click.option(
     "--frame", type=click.Choice(["known", "minimal", "axes"]), help="Coordinate axes.  [default: those of the result]"
 )
-@click.option("--original", metavar="FILE.sofa", help="Write the positions into a copy of this file.")
 @click.option(
     "--table",
     type=click.Choice(["positions", "gains"]),
@@ -62,30 +60,24 @@ def import_(sources, output, force, **recorded):
     " factors.",
 )
 @opt.force_option
-def export(result, output, frame, original, table, force):
+def export(result, output, frame, table, force):
     """Write positions or gains of a result for other programs.
 
     The suffix of the file selects the format.
     """
+    from ..assessment.calibration import placed_in_frame
     from ..assessment.result_file import load_result
-    from ..recordings import formats
-    from ..recordings.export import export_gains, export_positions
+    from ..recordings.export import GAIN_TEXTS, formats
 
-    if table == "gains":
-        for key, value in (("frame", frame), ("original", original)):
-            if value is not None:
-                raise InputError("--table gains writes no positions", f"leave out <{key}>", key=key, value=value)
-        path = opt.output_path(output, (".csv", ".xml"), force, result)
-        calibration = load_result(result)
-        export_gains(calibration, path, force)
-        print(f"{path}: gains of {len(calibration.names)} channels")
-        return
-    path = opt.output_path(output, formats.suffixes("write"), force, result, original)
-    if original is not None and path.suffix.lower() != ".sofa":
-        remedy = f"leave it out for {path.suffix}"
-        raise InputError(f"--original {original} is for -o FILE.sofa", remedy, key="original", value=original)
-    placed = export_positions(load_result(result), path, frame, original, force)
-    print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")
+    allowed = list(GAIN_TEXTS) if table == "gains" else formats.suffixes("write")
+    path, found = opt.output_path(output, allowed, force, result), load_result(result)
+    found.export(path, frame=frame, table=table, force=force)
+    what = (
+        "gains of {} channels"
+        if table == "gains"
+        else f"{{}} microphones, frame: {placed_in_frame(found, frame).frame}"
+    )
+    print(f"{path}: {what.format(len(found.names))}")
 
 
 @click.command()

@@ -262,11 +262,10 @@ SOLVER_OPTIONS = {
 # How the command line calls the arguments that an error's remedy mentions (`InputError.worded`).
 NAMED_ALIKE = (
     "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
-    "channels known_sigma leave_out microphone modes most original plane port positions reference reference_microphone "
+    "channels known_sigma leave_out microphone modes most plane port positions reference "
     "rate room seconds seed solver sound_speed source split step subset table temperature window windows "
 )
 OPTIONS = {
-    "array": "--array FILE.csv",
     "array_radius": "--array-radius R",
     "distance": "--distance I,J,METRES",
     "files": "--channels",

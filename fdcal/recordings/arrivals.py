@@ -54,8 +54,6 @@ def first_arrivals(recording: Recording) -> tuple[np.ndarray, float] | None:
 
     They count from the first of them on; NaN where there is none.
     """
-    if recording.modelled:
-        return None
     return arrivals_of(read_samples(recording, 0, recording.samples), recording.sample_rate)
 
 

@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 
 from ..acoustics.spectrum import fast_length, rfft
-from ..model.problem import mode_power
 from ..model.validation import InputError
 from .frequencies import MIN_SNR, ROWS, NothingAboveNoise, Pressures, Spacing, choose_frequencies, spread_over_band
 from .recording import Recording, in_memory, read_samples
@@ -109,12 +108,8 @@ def stationary_pressures(
     band: tuple[float, float],
     sound_speed: float,
     max_rows: int = ROWS.max_rows,
-    reference: int | None = None,
 ) -> Pressures:
-    """Return the pressures of a recording of a stationary source, or of several, of at most `max_rows` rows.
-
-    `reference`: channel against which cross-spectra are taken, one row a frequency; without one, eigenvectors are.
-    """
+    """Return the pressures of a recording of a stationary source, or of several, of at most `max_rows` rows."""
     recording = in_memory(decimate(recording, band[1]))
     length, starts = segments(recording, band)
     fs = recording.sample_rate
@@ -131,11 +126,8 @@ def stationary_pressures(
     number = np.round(grid[chosen] * length / recording.sample_rate).astype(int)
     C, seen = cross_spectra(recording, number, length, starts)
     independent = SEGMENTS.independence * len(starts)
-    if reference is None:
-        leakage = LEAKAGE * (recording.sample_rate / length / spacing.decorrelation) ** 2
-        row, p, noise, snr = eigenvectors(C, independent, leakage)
-    else:
-        row, (p, noise, snr) = np.arange(len(C)), against(C, reference)
+    leakage = LEAKAGE * (recording.sample_rate / length / spacing.decorrelation) ** 2
+    row, p, noise, snr = eigenvectors(C, independent, leakage)
     keep = np.flatnonzero(snr * independent >= 10 ** (MIN_SNR / 10))
     if not len(keep):
         raise NothingAboveNoise(
@@ -146,8 +138,7 @@ def stationary_pressures(
     f = seen[row]
     keep = keep[np.argsort(-snr[keep], kind="stable")]
     rows = _within(row, keep, seen, band, max_rows, 0.25 * window)
-    how = f"{len(starts)} segments of {length / recording.sample_rate:.3g} s"
-    how += ", eigenvectors" if reference is None else f", against microphone {recording.names[reference]}"
+    how = f"{len(starts)} segments of {length / recording.sample_rate:.3g} s, eigenvectors"
     k = 2 * np.pi * f[rows] / sound_speed
     return Pressures(f[rows], k.astype(complex), p[rows], noise[rows] / independent, how, spacing)
 
@@ -265,16 +256,3 @@ def eigenvectors(
     power = np.maximum(values[row, order] - noise[row], 0)
     p = np.sqrt(power)[:, None] * vectors[row, :, order]
     return row, p, noise[row], power / count / np.maximum(noise[row], 1e-300)
-
-
-def against(C: np.ndarray, reference: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return pressures, noise and SNR as `eigenvectors` does, from cross-spectra against one microphone.
-
-    Noise is what is not coherent with it.
-    """
-    diagonal = np.maximum(np.einsum("mii->mi", C).real, 1e-300)
-    own = diagonal[:, reference]
-    p = C[:, :, reference] / np.sqrt(own)[:, None]
-    others = np.arange(C.shape[1]) != reference
-    noise = np.mean(np.maximum(diagonal - np.abs(p) ** 2, 0)[:, others], axis=1)
-    return p, noise, mode_power(p) / np.maximum(noise, 1e-300)

@@ -20,7 +20,7 @@ import numpy as np
 from ..assessment.calibration import Calibration, placed_in_frame
 from ..assessment.result_file import channel_table
 from ..model.libraries import needs
-from ..model.measurement import Measurement, MicrophonePositions
+from ..model.measurement import Measurement
 from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice
 from . import formats
@@ -35,7 +35,6 @@ def export(
     path: str | PathLike[str],
     *,
     frame: str | None = None,
-    original: str | PathLike[str] | None = None,
     table: str = "positions",
     force: bool = False,
 ) -> None:
@@ -47,8 +46,6 @@ def export(
         Ends in .csv (a table), .json, .xml (Acoular), .sofa or .npy (pyroomacoustics).
     frame : str, optional
         Other coordinate axes than those of `Calibration.positions`: "known", "minimal" or "axes" (`Calibration.frame`).
-    original : str or path, optional
-        A SOFA file into a copy of which the positions are written.
     table : str
         "positions", or "gains" of the channels, of solver "robust": a .csv table, or factors for Acoular (.xml).
     force : bool
@@ -71,35 +68,16 @@ def export(
     ...     Path(f"{folder}/tiny.csv").read_text().splitlines()[0]
     'name,x,y,z,uncertainty'
     """
+    path, allowed = Path(path), GAIN_TEXTS if table == "gains" else formats.suffixes("write")
     require_choice("table", table, ("positions", "gains"))
-    if table == "gains":
-        export_gains(self, path, force)
-    else:
-        export_positions(self, path, frame, original, force)
-
-
-def export_positions(
-    result: Calibration,
-    path: str | PathLike[str],
-    frame: str | None = None,
-    original: str | PathLike[str] | None = None,
-    force: bool = False,
-) -> MicrophonePositions:
-    """Write the positions of a result, and return them as written; see `Calibration.export`."""
-    path, given = Path(path), None if original is None else str(original)
-    suffix = formats.require_suffix(path, formats.suffixes("write"), "a format for positions")
-    if given is not None and suffix != ".sofa":
-        problem = f"original = {given} is for files of SOFA"
-        raise InputError(problem, f"leave out <original> for {path.suffix}", key="original", value=given)
-    placed = placed_in_frame(result, frame)
-    write_atomically(path, lambda file: formats.write(file, path, placed, given), force)
-    return placed
-
-
-def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
-    """Write the gains of the channels: `fdcal.assessment.result_file.channel_table`, or Acoular's factors (.xml)."""
-    path = Path(path)
-    text = GAIN_TEXTS[formats.require_suffix(path, GAIN_TEXTS, "a file of gains")](result)
+    suffix = formats.require_suffix(path, allowed, f"a file of {table}")
+    if table == "positions":
+        placed = placed_in_frame(self, frame)
+        write_atomically(path, lambda file: formats.write(file, placed), force)
+        return
+    if frame is not None:
+        raise InputError("a table of gains has no frame", "leave out <frame>", key="frame", value=frame)
+    text = GAIN_TEXTS[suffix](self)
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
 
 

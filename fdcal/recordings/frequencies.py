@@ -188,7 +188,7 @@ def _stated_radius(
 
 def _coherent_radius(recording: Recording, dimension: int, speed: float) -> float | None:
     """Return the radius that the coherence of the channels shows, metres; None where it shows none."""
-    top = min(IMPORT_LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
+    top = IMPORT_LIMITS.max_frequency * recording.sample_rate
     low = max(IMPORT_LIMITS.low, IMPORT_LIMITS.min_periods / recording.duration)
     if low >= top or recording.count * recording.samples > COHERENCE_SAMPLES:
         return None
@@ -215,7 +215,7 @@ def frequency_band(
     recording: Recording, options: ImportOptions, found: FrequencyLimit, speed: float
 ) -> tuple[float, float]:
     """Return the lowest and the highest frequency, Hz, that are given or usual; InputError if they cannot be held."""
-    top = min(IMPORT_LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
+    top = IMPORT_LIMITS.max_frequency * recording.sample_rate
     if options.frequencies == "auto":
         low, high = IMPORT_LIMITS.low, IMPORT_LIMITS.high
         if found.limit is not None:  # both ends follow 1 / R for small arrays

@@ -20,7 +20,6 @@ from . import channels as select
 from . import formats
 from .arrivals import first_arrivals
 from .cross_spectra import min_duration, stationary_pressures
-from .formats.positions import read_places
 from .frequencies import (
     NothingAboveNoise,
     Pressures,
@@ -91,51 +90,35 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
     twice = sorted(str(path) for path in paths if times[Path(path).resolve()] > 1)
     if twice:
         raise InputError(f"{twice[0]} is given twice", "give each file once", key="source")
-    read = [recording for path in paths for recording in _recordings(path, options)]
-    counts = [recording.count for recording in read]
+    read = list[Recording]()
+    for path in paths:
+        number = options.source
+        numbers = range(formats.source_count(path)) if isinstance(number, str) else [number]
+        found = [formats.read(path, number) for number in numbers]
+        read += [replace(one, path=f"{path}, source {n}") for n, one in enumerate(found)] if len(found) > 1 else found
     if len(read) == 1:
         return read
-    if options.files == "channels" or (options.files == "auto" and set(counts) == {1}):
+    if options.files == "channels" or (options.files == "auto" and {one.count for one in read} == {1}):
         return [join_channels(read)]
-    other = next((one for one in read if one.count != counts[0]), None)
-    if other is not None:
-        has, others = ("1 channel" if count == 1 else f"{count} channels" for count in (counts[0], other.count))
-        problem = f"{read[0].path} has {has} and {other.path} {others}: files are takes if all have the same channels,"
-        remedy = "give takes of one array, or <channels> for one take"
-        raise InputError(f"{problem} or channels of one take", remedy, key="files")
-    _require_one_array(read)
-    return read
-
-
-def _recordings(path: str | Path, options: ImportOptions) -> list[Recording]:
-    """Return the recordings in one file: one of each source that is asked for, or those rendered in its field."""
-    if options.array is not None:
-        names, positions = read_places(options.array)
-        if positions.shape[1] != 3:
-            raise InputError(f"array = {options.array} has two coordinates", "give name,x,y,z", key="array")
-        return [formats.render(path, tuple(names), positions, sound_speed_of(None, options)[0])]
-    if not isinstance(options.source, str):  # else all of them
-        return [formats.read(path, options.source)]
-    found = [formats.read(path, number) for number in range(formats.source_count(path))]
-    return [replace(one, path=f"{path}, source {n}") for n, one in enumerate(found)] if len(found) > 1 else found
-
-
-def _require_one_array(takes: Sequence[Recording]) -> None:
-    """Raise InputError where takes differ in sampling rate, or in names or positions of their channels."""
-    first = takes[0]
-    for one in takes[1:]:
+    first, placed = read[0], [(one.path, one.positions) for one in read if one.positions is not None]
+    for one in read:  # takes are of one array
+        if one.count != first.count:
+            has, others = (f"{count} channel{'s' * (count > 1)}" for count in (first.count, one.count))
+            problem = f"{first.path} has {has} and {one.path} {others}: files are takes if all have the same channels,"
+            remedy = "give takes of one array, or <channels> for one take"
+            raise InputError(f"{problem} or channels of one take", remedy, key="files")
         if one.sample_rate != first.sample_rate:
             problem = f"{first.path} has {first.sample_rate:g} Hz and {one.path} {one.sample_rate:g} Hz"
             raise InputError(problem, "convert one of them to the sampling rate of the other", key="sample_rate")
         if one.names != first.names:
             problem = f"{first.path} and {one.path} have channels of other names or in another order"
             raise InputError(problem, "give takes of one array", key="names")
-        if first.positions is None or one.positions is None:
-            continue
-        same = first.positions.shape == one.positions.shape
-        if not same or np.abs(first.positions - one.positions).max() > SAME_PLACE:
-            problem = f"{first.path} and {one.path} have other positions of the microphones"
+    for path, places in placed[1:]:
+        known = placed[0][1]
+        if known.shape != places.shape or np.abs(known - places).max() > SAME_PLACE:
+            problem = f"{placed[0][0]} and {path} have other positions of the microphones"
             raise InputError(problem, "give takes of one array that does not move", key="positions")
+    return read
 
 
 def measurement_of_takes(
@@ -196,12 +179,14 @@ def _measurement_of_take(
     band = frequency_band(recording, options, found, speed)
     taken = recording
     recording, kind, noise = _classified(taken, options, band)
-    if kind == "stationary":
-        pressures = stationary_pressures(recording, band, speed, max_rows, _reference_channel(recording, options))
+    if kind == "impulse":
+        rate = _window_rate(recording, options)
+        pressures = impulse_response_pressures(recording, band, speed, rate, max_rows, noise)
+    elif options.window != "auto":
+        problem = f"window = {options.window} is for impulse responses; a stationary source needs none"
+        raise refused_option(options, "window", problem, "leave out <window>, or give <kind> impulse")
     else:
-        pressures = impulse_response_pressures(
-            recording, band, speed, _window_rate(recording, options), max_rows, noise
-        )
+        pressures = stationary_pressures(recording, band, speed, max_rows)
     axes = coordinate_count(recording, options, known_positions)
     if known_positions is not None and known_positions.shape[1] != axes:
         problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
@@ -295,8 +280,6 @@ def _classified(
     if options.reference is not None:
         responses, noise = deconvolve(recording, formats.read(options.reference), band)
         return responses, "impulse", noise
-    if options.reference_microphone is not None:
-        return recording, "stationary", None
     kind = recording.kind if options.kind == "auto" or options.split is not None else options.kind
     if kind is None:  # of an impulse response the sound is gone, or nearly so, at the end
         kind = "stationary"
@@ -304,21 +287,9 @@ def _classified(
             level = segment_levels(recording, band)
             decayed = level[-2:].mean() <= level.max() * 10 ** (-DECAYED_DB / 10)
             kind = "impulse" if decayed else "stationary"
-    if kind == "impulse" and recording.samples <= MAX_SAMPLES and not recording.modelled:
+    if kind == "impulse" and recording.samples <= MAX_SAMPLES:
         require_quiet_end(recording, band)
     return recording, kind, None
-
-
-def _reference_channel(recording: Recording, options: ImportOptions) -> int | None:
-    """Return the index of the reference microphone, None without one."""
-    if options.window != "auto":
-        problem = f"window = {options.window} is for impulse responses; a stationary source needs none"
-        raise refused_option(options, "window", problem, "leave out <window>, or give <kind> impulse")
-    name = options.reference_microphone
-    if name is not None and name not in recording.names:
-        problem = f'reference_microphone = "{name}" is no channel'
-        raise refused_option(options, "reference_microphone", problem, "use a name or number of one")
-    return None if name is None else recording.names.index(name)
 
 
 def _window_rate(recording: Recording, options: ImportOptions) -> float | None:
@@ -336,49 +307,42 @@ def _window_rate(recording: Recording, options: ImportOptions) -> float | None:
 
 def import_summary(measurement: Measurement, report: ImportReport, wording: Mapping[str, str] = ARGUMENTS) -> str:
     """Return what was imported in words, one fact per line; `wording`: how it calls the arguments that it mentions."""
-    recording, taken = report.recording, report.pressures
-    limit = word_arguments(report.highest_frequency_from, wording)
-    if report.highest_frequency is not None:
-        limit = f"{report.highest_frequency:.0f} Hz, {limit}"
     left_out = ", ".join(f"{name} ({reason})" for name, reason in report.left_out.items()) or "none"
     left_out = f"left out     {left_out}; none of the others is silent, clipped or a copy"
+    takes, count = report.takes or (report,), measurement.count
+    lasts = [f"{one.recording.duration:.3g} s at {one.recording.sample_rate:g} Hz" for one in takes]
     if report.takes:
-        counts = [len(one.pressures.frequencies) for one in report.takes]
+        counts = [len(one.pressures.frequencies) for one in takes]
         even = f"{counts[0]}" if len(set(counts)) == 1 else f"{min(counts)} to {max(counts)}"
         f = measurement.frequencies
         lines = [
-            f"takes        {len(report.takes)} of {measurement.count} channels",
+            f"takes        {len(takes)} of {count} channels",
             f"rows         {even} per take, {len(f)} in all, {f[0]:.1f} to {f[-1]:.1f} Hz",
             left_out,
         ]
-        for number, one in enumerate(report.takes):
-            snr = _snr(one.pressures)
-            level = "modelled" if one.recording.modelled else "SNR unknown" if snr is None else f"SNR {_median(snr)}"
-            kind = KIND_WORDS[one.kind].partition(":")[0]
-            lines.append(f"{f'take {number}':<12} {one.recording.path}: {_duration(one.recording)} ({kind})")
-            lines.append(f"             {one.pressures.how}; {_band(one.pressures)}; {level}")
+        for number, (one, last) in enumerate(zip(takes, lasts, strict=True)):
+            taken, kind = one.pressures, KIND_WORDS[one.kind].partition(":")[0]
+            lines.append(f"{f'take {number}':<12} {one.recording.path}: {last} ({kind})")
+            lines.append(f"             {taken.how}; {_band_words(taken)}; SNR {_snr_words(taken)[0]}")
     else:
         lines = [
-            f"channels     {recording.count}, {_duration(recording)} ({KIND_WORDS[report.kind]})",
+            f"channels     {count}, {lasts[0]} ({KIND_WORDS[report.kind]})",
             left_out,
-            f"taken by     {taken.how}",
-            f"frequencies  {_band(taken)}",
+            f"taken by     {report.pressures.how}",
+            f"frequencies  {_band_words(report.pressures)}",
         ]
     lines += [f"skipped      {', '.join(report.skipped)}: no sound above the noise"] if report.skipped else []
     lines += [
         f"sound speed  {report.speed:.1f} m/s {report.speed_from}",
-        f"known        {len(measurement.known)} of {measurement.count} microphones",
+        f"known        {len(measurement.known)} of {count} microphones",
     ]
-    height = report.takes[0].height if report.takes else report.height
+    height, given = takes[0].height, measurement.known_positions
     if height is not None:
         space = word_arguments("<array_dimension> 3", wording)
         lines += [f"array        in the plane z = {height:g} m, the height of all given positions; in space: {space}"]
-    given = measurement.known_positions
-    if height is None and given is not None and len(given) and given.shape[1] == 3 and not np.ptp(given[:, 2]):
-        plane = word_arguments("<array_dimension> 2", wording)
-        lines += [
-            f"array        in space; if all microphones stand at z = {given[0, 2]:g} m as the known ones: {plane}"
-        ]
+    elif len(given) and given.shape[1] == 3 and not np.ptp(given[:, 2]):
+        plane = f"z = {given[0, 2]:g} m as the known ones: {word_arguments('<array_dimension> 2', wording)}"
+        lines += [f"array        in space; if all microphones stand at {plane}"]
     if measurement.arrivals is not None and measurement.arrival_sigma is not None:
         found, sigma = np.isfinite(measurement.arrivals), np.median(measurement.arrival_sigma)
         scatter = f"{1e3 * measurement.sound_speed * sigma:.1f} mm"
@@ -388,19 +352,17 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         of = f"{groups} groups of at most {most} windows of {1e3 * windows.length:g} ms"
         lines += [f"windows      {of}, {windows.frequencies.min():.0f} to {windows.frequencies.max():.0f} Hz"]
     if not report.takes:
-        lines += [f"modelled     {recording.modelled}"] if recording.modelled else _snr_lines(taken)
-    lines.append(f"highest usable frequency  {limit}")
-    count, needed = measurement.count, min_microphones(measurement.dimension)
+        lines += [f"SNR          {''.join(_snr_words(report.pressures))}"]
+    limit = word_arguments(report.highest_frequency_from, wording)
+    known = "" if report.highest_frequency is None else f"{report.highest_frequency:.0f} Hz, "
+    lines.append(f"highest usable frequency  {known}{limit}")
+    needed = min_microphones(measurement.dimension)
     if count < needed:
         lines.append(f"warning: {count} microphones are too few to be found: use {needed} or more, {MANY} in a room")
     return "\n".join(lines)
 
 
-def _duration(recording: Recording) -> str:
-    return f"{recording.duration:.3g} s at {recording.sample_rate:g} Hz"
-
-
-def _band(taken: Pressures) -> str:
+def _band_words(taken: Pressures) -> str:
     """Return the frequencies, how far apart they are, and how many have several rows."""
     f = taken.frequencies
     different = np.unique(f, return_counts=True)[1]
@@ -413,25 +375,14 @@ def _band(taken: Pressures) -> str:
     return text
 
 
-def _snr(taken: Pressures) -> np.ndarray | None:
-    """Return the signal-to-noise ratio of each row, decibels; None where the noise is unknown."""
+def _snr_words(taken: Pressures) -> tuple[str, str]:
+    """Return the signal-to-noise ratio of the rows, and more of it where there is room for it."""
     if taken.noise_power is None:
-        return None
+        return "unknown", ": the room still rings at the end; a longer recording would show the noise"
     power = mode_power(taken.pressures)
-    return 10 * np.log10(np.maximum(power / np.maximum(taken.noise_power, 1e-12 * power) - 1, 1e-3))
-
-
-def _median(snr: np.ndarray) -> str:
-    return f"above {CLEAN_DB:g} dB" if snr.min() > CLEAN_DB else f"median {np.median(snr):.0f} dB"
-
-
-def _snr_lines(taken: Pressures) -> list[str]:
-    """Return the signal-to-noise ratio of the frequencies, decibels, and where it is lowest."""
-    snr = _snr(taken)
-    if snr is None:
-        return ["SNR          unknown: the room still rings at the end; a longer recording would show the noise"]
+    snr = 10 * np.log10(np.maximum(power / np.maximum(taken.noise_power, 1e-12 * power) - 1, 1e-3))
     if snr.min() > CLEAN_DB:
-        return [f"SNR          above {CLEAN_DB:g} dB at all frequencies: no noise was found"]
+        return f"above {CLEAN_DB:g} dB", " at all frequencies: no noise was found"
     low = np.sort(np.argsort(snr, kind="stable")[:LOWEST])
     cells = ", ".join(f"{snr[n]:.0f} dB at {taken.frequencies[n]:.1f} Hz" for n in low)
-    return [f"SNR          {_median(snr)}, {snr.min():.0f} to {snr.max():.0f} dB; lowest {cells}"]
+    return f"median {np.median(snr):.0f} dB", f", {snr.min():.0f} to {snr.max():.0f} dB; lowest {cells}"

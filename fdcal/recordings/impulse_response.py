@@ -204,14 +204,6 @@ def impulse_response_pressures(
     if recording.samples > MAX_SAMPLES:
         problem = f"{recording.path} lasts {recording.duration:.0f} s, which is too long for an impulse response"
         raise InputError(problem, "give <kind> stationary", key="kind")
-    if recording.modelled:
-        spacing = _spacing(recording, band, 0.0, None, 0.0)
-        spacing = replace(spacing, step=1 / recording.duration)
-        step = max(spacing.step, (band[1] - band[0]) / max_rows)
-        f = np.arange(band[0], band[1], step)
-        pressures = laplace_transform(read_samples(recording, 0, recording.samples), recording.sample_rate, 0.0, f)
-        how = "rendering at the positions given: no window is needed, and there is no noise but that of the response"
-        return Pressures(f, wavenumber_continuous(f, 0.0, sound_speed), pressures, None, how, spacing)
     decay = extend_to_last_mode(recording, band, estimate_decay(recording, band), noise)
     s = max(0.0, SPECTRUM.decay / recording.duration - decay.rate) if window is None else window
     if noise is None and decay.tail is not None:

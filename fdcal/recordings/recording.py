@@ -61,9 +61,6 @@ class Recording:
     positions: np.ndarray | None = None  # (N, D) float64 or None, of the microphones according to the file, metres
     sound_speed: float | None = None  # according to the file, m/s
     full_scale: float | None = None  # greatest value that a sample can take
-    # up to which the samples represent the sound, Hz, if below what the sampling rate allows
-    highest: float | None = None
-    modelled: str = ""  # what is modelled, not measured, as a sentence; "" for a recording that is all measured
 
     def __post_init__(self):
         low, high = SAMPLE_RATES
@@ -210,7 +207,6 @@ def join_channels(files: Sequence[Recording]) -> Recording:
         positions=np.concatenate(placed) if len(placed) == len(files) else None,
         sound_speed=common("sound_speed"),
         full_scale=common("full_scale"),
-        highest=min((one.highest for one in files if one.highest is not None), default=None),
     )
 
 
@@ -299,11 +295,7 @@ class ImportOptions:
         Of a random `subset`.
     reference : str or None
         File with the signal that the source emitted.
-    reference_microphone : str or None
-        Name of the channel against which cross-spectra are taken.
     array_radius : float or None, metres
-    array : str or None
-        Table name,x,y,z, or a geometry, of the array that is rendered in the field of a measured room, metres.
     """
 
     # In the order in which `fdcal import --help` lists them; the command line declares the last three.
@@ -336,8 +328,6 @@ class ImportOptions:
         None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|corners|none|FILE"
     )
     reference: str | None = option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")
-    reference_microphone: str | None = option(None, "Take cross-spectra against this channel.", "NAME")
-    array: str | None = option(None, "Positions to render a measured room at: name,x,y,z from its centre.", "FILE")
     array_radius: Annotated[float, positive("m")] | None = option(
         None, "Metres; determines the highest usable frequency.", "R"
     )
@@ -352,8 +342,8 @@ class ImportOptions:
             raise refused_option(
                 self, "source", f'source = "{self.source}" is no source', "use a number from 0, or all"
             )
-        if self.split is not None and (self.kind == "impulse" or self.reference or self.array):
-            what = "kind impulse" if self.kind == "impulse" else "a reference" if self.reference else "an array"
+        if self.split is not None and (self.kind == "impulse" or self.reference):
+            what = "kind impulse" if self.kind == "impulse" else "a reference"
             problem = f"split = {self.split:.3g} s cuts a stationary recording, and {what} is given"
             raise refused_option(self, "split", problem, "leave out <split>, or record each take on its own")
         if self.array_dimension == 3 and self.dimension == 2:
@@ -362,9 +352,6 @@ class ImportOptions:
         if self.temperature is not None and self.sound_speed is not None:
             remedy = "give one of <temperature> and <sound_speed>"
             raise InputError("a temperature and a sound speed say the same", remedy, key="sound_speed")
-        if self.reference is not None and self.reference_microphone is not None:
-            problem = "a reference signal and a reference microphone exclude each other"
-            raise InputError(problem, "give one of <reference> and <reference_microphone>", key="reference")
 
 
 def refused_option(options: ImportOptions, key: str, problem: str, remedy: str = "") -> InputError:

@@ -58,7 +58,7 @@ def short_windows(
 
 def _band(recording: Recording, options: ImportOptions) -> tuple[float, float]:
     """Return the lowest and the highest frequency of short windows, Hz."""
-    top = min(IMPORT_LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
+    top = IMPORT_LIMITS.max_frequency * recording.sample_rate
     if options.windows == "auto":
         return LOWEST, min(HIGHEST, top)
     try:

@@ -132,7 +132,7 @@ def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options
     """Channels whose clock differs; those that cannot be used at all are no matter of it."""
     names, faults, unknown, worst, chart, value = takes[0].names, dict[str, ClockFault](), set[str](), -1.0, None, 0.0
     for one, state in zip(takes, health, strict=True):
-        impulse = one.kind == "impulse" or options.kind == "impulse" or one.modelled
+        impulse = one.kind == "impulse" or options.kind == "impulse"
         found = None if impulse else channel_delays(select_channels(one, np.setdiff1d(np.arange(one.count), state.bad)))
         if found is None:
             continue

@@ -11,7 +11,6 @@ import fdcal
 from fdcal.assessment.calibration import ChannelFault, Channels
 from fdcal.commands.cli import main
 from fdcal.recordings import export as corrections
-from fdcal.recordings.export import export_gains
 from fdcal.recordings.recording import recording_of
 
 N, RATE, T = 6, 8000, 24_000
@@ -134,7 +133,7 @@ def test_other_channels_and_results_without_gains_are_refused(sound, result, tmp
 
 def test_the_factors_of_acoular_multiply_the_samples(result, tmp_path):
     dead = dataclasses.replace(result.channels, faults=(ChannelFault("M1", "dead"),))
-    export_gains(dataclasses.replace(result, channels=dead), tmp_path / "calib.xml")
+    dataclasses.replace(result, channels=dead).export(tmp_path / "calib.xml", table="gains")
     rows = tree.parse(tmp_path / "calib.xml").getroot().findall("pos")  # as Acoular's Calib reads them
     factors = np.array([float(row.get("factor")) for row in rows])
     assert [row.get("Name") for row in rows] == list(NAMES)

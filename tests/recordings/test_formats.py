@@ -19,8 +19,6 @@ import soundfile
 from recorded import too_large
 from sofar.io import _write_sofa
 
-from fdcal.assessment.calibration import Calibration
-from fdcal.assessment.result_file import save_result
 from fdcal.commands.cli import main
 from fdcal.model import libraries as process
 from fdcal.model.measurement import MicrophonePositions
@@ -459,7 +457,7 @@ PLACED = MicrophonePositions(
 def test_names_positions_and_uncertainty_are_written(placed, tmp_path):
     """Other programs read them: csv, json, `acoular.MicGeom` and `pyroomacoustics`; SOFA below."""
     for suffix in ("csv", "json", "xml", "npy"):
-        formats.write(tmp_path / f"p.{suffix}", f"p.{suffix}", placed)
+        formats.write(tmp_path / f"p.{suffix}", placed)
     with open(tmp_path / "p.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     microphones = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))["microphones"]
@@ -477,17 +475,11 @@ def test_names_positions_and_uncertainty_are_written(placed, tmp_path):
     assert [float(row["uncertainty"]) if row["uncertainty"] else None for row in rows] == sigma
 
 
-def test_sofa_is_written_as_a_new_file_and_into_a_copy(tmp_path, here):
-    placed = PLACED
-    formats.write(tmp_path / "p.sofa", "p.sofa", placed)
-    back = sofar.read_sofa(str(tmp_path / "p.sofa"), verbose=False)
-    assert np.allclose(np.reshape(back.ReceiverPosition, (N, 3)), placed.positions)
-    original = written(tmp_path / "original.sofa", "SingleRoomSRIR", in_degrees=True)
-    before = original.read_bytes()
-    formats.write(tmp_path / "q.sofa", "q.sofa", placed, str(original))
-    assert np.allclose(formats.read(tmp_path / "q.sofa").positions, placed.positions)
-    assert np.allclose(read_samples(formats.read(tmp_path / "q.sofa"), 0, 400), SAMPLES)
-    assert original.read_bytes() == before
+def test_sofa_is_written_by_the_numbers_of_the_channels(tmp_path, here):
+    for placed, expected in ((PLACED, PLACES), (MicrophonePositions(tuple("43210"), FOUND), FOUND[::-1])):
+        formats.write(tmp_path / "p.sofa", placed)
+        back = sofar.read_sofa(str(tmp_path / "p.sofa"), verbose=False)
+        assert np.allclose(np.reshape(back.ReceiverPosition, (N, 3)), expected)
 
 
 COMMANDS = (
@@ -511,22 +503,16 @@ def test_the_input_is_never_the_output(command, tmp_path, monkeypatch, capsys):
     assert Path(command[-1]).read_text() == "mine"
 
 
-# SOFA: every convention for rooms that sofar writes, receivers side by side or one that is moved; there and back.
+# SOFA: every convention for rooms that sofar writes, receivers side by side or one that is moved.
 
 
 @pytest.mark.parametrize("moved", [False, True], ids=["receivers side by side", "one that is moved"])
 @pytest.mark.parametrize("convention", CONVENTIONS)
-def test_every_convention_is_read_and_its_positions_are_filled_in(convention, moved, tmp_path, capfd, here):
+def test_every_convention_is_read(convention, moved, tmp_path, capfd, here):
     path = written(tmp_path / "a.sofa", convention, moved, in_degrees=True)
     recording = formats.read(path)
     assert np.allclose(recording.positions, PLACES)
     assert np.allclose(read_samples(recording, 0, T), SAMPLES)
-    before = path.read_bytes()
-    formats.write(tmp_path / "b.sofa", "b.sofa", MicrophonePositions(tuple("43210"), FOUND), str(path))
-    back = formats.read(tmp_path / "b.sofa")
-    assert np.allclose(back.positions, FOUND[::-1]), "by the names of the channels"
-    assert np.allclose(read_samples(back, 0, T), SAMPLES)
-    assert path.read_bytes() == before
     assert capfd.readouterr() == ("", ""), "the library has nothing to tell"
 
 
@@ -546,24 +532,6 @@ def test_the_emitter_asked_for_is_read_and_each_is_a_take_when_all_are(conventio
     assert len(read_takes([single], ImportOptions(source="all"))) == 1
 
 
-@pytest.mark.parametrize("order", [1, -1], ids=["same order", "reverse order"])
-def test_positions_of_one_source_s_measurements_are_given_to_another_s_only_in_the_same_order(order, tmp_path, here):
-    path = written(tmp_path / "a.sofa", "GeneralFIR", moved=True)
-    sofa = sofar.read_sofa(str(path), verbose=False)
-    sofa.Data_IR = np.concatenate([SAMPLES, SAMPLES[::order]])[:, None]
-    sofa.ListenerPosition = np.concatenate([PLACES, PLACES[::order]])
-    sofa.SourcePosition = np.repeat([[2.0, 1, 0], [5.0, 1, 0]], N, axis=0)
-    sofar.write_sofa(str(path), sofa)
-    placed = MicrophonePositions(tuple("01234"), FOUND)
-    if order < 0:
-        with pytest.raises(InputError, match="in different orders; leave out original"):
-            formats.write(tmp_path / "b.sofa", "b.sofa", placed, str(path))
-        return
-    formats.write(tmp_path / "b.sofa", "b.sofa", placed, str(path))
-    for source in (0, 1):
-        assert np.allclose(formats.read(tmp_path / "b.sofa", source).positions, FOUND)
-
-
 def test_a_delay_is_applied_and_one_that_is_no_sample_is_refused(tmp_path, here):
     delay = np.array([103.0, 100, 101, 107, 100])
     recording = formats.read(written(tmp_path / "a.sofa", "SingleRoomSRIR", delay=delay))
@@ -574,27 +542,3 @@ def test_a_delay_is_applied_and_one_that_is_no_sample_is_refused(tmp_path, here)
     assert np.array_equal(read_samples(recording, 2, 64, [3, 0]), samples_read[[3, 0], 2:64])
     with pytest.raises(InputError, match=r'"Data.Delay" differs by 0.5 samples'):
         formats.read(written(tmp_path / "b.sofa", "SingleRoomSRIR", delay=delay * 0.5 % 1))
-
-
-@pytest.mark.parametrize(
-    ("suffix", "original", "words", "code"),
-    [
-        ("csv", "a.sofa", "--original a.sofa is for -o FILE.sofa", 2),
-        ("sofa", "a.wav", "original = a.wav is no SOFA file", 2),
-        ("sofa", "nothing.sofa", "cannot read nothing.sofa", 3),
-        ("sofa", "junk.sofa", "original = junk.sofa cannot be read", 2),
-        ("sofa", "a.sofa", "5 receiver positions, the result 4 microphones", 2),
-    ],
-)
-def test_an_original_that_cannot_be_is_refused(suffix, original, words, code, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    written(Path("a.sofa"), "SingleRoomSRIR")
-    Path("junk.sofa").write_text("junk")
-    result = Calibration(FOUND[:4], tuple("0123"), "joint", 0, np.array([50.0]), 0.1, 3, 1.5, True, known=())
-    save_result(result, "r.json")
-    with pytest.raises(SystemExit) as ended:
-        main(["export", "r.json", "-o", f"p.{suffix}", "--original", original])
-    assert ended.value.code == code
-    line = capsys.readouterr().err
-    assert words in line and line.count("\n") == 1
-    assert not list(tmp_path.glob("p.*"))

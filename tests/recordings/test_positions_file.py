@@ -210,7 +210,7 @@ def _cell(where: str, text: str) -> str:
         ("t.csv", "mic,x left,x right,y\na,1,0,1\n", "more than one column is called x"),
         ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3]]", "not clear which axis"),
         ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3], [1, 2]]", 'microphone 3: z = ""'),
-        ("t.json", '{"a": [[1, 2, 3]], "b": [[1, 2, 3]]}', "2 lists that may be the positions: b, a"),
+        ("t.json", '{"a": [[1, 2, 3]], "b": [[1, 2, 3]]}', "2 lists that may be the positions: a, b"),
         ("t.json", "[" * 100_000, "no valid JSON|not valid JSON"),
         ("t.cfg", "raw = {}", "no microphone"),
         ("t.npy", "abc", "no array that can be read"),

@@ -1,78 +1,28 @@
-"""A measured room imported: an array rendered at the positions given, with what is modelled said plainly."""
-
-import shutil
+"""Files of a measured room: an impulse response with directions of arrival."""
 
 import numpy as np
 import pytest
-from recorded import write_places
 from running import exit_code
 from scipy.io import loadmat, savemat
 
-from fdcal.acoustics.plane_waves import plane_wave_pressures
-from fdcal.model.measurement import load_measurement
-from fdcal.model.room import MEASURED_AND_MODELLED, response_path
+from fdcal.model.room import response_path
 from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.validation import InputError
-from fdcal.recordings.importer import import_recording, import_summary
-from fdcal.recordings.recording import ImportOptions
 
-PLACES = np.random.default_rng(0).uniform(-0.3, 0.3, (24, 3))
 ROOM = str(response_path("listening_lab"))
 
 
-@pytest.fixture
-def layout(tmp_path):
-    return str(write_places(tmp_path / "layout.csv", PLACES, [f"m{n}" for n in range(len(PLACES))]))
-
-
-def test_the_pressures_are_those_of_the_plane_waves(layout):
-    measurement, report = import_recording(ROOM, ImportOptions(array=layout, sound_speed=340.0, known="m0,m3,m7,m9"))
-    assert measurement.names[:2] == ("m0", "m1") and np.array_equal(measurement.positions, PLACES)
-    assert np.array_equal(measurement.known_positions, PLACES[[0, 3, 7, 9]])
-    f, k = measurement.frequencies, measurement.wavenumbers
-    assert np.allclose(k, 2 * np.pi * f / 340.0), "the sound is complete: no window"
-    expected = plane_wave_pressures(load_sdm_response(ROOM), PLACES, f, 340.0)
-    found = measurement.pressures
-    common = np.sum(found.conj() * expected, axis=1) / np.sum(np.abs(found) ** 2, axis=1)  # of the time of beginning
-    assert np.allclose(common[:, None] * found, expected, atol=1e-6 * np.abs(expected).max())
-    assert f"modelled     {MEASURED_AND_MODELLED}" in import_summary(measurement, report)
-
-
-def test_frequencies_are_evenly_spaced_and_independent(layout):
-    few, _ = import_recording(ROOM, ImportOptions(array=layout, most=10))
-    many, report = import_recording(ROOM, ImportOptions(array=layout, most=500, frequencies="20:700"))
-    assert len(few.frequencies) == 10 and np.ptp(np.diff(few.frequencies)) < 1e-9
-    assert np.diff(many.frequencies).min() == pytest.approx(1 / report.recording.duration)
-    with pytest.raises(InputError, match=r"20:12000.*HI <= 8000 Hz"):
-        import_recording(ROOM, ImportOptions(array=layout, frequencies="20:12000"))
-
-
-def test_positions_are_needed_and_belong_to_a_measured_room_alone(layout, tmp_path, capsys):
-    assert exit_code("import", ROOM, "--array", layout, "-o", tmp_path / "lab.npz") == 0
-    assert "between the microphones is modelled" in capsys.readouterr().out
-    assert load_measurement(tmp_path / "lab.npz").count == 24
-    for command in (["import", ROOM, "-o", str(tmp_path / "other.npz")], ["calibrate", ROOM]):
-        assert exit_code(*command) == 2
-        assert "--array FILE.csv" in capsys.readouterr().err
-    other = tmp_path / "recording.npz"
-    np.savez(other, recordings=np.ones((3, 400)), sample_rate=8000.0)
-    with pytest.raises(InputError, match="leave out array"):
-        import_recording(other, ImportOptions(array=layout))
-    flat = tmp_path / "flat.csv"
-    flat.write_text("name,x,y\na,0,0\nb,1,0\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"flat\.csv has two coordinates"):
-        import_recording(ROOM, ImportOptions(array=str(flat)))
-
-
-def test_a_response_that_wraps_round_or_is_missing_is_refused(layout, tmp_path, capsys):
+def test_a_response_that_wraps_round_or_is_none_is_refused_and_a_measured_room_is_no_recording(tmp_path, capsys):
     table = {key: value for key, value in loadmat(ROOM).items() if key[0] != "_"}
-    path, output = tmp_path / "wrapped.mat", str(tmp_path / "lab.npz")
+    path = tmp_path / "wrapped.mat"
     savemat(path, table | {key: np.roll(table[key], -100) for key in ("p", "azi_rad", "ele_rad")})
-    assert exit_code("import", str(path), "--array", layout, "-o", output) == 2
-    assert "wraps round" in capsys.readouterr().err
-    assert exit_code("import", str(tmp_path / "none.mat"), "--array", layout, "-o", output) == 3
-    shutil.copy(layout, tmp_path / "layout.mat")
-    assert exit_code("import", str(tmp_path / "layout.mat"), "--array", layout, "-o", output) == 2
+    with pytest.raises(InputError, match="wraps round"):
+        load_sdm_response(path)
+    path.write_text("name,x,y\n")
+    with pytest.raises(InputError, match=r"wrapped\.mat"):
+        load_sdm_response(path)
+    assert exit_code("calibrate", ROOM) == 2
+    assert "name it as the room of a scene" in capsys.readouterr().err
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ import numpy as np
 from ...model import libraries
 from ...model.measurement import MicrophonePositions
 from ...model.storage import require_regular
-from ...model.validation import InputError, StorageError
+from ...model.validation import InputError, StorageError, shown
 from ..recording import Recording, block_of
 
 NUMBERS = re.compile(r"([0-9]+)")  # in the name of a file
@@ -36,12 +36,8 @@ class Format:
     suffixes: tuple[str, ...]
     # recording of a file; of several sources one, counted from 0, the first for None
     read: Read | None = None
-    # writes positions to a file; into a copy of the original if one is given and the format can hold it
-    write: Callable[[Path, MicrophonePositions, str | None], None] | None = None
+    write: Callable[[Path, MicrophonePositions], None] | None = None  # writes positions to a file
     source_count: Callable[[Path], int] | None = None  # of a format that may hold several sources
-    # recording of an array of these names and positions (N, 3), metres, in the measured room of a file, at a sound
-    # speed, m/s
-    render: Callable[[Path, tuple[str, ...], np.ndarray, float], Recording] | None = None
     recognises: Callable[[Path], bool] = lambda path: False  # where the suffix does not identify the format
 
 
@@ -50,10 +46,10 @@ def damaged(problem: str, remedy: str = "") -> Iterator[None]:
     """Turn any error, as the library of a format raises it for a damaged file, into an InputError."""
     try:
         yield
-    except InputError:
+    except (InputError, StorageError):
         raise
     except Exception as error:
-        raise InputError(f"{problem}: {error}", remedy) from error
+        raise InputError(f"{problem}: {shown(str(error), 200)}", remedy) from error
 
 
 @cache
@@ -135,26 +131,10 @@ def source_count(path: str | Path) -> int:
     return found.source_count(path) if found and found.source_count else 1
 
 
-def render(path: str | Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
-    """Return what an array (N, 3), metres from the point of the measurement, would record in a measured room's file."""
-    path = Path(path)
-    if not path.exists():
-        raise StorageError(f"cannot read {path}: No such file or directory")
-    found = reader_of(path)
-    if found is None or found.render is None:
-        problem = f"{path} holds channels that were recorded; none can be rendered"
-        raise InputError(problem, "leave out <array>", key="array")
-    return found.render(path, names, positions, sound_speed)
-
-
-def write(path: str | Path, target: str | Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write positions to `path`, maybe a temporary file, in the format that the suffix of `target` selects.
-
-    `original`: a file into a copy of which the positions are written, where the format can do so.
-    """
-    suffix = require_suffix(target, suffixes("write"), "a format for positions")
-    write_it = next(one.write for one in all_formats() if one.write and suffix in one.suffixes)
-    write_it(Path(path), placed, original)
+def write(path: str | Path, placed: MicrophonePositions) -> None:
+    """Write positions in the format that the suffix of the file selects."""
+    suffix = require_suffix(path, suffixes("write"), "a format for positions")
+    next(one.write for one in all_formats() if one.write and suffix in one.suffixes)(Path(path), placed)
 
 
 def require_suffix(path: str | Path, allowed: Iterable[str], what: str) -> str:
@@ -187,20 +167,18 @@ def isolated(read: Read) -> Read:
     """Return a reader that does what `read` does, a function of a module, in a process of its own."""
 
     def read_apart(path: Path, source: int | None = None) -> Recording:
-        fields, values = isolated_call(path, _content, read, path, source, MAX_HELD)
-        by_call = partial(isolated_call, path, _block, read, path, source)
-        return Recording(**fields, block=by_call if values is None else block_of(values))
+        found, values = isolated_call(path, _content, read, path, source, MAX_HELD)
+        by_call = partial(isolated_call, path, _content, read, path, source, MAX_HELD)
+        return Recording(**found, block=by_call if values is None else block_of(values))
 
     return read_apart
 
 
-def _content(read: Read, path: Path, source: int | None, max_held: int) -> tuple[dict[str, Any], np.ndarray | None]:
-    """Return the fields of a recording, except for its block, and its samples (N, T) if they are at most `max_held`."""
+def _content(read: Read, path: Path, source: int | None, max_held: int, *part: Any) -> Any:
+    """Return the fields of a recording but its block, and its samples if they are at most `max_held`; or its `part`."""
     found = read(path, source)
+    if part:
+        return found.block(*part)
     held = found.count * found.samples <= max_held
     values = found.block(0, found.samples, np.arange(found.count)) if held else None
     return {key: value for key, value in vars(found).items() if key != "block"}, values
-
-
-def _block(read: Read, path: Path, source: int | None, start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
-    return read(path, source).block(start, stop, chosen)

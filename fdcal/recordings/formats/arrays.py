@@ -1,13 +1,10 @@
-"""Recordings in files of arrays: of NumPy, HDF5 and MATLAB.
+"""Recordings in files of arrays: of NumPy and HDF5.
 
 .npz      `recordings` (N, T) and `sample_rate`, Hz; optionally `kind`, `names`, `positions`, `sound_speed`. A
           measurement, which has pressures instead, is read by `fdcal.model.measurement`.
 folder    of MeshRIR: impulse responses of one microphone moved over a mesh, with several sources, 48 kHz: pos_mic.npy
           (M, 3) and pos_src.npy (S, 3), metres; ir_<i>.npy (S, T), one for each of the M places
 .h5       of Acoular: `time_data` (T, N), one channel per microphone, with the attribute `sample_freq`, Hz
-.mat      an impulse response from the spatial decomposition method: one point, a direction for each sample. It has no
-          channels of its own: those of an array are rendered at given positions. The response is measured; the field
-          between the microphones is modelled (`fdcal.acoustics.plane_waves`).
 
 S. Koyama, T. Nishida, K. Kimura, T. Abe, N. Ueno, J. Brunnström, "MeshRIR: A dataset of room impulse responses on
 meshed grid points for evaluating sound field analysis and synthesis methods", WASPAA 2021.
@@ -18,10 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...acoustics.plane_waves import MAX_FREQUENCY, plane_wave_responses
 from ...model.libraries import needs
-from ...model.room import MEASURED_AND_MODELLED
-from ...model.sdm_response import load_sdm_response
 from ...model.storage import load_archive
 from ...model.validation import InputError, StorageError, require_array, require_choice, shown
 from ..recording import KINDS, RANGE_SAMPLES, Recording, ranges, recording_of
@@ -170,28 +164,6 @@ def _read_hdf5(path: Path, source: int | None = None) -> Recording:
     return Recording(str(path), None, float(rate.item()), int(channels), int(samples), block)
 
 
-def _read_sdm(path: Path, source: int | None = None) -> Recording:
-    """Raise InputError: the file has no channels."""
-    load_sdm_response(path)  # a damaged file is reported first
-    problem = f"{path} is an impulse response at one point, with directions, and has no channels"
-    raise InputError(problem, "import it with <array>, the positions at which to render them", key="array")
-
-
-def _render_sdm(path: Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
-    """Return what an array (N, 3), metres from the point of the measurement, would record from the direct sound on."""
-    response = load_sdm_response(path)
-    return recording_of(
-        str(path),
-        "impulse",
-        response.sample_rate,
-        plane_wave_responses(response, positions, sound_speed),
-        names=names,
-        positions=positions,
-        highest=MAX_FREQUENCY * response.sample_rate,
-        modelled=MEASURED_AND_MODELLED,
-    )
-
-
 FORMATS = (
     Format((".npz",), read=_read_npz),
     Format(
@@ -201,5 +173,4 @@ FORMATS = (
         source_count=lambda path: len(_positions(path / "pos_src.npy")),
     ),
     Format((".h5", ".hdf5"), read=isolated(_read_hdf5)),
-    Format((".mat",), read=_read_sdm, render=_render_sdm),
 )

@@ -1,20 +1,24 @@
-"""Positions of microphones in the files of other programs.
+"""Positions of microphones in files: what columns mean, and files of other programs, read and written.
+
+Read: tables in text form and of Excel, geometries of Acoular, HARK, TASCAR and ODAS, JSON, arrays of NumPy, SOFA. What
+can mean only one thing is read; what is ambiguous raises an InputError that says what to write. No column of numbers is
+dropped silently.
 
 Written:
 .csv     name,x,y,z,uncertainty, metres, one line per microphone
 .xml     Acoular's microphone geometry: `<MicArray><pos Name= x= y= z= /></MicArray>`, metres
 .npy     as pyroomacoustics reads it: an array (3, N), metres, one column per microphone
 .json    one object with the frame and a list of microphones
-
-Read: these, tables in text form and of Excel, geometries of HARK, TASCAR and ODAS, other JSON, and SOFA.
 """
 
 import csv
 import io
 import json
+import logging
 import re
 import xml.etree.ElementTree as tree
 import zipfile
+from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -23,23 +27,44 @@ import numpy as np
 
 from ...model.measurement import MicrophonePositions
 from ...model.storage import read_bytes, require_regular
-from ...model.validation import InputError, StorageError, shown
-from ..position_table import (
-    UNITS,
-    Places,
-    Rows,
-    is_header,
-    is_number,
-    meaning,
-    places_of_rows,
-    places_of_sheet,
-    question,
-)
+from ...model.validation import InputError, StorageError, require_point, shown
 from . import Format, damaged, isolated_call
 from .sofa import placed_receivers
 
 MAX_BYTES = 10_000_000  # of a file of positions
-HEADER = ["name", "x", "y", "z", "uncertainty"]
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # Python also takes 1_0 for a number
+LARGEST_M = 50.0  # median distance from the middle of an array; larger numbers without a unit are millimetres
+STILL_M = 1e-3  # an array that moves less stands still
+ANGLES = ("azimuth", "elevation", "polar")
+# Words of a header, and what the column holds; the first meaning counts.
+MEANINGS = {
+    "uncertainty": "uncertainty sigma std sd err error tolerance",
+    "x": "x",
+    "y": "y",
+    "z": "z height höhe hoehe hauteur altura altezza",
+    "azimuth": "azimuth azimut az",
+    "elevation": "elevation el",
+    "polar": "polar inclination colatitude zenith",
+    "radius": "radius r distance",
+    "unit": "unit units einheit",
+    "name": "name names label labels id mic mics microphone microphones mikrofon channel channels ch kanal canal sensor"
+    " point nr no number nummer index",
+}
+# How many make a metre.
+UNITS = {
+    **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
+    **dict.fromkeys(("dm",), 10.0),
+    **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters"), 100.0),
+    **dict.fromkeys(("mm", "millimetre", "millimetres", "millimeter", "millimeters"), 1000.0),
+    **dict.fromkeys(("in", "inch", "inches"), 1 / 0.0254),
+    **dict.fromkeys(("ft", "foot", "feet"), 1 / 0.3048),
+}
+IN_WORDS = re.compile(rf"(?:\bin|\bunits?\b\W*|[\[(])\s*({'|'.join(UNITS)})\b", re.IGNORECASE)  # of a comment
+
+log = logging.getLogger(__name__)
+
+Rows = dict[int, list[str]]  # cells by the number of the line or microphone
+Places = tuple[list[str], np.ndarray, str]  # names, positions (N, 2 or 3), metres, and a remark or ""
 
 
 def read_positions(path: str | PathLike[str]) -> MicrophonePositions:
@@ -48,36 +73,77 @@ def read_positions(path: str | PathLike[str]) -> MicrophonePositions:
     return MicrophonePositions(tuple(names), positions, frame=Path(path).name)
 
 
-def read_places(path: str | PathLike[str]) -> Places:
+def read_places(path: str | PathLike[str]) -> tuple[list[str], np.ndarray]:
     """Return names and positions (N, 2 or 3), metres, in a file of any kind of READERS."""
     path = Path(path)
-    if path.suffix.lower() not in READERS:
+    suffix = path.suffix.lower()
+    if suffix not in READERS:
         problem = f'"{path}" ends in no suffix of a file of positions'
         raise InputError(problem, f"give <positions> as {', '.join(sorted(READERS))}", key="positions", value=str(path))
-    return READERS[path.suffix.lower()](path)
+    if suffix == ".sofa":
+        if not path.exists():
+            raise StorageError(f"cannot read {path}: No such file or directory")
+        require_regular(path)
+        positions = isolated_call(path, placed_receivers, path)
+        return [str(n) for n in range(len(positions))], positions
+    content, (read, what) = read_bytes(path, MAX_BYTES), READERS[suffix]
+    try:
+        with damaged(f"{path} is {what}", "write it again, or save the table as .csv"):
+            names, positions, remark = read(content)
+    except InputError as error:
+        raise error.within(path) from error
+    if remark:
+        log.warning("%s: %s", path, remark)
+    return names, positions
 
 
-def _text(path: Path) -> str:
+def _question(problem: str, remedy: str, value: object = None) -> InputError:
+    """Return the error for positions that are damaged or ambiguous."""
+    return InputError(problem, remedy, key="positions", value=value)
+
+
+def is_number(cell: str) -> bool:
+    return NUMBER.fullmatch(cell.replace(",", ".", 1)) is not None
+
+
+def meaning(cell: str) -> tuple[str, float | None]:
+    """Return what the column of a header holds, of MEANINGS or "" where it is not known, and its unit."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", cell)  # posX, XPos
+    words = re.findall(r"[^\W\d_]+", re.sub(r"\b([xyz])(mm|cm|m|in|ft)\b", r"\1 \2", spaced.lower()))
+    found = [kind for kind, known in MEANINGS.items() if set(words) & set(known.split())]
+    if len(set(words) & set("xyz")) > 1:  # a sentence
+        return "", None
+    unit = UNITS.get(words[-1]) if len(words) > 1 else None
+    return (found[0] if found else "name" if cell in ("", "#") else ""), unit
+
+
+def is_header(row: list[str]) -> bool:
+    kinds = {meaning(cell)[0] for cell in row}
+    return kinds >= {"x", "y"} or kinds >= {"azimuth", "radius"}
+
+
+def _counts(cells: list[str]) -> bool:
+    """Return whether the cells are 0, 1, 2, ... or 1, 2, 3, ..."""
+    return any(cells == [str(n) for n in range(first, first + len(cells))] for first in (0, 1))
+
+
+def _text(content: bytes) -> str:
     """Return the text of a file as editors and spreadsheets write it."""
-    content = read_bytes(path, MAX_BYTES)
     try:
         return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:
         return content.decode("cp1252", "replace")
 
 
-def _read_table(path: Path) -> Places:
+def _read_table(content: bytes) -> Places:
     """Return the positions in a table of any delimiter: that by which its cells are numbers."""
-    text = _text(path)
+    text = _text(content)
     separator = re.match(r'"?sep=(.)"?\r?\n', text)  # a first line of Excel
     found = list[tuple[bool, int, Rows]]()
     for delimiter in separator[1] if separator else ",;\t| ":
         lines = re.sub(r"[ \t]+", " ", text) if delimiter == " " else text
-        try:
-            reader = csv.reader(io.StringIO(lines, newline=""), delimiter=delimiter, skipinitialspace=True)
-            numbered = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
-        except csv.Error as error:
-            raise question(path, f" is not a table in text form: {error}", "save it as .csv") from error
+        reader = csv.reader(io.StringIO(lines, newline=""), delimiter=delimiter, skipinitialspace=True)
+        numbered = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
         rows = {n: row for n, row in numbered if any(row)}
         numeric = [[is_number(cell) for cell in row if cell] for row in rows.values()]
         score = sum(2 * sum(row) - len(row) for row in numeric if any(row))
@@ -85,47 +151,37 @@ def _read_table(path: Path) -> Places:
     rows = max(found, key=lambda one: one[:2])[2]
     if separator:
         rows.pop(1)
-    return places_of_sheet(path, rows)
+    return _of_sheet(rows)
 
 
-def _parsed_xml(path: Path, content: bytes) -> tree.Element:
-    try:
-        return tree.fromstring(content)
-    except (tree.ParseError, ValueError, LookupError) as error:  # broken, or of an encoding that does not exist
-        raise question(path, f" is not valid XML: {shown(str(error))}", "write it again") from error
-
-
-def _read_sheet(path: Path) -> Places:
+def _read_sheet(content: bytes) -> Places:
     """Return the positions in the only sheet with cells of an Excel file."""
     main, sheets = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}", list[Rows]()
-    try:
-        with zipfile.ZipFile(io.BytesIO(read_bytes(path, MAX_BYTES))) as file:
-            names = [one for one in file.namelist() if re.fullmatch(r"xl/(worksheets/[^/]+|sharedStrings)\.xml", one)]
-            if sum(file.getinfo(name).file_size for name in names) > 10 * MAX_BYTES:
-                raise question(path, " unfolds to too many bytes", "save the table as .csv")
-            parts = {name: _parsed_xml(path, file.read(name)) for name in names}
-        shared = ["".join(one.itertext()) for one in parts.pop("xl/sharedStrings.xml", [])]
-        for part in parts.values():
-            rows: Rows = {}
-            for cell in part.iter(f"{main}c"):
-                letters, line = re.fullmatch(r"([A-Z]+)(\d+)", cell.get("r", "")).groups()  # type: ignore
-                text = "".join(cell.itertext()) if cell.get("t") == "inlineStr" else cell.findtext(f"{main}v", "")
-                text = shared[int(text)] if cell.get("t") == "s" else text
-                if len(letters) == 1 and text.strip():  # columns up to Z
-                    row = rows.setdefault(int(line), [])
-                    row += [""] * (ord(letters) - ord("A") - len(row)) + [text.strip()]
-            sheets += [rows] if rows else []
-    except (zipfile.BadZipFile, KeyError, ValueError, IndexError, AttributeError) as error:
-        raise question(path, f" is no sheet of Excel that can be read: {error}", "save it as .csv") from error
+    with zipfile.ZipFile(io.BytesIO(content)) as file:
+        names = [one for one in file.namelist() if re.fullmatch(r"xl/(worksheets/[^/]+|sharedStrings)\.xml", one)]
+        if sum(file.getinfo(name).file_size for name in names) > 10 * MAX_BYTES:
+            raise _question("it unfolds to too many bytes", "save the table as .csv")
+        parts = {name: tree.fromstring(file.read(name)) for name in names}
+    shared = ["".join(one.itertext()) for one in parts.pop("xl/sharedStrings.xml", [])]
+    for part in parts.values():
+        rows: Rows = {}
+        for cell in part.iter(f"{main}c"):
+            letters, line = re.fullmatch(r"([A-Z]+)(\d+)", cell.get("r", "")).groups()  # type: ignore
+            text = "".join(cell.itertext()) if cell.get("t") == "inlineStr" else cell.findtext(f"{main}v", "")
+            text = shared[int(text)] if cell.get("t") == "s" else text
+            if len(letters) == 1 and text.strip():  # columns up to Z
+                row = rows.setdefault(int(line), [])
+                row += [""] * (ord(letters) - ord("A") - len(row)) + [text.strip()]
+        sheets += [rows] if rows else []
     if len(sheets) != 1:
-        raise question(path, f" has {len(sheets)} sheets with cells", "keep the one with the positions")
-    return places_of_sheet(path, sheets[0])
+        raise _question(f"it has {len(sheets)} sheets with cells", "keep the one with the positions")
+    return _of_sheet(sheets[0])
 
 
-def _read_xml(path: Path) -> Places:
+def _read_xml(content: bytes) -> Places:
     """Return the positions in elements with the attributes x, y and z, or position="x y z", of one element."""
     found = list[tuple[str, list[dict[str, str]]]]()
-    for parent in _parsed_xml(path, read_bytes(path, MAX_BYTES)).iter():
+    for parent in tree.fromstring(content).iter():
         records = list[dict[str, str]]()
         for element in parent:
             record = {key.lower(): text.strip() for key, text in element.attrib.items()}
@@ -137,38 +193,68 @@ def _read_xml(path: Path) -> Places:
     if len(found) > 1:
         found = [one for one in found if "mic" in one[0].lower()]
     if len(found) != 1:
-        problem = " holds no positions in one place: no <pos> with x, y and z"
-        raise question(path, problem, "give a geometry of Acoular: <MicArray><pos Name= x= y= z=>")
-    return _of_records(path, found[0][1], unique=False)
+        problem = "it holds no positions in one place: no <pos> with x, y and z"
+        raise _question(problem, "give a geometry of Acoular: <MicArray><pos Name= x= y= z=>")
+    return _of_records(found[0][1], unique=False)
 
 
-def _of_records(path: Path, records: list[dict[str, str]], unit: float | None = None, unique: bool = True) -> Places:
-    """Return the positions in records of texts, one for each microphone, of which coordinates and one name count."""
-    keys = list(dict.fromkeys(key for one in records for key in one if meaning(key)[0]))
-    names = [key for key in keys if meaning(key)[0] == "name"]
-    keys = [key for key in keys if key not in names[1:]]
-    rows = {n: [one.get(key, "") for key in keys] for n, one in enumerate(records)}
-    return places_of_rows(path, keys, rows, "microphone", unit, unique)
+def _read_array(content: bytes) -> Places:
+    return _of_array(np.load(io.BytesIO(content), allow_pickle=False))
 
 
-def _of_array(path: Path, values: Any, unit: float | None = None) -> Places:
-    """Return positions in an array (N, 2 or 3) or (2 or 3, N)."""
-    try:
-        array = np.asarray(values)
-    except ValueError as error:
-        raise question(path, " holds lists of different lengths", "give each microphone as many numbers") from error
-    axes = [axis for axis, length in enumerate(array.shape) if length in (2, 3)]
-    if array.ndim != 2 or array.dtype.kind not in "fiu" or len(axes) != 1:
-        problem = f": it is not clear which axis of shape {array.shape} is that of the microphones"
-        raise question(path, problem, "write a table: name,x,y,z")
-    rows = (array if axes == [1] else array.T).tolist()
-    return _of_records(path, [dict(zip("xyz", map(repr, row), strict=False)) for row in rows], unit)
+def _read_odas(content: bytes) -> Places:
+    """Return the positions `mu` of the microphones in a configuration of ODAS."""
+    found = re.findall(r"\bmu\s*=\s*[(\[]([^)\]]*)[)\]]", re.sub(r"(//|#).*", "", _text(content)))
+    if not found:
+        raise _question("it holds no microphone: mu = ( x, y, z )", "give a configuration of ODAS")
+    return _of_records([dict(zip("xyz", map(str.strip, one.split(",")), strict=False)) for one in found])
 
 
-def _read_array(path: Path) -> Places:
-    with damaged(f"{path} is no array that can be read", "write it with numpy.save"):
-        values = np.load(io.BytesIO(read_bytes(path, MAX_BYTES)), allow_pickle=False)
-    return _of_array(path, values)
+def _read_object(content: bytes) -> Places:
+    """Return the positions in JSON: the only list, or object by names, of microphones, or object of columns."""
+    found = list(_lists_of_places("", json.loads(_text(content)), {}))
+    of_microphones = [one for one in found if re.search("mic|receiver|^positions$", one[0].lower())]
+    found = of_microphones if len(of_microphones) == 1 else found
+    if len(found) != 1:
+        which = f"{len(found)} lists that may be the positions" if found else "no list of positions"
+        names = ", ".join(shown(one[0]) for one in found[:5])
+        remedy = 'write [{"name": "0", "x": 0.1, "y": 0, "z": 0}, ...], metres'
+        raise _question(f"it holds {which}{names and ': ' + names}", remedy)
+    _, value, parent = found[0]
+    unit = UNITS.get(str(parent.get("unit", parent.get("units", ""))).lower())
+    names, entries = parent.get("names", parent.get("labels")), value
+    if isinstance(value, dict) and is_header(list(value)):
+        entries = [dict(zip(value, one, strict=True)) for one in zip(*value.values(), strict=True)]
+    elif isinstance(value, dict):
+        names, entries = list(value), list(value.values())
+    names = names if isinstance(names, list) and len(names) == len(entries) else []
+    if not names and isinstance(entries[0], list) and len(entries) <= 3:  # may be x, y, z
+        return _of_array(entries, unit)
+    records = list[dict[str, str]]()
+    for n, entry in enumerate(entries):
+        record = {"name": names[n]} if names else {}
+        record |= entry if isinstance(entry, dict) else {"place": entry}
+        place = next((one for one in record.values() if isinstance(one, (list, dict)) and _is_place(one)), {})
+        record |= dict(zip("xyz", place, strict=False)) if isinstance(place, list) else place
+        records.append({key: str(one) for key, one in record.items() if not isinstance(one, (list, dict))})
+    return _of_records(records, unit)
+
+
+def _lists_of_places(key: str, value: Any, parent: dict[str, Any]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """Yield what may be the positions in a value of JSON: their key, themselves, and the object that holds them."""
+    if isinstance(value, dict) and is_header(list(value)):  # columns of pandas are objects by index
+        value = {name: list(one.values()) if isinstance(one, dict) else one for name, one in value.items()}
+    inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
+    columns = is_header(list(value)) if isinstance(value, dict) else len(inner) in (2, 3)  # or x, y, z as lists
+    if inner and (all(map(_is_place, inner)) or (columns and all(isinstance(one, list) and one for one in inner))):
+        yield key, value, parent
+    elif isinstance(value, dict):
+        for name, one in value.items():
+            yield from _lists_of_places(name, one, value)
+    else:
+        for one in inner:
+            if isinstance(one, dict):
+                yield from _lists_of_places(key, one, parent)
 
 
 def _is_place(value: Any, inside: bool = True) -> bool:
@@ -180,121 +266,227 @@ def _is_place(value: Any, inside: bool = True) -> bool:
     )
 
 
-def _read_object(path: Path) -> Places:
-    """Return the positions in JSON: the only list, or object by names, of microphones, or object of columns."""
+def _of_records(records: list[dict[str, str]], unit: float | None = None, unique: bool = True) -> Places:
+    """Return the positions in records of texts, one for each microphone, of which coordinates and one name count."""
+    keys = list(dict.fromkeys(key for one in records for key in one if meaning(key)[0]))
+    names = [key for key in keys if meaning(key)[0] == "name"]
+    keys = [key for key in keys if key not in names[1:]]
+    rows = {n: [one.get(key, "") for key in keys] for n, one in enumerate(records)}
+    return _of_rows(keys, rows, "microphone", unit, unique)
+
+
+def _of_array(values: Any, unit: float | None = None) -> Places:
+    """Return positions in an array (N, 2 or 3) or (2 or 3, N)."""
+    array = np.asarray(values)
+    axes = [axis for axis, length in enumerate(array.shape) if length in (2, 3)]
+    if array.ndim != 2 or array.dtype.kind not in "fiu" or len(axes) != 1:
+        problem = f"it is not clear which axis of shape {array.shape} is that of the microphones"
+        raise _question(problem, "write a table: name,x,y,z")
+    rows = (array if axes == [1] else array.T).tolist()
+    return _of_records([dict(zip("xyz", map(repr, row), strict=False)) for row in rows], unit)
+
+
+def _of_sheet(rows: Rows) -> Places:
+    """Return what the lines of a sheet hold: comments, titles, a header or none, microphones."""
+    comments = {n: row for n, row in rows.items() if re.match("#|%|//", row[0]) and not (row[0] == "#" and row[1:])}
+    body = {n: row for n, row in rows.items() if n not in comments} or dict(rows)
+    width = max(map(len, body.values()), default=0)
+    unit, head, said = None, None, ""
+    for n, row in comments.items() if len(body) < len(rows) else ():
+        cells = [row[0].lstrip("#%/ "), *row[1:]]
+        if len(row) == width and sum(map(is_number, cells)) > 1:
+            raise _question(f"line {n}: is {shown(','.join(row))!r} a comment?", "remove it, or its first sign")
+        if len(row) == width and is_header(cells):
+            head = cells
+        if word := IN_WORDS.search(" ".join(cells)):
+            unit, said = UNITS[word[1].lower()], f'the unit is that of the comment "{shown(" ".join(cells))}"'
+    first = list(body.items())
+    titles = next((n for n, (_, row) in enumerate(first) if any(map(is_number, row))), len(first))
+    header = next((n for n, (_, row) in enumerate(first[:titles]) if is_header(row)), titles - 1)
+    if header >= 0 and (head is None or is_header(first[header][1])):
+        head = first[header][1]
+    data = dict(first[header + 1 :])
+    if head is None and data:
+        head = _assumed_header(list(data.values()), width)
+    if not data or not head:
+        found = shown(",".join(first[0][1])) if first else ""
+        wanted = "the line name,x,y or name,x,y,z and hold one line per microphone"
+        raise _question(f'it must begin with {wanted}, not with "{found}"', "add that line")
+    if head[0] == "#" and len(head) == 1 + len(first[-1][1]):  # a comment with spaces between its cells
+        head = head[1:]
+    number = min(data)
+    units_row = [cell.strip("[]() -").lower() for cell in data[number]]
+    if any(units_row) and set(units_row) <= {"", *UNITS} and len(data) > 1 and len(units_row) == len(head):
+        head = [f"{cell} {unit}".strip() for cell, unit in zip(head, units_row, strict=True)]
+        del data[number]
+    if {len(row) for row in data.values()} == {len(head) + 1} and "name" not in [meaning(one)[0] for one in head]:
+        head = ["", *head]  # as R writes an index
+    names, places, remark = _of_rows(head, data, unit=unit)
+    return names, places, remark or said
+
+
+def _assumed_header(rows: list[list[str]], width: int) -> list[str]:
+    """Return the header of a table that has none, by the kinds and the number of its columns."""
+    columns = [[row[c] if c < len(row) else "" for row in rows] for c in range(width)]
+    named = not any(map(is_number, columns[0]))
+    counting = width == 3 and _counts(columns[0])
+    if counting and all(cell.lstrip("+-").isdigit() for column in columns[1:] for cell in column):
+        problem = "its first column may be numbers of microphones or x"
+        raise _question(problem, "begin with the line name,x,y or x,y,z")
+    head = ["name"] if named or counting or width == 4 else []
+    if width - len(head) not in (2, 3):
+        problem = f"it has {width} columns and no line that names them"
+        raise _question(problem, "begin with the line name,x,y or name,x,y,z")
+    return [*head, *"xyz"[: width - len(head)]]
+
+
+def _of_rows(
+    head: list[str], rows: Rows, where: str = "line", unit: float | None = None, unique: bool = True
+) -> Places:
+    """Return names and positions of the rows of a table below its header.
+
+    `where`: what a row is; `unit`: how many make a metre where the header does not say it; `unique`: whether a name
+    that occurs twice is refused; otherwise the microphones are numbered.
+    """
+    if [meaning(cell)[0] for cell in head].count("x") > 1:
+        head, rows = _one_row_each(head, rows)
+    kinds, units = zip(*map(meaning, head), strict=True)
+    axes = ["x", "y", "z"] if "z" in kinds else ["x", "y"]
+    if "x" not in kinds and "azimuth" in kinds:
+        axes = ["azimuth", "polar" if "polar" in kinds else "elevation", "radius"]
+    for axis in axes:
+        if kinds.count(axis) != 1:
+            problem = f'{"no" if axis not in kinds else "more than one"} column of "{shown(",".join(head))}" is {axis}'
+            raise _question(problem, "call the columns name,x,y,z or name,azimuth (deg),elevation (deg),radius")
+    columns = [kinds.index(axis) for axis in axes]
+    for number, row in rows.items():
+        if any(row[len(head) :]):
+            problem = f"{where} {number}: {shown(','.join(row))!r} has more cells than the header"
+            raise _question(problem, "separate cells by semicolons where the comma is the decimal sign")
+        row += [""] * (len(head) - len(row))
+        for axis, cell in ((head[c], row[c]) for c in columns):
+            if not is_number(cell):
+                raise _question(f'{where} {number}: {axis} = "{shown(cell)}" is no number', "give a number", cell)
+    cells = list(zip(*(row[: len(head)] for row in rows.values()), strict=True))  # of each column
+    written = "".join(cell for c in columns for cell in cells[c])
+    if "," in written and "." in written:
+        raise _question("it has numbers with a comma and with a point", "write one decimal sign and no thousands")
+    names = _names(head, cells, columns, unique)
+    places = np.array([[float(row[c].replace(",", ".")) for c in columns] for row in rows.values()])
+    for number, place in zip(rows, places.tolist(), strict=True):
+        require_point(f"{where} {number}", place, (len(axes),))
+    lengths = {units[c] for c in columns if kinds[c] not in ANGLES}
+    if len(lengths) > 1 and lengths != {None, 1.0}:
+        raise _question(f'the units in "{shown(",".join(head))}" differ', "give all coordinates the same")
+    if "unit" in kinds:
+        said = set(cells[kinds.index("unit")])
+        lengths = {UNITS.get(said.pop().lower()) if len(said) == 1 else None}
+        if None in lengths:
+            raise _question("its column of units does not hold one unit that is known", "write mm, cm or m")
+    if axes[-1] == "radius":
+        places = _cartesian(places, [head[c] for c in columns], axes[1] == "polar")
+    unit, remark = next(filter(None, lengths), unit), ""
+    if unit is None:
+        # The median, because one wrong row must not count.
+        size = np.median(np.linalg.norm(places - np.median(places, axis=0), axis=1))
+        unit = 1000.0 if size > LARGEST_M else 1.0
+        if unit != 1:
+            remark = 'such large numbers are taken as millimetres; write "x (m)" where they are metres'
+    return names, places / unit, remark
+
+
+def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], unique: bool) -> list[str]:
+    """Return the names of the rows, or their numbers; refuse a column of numbers that is neither used nor a count."""
+    kinds = [meaning(cell)[0] for cell in head]
+    left = [c for c in range(len(head)) if c not in used and kinds[c] not in ("uncertainty", "unit")]
+    naming = sorted((c for c in left if kinds[c] == "name"), key=lambda c: head[c] in ("", "#"))[:1]
+    if not naming and left[:1] == [0] and not any("." in cell for cell in cells[0]):  # in another language
+        naming = [0]
+    for column in left:
+        if column not in naming and any(map(is_number, cells[column])) and not _counts(list(cells[column])):
+            problem = f'the column "{shown(head[column])}" of numbers is not understood'
+            remedy = "call a third coordinate z, the names name, or remove the column"
+            raise _question(problem, remedy, head[column])
+    names = list(cells[naming[0]]) if naming else []
+    if len(set(names)) == len(names) > 0 and (unique or "" not in names):
+        return names
+    if names and unique:
+        raise _question("it names a microphone twice", "keep one line of each")
+    return [str(n) for n in range(len(cells[used[0]]))]
+
+
+def _cartesian(places: np.ndarray, head: list[str], polar: bool) -> np.ndarray:
+    """Return x, y, z (N, 3) of azimuth, elevation, or the angle from the z axis where `polar`, and radius."""
+    angles, radius = places[:, :2], places[:, 2]
+    words = " ".join(head[:2]).lower()
+    if "rad" not in words:
+        if "deg" not in words and "°" not in words and np.abs(angles).max() <= 2 * np.pi:
+            problem = f'the angles "{head[0]}" and "{head[1]}" may be degrees or radians'
+            raise _question(problem, f'write "{head[0]} (deg)" or "{head[0]} (rad)"')
+        angles = np.radians(angles)
+    azimuth, elevation = angles[:, 0], np.pi / 2 - angles[:, 1] if polar else angles[:, 1]
+    across = radius * np.cos(elevation)
+    return np.column_stack([across * np.cos(azimuth), across * np.sin(azimuth), radius * np.sin(elevation)])
+
+
+def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
+    """Return a row for each microphone, of columns mic1_x, mic1_y, ... and a row for each time, as LOCATA has them."""
+    groups: dict[str, dict[str, int]] = {}
+    for column, cell in enumerate(head):
+        if match := re.fullmatch(r"(.*\d)[\W_]*([xyz])", cell, re.IGNORECASE):
+            groups.setdefault(match[1], {})[match[2].lower()] = column
+    groups = {name: axes for name, axes in groups.items() if len(axes) > 1}
     try:
-        waiting: list[tuple[str, Any, dict[str, Any]]] = [("", json.loads(_text(path)), {})]
-    except (ValueError, RecursionError) as error:
-        raise question(path, f" is not valid JSON: {shown(str(error))}", "write it again") from error
-    found = list[tuple[str, Any, dict[str, Any]]]()
-    while waiting:
-        key, value, parent = waiting.pop()
-        inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
-        if isinstance(value, dict) and is_header(list(value)):  # columns of pandas are objects by index
-            value = {name: list(one.values()) if isinstance(one, dict) else one for name, one in value.items()}
-            inner = list(value.values())
-        columns = is_header(list(value)) if isinstance(value, dict) else len(inner) in (2, 3)  # or x, y, z as lists
-        if inner and (all(map(_is_place, inner)) or (columns and all(isinstance(one, list) and one for one in inner))):
-            found.append((key, value, parent))
-        elif isinstance(value, dict):
-            waiting += [(name, one, value) for name, one in value.items()]
-        else:
-            waiting += [(key, one, parent) for one in inner if isinstance(one, dict)]
-    of_microphones = [one for one in found if re.search("mic|receiver|^positions$", one[0].lower())]
-    found = of_microphones if len(of_microphones) == 1 else found
-    if len(found) != 1:
-        which = f"{len(found)} lists that may be the positions" if found else "no list of positions"
-        names = ", ".join(shown(one[0]) for one in found[:5])
-        raise question(
-            path,
-            f" holds {which}{names and ': ' + names}",
-            'write [{"name": "0", "x": 0.1, "y": 0, "z": 0}, ...], metres',
+        table = np.array(
+            [[[float(row[c]) for c in axes.values()] for axes in groups.values()] for row in rows.values()]
         )
-    _, value, parent = found[0]
-    unit = UNITS.get(str(parent.get("unit", parent.get("units", ""))).lower())
-    names, entries = parent.get("names", parent.get("labels")), value
-    if isinstance(value, dict):
-        if is_header(list(value)):
-            entries = [dict(zip(value, one, strict=True)) for one in zip(*value.values(), strict=True)]
-        else:
-            names, entries = list(value), list(value.values())
-    names = names if isinstance(names, list) and len(names) == len(entries) else []
-    if not names and isinstance(entries[0], list) and len(entries) <= 3:  # may be x, y, z
-        return _of_array(path, entries, unit)
-    records = list[dict[str, str]]()
-    for n, entry in enumerate(entries):
-        record = {"name": names[n]} if names else {}
-        record |= entry if isinstance(entry, dict) else {"place": entry}
-        place = next((one for one in record.values() if isinstance(one, (list, dict)) and _is_place(one)), {})
-        record |= dict(zip("xyz", place, strict=False)) if isinstance(place, list) else place
-        records.append({key: str(one) for key, one in record.items() if not isinstance(one, (list, dict))})
-    return _of_records(path, records, unit)
+    except (ValueError, IndexError):
+        groups = {}
+    if not groups:
+        problem = "more than one column is called x, and they are not those of microphones with numbers"
+        raise _question(problem, "give one line per microphone below name,x,y,z")
+    if np.ptp(table, axis=0).max() > STILL_M:
+        problem = "its microphones have positions that change from line to line"
+        raise _question(problem, "keep one line, or write one line per microphone below name,x,y,z")
+    first = next(iter(rows.values()))
+    found = [[name, *(first[c] for c in axes.values())] for name, axes in groups.items()]
+    return ["name", *next(iter(groups.values()))], dict(enumerate(found))
 
 
-def _read_odas(path: Path) -> Places:
-    """Return the positions `mu` of the microphones in a configuration of ODAS."""
-    text = re.sub(r"(//|#).*", "", _text(path))
-    found = re.findall(r"\bmu\s*=\s*[(\[]([^)\]]*)[)\]]", text)
-    if not found:
-        raise question(path, " holds no microphone: mu = ( x, y, z )", "give a configuration of ODAS")
-    return _of_records(path, [dict(zip("xyz", map(str.strip, one.split(",")), strict=False)) for one in found])
-
-
-def _read_sofa(path: Path) -> Places:
-    if not path.exists():
-        raise StorageError(f"cannot read {path}: No such file or directory")
-    require_regular(path)
-    positions = isolated_call(path, placed_receivers, path)
-    return [str(n) for n in range(len(positions))], positions
-
-
-def _write_table(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write `placed`, metres with all digits; an unknown uncertainty is left empty."""
-    with open(path, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(HEADER)
-        for n, (name, place) in enumerate(zip(placed.names, placed.positions.tolist(), strict=True)):
-            writer.writerow([name, *place, "" if placed.uncertainty is None else float(placed.uncertainty[n])])
-
-
-def _write_xml(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write `placed`; raise InputError for a name that XML cannot hold."""
-    root = tree.Element("MicArray", name="fdcal")
-    for name, place in zip(placed.names, placed.positions.tolist(), strict=True):
-        if re.search("[\x00-\x1f\ud800-\udfff\ufffe\uffff]", name):
-            raise InputError(f"the name {name!r} cannot be written in XML", "rename that microphone")
-        coordinates = {axis: repr(value) for axis, value in zip("xyz", place, strict=True)}
-        tree.SubElement(root, "pos", {"Name": name} | coordinates)
-    tree.indent(root)
-    tree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
-
-
-def _write_columns(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    with open(path, "wb") as file:
-        np.save(file, np.ascontiguousarray(placed.positions.T))
-
-
-def _write_object(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write `placed`, metres; an unknown uncertainty is null."""
-    sigma = [None] * len(placed.names) if placed.uncertainty is None else placed.uncertainty.tolist()
-    rows = zip(placed.names, placed.positions.tolist(), sigma, strict=True)
-    microphones = [{"name": n, "x": p[0], "y": p[1], "z": p[2], "uncertainty": s} for n, p, s in rows]
-    table = {"unit": "metre", "frame": placed.frame, "microphones": microphones}
-    path.write_text(json.dumps(table, indent=1, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
+# By the suffix of a file: its reader, and what a file is that the reader cannot parse.
 READERS = {
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), _read_table),
-    ".xlsx": _read_sheet,
-    ".xml": _read_xml,
-    ".json": _read_object,
-    ".npy": _read_array,
-    ".cfg": _read_odas,
-    ".sofa": _read_sofa,
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), (_read_table, "not a table in text form")),
+    ".xlsx": (_read_sheet, "no sheet of Excel that can be read"),
+    ".xml": (_read_xml, "not valid XML"),
+    ".json": (_read_object, "not valid JSON"),
+    ".npy": (_read_array, "no array that can be read"),
+    ".cfg": (_read_odas, "no configuration of ODAS"),
+    ".sofa": (placed_receivers, "no SOFA file"),
 }
-FORMATS = (
-    Format((".csv",), write=_write_table),
-    Format((".xml",), write=_write_xml),
-    Format((".npy",), write=_write_columns),
-    Format((".json",), write=_write_object),
-)
+
+
+def _write(path: Path, placed: MicrophonePositions) -> None:
+    """Write positions, metres with all digits; an unknown uncertainty is empty, or null."""
+    sigma = [None] * len(placed.names) if placed.uncertainty is None else placed.uncertainty.tolist()
+    rows = [[name, *p, s] for name, p, s in zip(placed.names, placed.positions.tolist(), sigma, strict=True)]
+    keys = ["name", "x", "y", "z", "uncertainty"]
+    if path.suffix.lower() == ".npy":
+        np.save(path, np.ascontiguousarray(placed.positions.T))
+    elif path.suffix.lower() == ".csv":
+        with open(path, "w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([keys, *rows])
+    elif path.suffix.lower() == ".json":
+        microphones = [dict(zip(keys, row, strict=True)) for row in rows]
+        table = {"unit": "metre", "frame": placed.frame, "microphones": microphones}
+        path.write_text(json.dumps(table, indent=1, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
+    else:
+        root = tree.Element("MicArray", name="fdcal")
+        for name, *place, _ in rows:
+            if re.search("[\x00-\x1f\ud800-\udfff\ufffe\uffff]", name):
+                raise InputError(f"the name {name!r} cannot be written in XML", "rename that microphone")
+            tree.SubElement(root, "pos", {"Name": name} | dict(zip("xyz", map(repr, place), strict=True)))
+        tree.indent(root)
+        tree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+FORMATS = (Format((".csv", ".xml", ".npy", ".json"), write=_write),)

@@ -8,7 +8,6 @@ receivers, in the order of the microphones, whose names are not kept.
 """
 
 import contextlib
-import io
 import warnings
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from ...model.libraries import needs
 from ...model.measurement import MicrophonePositions
-from ...model.validation import InputError, StorageError
+from ...model.validation import InputError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
 from . import Format, damaged, isolated, isolated_call, wanted_source
 from .arrays import require_whole_file
@@ -195,110 +194,32 @@ def _source_count(path: Path) -> int:
         return len(np.unique(sources_of(file, path, shape["M"]))) * shape["E"]
 
 
-# Conventions that can be read but no longer written, and what has replaced them.
-REPLACED_CONVENTIONS = {"SingleRoomDRIR": "SingleRoomSRIR_1.0", "MultiSpeakerBRIR": "SingleRoomMIMOSRIR_1.0"}
-
-
-def _write(path: Path, placed: MicrophonePositions, original: str | None) -> None:
-    """Write the positions into a copy of `original` if given, else into a file with unit impulses for data."""
+def _write(path: Path, placed: MicrophonePositions) -> None:
+    """Write the positions as the receivers of one measurement, whose responses are unit impulses."""
     sofar = needs("sofar")
+    count = len(placed.names)
+    positions, numbers = placed.positions, {str(n): n for n in range(count)}
+    if set(placed.names) == set(numbers):  # the names are the numbers of the channels
+        positions = positions[np.argsort([numbers[name] for name in placed.names])]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        if original is not None:
-            sofa = _copied(sofar, original)
-        else:  # one measurement, whose responses are unit impulses
-            count = len(placed.names)
-            sofa = sofar.Sofa("SingleRoomSRIR")
-            sofa.Data_IR, sofa.Data_Delay = np.ones((1, count, 1)), np.zeros((1, count))
-            sofa.GLOBAL_Title = "microphone positions found by fdcal; Data.IR is a placeholder"
-            for name, direction in (("View", [1.0, 0, 0]), ("Up", [0, 0, 1.0])):  # orientations are unknown
-                setattr(sofa, f"Receiver{name}", np.tile(direction, (count, 1))[:, :, None])
-        receivers = np.shape(sofa.Data_IR)[1]
-        measurements, repetition = np.shape(sofa.Data_IR)[0], np.arange(np.shape(sofa.Data_IR)[0])
-        source = np.atleast_2d(np.asarray(sofa.SourcePosition, float))
-        if len(source) == measurements:  # how often the source of each measurement was recorded before it
-            cells = np.round(source.reshape(measurements, -1) / SAME_POSITION)
-            which = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-            repetition = np.array([np.sum(which[:m] == one) for m, one in enumerate(which)])
-        microphone = repetition[:, None] * receivers + np.arange(receivers)  # of each measurement and receiver (M, R)
-        if not np.array_equal(np.unique(microphone), np.arange(len(placed.names))):
-            problem = (
-                f"{original} has {microphone.max() + 1} receiver positions, the result {len(placed.names)} microphones"
-            )
-            raise InputError(problem, "leave out <original>, or calibrate all of them", key="original", value=original)
-        _require_one_order(sofa, repetition, original)
-        positions, numbers = placed.positions, {str(n): n for n in range(len(placed.names))}
-        if set(placed.names) == set(numbers):  # the names are the numbers of the channels
-            positions = positions[np.argsort([numbers[name] for name in placed.names])]
-        positions = positions[microphone]
-        moved = repetition.max() > 0
-        carried = moved and receivers == 1
-        receiver = np.zeros((1, 3, 1)) if carried else np.moveaxis(positions if moved else positions[:1], 0, 2)
-        if receiver.shape[2] == 1 and np.ndim(sofa.ReceiverPosition) == 2:
-            receiver = receiver[:, :, 0]
-        _set_cartesian(sofa, "ListenerPosition", positions[:, 0] if carried else np.zeros((1, 3)))
-        _set_cartesian(sofa, "ReceiverPosition", receiver)
-        _set_cartesian(sofa, "ListenerView", np.array([[1.0, 0, 0]]))
-        _set_cartesian(sofa, "ListenerUp", np.array([[0, 0, 1.0]]))
+        sofa = sofar.Sofa("SingleRoomSRIR")
+        sofa.Data_IR, sofa.Data_Delay = np.ones((1, count, 1)), np.zeros((1, count))
+        sofa.GLOBAL_Title = "microphone positions found by fdcal; Data.IR is a placeholder"
+        sofa.ReceiverPosition = positions[:, :, None]
+        sofa.ReceiverPosition_Type, sofa.ReceiverPosition_Units = "cartesian", "metre"
+        for name, direction in (("View", [1.0, 0, 0]), ("Up", [0, 0, 1.0])):  # orientations are unknown
+            setattr(sofa, f"Receiver{name}", np.tile(direction, (count, 1))[:, :, None])
         for name in [name for name in vars(sofa) if name.endswith("Descriptions")]:
             sofa.delete(name)  # optional, and with netCDF4 1.7.5 sofar cannot write a text for each receiver
-        try:
-            sofar.write_sofa(str(path), sofa)
-        except ValueError as error:
-            raise InputError(f"{original or path} cannot be written as SOFA: {error}") from error
-
-
-def _copied(sofar, original: str):
-    """Return the content of the original file, to be written elsewhere."""
-    if Path(original).suffix.lower() != ".sofa":
-        problem = f"original = {original} is no SOFA file"
-        remedy = "give the .sofa file that the result was calibrated from as <original>"
-        raise InputError(problem, remedy, key="original", value=original)
-    try:
-        with open(original, "rb"):
-            pass
-    except OSError as error:
-        raise StorageError(f"cannot read {original}: {error.strerror}") from error
-    try:
-        require_whole_file(Path(original))
-        sofa = sofar.read_sofa(original, verbose=False)
-        np.shape(sofa.Data_IR)[1]  # raises for a file without responses
-        if sofa.GLOBAL_SOFAConventions in REPLACED_CONVENTIONS:
-            with contextlib.redirect_stdout(io.StringIO()):  # sofar prints what it does
-                sofa.upgrade_convention(REPLACED_CONVENTIONS[sofa.GLOBAL_SOFAConventions])
-    except Exception as error:  # a damaged file raises anything
-        raise InputError(f"original = {original} cannot be read: {error}", key="original", value=original) from error
-    return sofa
-
-
-def _set_cartesian(sofa, name: str, value: np.ndarray) -> None:
-    """Set a position or direction in metres, if the convention has it."""
-    if hasattr(sofa, name):
-        setattr(sofa, name, value)
-        for key, text in (("Type", "cartesian"), ("Units", "metre")):
-            if hasattr(sofa, f"{name}_{key}"):
-                setattr(sofa, f"{name}_{key}", text)
-
-
-def _require_one_order(sofa, repetition: np.ndarray, original: str | None) -> None:
-    """Raise InputError where sources were recorded at the same positions in different orders."""
-    listener, receiver = (np.asarray(getattr(sofa, f"{n}Position"), float) for n in ("Listener", "Receiver"))
-    M = len(repetition)
-    columns = [np.broadcast_to(np.atleast_2d(listener), (M, 3))]
-    if receiver.ndim == 3:
-        columns.append(np.broadcast_to(np.moveaxis(receiver, 2, 0), (M, *receiver.shape[:2])).reshape(M, -1))
-    positions = np.concatenate(columns, axis=1)
-    spreads = [np.ptp(positions[repetition == one], axis=0).max() for one in np.unique(repetition)]
-    if max(spreads) > SAME_POSITION:
-        problem = f"{original} has sources whose receiver positions are in different orders"
-        raise InputError(problem, "leave out <original>", key="original", value=original)
+        sofar.write_sofa(str(path), sofa)
 
 
 FORMATS = (
     Format(
         (".sofa",),
         read=isolated(_read),
-        write=lambda path, placed, original: isolated_call(original or path, _write, path, placed, original),
+        write=lambda path, placed: isolated_call(path, _write, path, placed),
         source_count=lambda path: isolated_call(path, _source_count, path),
     ),
 )
