@@ -16,7 +16,7 @@ from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import draw_measurement
 from fdcal.acoustics.spectrum import ModalPressures
-from fdcal.model.arrays import ball, circle, encloses, random_source
+from fdcal.model.arrays import ball, circle, hull_meets, random_source
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
 from fdcal.model.room import Room
@@ -166,7 +166,7 @@ def _array(scenario: Scenario, size: np.ndarray, rng: np.random.Generator) -> np
 
 def _field(scenario: Scenario, size, places, frequencies, k, rng: np.random.Generator) -> np.ndarray:
     """Return the pressures of a source at a random place : (M, N) complex128, any unit."""
-    source = random_source(size, places, CLEARANCE_M, rng, lambda at: not encloses(places[:, :2], at[:2]))
+    source = random_source(size, places, CLEARANCE_M, rng, lambda at: not hull_meets(places[:, :2], at[None, :2]))
     if source is None:
         problem = f"no place of the room of scenario {scenario.name} is {CLEARANCE_M:g} m from the array"
         raise InputError(problem, "use a larger one", key="room")

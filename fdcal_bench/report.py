@@ -21,10 +21,11 @@ from scipy.stats import binomtest
 
 from fdcal.graphics.landscape import figure_bytes
 from fdcal.graphics.reports import html_page, html_table
-from fdcal.model.storage import CodeVersion, parse_toml, read_bytes, write_atomically
+from fdcal.model.storage import parse_toml, read_bytes, write_atomically
 from fdcal.model.validation import InputError, StorageError
 
 from . import statistics
+from .code import CodeVersion
 from .run import Head
 from .statistics import BINS, COLUMNS, LEVELS
 from .study import SCENARIO

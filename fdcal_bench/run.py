@@ -29,10 +29,11 @@ from distributed.security import Security
 from msgspec import Meta
 from pyarrow import parquet
 
-from fdcal.model.storage import CodeVersion, write_atomically
+from fdcal.model.storage import write_atomically
 from fdcal.model.validation import InputError, StorageError, shown
 from fdcal.session.process import one_blas_thread
 
+from .code import CodeVersion
 from .statistics import SCORES
 from .study import Study, describe
 from .tasks import own_code, run_task

@@ -17,11 +17,12 @@ from fdcal.assessment.uncertainty import Prior, diffuse_information, position_bo
 from fdcal.model.arrays import positions_of, random_source
 from fdcal.model.scene import Scene
 from fdcal.model.settings import SolverSettings
-from fdcal.model.storage import CodeVersion, cache_key, code_version
+from fdcal.model.storage import cache_key
 from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 
+from .code import CodeVersion, code_version
 from .draw import Draw, draw
 from .statistics import column_value, scored
 from .study import SCENARIO, Study, scene_at

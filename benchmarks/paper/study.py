@@ -16,10 +16,11 @@ import numpy as np
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings
-from fdcal.model.storage import cache_key, code_version, load_or_make
+from fdcal.model.storage import cache_key, load_or_make
 from fdcal.model.validation import InputError
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import load
+from fdcal_bench.code import code_version
 
 
 @dataclass(frozen=True)

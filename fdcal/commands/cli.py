@@ -116,17 +116,6 @@ def main(args: list[str] | None = None) -> None:
     sys.exit(end.code)
 
 
-def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> None:
-    """Print the version, and the commit where fdcal runs from a checkout, and end."""
-    if not asked:
-        return
-    from ..model.storage import code_version
-
-    code = code_version()
-    click.echo(f"fdcal {code.version}" + (f", commit {code.commit}" if code.commit else ""))
-    context.exit()
-
-
 class Commands(click.Group):
     """The commands of fdcal, and those that other distributions register in the entry point group `fdcal.commands`."""
 
@@ -148,9 +137,7 @@ class Commands(click.Group):
 
 
 @click.group(cls=Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
-@click.option(
-    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version, help="Show the version."
-)
+@click.version_option(package_name="fdcal", message="%(prog)s %(version)s", help="Show the version.")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 @click.pass_context
 def commands(context):

@@ -67,17 +67,15 @@ def export(result, output, frame, table, force):
     """
     from ..assessment.calibration import placed_in_frame
     from ..assessment.result_file import load_result
-    from ..recordings.export import GAIN_TEXTS, formats
+    from ..recordings import export as exports
 
-    allowed = list(GAIN_TEXTS) if table == "gains" else formats.suffixes("write")
+    allowed = list(exports.GAIN_TEXTS) if table == "gains" else exports.formats.suffixes("write")
     path, found = opt.output_path(output, allowed, force, result), load_result(result)
-    found.export(path, frame=frame, table=table, force=force)
-    what = (
-        "gains of {} channels"
-        if table == "gains"
-        else f"{{}} microphones, frame: {placed_in_frame(found, frame).frame}"
-    )
-    print(f"{path}: {what.format(len(found.names))}")
+    exports.export(found, path, frame=frame, table=table, force=force)
+    if table == "gains":
+        print(f"{path}: gains of {len(found.names)} channels")
+    else:
+        print(f"{path}: {len(found.names)} microphones, frame: {placed_in_frame(found, frame).frame}")
 
 
 @click.command()

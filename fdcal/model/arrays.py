@@ -93,10 +93,9 @@ def _check_plane(positions: np.ndarray, scene: Scene) -> None:
         key = "array.positions" if scene.array.geometry == "positions" else "array.center"
         problem = f"array puts microphone {outside[0]} at {point_text(positions[outside[0]])}, outside the room"
         raise InputError(f"{problem} or in a wall", f"change {key} or the room", key=key)
-    corners = convex_hull(positions)
     vertices = scene.room.vertices
     for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        if crosses_polygon(a, b, corners):
+        if hull_meets(positions, np.array([a, b])):
             key = "room.size" if scene.room.size else "room.outline"
             raise InputError(
                 f"{key} has a wall from {point_text(a)} to {point_text(b)} between the microphones, where nothing may"
@@ -108,7 +107,7 @@ def _check_plane(positions: np.ndarray, scene: Scene) -> None:
         place, cell = f"{key} = {list(position)} m lies", snap(np.array(position), scene.room.cell_size)
         if not in_polygon(cell, scene.room.vertices):
             raise InputError(f"{place} outside the room or in a wall", "move it inside the room", key=key)
-        if encloses(positions, cell):
+        if hull_meets(positions, cell[None]):
             raise InputError(f"{place} {INSIDE}", OUTSIDE, key=key)
 
 
@@ -133,20 +132,27 @@ def positions_3d(scene: Scene) -> np.ndarray:
         place = f"{key} = {list(source)} m lies"
         if np.any((np.array(source) < 0) | (source > size)):
             raise InputError(f"{place} outside the room", "move it inside", key=key, value=list(source))
-        if encloses_3d(positions, np.array(source)):
+        if hull_meets(positions, np.array([source])):
             raise InputError(f"{place} {INSIDE}", OUTSIDE, key=key, value=list(source))
     return positions
 
 
-def encloses_3d(points: np.ndarray, point: np.ndarray) -> bool:
-    """Return whether `point` (D,) is a weighted mean of `points` (N, D): in their convex hull, which may be flat."""
+def hull_meets(points: np.ndarray, others: np.ndarray) -> bool:
+    """Return whether the convex hulls of two sets of points (N, D) have a point in common; each may be flat.
+
+    One point is its own hull: that of `points` encloses it or not. Two are a wall.
+    """
     from scipy.optimize import linprog  # takes a second to load, which reading a cached measurement does not need
 
-    equations = np.vstack([np.asarray(points, float).T, np.ones(len(points))])
-    return linprog(np.zeros(len(points)), A_eq=equations, b_eq=np.append(point, 1.0)).status == 0
+    points, others = np.asarray(points, float), np.asarray(others, float)
+    # Weights of both sets, which sum to 1 each, and whose weighted means are equal.
+    first = np.repeat([1.0, 0.0], [len(points), len(others)])
+    equations = np.vstack([np.hstack([points.T, -others.T]), first, 1 - first])
+    target = np.append(np.zeros(points.shape[1]), [1.0, 1.0])
+    return linprog(np.zeros(equations.shape[1]), A_eq=equations, b_eq=target).status == 0
 
 
-ROUNDING = 1e-9  # of a coordinate, metres, and of an angle, radians: differences this small are none
+ROUNDING = 1e-9  # of a coordinate, metres: differences this small are none
 
 
 def in_polygon(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
@@ -158,53 +164,6 @@ def in_polygon(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
             spans = (ya > y) != (yb > y)
             crossings ^= spans & (x < xa + (y - ya) * (xb - xa) / (yb - ya))
     return crossings
-
-
-def encloses(points: np.ndarray, point: np.ndarray) -> bool:
-    """Return whether the convex hull of `points` (N, 2) contains `point` (2,), its edge included.
-
-    Seen from inside, the points leave no gap of more than half a turn. Valid for collinear points, too.
-    """
-    seen = np.asarray(points, dtype=float) - point
-    if np.any(np.all(np.abs(seen) < ROUNDING, axis=1)):
-        return True
-    angles = np.sort(np.arctan2(seen[:, 1], seen[:, 0]))
-    gaps = np.diff(angles, append=angles[0] + 2 * np.pi)
-    return bool(gaps.max() <= np.pi + ROUNDING)
-
-
-def convex_hull(points: np.ndarray) -> np.ndarray:
-    """Return the corners of the convex hull of `points` (N, 2), anticlockwise : (H, 2) float64.
-
-    Collinear points have the two outermost as their hull. Monotone chain: the points from left to right, and of each
-    side only those where it turns left.
-    """
-    ordered = np.unique(np.asarray(points, dtype=float), axis=0)
-    sides: list[np.ndarray] = []
-    for row in (ordered, ordered[::-1]):
-        side: list[np.ndarray] = []
-        for point in row:
-            while len(side) > 1 and _turn(side[-2], side[-1], point) <= ROUNDING**2:
-                side.pop()
-            side.append(point)
-        sides += side[:-1]
-    return np.array(sides) if sides else ordered
-
-
-def crosses_polygon(a: np.ndarray, b: np.ndarray, corners: np.ndarray) -> bool:
-    """Return whether the segment from `a` to `b` enters the convex polygon of `corners` (H, 2), or touches it."""
-    if encloses(corners, a) or encloses(corners, b):
-        return True
-    for c, d in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        ends, sides = (_turn(a, b, c), _turn(a, b, d)), (_turn(c, d, a), _turn(c, d, b))
-        if np.prod(np.sign(ends)) <= 0 and np.prod(np.sign(sides)) <= 0 and any(ends):
-            return True
-    return False
-
-
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """Return twice the signed area of a triangle, m^2: above zero where the path a, b, c turns left."""
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def circle(count: int, radius: float) -> np.ndarray:

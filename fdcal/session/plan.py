@@ -27,7 +27,7 @@ import numpy as np
 from ..acoustics.dictionary import array_f_max
 from ..acoustics.room_modes import decay_rate, independent_frequencies
 from ..assessment.uncertainty import Bound, Information, Prior, diffuse_information, position_bound
-from ..model.arrays import WALL_DISTANCE_M, encloses, geometry, positions_of, random_source
+from ..model.arrays import WALL_DISTANCE_M, geometry, hull_meets, positions_of, random_source
 from ..model.gauge import fixes_gauge
 from ..model.measurement import checked_known
 from ..model.scene import Array, MeasuredScene, Scene, load_scene, scene_names
@@ -391,7 +391,7 @@ def _arrival_information(request: PlanRequest, takes: Sequence[int]) -> dict[int
         rng, matrix = np.random.default_rng([request.seed, 11, seed]), np.zeros((N * D + N + 1,) * 2)
         for count in range(1, max(takes) + 1):
             source = random_source(
-                request.room, places, PLAN_LIMITS.clearance, rng, lambda one: not encloses(places[:, :2], one[:2])
+                request.room, places, PLAN_LIMITS.clearance, rng, lambda at: not hull_meets(places[:, :2], at[None, :2])
             )
             if source is None:
                 problem = f"no place of the room is {PLAN_LIMITS.clearance:g} m from the array"

@@ -24,9 +24,9 @@ from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import sound_field
 from fdcal.commands.cli import main
 from fdcal.model.room import Room
-from fdcal.model.storage import CodeVersion, source_hash
 from fdcal.model.validation import InputError, StorageError
 from fdcal_bench import command, draw, report, run, tasks
+from fdcal_bench.code import CodeVersion, source_hash
 from fdcal_bench.report import MAX_PANELS, study_panels, write_page, write_report
 from fdcal_bench.run import PARTS, Results, connected, read_results, run_study
 from fdcal_bench.statistics import classified, clustered, column_value, rows_of, selected, share_grid
