@@ -6,11 +6,12 @@ order of the channels. Its .npz file is a public format (docs/reference/files.md
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -29,7 +30,6 @@ from .validation import (
     require_array,
     require_choice,
     shown,
-    shown_literal,
 )
 
 LATEST_ARRIVAL = 1e4  # seconds
@@ -40,7 +40,10 @@ DUPLICATE = 1e-9  # difference, up to a factor, over the norm of one, of channel
 PARALLEL = 1e-6  # 1 - abs(correlation) of the pairs whose difference is computed
 
 
-@dataclass(frozen=True, init=False, repr=False)
+UNLESS_GIVEN: Any = None  # a field that is made where it is not given
+
+
+@dataclass(frozen=True, repr=False)
 class Measurement:
     """Pressures of M modes at N microphones and what is known about them.
 
@@ -52,7 +55,7 @@ class Measurement:
         In any one unit for all (recordings are not calibrated).
     sound_speed : float
         c, m/s. With `dataclasses.replace`, wavenumbers that were not given follow a new one; those that were must be
-        given again.
+        given again, or None.
     dimension : int
         Of the sound field, 2 or 3.
     array_dimension : int, optional
@@ -86,8 +89,9 @@ class Measurement:
         Spectra of short windows of the recordings, which the likelihood of all microphones uses beside the rows.
     nominal : bool, optional
         Whether `positions` are nominal, those of the plan of the array, rather than true.
-    given_wavenumbers : (array, float), optional
-        Wavenumbers that were given, and the sound speed that they belong to, m/s: what `dataclasses.replace` hands on.
+    origin : (array, float, bool), optional
+        What `dataclasses.replace` hands on: wavenumbers, the sound speed that they belong to, whether they follow from
+        it.
 
     Raises
     ------
@@ -105,113 +109,85 @@ class Measurement:
     frequencies: np.ndarray
     pressures: np.ndarray
     sound_speed: float
-    dimension: int
-    array_dimension: int
-    noise_power: np.ndarray | None
-    names: tuple[str, ...]
-    positions: np.ndarray | None
-    known: np.ndarray
-    known_positions: np.ndarray
-    search: Search | None
-    spectrum: np.ndarray | None
-    takes: np.ndarray
-    arrivals: np.ndarray | None
-    arrival_sigma: np.ndarray | None
-    windows: ShortWindows | None
-    nominal: bool
-    given_wavenumbers: tuple[np.ndarray, float] | None
-
-    if TYPE_CHECKING:  # no field: it follows from the others
-        wavenumbers: np.ndarray
+    dimension: int = 2
+    array_dimension: int = UNLESS_GIVEN
+    wavenumbers: np.ndarray = UNLESS_GIVEN
+    noise_power: np.ndarray | None = None
+    names: tuple[str, ...] = UNLESS_GIVEN
+    positions: np.ndarray | None = None
+    known: np.ndarray = UNLESS_GIVEN
+    known_positions: np.ndarray = UNLESS_GIVEN
+    search: Search | None = None
+    spectrum: np.ndarray | None = None
+    takes: np.ndarray = UNLESS_GIVEN
+    arrivals: np.ndarray | None = None
+    arrival_sigma: np.ndarray | None = None
+    windows: ShortWindows | None = None
+    nominal: bool = False
+    origin: tuple[np.ndarray, float, bool] | None = None
 
     # Carried out by `fdcal.recordings`; `fdcal.METHODS` binds it.
     from_pyfar: ClassVar[Callable[..., Measurement]]
 
-    def __init__(
-        self,
-        frequencies: Any,
-        pressures: Any,
-        sound_speed: Any,
-        dimension: Any = 2,
-        array_dimension: Any = None,
-        wavenumbers: Any = None,
-        noise_power: Any = None,
-        names: Sequence[str] | np.ndarray | None = None,
-        positions: Any = None,
-        known: Any = (),
-        known_positions: Any = None,
-        search: Search | None = None,
-        spectrum: Any = None,
-        takes: Any = None,
-        arrivals: Any = None,
-        arrival_sigma: Any = None,
-        windows: ShortWindows | None = None,
-        nominal: Any = False,
-        given_wavenumbers: tuple[np.ndarray, float] | None = None,
-    ):
-        def put(name: str, value: object) -> None:
-            object.__setattr__(self, name, value)
-
-        speed = require_array("sound_speed", sound_speed, "real", ()).item()
+    def __post_init__(self):
+        put = functools.partial(object.__setattr__, self)
+        speed = require_array("sound_speed", self.sound_speed, "real", ()).item()
         put("sound_speed", convert(speed, MetresPerSecond, "sound_speed"))
-        put("dimension", convert(require_array("dimension", dimension, "index", ()).item(), Literal[2, 3], "dimension"))
-        D = self.dimension if array_dimension is None else array_dimension
+        dimension = require_array("dimension", self.dimension, "index", ()).item()
+        put("dimension", convert(dimension, Literal[2, 3], "dimension"))
+        D = self.dimension if self.array_dimension is None else self.array_dimension
         D = int(require_array("array_dimension", D, "index", ()).item())
         require_choice("array_dimension", D, range(2, self.dimension + 1))
         put("array_dimension", D)
-        put("frequencies", require_array("frequencies", frequencies, "real", (None,), "Hz"))
+        put("frequencies", require_array("frequencies", self.frequencies, "real", (None,), "Hz"))
         rows = len(self.frequencies)
-        put("pressures", _checked_pressures(pressures, rows, names))
-        if wavenumbers is None and given_wavenumbers is not None:
-            wavenumbers, of_speed = given_wavenumbers
-            if of_speed != self.sound_speed:
+        put("pressures", _checked_pressures(self.pressures, rows, self.names))
+        N, k, derived = self.count, self.wavenumbers, self.wavenumbers is None
+        if self.origin is not None and k is self.origin[0]:  # handed on, and not given anew
+            _, of_speed, derived = self.origin
+            if not derived and of_speed != self.sound_speed:
                 speeds = f"sound_speed = {self.sound_speed:g} m/s, and the wavenumbers belong to {of_speed:g} m/s"
-                remedy = "give <wavenumbers>, too: those of the new speed, or given_wavenumbers = None for 2 pi f / c"
+                remedy = "give <wavenumbers>, too: those of the new speed, or None for 2 pi f / c"
                 raise InputError(speeds, remedy, key="wavenumbers", value=self.sound_speed)
-        k = 2 * np.pi * self.frequencies / self.sound_speed if wavenumbers is None else wavenumbers
+        k = 2 * np.pi * self.frequencies / self.sound_speed if derived else k
         put("wavenumbers", require_array("wavenumbers", k, "number", (rows,), "rad/m"))
-        put("given_wavenumbers", None if wavenumbers is None else (self.wavenumbers, self.sound_speed))
-        if noise_power is not None:
-            noise_power = require_array("noise_power", noise_power, "real", (rows,), "one for each mode")
-        put("noise_power", noise_power)
-        one_take = takes is None or (isinstance(takes, np.ndarray) and not np.any(takes))
-        numbers = require_array("takes", np.zeros(rows, np.int64) if one_take else takes, "index", (rows,))
+        put("origin", (self.wavenumbers, self.sound_speed, derived))
+        if self.noise_power is not None:
+            put("noise_power", require_array("noise_power", self.noise_power, "real", (rows,), "one for each mode"))
+        several = self.takes is not None
+        one_take = not several or (isinstance(self.takes, np.ndarray) and not np.any(self.takes))
+        numbers = require_array("takes", np.zeros(rows, np.int64) if one_take else self.takes, "index", (rows,))
         if np.any(numbers < 0):
             raise InputError("takes must be counted from 0", "give one number for each row", key="takes")
         put("takes", numbers.astype(np.int64))
-        labels = [str(n) for n in range(self.count)] if names is None else names
+        labels = [str(n) for n in range(N)] if self.names is None else self.names
         put("names", tuple(require_array("names", labels, "text", (None,)).tolist()))
-        if not len(self.names) == len(set(self.names)) == self.count:
-            raise InputError(f"names must be {self.count} different texts", "give one for each microphone", key="names")
-        times, sigma = _checked_arrivals(arrivals, arrival_sigma, self.takes, self.count, self.sound_speed)
+        if not len(self.names) == len(set(self.names)) == N:
+            raise InputError(f"names must be {N} different texts", "give one for each microphone", key="names")
+        times, sigma = _checked_arrivals(self.arrivals, self.arrival_sigma, self.takes, N, self.sound_speed)
         put("arrivals", times)
         put("arrival_sigma", sigma)
-        if windows is not None and windows.pressures.shape[2] != self.count:
-            problem = f"short_pressures are of {windows.pressures.shape[2]} microphones, and pressures of {self.count}"
+        if self.windows is not None and self.windows.pressures.shape[2] != N:
+            problem = f"short_pressures are of {self.windows.pressures.shape[2]} microphones, and pressures of {N}"
             raise InputError(problem, "leave the short windows out", key="short_pressures")
-        put("windows", windows)
-        if positions is not None:
-            positions = require_array("positions", positions, "real", (self.count, D), "m")
-        put("positions", positions)
-        if (
-            not isinstance(nominal, (bool, np.bool_, np.ndarray))
-            or np.asarray(nominal).dtype != bool
-            or np.ndim(nominal)
-        ):
+        if self.positions is not None:
+            put("positions", require_array("positions", self.positions, "real", (N, D), "m"))
+        if np.asarray(self.nominal).dtype != bool or np.ndim(self.nominal):
             raise InputError("nominal is neither true nor false", "give True or False", key="nominal")
-        put("nominal", bool(nominal))
-        put("spectrum", None if spectrum is None else _checked_spectrum(spectrum, self.take_count))
-        indices, places = checked_known(known, known_positions, self.positions, self.count, D)
-        put("known", indices)
+        put("nominal", bool(self.nominal))
+        if self.spectrum is not None:
+            put("spectrum", _checked_spectrum(self.spectrum, self.take_count))
+        given = () if self.known is None else self.known
+        known, places = checked_known(given, self.known_positions, self.positions, N, D)
+        put("known", known)
         put("known_positions", places)
-        put("search", search)
-        if search is not None and len(search.size) != D:
-            problem = f"search_size has {len(search.size)} lengths and the positions have {D} coordinates"
-            raise InputError(problem, f"give {D} lengths", key="search_size", value=search.size)
-        steps, repeated = np.diff(self.frequencies), takes is not None
-        if np.any(self.frequencies <= 0) or np.any(steps < 0) or (not repeated and np.any(steps == 0)):
-            problem = "frequencies must be above zero and ascending" + ("" if repeated else ", each once")
-            remedy = "sort them (and the pressures)" + ("" if repeated else "; of several takes give 'takes', too")
+        if self.search is not None and len(self.search.size) != D:
+            problem = f"search_size has {len(self.search.size)} lengths and the positions have {D} coordinates"
+            raise InputError(problem, f"give {D} lengths", key="search_size", value=self.search.size)
+        steps = np.diff(self.frequencies)
+        if np.any(self.frequencies <= 0) or np.any(steps < 0) or (not several and np.any(steps == 0)):
+            problem = "frequencies must be above zero and ascending" + ("" if several else ", each once")
+            remedy = "sort them (and the pressures)" + ("" if several else "; of several takes give 'takes', too")
             raise InputError(problem, remedy, key="frequencies")
         _require_usable(self)
 
@@ -279,17 +255,15 @@ class Measurement:
         numbers = [microphone_index(str(one), labels, "known") for one in known]
         places = [np.asarray(place, float).tolist() for place in known.values()] if isinstance(known, Mapping) else None
         columns = np.shape(positions if positions is not None else places or ())[1:]
-        others = {"array_dimension": columns[0] if columns else None, "known_positions": places} | others
-        return cls(
-            frequencies,
-            pressures.conj() if time_convention == "exp(-jwt)" else pressures,
-            sound_speed,
-            dimension,
-            names=None if names is None else labels,
-            positions=positions,
-            known=numbers,
-            **others,
-        )
+        given = {
+            "array_dimension": columns[0] if columns else None,
+            "names": None if names is None else labels,
+            "positions": positions,
+            "known": numbers,
+            "known_positions": places,
+        }
+        pressures = pressures.conj() if time_convention == "exp(-jwt)" else pressures
+        return cls(frequencies, pressures, sound_speed, dimension, **given | others)
 
     @classmethod
     def from_takes(cls, measurements: Sequence[Measurement]) -> Measurement:
@@ -785,31 +759,17 @@ def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any
     `known`: names or numbers of microphones, which a mapping maps to positions (D,), metres. Of a sequence, the
     positions are those that the measurement has.
     """
-    names = measurement.names
+    names, D = measurement.names, measurement.array_dimension
     numbers = [microphone_index(str(key), names, "known") for key in known]
-    if len(set(numbers)) < len(numbers):
-        raise InputError("known gives a microphone twice", "give each of <known> once", key="known")
-    places: list[np.ndarray] = []
-    for key, number in zip(known, numbers, strict=True):
-        if isinstance(known, Mapping):
-            try:
-                places.append(np.asarray(known[key], float))
-            except (TypeError, ValueError) as error:
-                problem = f"the position of known microphone {key} is {shown_literal(known[key])}"
-                raise InputError(problem, "give numbers, metres, in <known>", key="known", value=known[key]) from error
-        elif number in measurement.known:
-            places.append(measurement.known_positions[measurement.known.tolist().index(number)])
-        elif measurement.positions is not None:
-            places.append(measurement.positions[number])
-        else:
+    own = {} if measurement.positions is None else dict(enumerate(measurement.positions))
+    own |= dict(zip(measurement.known.tolist(), measurement.known_positions, strict=True))
+    places = known.values() if isinstance(known, Mapping) else [own.get(number) for number in numbers]
+    rows = np.zeros((len(numbers), D))
+    for row, number, place in zip(rows, numbers, places, strict=True):
+        if place is None:
             problem = f"the measurement holds no position of microphone {names[number]}"
             raise InputError(problem, "give a mapping of names to positions as <known>", key="known")
-    shape = (measurement.array_dimension,)
-    for number, place in zip(numbers, places, strict=True):
-        if place.shape != shape:
-            problem = f"the position of known microphone {names[number]} has shape {place.shape}"
-            raise InputError(problem, f"give {shape[0]} coordinates, metres, in <known>", key="known")
-    rows = np.array(places, float).reshape(len(numbers), *shape)
+        row[:] = require_array("known", place, "real", (D,), f"metres, for {names[number]}")
     return replace(measurement, known=numbers, known_positions=rows)
 
 
@@ -834,19 +794,18 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
     )
 
 
-def listed_names(names: Sequence[str], given: Sequence[str], excluded: int = 0) -> tuple[str, ...]:
-    """Return the name of each channel, with the one of its row of a list in parentheses where that is another."""
+def list_labels(names: Sequence[str], given: Sequence[str], excluded: int = 0) -> tuple[tuple[str, ...], str]:
+    """Return what the channels are called beside a list of `given` names, and a remark where its rows count instead.
+
+    A channel has the name of its row in parentheses where that is another.
+    """
     rows = zip(names, _rows(names, given, excluded), strict=True)
-    return tuple(name if given[row] == name else f"{name} ({given[row]})" for name, row in rows)
-
-
-def row_order_remark(names: Sequence[str], given: Sequence[str]) -> str:
-    """Return in words that the rows of a list count and not their names, `given`; "" where it has all of `names`."""
+    labels = tuple(name if given[row] == name else f"{name} ({given[row]})" for name, row in rows)
     shared = len(set(names) & set(given))
     if shared == len(names):
-        return ""
+        return labels, ""
     few = f"only {shared} of {len(names)} names of the list are names of channels" if shared else "the names differ"
-    return f"{few}: the list is taken in row order, {given[0]} = channel {names[0]}"
+    return labels, f"{few}: the list is taken in row order, {given[0]} = channel {names[0]}"
 
 
 def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int]:
@@ -866,10 +825,7 @@ def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int
 VERSION = 1  # of the file; one that another program writes need not have it
 REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
 SEARCH = ("search_origin", "search_size", "search_step", "radius")
-OPTIONAL = (
-    "wavenumbers",
-    *(f.name for f in fields(Measurement) if f.name not in (*REQUIRED, "search", "given_wavenumbers", "windows")),
-)
+OPTIONAL = tuple(f.name for f in fields(Measurement) if f.name not in (*REQUIRED, "search", "windows", "origin"))
 SHORT = ("short_frequencies", "short_takes", "short_pressures", "short_length")  # of `ShortWindows`
 
 
@@ -908,23 +864,20 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
     for key in REQUIRED:
         if key not in table:
             raise InputError(f'{path} has no "{key}"', f"a measurement needs {', '.join(REQUIRED)}", key=key)
-    given = [key for key in SEARCH if key in table]
-    if given and len(given) < len(SEARCH):
-        remedy = f"a search domain needs {', '.join(SEARCH)}"
-        raise InputError(f"{path} has {', '.join(given)} alone", remedy, key=given[0])
+    for what, keys in (("a search domain needs", SEARCH), ("short windows need", SHORT)):
+        given = [key for key in keys if key in table]
+        if 0 < len(given) < len(keys):
+            raise InputError(f"{path} has {', '.join(given)} alone", f"{what} {', '.join(keys)}", key=given[0])
     try:
-        search = None
-        if given:
+        search = windows = None
+        if SEARCH[0] in table:
             for key in SEARCH[:2]:
                 if np.shape(table[key]) not in ((2,), (3,)):
                     raise InputError(f"{key} has shape {np.shape(table[key])}", "give two or three numbers", key=key)
             kinds = zip(SEARCH, ((None,), (None,), (), ()), strict=True)
             values = [require_array(key, table[key], "real", shape, "m").tolist() for key, shape in kinds]
             search = Search(tuple(values[0]), tuple(values[1]), *values[2:])
-        windows = None
-        if some := [key for key in SHORT if key in table]:
-            if len(some) < len(SHORT):
-                raise InputError(f"{path} has {', '.join(some)} alone", f"add {', '.join(SHORT)}", key=some[0])
+        if SHORT[0] in table:
             length = require_array("short_length", table["short_length"], "real", (), "s").item()
             windows = ShortWindows(table[SHORT[0]], table[SHORT[1]], table[SHORT[2]], length)
         table = {key: table[key] for key in OPTIONAL + REQUIRED if key in table} | {"windows": windows}

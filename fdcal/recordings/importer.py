@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -192,6 +193,9 @@ def _measurement_of_take(
         problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
         raise refused_option(options, "known", problem, f"give {axes} coordinates")
     f = pressures.frequencies
+    given: dict[str, Any] = {"known": known, "known_positions": known_positions}
+    if np.any(np.diff(f) == 0):
+        given["takes"] = np.zeros(len(f), np.int64)
     measurement = Measurement(
         frequencies=f,
         pressures=pressures.pressures,
@@ -200,11 +204,9 @@ def _measurement_of_take(
         array_dimension=min(axes, options.dimension),
         wavenumbers=pressures.wavenumbers,
         noise_power=pressures.noise_power,
-        takes=np.zeros(len(f), np.int64) if np.any(np.diff(f) == 0) else None,
         names=recording.names,
         positions=recording.positions,
-        known=known,
-        known_positions=known_positions,
+        **given,
     )
     responses = recording
     if kind == "impulse":

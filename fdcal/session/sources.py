@@ -127,19 +127,15 @@ def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str,
 
     `left_out`: channels that the import has left out, which the file may have.
     """
-    from ..model.measurement import listed_names, row_order_remark, with_positions
+    from ..model.measurement import list_labels, with_positions
     from ..recordings.formats.positions import read_positions
 
     placed, name = read_positions(path), Path(path).name
     missing = len({*inputs.excluded, *left_out})
     measurement = with_positions(inputs.measurement, placed, missing)
-    return replace(
-        inputs,
-        measurement=measurement,
-        compared_with=f"the positions in {name}",
-        remark=row_order_remark(measurement.names, placed.names),
-        labels=listed_names(measurement.names, placed.names, missing),
-    )
+    labels, remark = list_labels(measurement.names, placed.names, missing)
+    called = f"the positions in {name}"
+    return replace(inputs, measurement=measurement, compared_with=called, remark=remark, labels=labels)
 
 
 def scene_input(scene: Scene, progress: ProgressReport | None = None) -> CalibrationInput:

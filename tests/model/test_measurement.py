@@ -64,7 +64,7 @@ def test_given_wavenumbers_do_not_stay_behind_when_the_sound_speed_changes():
     assert np.array_equal(replace(given, sound_speed=c, wavenumbers=k / 1.01).wavenumbers, k / 1.01)
     assert np.array_equal(replace(given, sound_speed=c, wavenumbers=k.copy()).wavenumbers, k)
     np.testing.assert_allclose(
-        replace(given, sound_speed=c, given_wavenumbers=None).wavenumbers, 2 * np.pi * given.frequencies / c
+        replace(given, sound_speed=c, wavenumbers=None).wavenumbers, 2 * np.pi * given.frequencies / c
     )
     assert np.array_equal(replace(given, known=[0, 1, 2]).wavenumbers, k)
 
