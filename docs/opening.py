@@ -56,7 +56,7 @@ def main() -> None:
     path = max((way for way in ways if way.basin == 0), key=lambda way: len(way.points)).points
     counts = [one.count for one in minima]
     data = {
-        "scale": [heatmap.colour_limits(one.cost, True)[:2] for one in sums],
+        "scale": [heatmap.colour_limits(one.cost, True, heatmap.WHOLE) for one in sums],
         "summed": SUMMED, "starts": times(counts), "change": CHANGE_TIME, "roll": ROLL_TIME,
         "words": [words(*both) for both in zip(SUMMED, counts, strict=True)],
         "found": FOUND, "about": ABOUT,

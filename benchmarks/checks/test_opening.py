@@ -10,7 +10,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import ORDER_OFFSET
 from fdcal.cost.maps import interpolate, map_minima, partial_sums
-from fdcal.graphics.heatmap import colour_limits, normalise
+from fdcal.graphics.heatmap import WHOLE, colour_limits, normalise
 from fdcal.model.measurement import load_measurement
 from fdcal.model.scene import load_scene
 from fdcal.viewer import opening
@@ -30,7 +30,7 @@ def test_the_files_hold_what_the_scene_computes_to():
     modes, counts = tuple(range(opening.MODE, 0, -1)), film["summed"]
     sums = partial_sums(problem, solver, state, opening.MICROPHONE, modes, ORDER_OFFSET, counts=counts)
     for one, levels, scale, marked in zip(sums, maps.reshape(-1, n, n), film["scale"], film["minima"], strict=True):
-        np.testing.assert_allclose(scale, colour_limits(one.cost, True)[:2], rtol=1e-3)
+        np.testing.assert_allclose(scale, colour_limits(one.cost, True, WHOLE), rtol=1e-3)
         np.testing.assert_allclose(levels, 255 * normalise(one.cost, *scale, True)[::2, ::2], atol=0.6)
         found = map_minima(
             problem, solver, state, opening.MICROPHONE, one.modes, ORDER_OFFSET, one.cost, problem.search

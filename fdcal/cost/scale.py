@@ -2,10 +2,10 @@
 
 A map shows DECADES decades of cost below its highest value, or as many as it has. A local minimum counts where the
 climb out of it to a lower one exceeds DEPTH of this scale: 1 dB of the full 40 dB. What is less than that above the
-lowest cost fits as well. Colours and heights of a map span LEAST_RANGE at least. Costs below the end of the scale keep
-their order, but their distances vanish: a valley that reaches below it is one minimum, and all such valleys fit
-equally. A map that is negative somewhere, such as a log-likelihood, has a linear scale from its lowest to its highest
-value.
+lowest cost fits as well. Colours reach from the 2nd to the 98th percentile of the costs, over LEAST_RANGE at least.
+Costs below the end of the scale keep their order, but their distances vanish: a valley that reaches below it is one
+minimum, and all such valleys fit equally. A map that is negative somewhere, such as a log-likelihood, has a linear
+scale from its lowest to its highest value.
 
 This module loads before the compiled code: the first picture of the page needs it.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from ..model.validation import Reals
 
 DECADES = 4
-LEAST_RANGE = 1.0  # dB, of the colours of powers: a map that is all but level looks level, not like a deep hole
+LEAST_RANGE = 0.01  # dB, of the colours: at a random start a map of all modes spans about 0.1 dB
 DEPTH = 1 / (10 * DECADES)  # of the scale
 BELOW = 1e-6  # of a distance below the end of the scale that remains
 FEW_MODES = 8  # on the lattice of a solver, the valleys of a sum of fewer modes are chains of false minima

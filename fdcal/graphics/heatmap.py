@@ -8,6 +8,7 @@ are metres.
 from __future__ import annotations
 
 import functools
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -92,36 +93,35 @@ def cost_floor(
     relief: bool = False,
     relief_height: float = RELIEF_HEIGHT,
     height: float = 0.0,
-    decibels: bool = False,
-    least: float = LEAST_RANGE,
 ) -> Floor:
     """Return a map of costs over the search lattice, or over one layer of it; a pixel is one lattice cell.
 
-    `cost` (ny, nx) float64, row 0 at low y; `log`: whether the scale is logarithmic, over DECADES decades at most;
+    `cost` (ny, nx) float64, row 0 at low y; `log`: whether the scale is in decibels re 1, over DECADES decades at most;
     linear if no cost is positive; `label`: name and unit of the cost; `minima`: to be marked, only the lowest cost
-    unless given; `relief`: whether the map has heights, which rise with its colours, and is shaded; `relief_height`: of
-    the highest cost, of the longer side of the search domain; `height`: of the map, metres; `decibels`: whether the
-    numbers of a logarithmic scale are decibels re 1; `least`: of `colour_limits`.
+    unless given; `relief`: whether the map has heights, which rise with the cost, and is shaded; `relief_height`: of
+    the highest cost, of the longer side of the search domain; `height`: of the map, metres.
     """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
     minimum = (float(search.origin[0] + ix * search.step), float(search.origin[1] + iy * search.step))
     lowest, others = ((minimum,), ()) if minima is None else marks_of(minima)
-    low, high, clipped = colour_limits(cost, log, least)
-    log = log and low > 0
-    fractions = normalise(cost, low, high, log)
-    bar = ColourBar(low, high, log, label, clipped)
-    if decibels and log:
-        bar = ColourBar(10 * float(np.log10(low)), 10 * float(np.log10(high)), False, label, clipped)
+    low, high = colour_limits(cost, log)
+    rgb = to_rgb(normalise(cost, low, high, log))
+    if log and low > 0:
+        low, high = 10 * float(np.log10(low)), 10 * float(np.log10(high))
+        label = re.sub(r"\((dimensionless|pressure squared)\)", "(dB)", label)
     half = search.step / 2
     size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
-    heights = frozen_array(relief_height * max(size) * fractions, np.float32) if relief else None
-    rgb = to_rgb(fractions)
+    heights = None
+    if relief:
+        fractions = normalise(cost, *colour_limits(cost, log, WHOLE), log)
+        heights = frozen_array(relief_height * max(size) * fractions, np.float32)
+        rgb = shaded(rgb, heights, search.step)
     return Floor(
-        rgb=frozen_array(rgb if heights is None else shaded(rgb, heights, search.step), np.uint8),
+        rgb=frozen_array(rgb, np.uint8),
         origin=(search.origin[0] - half, search.origin[1] - half),
         size=size,
-        bar=bar,
+        bar=ColourBar(low, high, label),
         lowest=lowest,
         height=height,
         minima=others,
@@ -135,19 +135,18 @@ def marks_of(minima: Minima) -> tuple[tuple[tuple[float, float], ...], tuple[tup
     return lowest, others
 
 
-def colour_limits(cost: np.ndarray, log: bool, least: float = LEAST_RANGE) -> tuple[float, float, bool]:
-    """Return the lowest and the highest value of a scale of costs, and whether lower costs share its first colour.
+SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs between which colours differ; and heights
 
-    `least`: range of the scale at least, dB; 0 for a log-likelihood, of which a difference counts and no ratio.
-    """
-    low, high, clipped = float(cost.min()), float(cost.max()), False
+
+def colour_limits(cost: np.ndarray, log: bool, percentiles: tuple[float, float] = SHOWN) -> tuple[float, float]:
+    """Return the costs of the first and the last colour, `percentiles` of all; lower and higher costs share these."""
+    low, high = map(float, np.percentile(cost, percentiles))
     if log and high > 0 <= low:
-        threshold = high * 10.0**-DECADES
-        low, clipped = max(low, threshold), low < threshold
-    high = max(high, low * 10.0 ** (least / 10))
+        low = max(low, high * 10.0**-DECADES)
+    high = max(high, low * 10.0 ** (LEAST_RANGE / 10))
     if high <= low:
         high = low + 1e-6 * abs(low) + 1e-12  # a constant map needs a scale, too
-    return low, high, clipped
+    return low, high
 
 
 def normalise(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarray:
@@ -160,21 +159,12 @@ def normalise(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarra
 
 def to_rgb(fractions: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
     """Return the colours (..., 3) uint8 of fractions of the scale, 0 to 1, in a map of matplotlib.colormaps."""
-    return of_colour_numbers(colour_numbers(fractions), name)
-
-
-def colour_numbers(fractions: np.ndarray) -> np.ndarray:
-    """Return the numbers, uint8, of the colours of fractions of the scale, 0 to 1: a map in a third of the memory."""
-    return np.rint(255 * fractions).astype(np.uint8)
-
-
-def of_colour_numbers(numbers: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
-    """Return the colours (..., 3) uint8 of `colour_numbers`."""
-    return _colour_table(name)[numbers]
+    return _colour_table(name)[np.rint(255 * fractions).astype(np.uint8)]
 
 
 @functools.cache
 def _colour_table(name: str) -> np.ndarray:
+    """Return the colours (256, 3) uint8 of a map of matplotlib.colormaps."""
     return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
 
 
@@ -186,7 +176,7 @@ def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor
         rgb=frozen_array(to_rgb((1 + np.clip(field, -1, 1)) / 2, DIVERGING_COLOUR_MAP), np.uint8),
         origin=(search.origin[0] - half, search.origin[1] - half),
         size=(field.shape[1] * search.step, field.shape[0] * search.step),
-        bar=ColourBar(-1.0, 1.0, False, label, colour_map=DIVERGING_COLOUR_MAP),
+        bar=ColourBar(-1.0, 1.0, label, DIVERGING_COLOUR_MAP),
         lowest=((float(search.origin[0] + column * search.step), float(search.origin[1] + row * search.step)),),
         height=height,
         show_minima=False,

@@ -15,10 +15,10 @@ from PIL import Image, ImageDraw
 
 from ..cost.basins import OUTSIDE, basins_of
 from ..cost.maps import LandscapePanels, minima_of
-from ..cost.scale import LEAST_RANGE, Minima
+from ..cost.scale import DECADES, LEAST_RANGE, Minima
 from ..model.settings import Search
 from .annotations import font
-from .heatmap import TABLE, basin_image, colour_limits, normalise, to_rgb
+from .heatmap import SHOWN, TABLE, basin_image, colour_limits, normalise, to_rgb
 from .marks import MARKS, plot_marks, symbol
 from .primitives import COLOUR_MAP, DARK, Theme
 
@@ -47,7 +47,7 @@ def _extent(search: Search, shape: tuple[int, ...]) -> tuple[float, float, float
     return x - half, x + nx * search.step - half, y - half, y + ny * search.step - half
 
 
-MAX_TICKS = 5  # of a colour bar in decibels
+MAX_TICKS = 6  # of a colour bar
 
 
 def plot_panels(self: LandscapePanels, truth=None, basins: bool = False) -> Figure:
@@ -70,58 +70,58 @@ def plot_panels(self: LandscapePanels, truth=None, basins: bool = False) -> Figu
 def draw_landscape(
     panels: LandscapePanels,
     truth=None,
-    label: str = "cost (dimensionless)",
     heading: str = "",
     estimate=None,
-    decibels: bool = False,
+    log: bool = True,
+    quantity: str = "cost",
     basins: bool = False,
-    least: float = LEAST_RANGE,
 ) -> Figure:
-    """Return a figure of the panels with the marks of the page: diamonds at the minima, the lowest large.
+    """Return a figure of the panels on one scale, with the marks of the page: diamonds at the minima, the lowest large.
 
-    `truth` (2,), metres, is drawn as a circle, `estimate` (2,) as a cross; `decibels`: whether the scales have decibels
-    re 1, as on the page; `basins`: whether the maps show basins of attraction, that of the truth or the estimate first;
-    `least`: of `heatmap.colour_limits`.
+    `truth` (2,), metres, is drawn as a circle, `estimate` (2,) as a cross; `log`: whether the scale has decibels re the
+    highest cost of each map, or how far the `quantity` is above the lowest; `basins`: whether the maps show basins of
+    attraction, that of the truth or the estimate first.
     """
-    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
     count = len(panels.maps)
     columns = int(np.ceil(np.sqrt(count)))
     rows = int(np.ceil(count / columns))
-    width, layout = (5.4, "compressed") if basins else (4.4, "constrained")  # the first has room for legends
-    figure = Figure(figsize=(width * columns, 3.7 * rows), dpi=120, layout=layout)
+    figure = Figure(figsize=((5.4 if basins else 3.9) * columns, 3.7 * rows + 0.4), dpi=120, layout="compressed")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
     titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
-    for panel, title, cost, minima in zip(axes, titles, panels.maps, panels.marks, strict=False):
+    scaled = [10 * np.log10(np.maximum(cost / cost.max(), 10.0**-DECADES)) if log else cost - cost.min()
+              for cost in panels.maps]  # fmt: skip
+    ends = np.array([np.percentile(one, SHOWN) for one in scaled])
+    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
+    style: dict[str, Any] = {"origin": "lower", "interpolation": "nearest", "cmap": COLOUR_MAP}
+    style["norm"] = Normalize(low, max(high, low + LEAST_RANGE), clip=True)
+    for panel, title, cost, shown, minima in zip(axes, titles, panels.maps, scaled, panels.marks, strict=False):
         if basins:
             place = (estimate, "estimate") if truth is None else (truth, "true position")
             draw_basins(panel, cost, panels.search, *place)
         else:
-            low, high, _ = colour_limits(np.maximum(cost, np.finfo(float).tiny), True, least)
-            norm: Normalize = LogNorm(low, high, clip=True)
-            ticks = None
-            if decibels:
-                cost, low, high = (10 * np.log10(one) for one in (np.maximum(cost, low), low, high))
-                norm, ticks = Normalize(low, high, clip=True), MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10])
-            place = {"origin": "lower", "extent": _extent(panels.search, cost.shape), "interpolation": "nearest"}
-            shown = panel.imshow(cost, cmap=COLOUR_MAP, norm=norm, **place)
-            figure.colorbar(shown, ax=panel, label=label, ticks=ticks)
+            image = panel.imshow(shown, extent=_extent(panels.search, cost.shape), **style)
         plot_marks(panel, "microphones/true", None if truth is None else [truth])
         plot_marks(panel, "minima", minima.others)
         plot_marks(panel, "lowest", minima.lowest)
         plot_marks(panel, "microphones/estimate", None if estimate is None else [estimate])
         panel.set_title(title)
+    if not basins:
+        label = f"{quantity} (dB re the highest of each map)" if log else f"{quantity}, above the lowest of each map"
+        ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10])
+        figure.colorbar(image, ax=axes.tolist(), label=label, ticks=ticks, extend="both", extendfrac=0.02, aspect=40)
     for i, panel in enumerate(axes):
         panel.set_visible(i < count)
         panel.tick_params(labelbottom=True)
         panel.set(xlabel="x (m)" if i + columns >= count else "", ylabel="" if i % columns else "y (m)")
     heading = heading or f"{'Basins of attraction' if basins else 'Cost'} of moving microphone {panels.microphone}"
-    figure.suptitle(heading, x=0.02, ha="left", parse_math=False)
+    figure.suptitle(heading, parse_math=False)
     marks = {name: line for panel in axes for line, name in zip(*panel.get_legend_handles_labels(), strict=True)}
-    figure.legend(marks.values(), marks.keys(), loc="outside upper right", ncols=4, frameon=False)
+    figure.legend(marks.values(), marks.keys(), loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
@@ -168,13 +168,12 @@ def mosaic(
     log: bool = True,
     shared: bool = False,
     columns: int = 2,
-    least: float = LEAST_RANGE,
 ) -> np.ndarray:
     """Return the maps side by side, each with its caption, diamonds at its lowest costs and its minima, and the marks.
 
     `maps`: each (ny, nx) float64, row 0 at low y; `captions`: one for each map; `search`: the lattice of the maps;
     `log`: whether the scales are logarithmic; `shared`: one scale for all maps instead of one for each; `columns`: of
-    maps; `least`: of `heatmap.colour_limits`. Returns (H, W, 3) uint8.
+    maps. Returns (H, W, 3) uint8.
     """
     count, largest = len(maps), max(maps[0].shape)
     height, width = (round(CELL * n / largest) for n in maps[0].shape)
@@ -182,12 +181,12 @@ def mosaic(
     size = columns * (width + GAP) - GAP, rows * (height + CAPTION + GAP) - GAP
     image = Image.new("RGB", size, DARK_PANEL if theme is DARK else theme.background)
     draw, letters = ImageDraw.Draw(image), font(FONT_SIZE * columns / 2)  # the panel shrinks all columns to its width
-    limits = colour_limits(np.stack(maps), log, least) if shared else None
+    limits = colour_limits(np.stack(maps), log) if shared else None
     minima = [minima_of(cost, search) for cost in maps] if marks.minima else [NONE] * count
     for i, (cost, caption, found) in enumerate(zip(maps, captions, minima, strict=True)):
         left, top = (i % columns) * (width + GAP), (i // columns) * (height + CAPTION + GAP) + CAPTION
         draw.text((left, top - CAPTION), caption, fill=theme.foreground, font=letters)
-        low, high, _ = limits or colour_limits(cost, log, least)
+        low, high = limits or colour_limits(cost, log)
         rgb = to_rgb(normalise(cost, low, high, log))[::-1]  # an image's first row is its highest
         image.paste(Image.fromarray(rgb).resize((width, height), Image.Resampling.NEAREST), (left, top))
         groups = ([marks.true], found.others, found.lowest, [marks.estimate])

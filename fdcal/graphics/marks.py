@@ -91,11 +91,11 @@ MARKS = {
         Mark("microphones/error", "error", "line", TRUE, width=0.13, halo=0.2, line=0.14),
         Mark(
             "lowest", "lowest cost", "diamond", LOWEST, 2.8, 0.45, 0.25,
-            size=0.7, line=0.16, line_halo=0.16, marker="D", points=11.0,
+            size=0.7, line=0.16, line_halo=0.16, marker="D", points=7.0,
         ),
         Mark(
             "minima", "other minimum", "diamond", LOWEST, 2.2, 0.45, 0.25,
-            size=0.55, line=0.16, line_halo=0.16, marker="D", points=5.0, stroke=1.5,
+            size=0.55, line=0.16, line_halo=0.16, marker="D", points=4.0, stroke=1.5,
         ),
         # their halo shows on a dark page
         Mark("isosurfaces", "isosurface", "rings", LOW_COST, size=0.66, line=0.2),
@@ -292,5 +292,6 @@ def plot_marks(panel: Any, name: str, places, text: str = "", scale: float = 1.0
     halo = [patheffects.withStroke(linewidth=width + 2 * scale, foreground=fractions(mark.halo_colour))]
     panel.plot(
         x, y, mark.marker, color=fractions(mark.colour), label=text or mark.text, markersize=scale * mark.points,
-        markeredgewidth=width, fillstyle="none", linestyle="none", path_effects=halo,
+        markeredgewidth=width, fillstyle="none", linestyle="none", path_effects=halo, clip_on=False,
+        zorder=2.5 if mark.shape == "diamond" else 3.0,  # below a true position
     )  # fmt: skip

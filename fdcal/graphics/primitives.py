@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from matplotlib.ticker import LogLocator
 
 from .glyphs import round_ticks
 
@@ -90,42 +89,21 @@ BAR_LENGTH = 44  # characters that fit along a colour bar
 class ColourBar:
     """The scale of a map."""
 
-    # low, high: values of the first and of the last colour
+    # low, high: values of the first and of the last colour, which lower and higher ones share
     low: float
     high: float
-    log: bool  # whether the scale is logarithmic
     label: str  # name and unit
-    clipped: bool = False  # whether lower values than `low` exist, which share its colour
     colour_map: str = COLOUR_MAP  # of matplotlib.colormaps
-    capped: bool = False  # whether higher values than `high` exist, which share its colour
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:
         """Fraction of the bar's length, 0 to 1, and text of about five round values, without texts that touch."""
-        low, high = self.low, self.high
-        if not self.log:
-            values, digits = round_ticks(low, high, 5), 4
-            fractions = (values - low) / (high - low)
-        else:
-            decades = np.log10(high / low)
-            values = self._round_values((1.0, 2.0, 5.0) if decades <= 3 else (1.0,))
-            if len(values) > 6 and 2 < decades <= 3:
-                values = self._round_values((1.0, 3.0))
-            if decades <= 2 and not 3 <= len(values) <= 6:  # within a decade the locator may return as many as ten
-                even = round_ticks(low, high, 4)
-                values = even[even >= low]
-            digits, fractions = 3 if decades > 0.05 else 5, np.log10(values / low) / decades
         kept: list[tuple[float, str]] = []
-        for fraction, value in zip(fractions.tolist(), values.tolist(), strict=True):
-            text = format_number(value, digits)
+        for value in round_ticks(self.low, self.high, 5).tolist():
+            fraction, text = (value - self.low) / (self.high - self.low), format_number(value, 4)
             if not kept or (fraction - kept[-1][0]) * BAR_LENGTH >= (len(text) + len(kept[-1][1])) / 2 + 2:
                 kept.append((fraction, text))
         return tuple(kept)
-
-    def _round_values(self, mantissas: tuple[float, ...]) -> np.ndarray:
-        """Return the values of the scale that are one of the mantissas times a power of ten."""
-        values = np.asarray(LogLocator(subs=mantissas).tick_values(self.low, self.high))
-        return values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
 
 
 def format_number(value: float, digits: int) -> str:

@@ -36,7 +36,7 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.settings import SolverSettings, search_around
-from .heatmap import colour_limits, normalise, to_rgb
+from .heatmap import SHOWN, colour_limits, normalise, to_rgb
 from .marks import EDGE, MARKS, marks_json, symbol_svg
 from .picture import focus_of, wall_height, z_range_of
 
@@ -87,6 +87,7 @@ def map_data(problem: Problem, settings: SolverSettings) -> tuple[dict, dict[str
         "dimension": problem.dimension,
         "decades": DECADES,
         "least": LEAST_RANGE,
+        "percentiles": SHOWN,
         "depth": DEPTH,
         "few": FEW_MODES,
         "colours": to_rgb(np.arange(256) / 255).ravel().tolist(),
@@ -302,7 +303,7 @@ def picture_of(
     lattice, offset = refined(domain, THUMBNAIL), reference_cost.order_offset
     chosen = modes or tuple(expansion_of(problem, offset).carried.modes + 1)
     cost = eq7_maps(problem, state.positions, n, chosen, offset, lattice, state.channels).sum(axis=0)
-    low, high, _ = colour_limits(cost, True)
+    low, high = colour_limits(cost, True)
     image = Image.fromarray(to_rgb(normalise(cost, low, high, True))[::-1])
     file = io.BytesIO()
     image.save(file, "PNG", optimize=True)

@@ -27,7 +27,7 @@ from ..cost.scale import OUTSIDE, Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .glyphs import round_ticks
-from .heatmap import TABLE, basin_image, colour_limits, normalise, to_rgb
+from .heatmap import TABLE, WHOLE, basin_image, colour_limits, normalise, to_rgb
 from .primitives import Area, ColourBar, Plate, Surface
 
 if TYPE_CHECKING:
@@ -119,15 +119,15 @@ def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
 
 def volume_of(cost: np.ndarray, search: Search, log: bool, minima: Minima | None = None) -> Volume:
     """Return the isosurfaces of costs (nz, ny, nx), relative to the power; `log`: whether colours follow decibels."""
-    low, high, clipped = colour_limits(np.minimum(cost, np.quantile(cost, COLOURED)), log)
+    low, high = colour_limits(np.minimum(cost, np.quantile(cost, COLOURED)), log, WHOLE)
     decibels = 10 * np.log10(np.maximum(cost, 1e-16))
     levels = levels_of(np.maximum(decibels, 10 * np.log10(max(low, 1e-16))))
     # the innermost first: an outer surface is drawn over the inner ones
     parts = [isosurface(decibels, search, level) for level in levels]
     colours = to_rgb(normalise(10 ** (np.array(levels) / 10), low, high, log)) if levels else np.zeros((0, 3), np.uint8)
-    bar = ColourBar(10 * np.log10(low), 10 * np.log10(high), False, "cost, Eq. 7 (dB)", clipped, capped=True)
-    if not log:
-        bar = ColourBar(low, high, False, "cost, Eq. 7 (relative to the power)", clipped, capped=True)
+    bar = ColourBar(low, high, "cost, Eq. 7 (relative to the power)")
+    if log:
+        bar = ColourBar(10 * float(np.log10(low)), 10 * float(np.log10(high)), "cost, Eq. 7 (dB)")
     return Volume(_surface(parts, colours), None, bar, levels, minima)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from ..cost import maps
 from ..cost.basins import basins_of
 from ..cost.eq7 import ORDER_OFFSET, expansion_of
-from ..cost.scale import LEAST_RANGE, Minima
+from ..cost.scale import Minima
 from ..graphics.heatmap import basin_floor, cost_floor, cost_label, descent_text, field_floor
 from ..graphics.picture import row_word, z_range_of
 from ..graphics.primitives import Floor
@@ -122,9 +122,9 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     return cost_label(run.scene.solver.weights).replace("cost", "cost of the solver")
 
 
-def least_range(run: PreparedRun, request: CostMapRequest) -> float:
-    """Return the least range of the colours of a map, dB; 0 for a log-likelihood."""
-    return 0.0 if request.order_offset is None and run.solver.TRAITS.uses_likelihood else LEAST_RANGE
+def log_scale(run: PreparedRun, request: CostMapRequest) -> bool:
+    """Return whether the scale of a map has decibels: of a log-likelihood a difference counts, and no ratio."""
+    return request.style.log and (request.order_offset is not None or not run.solver.TRAITS.uses_likelihood)
 
 
 def row_label(measurement: Measurement, mode: int) -> str:
@@ -255,9 +255,8 @@ def cost_map(
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:z.2f} m"
     floor = cost_floor(
-        total, search, style.log, label, minima=minima,
+        total, search, log_scale(run, request), label, minima=minima,
         relief=style.relief, relief_height=style.relief_height, height=height,
-        decibels=request.order_offset is not None, least=least_range(run, request),
     )  # fmt: skip
     return CostMap(request, replace(floor, show_minima=style.minima), panels, *figures)
 

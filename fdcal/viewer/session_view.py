@@ -15,7 +15,6 @@ import viser
 
 from ..assessment.findings import root_mean_square
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
-from ..cost.scale import LEAST_RANGE
 from ..graphics import overlays
 from ..graphics.annotations import legend_of
 from ..graphics.picture import static_picture, with_estimate, with_floor
@@ -201,6 +200,7 @@ class SessionPicture:
         return [n for n, name in enumerate(self._measurement.names) if name in names]
 
 
+LEVEL = 1.0  # dB, of the scale of a map below which all places fit about as well
 RUN_INTERVAL = 0.15  # s at least between two states that are shown while the solver runs
 FAULT_TIME = 10.0  # s at least that a fault of the page stays in the status lines
 
@@ -353,7 +353,7 @@ class Viewer:
             return "No map: the file of this measurement has no search domain."
         if picture.bar is None or not picture.bar.label.startswith("cost"):
             return ""
-        if "(dB)" in picture.bar.label and picture.bar.high - picture.bar.low < LEAST_RANGE + 1e-9:
+        if "(dB)" in picture.bar.label and picture.bar.high - picture.bar.low < LEVEL:
             return "The map is all but level: all places fit this microphone's recording about as well."
         low = "low and dark" if picture.floor is not None and picture.floor.heights is not None else "dark"
         return f"Where the map is {low}, the recording of this microphone fits."

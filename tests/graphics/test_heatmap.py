@@ -9,7 +9,6 @@ import matplotlib
 import numpy as np
 import pytest
 
-from fdcal.cost.scale import LEAST_RANGE
 from fdcal.graphics import heatmap, marks
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.picture import with_floor
@@ -38,7 +37,7 @@ def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():
     ends = matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0], bytes=True)[:, :3]
     np.testing.assert_array_equal(floor.rgb[0, 0], ends[0])
     np.testing.assert_array_equal(floor.rgb[-1, -1], ends[1])
-    assert (floor.bar.low, floor.bar.high, floor.bar.clipped) == (0.0, 14.0, False)
+    assert (floor.bar.low, floor.bar.high) == pytest.approx(np.percentile(cost, [2, 98]).tolist())
     assert "dimensionless" in floor.bar.label
 
 
@@ -56,32 +55,21 @@ def test_a_diamond_stands_where_the_cost_is_lowest():
     assert not any(solid.name.startswith("map") for solid in with_floor(bare, floor).meshes)
 
 
-def test_a_logarithmic_map_reports_clipping():
-    search = Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1)
-    cost = np.array([[1e-12, 1e-3, 1e-2, 1e-1], [1.0, 2.0, 5.0, 10.0]])
-    bar = cost_floor(cost, search, log=True).bar
-    assert bar.clipped and bar.high == 10.0 and bar.low == pytest.approx(1e-3)
-    assert [text for _, text in bar.ticks][:2] == ["0.001", "0.01"]
-    unclipped = cost_floor(cost + 1.0, search, log=True).bar
-    assert not unclipped.clipped and unclipped.low == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("log", [False, True])
-def test_a_map_that_is_all_but_level_looks_level_and_another_one_fills_its_scale(log):
-    """0.1 dB take the tenth of a decibel's colours and heights: no hole is seen where all places fit alike."""
-    search = Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1)
-
-    def drawn(decibels, least=LEAST_RANGE):
-        cost = 10 ** (np.linspace(-14.0 - decibels, -14.0, 8).reshape(2, 4) / 10)
-        return cost_floor(cost, search, log, relief=True, relief_height=0.5, decibels=True, least=least)
-
-    weak, strong, likelihood = drawn(0.1), drawn(1.1), drawn(0.1, least=0.0)
-    for floor in (strong, likelihood):
-        assert np.ptp(floor.heights) == pytest.approx(0.5 * 0.4, rel=1e-5), "unchanged"
-    assert np.ptp(weak.heights) == pytest.approx(0.1 * 0.5 * 0.4, rel=0.15) and weak.heights.min() == 0
-    ends = np.array([weak.bar.low, weak.bar.high])
-    np.testing.assert_allclose(ends if log else 10 * np.log10(ends), [-14.1, -13.1], atol=1e-9)
-    assert not weak.bar.clipped
+def test_colours_reach_from_the_2nd_to_the_98th_percentile_over_four_decades_at_most(log):
+    """A map of a random start spans a tenth of a decibel: neither its lowest nor its highest cost takes its colours."""
+    search = Search(origin=(0.0, 0.0), size=(0.9, 0.9), step=0.1)
+    cost = 10 ** (np.linspace(-14.1, -14.0, 100).reshape(10, 10) / 10)
+    cost[0, 0], cost[9, 9] = 1e-9, 10.0
+    floor = cost_floor(cost, search, log, relief=True, relief_height=0.5)
+    ends = np.percentile(10 * np.log10(cost), [2, 98]) if log else np.percentile(cost, [2, 98])
+    np.testing.assert_allclose([floor.bar.low, floor.bar.high], ends, atol=1e-5)
+    assert ("(dB)" in floor.bar.label) == log
+    assert np.ptp(floor.heights) == pytest.approx(0.5, rel=1e-5), "of all costs"
+    wide = cost_floor(np.logspace(-9, 1, 100).reshape(10, 10), search, True).bar
+    assert wide.high - wide.low == pytest.approx(40.0)
+    level = cost_floor(1 + 1e-6 * cost, search, True).bar
+    assert level.high - level.low == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize("log", [False, True])
@@ -98,16 +86,14 @@ def test_a_flat_map_is_drawn_too(value, log):
         (14830.1, 14930.7), (2e4, 2e5), (1e5, 9e5),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("log", [False, True])
-def test_ticks_say_where_their_value_lies(ends, log):
-    bar = ColourBar(*ends, log=log, label="cost")
-    assert 2 <= len(bar.ticks) <= (7 if bar.high < 1e3 * bar.low else 12)
+def test_ticks_say_where_their_value_lies(ends):
+    bar = ColourBar(*ends, "cost")
+    assert 2 <= len(bar.ticks) <= 7
     assert len({text for _, text in bar.ticks}) == len(bar.ticks), "two ticks say the same"
     for (left, one), (right, other) in itertools.pairwise(bar.ticks):
         assert (right - left) * 44 > (len(one) + len(other)) / 2, "forty-four letters find room along a bar"
     for share, text in bar.ticks:
-        value = bar.low * (bar.high / bar.low) ** share if log else bar.low + share * (bar.high - bar.low)
-        assert read(text) == pytest.approx(value, rel=1e-2)
+        assert read(text) == pytest.approx(bar.low + share * (bar.high - bar.low), rel=1e-2)
 
 
 PLAIN = {chr(high): chr(low) for low, high in SUPERSCRIPTS.items()}
@@ -125,14 +111,6 @@ def read(text: str) -> float:
 def test_numbers_are_written_without_exponents_of_a_computer(value):
     text = format_number(value, 3)
     assert read(text) == pytest.approx(value, rel=6e-3) and "e" not in text and len(text) <= 8
-
-
-@pytest.mark.parametrize("low", [0.38, 1.0, 1.1, 3.0, 7.0])
-@pytest.mark.parametrize("decades", [1.0, 1.5, 2.1, 2.5, 2.9, 3.1, 4.0, 6.0])
-def test_the_ticks_of_a_logarithmic_scale_reach_over_most_of_it(low, decades):
-    shares = [share for share, _ in ColourBar(low, low * 10**decades, True, "").ticks]
-    assert len(shares) >= 3
-    assert shares[-1] - shares[0] > 0.5
 
 
 # Of linear RGB: Vienot, Brettel and Mollon, Color Res. Appl. 24 (1999), 243. Rows sum to one: white stays white.

@@ -56,7 +56,7 @@ def shown(viewer):
 def test_the_hint_says_that_a_map_that_is_all_but_level_decides_nothing(range_db, words, work):
     search = work.problem.search
     cost = 10 ** (np.linspace(-14 - range_db, -14, np.prod(search.shape)).reshape(search.shape[::-1]) / 10)
-    floor = cost_floor(cost, search, True, "cost, Eq. 7 (dB), mode 1", decibels=True)
+    floor = cost_floor(cost, search, True, "cost, Eq. 7 (dB), mode 1")
     picture = with_floor(static_picture(work.known_scene, work.measurement), floor)
     assert words in Viewer._hint(SimpleNamespace(run=work), picture)
 
@@ -113,7 +113,7 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     viewer.tick(ready)
     assert viewer.maps.worker.wait_for(lambda latest: not latest.request[0].style.log, WAIT)
     viewer.tick(ready)
-    assert shown(viewer) == 3 and not viewer.snapshot.picture.floor.bar.log
+    assert shown(viewer) == 3 and "(dB)" not in viewer.snapshot.picture.floor.bar.label
 
 
 def test_a_drag_delays_the_solver_and_speeds_up_the_page(server, work):

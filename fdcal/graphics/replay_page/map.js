@@ -57,10 +57,12 @@ function finished(job, found, lattice) {
     power += one.power;
     for (let i = 0; i < cost.length; i++) cost[i] += one.cost[i];
   }
-  let low = Infinity, high = 0;
-  for (let i = 0; i < cost.length; i++) { cost[i] /= power; low = Math.min(low, cost[i]); high = Math.max(high, cost[i]); }
-  const clipped = low < high * 10 ** -maps.decades, floor = Math.max(low, high * 10 ** -maps.decades);
-  high = Math.max(high, floor * 10 ** (maps.least / 10));
+  for (let i = 0; i < cost.length; i++) cost[i] /= power;
+  const sorted = Float64Array.from(cost).sort(), [low, top] = maps.percentiles.map(percent => {
+    const at = percent / 100 * (cost.length - 1), i = Math.floor(at), next = sorted[Math.min(i + 1, cost.length - 1)];
+    return sorted[i] + (at - i) * (next - sorted[i]);
+  });
+  const floor = Math.max(low, top * 10 ** -maps.decades), high = Math.max(top, floor * 10 ** (maps.least / 10));
   const image = document.createElement("canvas"), range = Math.log10(high / floor) || 1;
   image.width = nx; image.height = ny;
   const pen = image.getContext("2d"), pixels = pen.createImageData(nx, ny);
@@ -71,7 +73,7 @@ function finished(job, found, lattice) {
   pen.putImageData(pixels, 0, 0);
   const marked = minimaOf(cost, nx, ny, maps), place = i => [lattice.places[0][i % nx], lattice.places[1][Math.floor(i / nx)]];
   const minima = {lowest: marked.lowest.map(place), others: marked.others.map(place), count: marked.count};
-  return {...job, lattice, cost, image, minima, clipped, low: 10 * Math.log10(floor), high: 10 * Math.log10(high)};
+  return {...job, lattice, cost, image, minima, low: 10 * Math.log10(floor), high: 10 * Math.log10(high)};
 }
 
 // Depth of the map below the floor at a place, metres: of a plane scene the view 3-D shows a relief.
@@ -155,7 +157,7 @@ function colourBar(pen, w) {
     stroke(pen, [[x, top + 9], [x, top + 13]], ink, 1);
     pen.fillText(v.toFixed(digits).replace("-", "−"), x, top + 24);
   }
-  pen.textAlign = "left"; pen.fillText(map.clipped ? "dB, lower clipped" : "dB", left + wide + 8, top + 9);
+  pen.textAlign = "left"; pen.fillText("dB", left + wide + 8, top + 9);
 }
 
 function showModes() {

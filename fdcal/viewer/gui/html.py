@@ -29,7 +29,7 @@ from ...assessment.words import (
 from ...graphics.heatmap import to_rgb
 from ...graphics.marks import EDGE, Mark, css, symbol_svg
 from ...graphics.picture import row_word
-from ...graphics.primitives import ColourBar, format_number
+from ...graphics.primitives import ColourBar
 from ...model.measurement import Measurement
 from ...model.validation import InputError, StorageError
 from ...session.calibration_run import Assessment
@@ -210,12 +210,7 @@ def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = ""
             f" background: currentColor'></div>{text}</div>"
             for share, text in bar.ticks
         )
-        ends = (("below", bar.low, bar.clipped), ("above", bar.high, bar.capped))
-        unit = " dB" if "(dB)" in bar.label else ""
-        beyond = " and ".join(f"{side} {format_number(value, 3)}{unit}" for side, value, there in ends if there)
-        note = f"values {beyond} are clipped" if beyond else ""
         label = re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(bar.label))
-        label = "<br>".join(filter(None, (label, note)))
         layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
         scale = (
             f"<div style='{CARD} {layout}'><div style='margin: 0.3em 1em 0 1em; flex: 1; min-width: 150px'>"

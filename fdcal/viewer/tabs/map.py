@@ -15,7 +15,7 @@ from ...graphics.primitives import DARK, LIGHT, format_number
 from ...graphics.volume import AXES
 from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
-from ..cost_maps import CostMap, count_label, least_range, modes_label, of_take
+from ..cost_maps import CostMap, count_label, log_scale, modes_label, of_take
 from ..gui import html
 from ..gui.binding import Binding, Tab
 from ..prepare import PreparedRun
@@ -327,8 +327,7 @@ def panel_image(run: PreparedRun, drawn: CostMap) -> np.ndarray | None:
     return mosaic(
         [*panels.maps, panels.total], captions, panels.search, marks,
         DARK if request.style.dark else LIGHT,
-        log=request.style.log, shared=request.style.shared, columns=2 if several or len(panels.modes) < 6 else 3,
-        least=least_range(run, request),
+        log=log_scale(run, request), shared=request.style.shared, columns=2 if several or len(panels.modes) < 6 else 3,
     )  # fmt: skip
 
 

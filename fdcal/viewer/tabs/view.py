@@ -28,7 +28,7 @@ from ...session import session_file
 from ..cost_maps import (
     ModePanels,
     fine_panels,
-    least_range,
+    log_scale,
     map_label,
     shown_modes,
     terms_of,
@@ -163,11 +163,11 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     request = snapshot.map_request
     what = "Basins of attraction" if request.style.basins else "Cost"
     heading = f"{what} of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
-    decibels = request.order_offset is not None  # of Eq. 7, as on the page
-    label = map_label(snapshot.run, replace(request, style=replace(request.style, log=True)))
-    panels, least = _panels(snapshot, MAX_PANELS), least_range(snapshot.run, request)
+    request = replace(request, style=replace(request.style, log=True))
+    log, quantity = log_scale(snapshot.run, request), map_label(snapshot.run, request).partition(" (")[0]
+    panels = _panels(snapshot, MAX_PANELS)
     # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
-    drawn = (panels, truth, label, heading, positions[n][:2], decibels, request.style.basins, least)
+    drawn = (panels, truth, heading, positions[n][:2], log, quantity, request.style.basins)
     return call(landscape_bytes, file_format, *drawn)
 
 
