@@ -46,7 +46,7 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     modes = mode_numbers(numbers, len(measurement.frequencies))
     positions = shown_positions(measurement, opt.result_of(result))
     if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
-        write_volume(path, inputs, positions, n, force, basins)
+        write_volume(path, inputs, positions, n, force)
         return
     searched = replace(measurement, search=search_around(positions, measurement.search))
     problem = searched.problem(inputs.settings.weights)
@@ -54,7 +54,7 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     if path.suffix.lower() == ".vti":
         from ..graphics.exports import landscape_vti
 
-        content = landscape_vti(panels, basins=basins).encode()
+        content = landscape_vti(panels).encode()
     else:
         from ..graphics.landscape import draw_landscape, figure_bytes
 

@@ -10,7 +10,7 @@ from ..assessment.words import error_line
 from ..cost.eq7 import ORDER_OFFSET, expansion_of, require_modes, require_plane_field
 from ..cost.maps import cost_volume, descent_maps, minima_of
 from ..graphics.heatmap import basin_floor, cost_floor
-from ..graphics.volume import SampledVolume, basin_slice, drawn_volume, sampled_volume, sliced
+from ..graphics.volume import SampledVolume, basin_slice, sampled_volume, sliced, volume_of
 from ..model.measurement import Measurement
 from ..model.storage import write_atomically
 from ..model.validation import InputError
@@ -82,7 +82,8 @@ def map_of(
         sampled = volume_around(inputs, positions, n, modes)
         through = float(positions[n]["xyz".find(axis)]) if position is None else position
         if not basins:
-            return {"volume": sliced(drawn_volume(sampled), sampled, axis, through)}
+            drawn = volume_of(sampled.cost, sampled.search, True, sampled.minima)
+            return {"volume": sliced(drawn, sampled, axis, through)}
         return {"volume": basin_slice(basins_of(sampled.cost), sampled.search, axis, through, sampled.minima, *place)}
     from ..solvers.descent import order_offset_of  # compiled code, which other commands do not need
 
@@ -99,14 +100,12 @@ def map_of(
     return {"floor": basin_floor(basins_of(cost), search, minima, *place)}
 
 
-def write_volume(
-    path: Path, inputs: CalibrationInput, positions: np.ndarray, n: int, force: bool, basins: bool
-) -> None:
-    """Write the cost of moving a microphone in space, and its basins, summed over all modes, for ParaView."""
+def write_volume(path: Path, inputs: CalibrationInput, positions: np.ndarray, n: int, force: bool) -> None:
+    """Write the cost of moving a microphone in space, summed over all modes, for ParaView."""
     from ..graphics.exports import volume_vti
 
     sampled = volume_around(inputs, positions, n, len(inputs.measurement.frequencies))
-    text = volume_vti(sampled.cost, sampled.search, basins)
+    text = volume_vti(sampled.cost, sampled.search)
     write_atomically(path, lambda file: file.write_text(text, encoding="ascii"), force)
     place = ", ".join(f"{x:.4g}" for x in sampled.minima.lowest[0])
     print(f"{path}: microphone {n}, least cost {sampled.cost.min():.3g} of the power at ({place}) m")

@@ -48,7 +48,11 @@ def entry_width(entry: Mark, letters: ImageFont.FreeTypeFont) -> float:
     return (SYMBOL * 1.35 + GAP) * letters.size / 16 + letters.getlength(entry.text)
 
 
-ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label, to Pillow's
+ANCHORS = {  # of a label, to Pillow's
+    f"{one}-{other}": across + up
+    for one, up in (("top", "a"), ("center", "m"), ("bottom", "d"))
+    for other, across in (("left", "l"), ("center", "m"), ("right", "r"))
+}
 SMALLEST_FONT = 6  # pixels
 LEGEND_EDGE = 20  # pixels left and right of the legend, at a 16-pixel font
 
@@ -67,12 +71,7 @@ def font(points: float) -> ImageFont.FreeTypeFont:
 def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, float, float]:
     """Return the pixels that rulers, legend, colour bar and title take: left, bottom, right, top."""
     scale, right = text_scale(size), 40 if picture.bar is None else 160
-    return 90 * scale, 62 * scale + legend_height(picture, size), right * scale, 104 * scale
-
-
-def legend_height(picture: Picture, size: tuple[int, int]) -> float:
-    """Return the pixels that the legend takes below a picture."""
-    return len(_legend_rows(picture, size)) * ROW * text_scale(size)
+    return 90 * scale, (62 + ROW * len(_legend_rows(picture, size))) * scale, right * scale, 104 * scale
 
 
 def _legend_rows(picture: Picture, size: tuple[int, int]) -> list[list[Mark]]:
@@ -97,7 +96,7 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
     letters = font(16 * scale)
     for label, place in uncovered(draw, picture, camera, letters):
         outline = halo_of(label.colour, picture.theme)
-        _write(draw, place, label.text, letters, label.colour, anchor(label), outline, scale)
+        _write(draw, place, label.text, letters, label.colour, ANCHORS[label.anchor], outline, scale)
     if picture.title:  # on a rectangle of the background's colour, in the upper left corner
         place, edge, points = (18 * scale, 13 * scale), 7 * scale, 19 * scale
         end = draw.multiline_textbbox(place, picture.title, font=font(points))[2]
@@ -129,17 +128,11 @@ def uncovered(draw, picture: Picture, camera: Camera, letters) -> list[tuple[Lab
     for label, (x, y) in zip(labels, places, strict=True):
         if label.name.startswith("frame/z" if not upright else "frame/range"):
             continue
-        a, b, c, d = draw.textbbox((x, y), label.text, font=letters, anchor=anchor(label))
+        a, b, c, d = draw.textbbox((x, y), label.text, font=letters, anchor=ANCHORS[label.anchor])
         if all(a > right or c < left or b > bottom or d < top for left, top, right, bottom in taken):
             taken.append((a, b, c, d))
             seen.append((label, (x, y)))
     return seen
-
-
-def anchor(label: Label) -> str:
-    """Return the anchor of a text as Pillow has it."""
-    vertical, horizontal = label.anchor.split("-")
-    return ANCHORS[horizontal] + ANCHORS[vertical]
 
 
 def _write(draw, place: tuple[float, float], text: str, letters, colour, anchor: str, outline, scale: float) -> None:

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from ..assessment.field import FieldMap
-from ..cost.basins import basins_of
 from ..cost.maps import LandscapePanels
 from ..model.measurement import Measurement
 from ..model.settings import Search
@@ -27,33 +26,23 @@ from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP
 ESTIMATED, TRUE, KNOWN = 0, 1, 2  # `kind` of a point
 
 
-def landscape_vti(panels: LandscapePanels, height: float = 0.0, basins: bool = False) -> str:
-    """Return the text of a .vti file with one field for each mode, and their sum, at a `height`, metres.
-
-    `basins`: whether there is a field with the number of the minimum of the sum where descent from each point ends, the
-    lowest minimum being 0; -1 where it ends at the edge of the map.
-    """
+def landscape_vti(panels: LandscapePanels, height: float = 0.0) -> str:
+    """Return the text of a .vti file with one field for each mode, and their sum, at a `height`, metres."""
     modes = zip(panels.modes, panels.frequencies, panels.maps[:-1], strict=True)
-    fields = {f"mode {m}, {f:.2f} Hz": cost for m, f, cost in modes}
-    fields["sum"] = panels.maps[-1]
-    if basins:
-        fields["basin of the sum"] = basins_of(panels.maps[-1]).labels
+    fields = {f"mode {m}, {f:.2f} Hz": cost for m, f, cost in modes} | {"sum": panels.maps[-1]}
     (x, y), step = panels.search.origin[:2], panels.search.step
     ny, nx = panels.maps.shape[1:]
     return image((nx, ny, 1), (x, y, height), (step, step, step), fields)
 
 
-def volume_vti(cost: np.ndarray, search: Search, basins: bool = False) -> str:
+def volume_vti(cost: np.ndarray, search: Search) -> str:
     """Return the text of a .vti file of the cost of moving one microphone in space.
 
-    Fields of every point: `cost` (nz, ny, nx), relative to the power, `cost_dB`, and `basin` where `basins` asks for
-    it, as of `landscape_vti`.
+    Fields of every point: `cost` (nz, ny, nx), relative to the power, and `cost_dB`.
     """
     values = np.asarray(cost, float).ravel()
     fields = {"cost": values, "cost_dB": 10 * np.log10(np.maximum(values, np.finfo(float).tiny))}
     fields = {name: field.astype(np.float32) for name, field in fields.items()}
-    if basins:
-        fields["basin"] = basins_of(cost).labels.ravel()
     return image(cost.shape[::-1], search.origin, [search.step] * 3, fields)
 
 

@@ -1,8 +1,7 @@
 """Costs over the search lattice as colours, heights and a scale, and basins of attraction as areas: maps on a floor.
 
 A map in relief has its shading in its colours, no renderer adds light: it comes from the upper left, as on a geographic
-map. Its shadow on the ground is an image with opacities, which costs a browser without a graphics card little. Lengths
-are metres.
+map. Lengths are metres.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import numpy as np
 from ..cost.scale import DECADES, LEAST_RANGE, OUTSIDE, Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array, length_text
-from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, Area, Colour, ColourBar, Floor, Mesh, Plate, Theme, mixed
+from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, Area, Colour, ColourBar, Floor, Mesh, Theme, mixed
 
 if TYPE_CHECKING:
     from ..cost.basins import Basins  # with compiled code, which a map of costs does not need
@@ -186,50 +185,6 @@ def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor
 def cost_label(weights: str) -> str:
     """Return name and unit of a solver's cost with `SolverSettings.weights`; raw pressures keep their unit."""
     return "cost (dimensionless)" if weights == "unit" else "cost (pressure squared)"
-
-
-SHADOW_PIXELS = 96  # along the longer edge of the image
-SHADOW_MARGIN = 0.32  # around the box, of its longer edge
-SHADOW_LENGTH = 0.55  # of the shadow, of that by the light of the relief: the light of the shadow stands higher
-SHADOW_SOFTNESS = 0.022  # of the shadow's edge, of the longer edge of the image
-SHADOW_OPACITY = 0.34  # where no light comes
-SHADOW_LEVELS = 10  # heights of the sides of a block whose shadow is drawn
-SHADOW_DEPTH = 2e-3  # below the ground, of the longer edge of the box: lines on the ground stay whole
-
-
-def relief_shadow(floor: Floor) -> Plate:
-    """Return the shadow of the block that a map in relief makes."""
-    if floor.heights is None:
-        raise ValueError("a flat map has no shadow")
-    grid = relief_grid(floor.origin, floor.size, floor.heights)
-    rows, columns = (np.linspace(0, count - 1, min(count, SHADOW_PIXELS)).astype(int) for count in grid.heights.shape)
-    x, y = np.meshgrid(grid.x[columns], grid.y[rows])
-    heights = np.linspace(0.0, 1.0, SHADOW_LEVELS)[:, None, None] * grid.heights[np.ix_(rows, columns)]
-    points = np.stack(np.broadcast_arrays(x, y, floor.height + heights), axis=-1).reshape(-1, 3)
-    return shadow_of(points, floor.origin, floor.size, floor.height)
-
-
-def shadow_of(points: np.ndarray, origin, size, ground: float) -> Plate:
-    """Return the shadow on the ground, at a height, of points (P, 3) above it, which are denser than its pixels.
-
-    `origin`, `size`: of the box (x, y) in which the points lie. Two shadows of one box have the same extent.
-    """
-    longer = max(size)
-    low = np.array(origin, float) - SHADOW_MARGIN * longer
-    extent = np.array(size, float) + 2 * SHADOW_MARGIN * longer
-    pixel = float(extent.max()) / SHADOW_PIXELS
-    columns, rows = np.maximum(np.ceil(extent / pixel).astype(int), 1).tolist()
-    away = -SHADOW_LENGTH * TOWARDS_LIGHT[:2] / TOWARDS_LIGHT[2]
-    height = np.clip(points[:, 2:3] - ground, 0.0, 0.7 * SHADOW_MARGIN * longer / np.abs(away).max())
-    column, row = np.floor((points[:, :2] + height * away - low) / pixel).astype(int).T
-    covered = np.zeros((rows, columns))
-    covered[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)] = 1.0
-    width = SHADOW_SOFTNESS * SHADOW_PIXELS  # of the soft edge, pixels
-    across, along = (np.exp(-0.5 * (np.subtract.outer(np.arange(n), np.arange(n)) / width) ** 2) for n in covered.shape)
-    image = np.zeros((rows, columns, 4), np.uint8)
-    image[..., 3] = np.rint(255 * SHADOW_OPACITY * (across @ covered @ along / (2 * np.pi * width**2)))
-    place = (float(low[0]), float(low[1])), (columns * pixel, rows * pixel)
-    return Plate("shadow", frozen_array(image, np.uint8), 2, ground - SHADOW_DEPTH * longer, *place)
 
 
 # Colours of basins of attraction, with a legend of areas in place of a colour bar: the basin of one place, such as the

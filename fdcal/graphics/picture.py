@@ -13,7 +13,7 @@ from ..model.measurement import Measurement
 from ..model.scene import Scene
 from ..model.validation import Reals
 from . import glyphs
-from .heatmap import relief_shadow, relief_sides
+from .heatmap import relief_sides
 from .marks import ESTIMATE, MARKS, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes, true_microphones
 from .primitives import Anchor, Floor, Label, Lines, Mesh, Picture, Theme, theme_of
 
@@ -245,8 +245,7 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     if floor is None:
         return replace(picture, floor=None)
     if floor.heights is not None:
-        sides, plates = relief_sides(floor, picture.theme), (*picture.plates, relief_shadow(floor))
-        picture = replace(picture, plates=plates).plus(*sides)
+        picture = picture.plus(*relief_sides(floor, picture.theme))
     picture = replace(picture, floor=floor)
     if not floor.show_minima:
         return picture

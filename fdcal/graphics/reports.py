@@ -116,8 +116,7 @@ def calibration_html(result: Calibration) -> str:
     verdict, text, run = map(escape, (verdict_word(result.verdict), result.verdict_text, run_words(result)))
     return (
         f"<p><b>{verdict}</b>: {text}<br>{run}</p>"
-        f'<img alt="positions of the microphones" style="max-width:100%" src="{png_uri(draw_calibration(result))}">'
-        f"{table}"
+        f"{picture_html('positions of the microphones', draw_calibration(result))}{table}"
     )
 
 
@@ -131,9 +130,16 @@ def position_table(
     return html_table(heads, rows, len(names) - len(rows))
 
 
-def html_page(title: str, style: str, body: str) -> str:
+STYLE = (
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:65rem;margin:2rem auto;padding:0 1rem;color-scheme:light dark}"
+    "img{background:#fff}table{border-collapse:collapse}"
+    "td,th{text-align:left;vertical-align:top;padding:.2rem .8rem .2rem 0;border-bottom:1px solid #8884}"
+)
+
+
+def html_page(title: str, body: str) -> str:
     """Return a page of HTML, which needs no network; `body`: what follows its title."""
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{style}</style>'
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
     return f'<!doctype html><html lang="en">{head}<h1>{escape(title)}</h1>{body}</html>\n'
 
 
@@ -145,9 +151,10 @@ def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]], omitted: int
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}{more}</tbody></table>"
 
 
-def png_uri(figure: Figure) -> str:
-    """Return a figure as the address of a picture that the page itself holds."""
-    return f"data:image/png;base64,{base64.b64encode(figure_bytes(figure, 'png')).decode()}"
+def picture_html(alt: str, figure: Figure) -> str:
+    """Return a figure as a picture that the page itself holds."""
+    coded = base64.b64encode(figure_bytes(figure, "png")).decode()
+    return f'<img alt="{escape(alt)}" style="max-width:100%" src="data:image/png;base64,{coded}">'
 
 
 @dataclass(frozen=True)
@@ -215,10 +222,6 @@ TITLES = {
     "list": "Does the list fit?",
 }
 STATES = {"fine": "fine", "differs": "differs, harmless", "fault": "fault", "unknown": "not known"}
-FINDINGS_STYLE = (
-    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}"
-    "td,th{text-align:left;vertical-align:top;padding:.2rem .8rem .2rem 0}"
-)
 MANY = 24  # microphones whose names an axis holds; curves with names of their own
 
 
@@ -230,12 +233,11 @@ def doctor_page(title: str, findings: Sequence[Answer]) -> str:
     ]
     parts = [
         f"<h2>{escape(TITLES[one.question])}</h2><p><b>{STATES[one.state]}</b>: {escape(one.text)}</p>"
-        f'<img src="{png_uri(draw_finding(one))}" alt="{escape(TITLES[one.question])}">'
+        + picture_html(TITLES[one.question], draw_finding(one))
         for one in findings
         if one.charts
     ]
-    table = html_table(["question", "answer", "figure", "in words"], rows)
-    return html_page(title, FINDINGS_STYLE, f"{table}{''.join(parts)}")
+    return html_page(title, html_table(["question", "answer", "figure", "in words"], rows) + "".join(parts))
 
 
 def draw_finding(finding: Answer) -> Figure:
@@ -272,13 +274,6 @@ def draw_plan(positions: np.ndarray, bound: Bound) -> Figure:
     return figure
 
 
-PLAN_STYLE = (
-    "body{font:16px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color-scheme:light dark}"
-    "img{max-width:100%;background:#fff}table{border-collapse:collapse}td,th{padding:.2rem .8rem;text-align:right;"
-    "border-bottom:1px solid #8884}"
-)
-
-
 def plan_html(
     name: str,
     names: Sequence[str],
@@ -293,9 +288,9 @@ def plan_html(
     """
     before, (caption, advice) = sentences
     listed = "".join(f"<li>{escape(line)}</li>" for line in before)
-    picture = f'<img alt="least error of each microphone" src="{png_uri(draw_plan(positions, bound))}">'
+    picture = picture_html("least error of each microphone", draw_plan(positions, bound))
     sigma = [f"{1e3 * one:.2f}" if free else "given" for one, free in zip(bound.sigma, bound.free, strict=True)]
     head, *rows = table
     promised = f"<p>{escape(caption)}</p>{html_table(head, rows)}<p>{escape(advice)}</p>"
     places = position_table(names, positions, {"least one sigma (mm)": sigma})
-    return html_page(f"Plan: {name}", PLAN_STYLE, f"<ul>{listed}</ul>{promised}{picture}{places}")
+    return html_page(f"Plan: {name}", f"<ul>{listed}</ul>{promised}{picture}{places}")

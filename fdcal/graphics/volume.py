@@ -7,7 +7,6 @@
     slice_of        a slice in the colours of a Volume
     brightened      a Volume for a dark page
     sampled_volume  values and minima on a lattice of the whole domain
-    drawn_volume    its isosurfaces
     sliced          these with a slice across an axis
     basin_slice     a slice through the basins of attraction, without isosurfaces
 
@@ -210,11 +209,6 @@ def sampled_volume(
     x, y, z = (origin + step * np.arange(n) for origin, n in zip(search.origin, shape, strict=True))
     cost = terms.on(x, y, z, cancelled)
     return None if cost is None else SampledVolume(terms, search, cost, minima_of(cost, search))
-
-
-def drawn_volume(sampled: SampledVolume, log: bool = True, minima: bool = True) -> Volume:
-    """Return the isosurfaces of a volume, without a slice; `minima`: whether they are marked."""
-    return volume_of(sampled.cost, sampled.search, log, sampled.minima if minima else None)
 
 
 def sliced(

@@ -29,9 +29,9 @@ from ..graphics.volume import (
     SampledVolume,
     Volume,
     basin_slice,
-    drawn_volume,
     sampled_volume,
     sliced,
+    volume_of,
 )
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -311,8 +311,9 @@ class VolumeMaps:
             volume = volume if style.minima else replace(volume, minima=None)
             note = descent_text(basins, sampled.search, home, name)
         else:
+            minima = sampled.minima if style.minima else None
             drawn = self._drawn[fine](
-                lambda: drawn_volume(sampled, style.log, style.minima), key, style.log, style.minima
+                lambda: volume_of(sampled.cost, sampled.search, style.log, minima), key, style.log, style.minima
             )
             volume = sliced(drawn, sampled, style.slice_axis, place, style.log, pixels)
             fine = fine and pixels == PIXELS

@@ -258,7 +258,9 @@ def test_heights_have_a_ruler_where_it_shows_and_no_text_covers_another():
         numbers = [float(label.text) for label, _ in texts if label.name[:7] == "frame/z" and label.text[0].isdigit()]
         low, high = picture.z_range
         assert len(numbers) >= 3 * (view == "close") and all(low <= number <= high for number in numbers)
-        boxes = np.array([image.textbbox(at, label.text, letters, annotations.anchor(label)) for label, at in texts])
+        boxes = np.array(
+            [image.textbbox(at, label.text, letters, annotations.ANCHORS[label.anchor]) for label, at in texts]
+        )
         apart = (boxes[:, None, :2] > boxes[None, :, 2:]).any(axis=2)
         assert (apart | apart.T | np.eye(len(boxes), dtype=bool)).all()
 

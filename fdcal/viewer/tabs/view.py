@@ -177,12 +177,12 @@ def _map(snapshot: PageState) -> bytes:
         sampled = None if terms is None else sampled_volume(terms)
         if sampled is None:
             raise ValueError("a volume that nobody cancels is complete")
-        return exports.volume_vti(sampled.cost, sampled.search, snapshot.choices.style.basins).encode()
+        return exports.volume_vti(sampled.cost, sampled.search).encode()
     place = snapshot.view.state.positions[snapshot.microphone]
     height = float(place[2]) if len(place) == 3 else z_range_of(snapshot.run.known_scene, snapshot.run.measurement)[0]
     panels = _panels(snapshot, MAX_PANELS)
     panels = replace(panels, maps=panels.maps.astype(np.float32))
-    return exports.landscape_vti(panels, height, snapshot.choices.style.basins).encode()
+    return exports.landscape_vti(panels, height).encode()
 
 
 def _table(snapshot: PageState) -> bytes:
