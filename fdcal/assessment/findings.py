@@ -47,28 +47,6 @@ AnswerState = Literal["fine", "differs", "fault", "unknown"]
 
 
 @dataclass(frozen=True)
-class Curve:
-    """One curve of a chart: points (x, y), joined by lines unless `marks`."""
-
-    label: str
-    x: np.ndarray
-    y: np.ndarray
-    marks: bool = False
-
-
-@dataclass(frozen=True)
-class Chart:
-    """What a finding rests on, to be drawn."""
-
-    x: str  # name and unit of the axis
-    y: str
-    curves: tuple[Curve, ...]
-    names: tuple[str, ...] = ()  # of the microphones, where x counts them
-    equal: bool = False  # whether both axes have the same scale, as a map has
-    limit: float | None = None  # of y, beyond which there is a finding
-
-
-@dataclass(frozen=True)
 class Answer:
     """The answer to one question about a recording or a data set, as `fdcal.session.doctor` gives it."""
 
@@ -77,7 +55,6 @@ class Answer:
     text: str
     value: float | None = None
     unit: str = ""
-    charts: tuple[Chart, ...] = ()
     # what differs or is at fault: kind, a key of `FAULTS`, and microphone, "" where it is none of one
     found: tuple[tuple[str, str], ...] = ()
 

@@ -105,29 +105,20 @@ def correct(recording, result, output, force):
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
 @click.option("--positions", metavar="FILE", help="List to compare with: a table name,x,y[,z], or a geometry.")
 @opt.recording_options(*opt.RECORDED)
-@opt.output_option("FILE.html", required=False)
-@opt.force_option
-def doctor(sources, positions, output, force, **recorded):
+def doctor(sources, positions, **recorded):
     """Tell whether a recording, or a published data set, is what it says.
 
     FILE is what `fdcal calibrate` takes. Each finding is one line: channels that are silent, clipped, copies or
     different; responses that wrap round; clocks that differ; whether there is one sound field, and a measured one;
-    whether the list fits. -o writes them with a picture each.
+    whether the list fits.
 
     The exit code is 5 if the list does not fit, else 4 if anything else is at fault or nothing can be said of the list.
     """
-    path = opt.output_path(output, ".html", force, *sources, positions) if output else None
     from ..session.doctor import examine
 
     options = opt.import_options(sources, recorded)
     with opt.progress_bar("examining") as progress:
         findings = list(examine(sources, positions, options, progress))
-    if path is not None:
-        from ..graphics.reports import doctor_page
-        from ..model.storage import write_atomically
-
-        page = doctor_page(f"{sources[0]}{f' and {len(sources) - 1} more' if len(sources) > 1 else ''}", findings)
-        write_atomically(path, lambda file: file.write_text(page, encoding="utf-8"), force)
     print("\n".join(one.line for one in findings))
     at_fault = {one.question for one in findings if one.state == "fault"}
     unsaid = positions is not None and any((one.question, one.state) == ("list", "unknown") for one in findings)

@@ -15,7 +15,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..assessment.calibration import Calibration
-from ..assessment.findings import Answer
 from ..assessment.uncertainty import Bound, confidence_factor, ellipse_axes
 from ..assessment.words import result_title, run_words, verdict_word
 from ..cost.eq7 import reference_cost_of
@@ -210,55 +209,6 @@ def show_calibration(self: Calibration) -> Replay:
     return Replay(
         replay_html(None, measurement, states, result_title(self), reference_cost_of(problem), sought, problem=problem)
     )
-
-
-TITLES = {
-    "samples": "Samples of each channel",
-    "wrapped": "Do the responses wrap round?",
-    "synchronous": "Do the channels share one clock?",
-    "field": "Is this one sound field?",
-    "measured": "Are the low frequencies measured?",
-    "channels": "Which channels differ?",
-    "list": "Does the list fit?",
-}
-STATES = {"fine": "fine", "differs": "differs, harmless", "fault": "fault", "unknown": "not known"}
-MANY = 24  # microphones whose names an axis holds; curves with names of their own
-
-
-def doctor_page(title: str, findings: Sequence[Answer]) -> str:
-    """Return the page."""
-    rows = [
-        [TITLES[one.question], STATES[one.state], "" if one.value is None else f"{one.value:.3g} {one.unit}", one.text]
-        for one in findings
-    ]
-    parts = [
-        f"<h2>{escape(TITLES[one.question])}</h2><p><b>{STATES[one.state]}</b>: {escape(one.text)}</p>"
-        + picture_html(TITLES[one.question], draw_finding(one))
-        for one in findings
-        if one.charts
-    ]
-    return html_page(title, html_table(["question", "answer", "figure", "in words"], rows) + "".join(parts))
-
-
-def draw_finding(finding: Answer) -> Figure:
-    """Return the charts of a finding, side by side."""
-    figure = Figure(figsize=(5 * len(finding.charts), 3.4), dpi=100, layout="constrained")
-    for chart, panel in zip(finding.charts, figure.subplots(1, len(finding.charts), squeeze=False)[0], strict=True):
-        few = len(chart.curves) <= MANY
-        for number, curve in enumerate(chart.curves):
-            style = "osD^v"[number % 5] if curve.marks else "-"
-            panel.plot(curve.x, curve.y, style, markersize=4, alpha=0.8, label=curve.label if few else None)
-        if chart.limit is not None:
-            panel.axhline(chart.limit, color="grey", linestyle="--", linewidth=1)
-        if chart.names and len(chart.names) <= MANY:
-            panel.set_xticks(range(len(chart.names)), chart.names, rotation=90 if max(map(len, chart.names)) > 2 else 0)
-        if chart.equal:
-            panel.set_aspect("equal", adjustable="datalim")
-        panel.set(xlabel=chart.x, ylabel=chart.y)
-        panel.grid(alpha=0.3)
-        if few and len(chart.curves) > 1:
-            panel.legend(fontsize="x-small", ncols=2 if len(chart.curves) > 6 else 1)
-    return figure
 
 
 def draw_plan(positions: np.ndarray, bound: Bound) -> Figure:

@@ -21,18 +21,17 @@ import numpy as np
 
 from ..assessment.calibration import FAULTS, OF_LIST, Calibration, ChannelFault
 from ..assessment.field import leave_one_out_errors, summarise
-from ..assessment.findings import Answer, AnswerState, Chart, Curve
+from ..assessment.findings import Answer, AnswerState
 from ..assessment.position_check import LIST_RULES, ListFit, PositionCheck, compare_positions, fit_result
 from ..assessment.words import clock_words, faults_text, gain_words, list_faults
-from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.validation import InputError
 from ..recordings import importer
 from ..recordings.channels import ChannelHealth, inspect_channels
 from ..recordings.frequencies import NothingAboveNoise
-from ..recordings.impulse_response import MAX_SAMPLES, WrapsRound, segment_levels
-from ..recordings.recording import IMPORT_LIMITS, ImportOptions, Recording, select_channels
+from ..recordings.impulse_response import WrapsRound
+from ..recordings.recording import ImportOptions, Recording, select_channels
 from ..recordings.synchrony import ClockFault, channel_delays
 from ..solvers import arrival_misfits
 from .calibration_run import solve
@@ -81,27 +80,17 @@ def examine(
         health = [inspect_channels(one) for one in takes]
         yield _samples(takes, health)
         yield _clocks(takes, health, wanted)
-        curves = []
-        for one in takes:
-            if one.samples <= MAX_SAMPLES:
-                level = segment_levels(one, (IMPORT_LIMITS.low, IMPORT_LIMITS.max_frequency * one.sample_rate))
-                times = (np.arange(len(level)) + 0.5) / len(level) * one.duration
-                decibels = 10 * np.log10(np.maximum(level, 1e-12 * level.max(initial=1e-300)))
-                curves.append(Curve(one.path, times, decibels))
-        levels = (Chart("time (s)", "level, mean of the channels (dB)", tuple(curves)),) if curves else ()
         try:
             measurement, report = importer.measurement_of_takes(takes, wanted)
         except InputError as error:
             wraps = isinstance(error, WrapsRound)
             state: AnswerState = "fault" if wraps or isinstance(error, NothingAboveNoise) else "unknown"
             question = "wrapped" if wraps else "field"
-            yield Answer(
-                question, state, str(error), charts=levels, found=((question, ""),) if state == "fault" else ()
-            )
+            yield Answer(question, state, str(error), found=((question, ""),) if state == "fault" else ())
             return
         stationary = (report.takes or (report,))[0].kind == "stationary"
         if not stationary:
-            yield Answer("wrapped", "fine", "no sound rises again before the end", charts=levels)
+            yield Answer("wrapped", "fine", "no sound rises again before the end")
         inputs = measurement_input(measurement, texts[0])
     else:
         inputs, stationary = load_input(texts, progress), False
@@ -116,21 +105,15 @@ def _samples(takes: Sequence[Recording], health: Sequence[ChannelHealth]) -> Ans
     """Channels that cannot be used by their samples alone."""
     names = takes[0].names
     faults = {names[n]: one.fault(n, names) for one in reversed(health) for n in one.bad}
-    shown = next((one for one in health if len(one.bad)), health[0])
-    number = np.arange(len(names), dtype=float)
-    floor = max(1e-9, 1e-9 * shown.peak.max(initial=0))
-    curves = [Curve(what, number, 20 * np.log10(np.maximum(values, floor)), True)
-              for what, values in (("level (RMS)", shown.level), ("peak", shown.peak))]  # fmt: skip
-    chart = Chart("microphone", "dB of full scale", tuple(curves), names)
     listed = "; ".join(f"{name}: {fault}" for name, fault in faults.items())
     text = listed or f"none of {len(names)} channels is silent, clipped or a copy of another"
     kinds = tuple(dict.fromkeys((one.kind(n), names[n]) for one in health for n in one.bad))
-    return Answer("samples", "fault" if faults else "fine", text, len(faults), "channels", (chart,), kinds)
+    return Answer("samples", "fault" if faults else "fine", text, len(faults), "channels", kinds)
 
 
 def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options: ImportOptions) -> Answer:
     """Channels whose clock differs; those that cannot be used at all are no matter of it."""
-    names, faults, unknown, worst, chart, value = takes[0].names, dict[str, ClockFault](), set[str](), -1.0, None, 0.0
+    names, faults, unknown, worst, value = takes[0].names, dict[str, ClockFault](), set[str](), -1.0, 0.0
     for one, state in zip(takes, health, strict=True):
         impulse = one.kind == "impulse" or options.kind == "impulse"
         found = None if impulse else channel_delays(select_channels(one, np.setdiff1d(np.arange(one.count), state.bad)))
@@ -142,20 +125,17 @@ def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options
         over = np.abs(found.delays) / found.limit[:, None]
         if np.isfinite(over[:, 1:]).any() and np.nanmax(over) > worst:  # the take that shows most
             worst, value = float(np.nanmax(over)), 1e6 * float(np.nanmax(np.abs(found.delays)))
-            curves = [Curve(name, found.times, 1e6 * row) for name, row in zip(usable, found.delays, strict=True)]
-            chart = Chart("time (s)", "delay against the others (µs)", tuple(curves))
     listed = [f"{name}: {clock_words(*fault)}" for name, fault in faults.items()]
     few = [name for name in names if name in unknown and name not in faults]
     listed += [f"{', '.join(few)}: not coherent with the others"] if few else []
-    charts = () if chart is None else (chart,)
     if faults:
         kinds = tuple((fault.kind, name) for name, fault in faults.items())
-        return Answer("synchronous", "fault", "; ".join(listed), value, "µs", charts, kinds)
-    if chart is None:
+        return Answer("synchronous", "fault", "; ".join(listed), value, "µs", kinds)
+    if worst < 0:
         why = "no channels are coherent" if few else "not seen in impulse responses, or in less than 8 s of sound"
         return Answer("synchronous", "unknown", why)
     text = f"delays of the channels change by {value:.2g} µs at most"
-    return Answer("synchronous", "unknown" if few else "fine", "; ".join([*listed, text]), value, "µs", charts)
+    return Answer("synchronous", "unknown" if few else "fine", "; ".join([*listed, text]), value, "µs")
 
 
 def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressReport | None) -> Iterator[Answer]:
@@ -187,10 +167,10 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
         yield _list(inputs, result, check, progress)
 
 
-def _errors(result: Calibration) -> tuple[float, float, np.ndarray, np.ndarray, np.ndarray]:
-    """Leave-one-out error by a sound field, and by the mean of the others, dB: of the lowest frequencies, and of each.
+def _errors(result: Calibration) -> tuple[float, float, np.ndarray, np.ndarray]:
+    """Leave-one-out error of the lowest frequencies by a sound field, and by the mean of the others, dB.
 
-    The last are the frequencies, Hz.
+    The last two are that of each frequency by the field, dB, and the frequencies, Hz.
     """
     assert result.run is not None
     problem, healthy = result.run.problem, np.zeros(len(result.names), bool)
@@ -209,7 +189,7 @@ def _errors(result: Calibration) -> tuple[float, float, np.ndarray, np.ndarray, 
     low = np.argsort(problem.frequencies[modes], kind="stable")[
         : max(DOCTOR_RULES.fewest, int(DOCTOR_RULES.lowest * len(p)))
     ]
-    return _mean_db(by_field[low]), _mean_db(by_mean[low]), by_field, by_mean, problem.frequencies[modes]
+    return _mean_db(by_field[low]), _mean_db(by_mean[low]), by_field, problem.frequencies[modes]
 
 
 def _mean_db(levels: np.ndarray) -> float:
@@ -218,13 +198,7 @@ def _mean_db(levels: np.ndarray) -> float:
 
 def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     """Whether there is a sound field, and whether it is a measured one."""
-    overall, mean_db, by_field, by_mean, f = _errors(result)
-    order = np.argsort(f, kind="stable")
-    curves = tuple(
-        Curve(what, f[order], values[order], True)
-        for what, values in (("predicted by the sound field", by_field), ("by the mean of the others", by_mean))
-    )
-    chart = Chart("frequency (Hz)", "leave-one-out error (dB)", curves, limit=DOCTOR_RULES.field_db)
+    overall, mean_db, by_field, f = _errors(result)
     low = f <= DOCTOR_RULES.low_frequency
     low_db = _mean_db(by_field[low]) if np.sum(low) >= DOCTOR_RULES.fewest else np.nan
     one = overall < DOCTOR_RULES.field_db
@@ -232,7 +206,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     text += f" field, to {mean_db:.1f} dB by their mean"
     if not one:
         text += ": no sound field, but several recordings, moving microphones, or no measurement"
-    field = Answer("field", "fine" if one else "fault", text, overall, "dB", (chart,), () if one else (("field", ""),))
+    field = Answer("field", "fine" if one else "fault", text, overall, "dB", () if one else (("field", ""),))
     problem = measurement.problem("unit", "none")
     misfit = arrival_misfits(problem, np.asarray(result.positions))
     if misfit is None:
@@ -241,22 +215,16 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
         listed = arrival_misfits(problem, np.asarray(measurement.positions))
         misfit = misfit if listed is None else min(misfit, listed, key=np.nanmedian)
     median = float(np.nanmedian(misfit))
-    number = np.arange(measurement.count, dtype=float)
-    seen = [column[np.isfinite(column)] for column in misfit.T]
-    each = np.array([np.median(column) if len(column) else np.nan for column in seen])
-    times = Chart("microphone", "misfit of arrivals (mm)",
-                  (Curve("median of the takes", number, 1e3 * each, True),),
-                  tuple(measurement.names), limit=1e3 * DOCTOR_RULES.arrivals)  # fmt: skip
     text, below = f"arrivals fit to {1e3 * median:.1f} mm", f"below {DOCTOR_RULES.low_frequency:g} Hz"
     if not np.isfinite(low_db):
         text += f"; no frequencies {below} to compare with"
-        return [field, Answer("measured", "unknown", text, 1e3 * median, "mm", (times,))]
+        return [field, Answer("measured", "unknown", text, 1e3 * median, "mm")]
     text += f", {below} the field to {low_db:.1f} dB"
     rays = median < DOCTOR_RULES.arrivals and low_db > DOCTOR_RULES.field_db
     if rays:
         text += ": a simulation by rays, which has no sound field at low frequencies"
     found = (("rays", ""),) if rays else ()
-    return [field, Answer("measured", "fault" if rays else "fine", text, low_db, "dB", (times,), found)]
+    return [field, Answer("measured", "fault" if rays else "fine", text, low_db, "dB", found)]
 
 
 def _channels(result: Calibration) -> Answer:
@@ -265,17 +233,12 @@ def _channels(result: Calibration) -> Answer:
     if channels is None:
         return Answer("channels", "unknown", "nothing is known of gains")
     faults: list[ChannelFault] = [one for one in channels.faults if one.kind not in OF_LIST]
-    number = np.arange(len(result.names), dtype=float)
-    charts = tuple(
-        Chart("microphone", what, (Curve(what, number, values, True),), tuple(result.names))
-        for what, values in (("gain (dB)", channels.gain_db), ("phase (degrees)", channels.phase_deg))
-    )
     text = faults_text(faults) or f"gains {gain_words(result)}"
     state: AnswerState = (
         "fine" if not faults else "differs" if all(FAULTS[one.kind].minor for one in faults) else "fault"
     )
     kinds = tuple((one.kind, one.name) for one in faults)
-    return Answer("channels", state, text, len(faults), "channels", charts, kinds)
+    return Answer("channels", state, text, len(faults), "channels", kinds)
 
 
 def _size(
@@ -338,10 +301,9 @@ def _list(
         text = "the list fits the array found in no order: it is of another array, or most positions are far off"
         text += "" if sure else f"; {result.verdict_text}"
         return Answer("list", "fault" if sure else "unknown", text, found=(("other", ""),) if sure else ())
-    own = np.asarray(result.positions)
     fit = list_fit(inputs, result, check, progress)
     faults = list_faults(check, fit, names)
-    moved = np.flatnonzero(check.order != np.arange(len(own)))
+    moved = np.flatnonzero(check.order != np.arange(len(listed)))
     kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
     kinds += [("repeated", names[n]) for n in fit.repeated]
     kinds += ([("off", "")] if fit.poor and sure else []) + ([("size", "")] if fit.sized else [])
@@ -349,11 +311,4 @@ def _list(
     rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if unknown else "fine"
     text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
     text += "" if faults or not unknown else f"; {result.verdict_text}"
-    there = align(own, listed[check.order], fit.kept)
-    points = tuple(Curve(what, x[:, 0], x[:, 1], True) for what, x in (("list", listed), ("found", there)))
-    number = np.arange(len(own), dtype=float)
-    charts = (
-        Chart("x (m)", "y (m)", points, equal=True),
-        Chart("microphone", "distance (mm)", (Curve("distance", number, 1e3 * fit.errors, True),), tuple(names)),
-    )
-    return Answer("list", state, text, rms, "mm", charts, tuple(kinds))
+    return Answer("list", state, text, rms, "mm", tuple(kinds))

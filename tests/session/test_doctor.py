@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,6 @@ from fdcal.assessment.calibration import FAULTS
 from fdcal.assessment.position_check import compare_positions
 from fdcal.commands import report
 from fdcal.commands.cli import main
-from fdcal.graphics.reports import TITLES
 from fdcal.model.measurement import save_measurement
 from fdcal.recordings.recording import ImportOptions
 from fdcal.session import doctor
@@ -148,7 +148,7 @@ def test_one_channel_of_noise_is_named_and_the_clocks_are_not_fine(tmp_path):
     assert (clocks.state, clocks.value) == ("unknown", None) and "no channels are coherent" in clocks.text
 
 
-def test_figure_and_picture_are_of_the_take_with_the_fault(tmp_path):
+def test_the_figure_is_of_the_take_with_the_fault(tmp_path):
     rng = np.random.default_rng(7)
     healthy = rng.standard_normal(10 * RATE) + 0.1 * rng.standard_normal((5, 10 * RATE))
     faulty = healthy.copy()
@@ -157,27 +157,22 @@ def test_figure_and_picture_are_of_the_take_with_the_fault(tmp_path):
     samples, clocks = of_samples(tmp_path, healthy, faulty, healthy)
     assert (samples.state, clocks.state) == ("fault", "fault")
     assert (samples.found, clocks.found) == ((("silent", "4"),), (("jump", "2"),))
-    level = samples.charts[0].curves[0].y
-    assert level[4] < level[:4].min() - 60
     assert clocks.text.startswith("2: jumps by +2 ms") and clocks.value == pytest.approx(2000, rel=0.01)
-    assert [curve.label for curve in clocks.charts[0].curves] == ["0", "1", "2", "3"]  # the silent one has no clock
-    assert np.nanmax(clocks.charts[0].curves[2].y) == pytest.approx(2000, rel=0.01)
 
 
-def test_responses_that_wrap_round_end_the_examination_and_the_page_shows_it(tmp_path, capsys):
+def test_responses_that_wrap_round_end_the_examination(tmp_path, capsys):
     rng, t = np.random.default_rng(4), np.arange(RATE) / RATE
     samples = np.exp(-t / 0.05) * rng.standard_normal((6, RATE)) + 1e-4 * rng.standard_normal((6, RATE))
     samples[4] = 0.0
     soundfile.write(tmp_path / "wrapped.wav", 0.1 * np.roll(samples, -20, axis=1).T, RATE, subtype="FLOAT")
-    page = tmp_path / "page.html"
     with pytest.raises(SystemExit) as ended:
-        main(["doctor", str(tmp_path / "wrapped.wav"), "--kind", "impulse", "-o", str(page)])
+        main(["doctor", str(tmp_path / "wrapped.wav"), "--kind", "impulse"])
     lines = capsys.readouterr().out.splitlines()
     assert ended.value.code == 4
     assert any(line.startswith("samples") and "4: silent" in line for line in lines)
-    assert lines[-1].startswith("wrapped      fault")
-    assert page.read_text().count("<img") == 2 and "wraps round" in page.read_text()
+    assert lines[-1].startswith("wrapped      fault") and "wraps round" in lines[-1]
 
 
 def test_every_kind_of_fault_belongs_to_a_question_of_the_report():
-    assert {one.question for one in FAULTS.values()} == set(TITLES)
+    questions = re.findall(r"^(\w+)  ", doctor.__doc__, re.MULTILINE)
+    assert {one.question for one in FAULTS.values()} == set(questions)
