@@ -50,8 +50,6 @@ class MapStyle:
     log: bool = True  # whether its scale is logarithmic
     relief: bool = False  # whether its heights rise with its colours
     relief_height: float = 0.3  # of the highest cost, of the longer side of the search domain
-    shared: bool = False  # one scale for all the maps side by side
-    dark: bool = False  # whether the page is
     shape: bool = False  # the sound field of the last of the modes instead of a cost
     minima: bool = True  # whether its local minima are marked and counted
     volume: bool = False  # the cost in space instead of on the floor
@@ -84,10 +82,6 @@ class CostMapRequest:
             for one in (self, wanted)
         )
         return mine == theirs and self.lineage is wanted.lineage
-
-    def differs_in_theme(self, wanted: CostMapRequest) -> bool:
-        """Whether `wanted` is this map on a page of the other theme, whose colours of costs are the same."""
-        return self != wanted and replace(self, style=replace(self.style, dark=wanted.style.dark)) == wanted
 
     def differs_by_a_drag(self, wanted: CostMapRequest) -> bool:
         """Whether `wanted` is this map with another slice, height of the relief or position of one microphone."""
@@ -381,16 +375,14 @@ class CostMapWorker:
         if drawn and idle and not wanted.style.shape and self.worker.wants(wanted):
             self._fine_worker.newest(wanted)
         fine, latest = self._fine_worker.latest, self.worker.latest
-        if fine is not None and fine.result is not None:
-            finer = fine.request[0]
-            if finer == wanted or finer.differs_in_theme(wanted):
-                return fine.result, ""
+        if fine is not None and fine.result is not None and fine.request[0] == wanted:
+            return fine.result, ""
         if latest is None:
             return None, ""
         last = latest.request[0]
         recent = now - max(latest.ended, self._since) < DRAG_TIME
         dragged = not running and recent and last.differs_by_a_drag(wanted)
-        if dragged or last.differs_in_theme(wanted) or last.stands_for(wanted, running):
+        if dragged or last.stands_for(wanted, running):
             return latest.result, error_message(latest.cause)
         return None, ""
 

@@ -149,7 +149,7 @@ class SessionPicture:
         if dropped is not None:
             positions[dropped.microphone, : len(dropped.place)] = dropped.place
         scene, measurement = self._run.known_scene, self._measurement
-        dark, lecture, take = key = choices.style.dark, choices.lecture, choices.take
+        dark, lecture, take = key = choices.dark, choices.lecture, choices.take
         if floor is not None and floor.heights is not None:  # what does not move follows the heights of the map
             static = static_picture(scene, measurement, dark, floor, lecture, take)
         else:
@@ -189,7 +189,7 @@ class SessionPicture:
         plan, measurement = choices.plan, self._measurement
         positions, known = plan.placed(measurement.positions), np.array(plan.known, int)
         array = replace(measurement, positions=positions, known=known, known_positions=positions[known])
-        picture = static_picture(self._run.known_scene, array, choices.style.dark, None, choices.lecture, choices.take)
+        picture = static_picture(self._run.known_scene, array, choices.dark, None, choices.lecture, choices.take)
         axes = np.zeros((0, 2, 2)) if planned is None else planned.axes
         self.places = positions
         return overlays.with_bound(picture, positions, axes)
@@ -313,7 +313,7 @@ class Viewer:
         if view.state is not self._state:
             self._revision, self._state = self._revision + 1, view.state
         drawn, reason = self._select_map(view, choices, now)
-        if drawn is not None and drawn.volume is not None and choices.style.dark:
+        if drawn is not None and drawn.volume is not None and choices.dark:
             drawn = self._volume(lambda: replace(drawn, volume=brightened(drawn.volume)), drawn)
         self.found = found
         uncertainty = self._uncertainty(lambda: uncertainty_of(found, frame, newest.state.positions), found)
@@ -340,7 +340,7 @@ class Viewer:
             self.nodes.show(picture)
             legend = canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
             self._folders.overlay.show("legend", legend)
-            across = "xyz".find(choices.style.slice_axis) if choices.style.volume else 2
+            across = "xyz".find(choices.slice_axis) if choices.volume else 2
             self.picker.show(self._picture.places, picture.floor, across if across >= 0 else 2, self._picture.ball)
             return picture
 

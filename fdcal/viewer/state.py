@@ -53,21 +53,34 @@ VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camer
 Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
 BOUNDS = {"relief_height": (0.05, 1.0), "slice_position": (-math.inf, math.inf)}
 # Choices that another scene keeps.
-KEPT = ("trails", "ellipses", "ellipse_scale", "lecture", "export_kind", "export_view", "export_size", "rate", "themed")
+KEPT = (
+    "trails",
+    "ellipses",
+    "ellipse_scale",
+    "lecture",
+    "export_kind",
+    "export_view",
+    "export_size",
+    "rate",
+    "themed",
+    "dark",
+    "shared",
+)
 
 
 @dataclass(frozen=True)
-class Choices:
+class Choices(MapStyle):
     """What the controls of the page show, apart from what belongs to the session."""
 
-    microphone: int  # whose map is shown, counted from 0
+    microphone: int = 0  # whose map is shown, counted from 0
     follow: bool = True  # whether the map is that of the microphone which the last step moved
     shown: bool = True  # whether a map is shown
     modes: tuple[int, ...] | None = None  # of the map, counted from 1; None for those that the solver uses
     # of the map, added to ceil(k R) in the order of every mode; that of the cost in the status at first
     order_offset: int = ORDER_OFFSET
     objective: bool = False  # whether the map shows what the solver minimises, in place of Eq. 7
-    style: MapStyle = field(default_factory=MapStyle)
+    dark: bool = False  # whether the page is
+    shared: bool = False  # one scale for all the maps side by side
     trails: bool = False  # whether the path of each estimate is drawn
     ellipses: bool = False  # whether the error ellipses are drawn
     ellipse_scale: int = 0  # by which the error ellipses are enlarged; 0 for the factor that makes them visible
@@ -85,9 +98,14 @@ class Choices:
     take: int | None = None  # whose rows and spectrum are shown; None for those of all takes
 
     @property
+    def style(self) -> MapStyle:
+        """How a map is drawn."""
+        return MapStyle(**{one.name: getattr(self, one.name) for one in fields(MapStyle)})
+
+    @property
     def map_order(self) -> int | None:
         """What is added to ceil(k R) in the map; None for the solver's objective, which no volume shows."""
-        return None if self.objective and not self.style.volume else self.order_offset
+        return None if self.objective and not self.volume else self.order_offset
 
     def map_request(
         self, run: PreparedRun, view: SessionView, microphone: int, revision: int = 0, follow: bool = False
@@ -106,15 +124,11 @@ class Choices:
         """Return the values that an OpenRequest needs to restore these choices."""
         keys = ("microphone", "modes", "order_offset", "relief_height", "slice_axis", "slice_position")
         keys += ("ellipse_scale", "take", *SWITCHES)
-        return {key: getattr(self.style if hasattr(self.style, key) else self, key) for key in keys}
+        return {key: getattr(self, key) for key in keys}
 
 
 # Those that are saved and are true or false.
-SWITCHES = tuple(
-    one.name
-    for one in (*fields(Choices), *fields(MapStyle))
-    if one.type == "bool" and one.name not in ("lecture", "themed")
-)
+SWITCHES = tuple(one.name for one in fields(Choices) if one.type == "bool" and one.name not in ("lecture", "themed"))
 
 
 def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Choices:
@@ -130,16 +144,13 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     choices = replace(choices, themed="dark" in run.opening.choices)
     if before is not None:
         kept = {name: getattr(before, name) for name in KEPT}
-        volume = (before.style.volume or before.style.basins) and has_volume(measurement)
-        style = replace(before.style, shape=False, volume=volume, slice_position=None)  # what any measurement may have
-        choices = replace(choices, style=style, **kept)
+        volume = (before.volume or before.basins) and has_volume(measurement)
+        kept |= {**vars(before.style), "shape": False, "volume": volume, "slice_position": None}
+        choices = replace(choices, **kept)
     wanted, takes = run.opening.choices.items(), set(measurement.takes.tolist())
     values = {key: _checked(key, value, measurement.count, modes, takes) for key, value in wanted}
-    of_style = {key: values.pop(key) for key in tuple(values) if hasattr(choices.style, key)}
-    style = replace(choices.style, **of_style)
-    if not has_volume(measurement):  # the request may be of a file of an array in a plane
-        style = replace(style, volume=False)
-    return replace(choices, style=style, **values)
+    choices = replace(choices, **values)
+    return choices if has_volume(measurement) else replace(choices, volume=False)  # of an array in a plane
 
 
 def has_volume(measurement: Measurement) -> bool:
@@ -182,14 +193,13 @@ MAP_KINDS = (FLOOR, RELIEF, SHAPE, BASINS, VOLUME, NOTHING)
 
 def kind_of(choices: Choices) -> str:
     """Return which kind of map the choices ask for."""
-    style = choices.style
     if not choices.shown:
         return NOTHING
-    if style.basins:
+    if choices.basins:
         return BASINS
-    if style.volume:
+    if choices.volume:
         return VOLUME
-    return RELIEF if style.relief else SHAPE if style.shape else FLOOR
+    return RELIEF if choices.relief else SHAPE if choices.shape else FLOOR
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from fdcal.session import session_file
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import OpenRequest
 
-CHOICES = {"microphone": 9, "modes": (2, 5), "follow": False, "dark": True, "opacity": 0.5}
+CHOICES = {"microphone": 9, "modes": (2, 5), "follow": False, "dark": True}
 
 
 def left(name: str, steps: int | None = None, index: int = 2) -> OpenRequest:

@@ -48,7 +48,7 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page, monke
     tabs.map.show_as(MAP_KINDS[0])
     command(page, f"open={written}&view={CAMERA}")
     choices = page.viewer.binding.choices
-    assert (choices.microphone, choices.modes, choices.style.relief) == (5, (2, 3, 4, 6), True)
+    assert (choices.microphone, choices.modes, choices.relief) == (5, (2, 3, 4, 6), True)
     (_, camera), *_ = [one for one in page.nodes.cameras._requests if one[1] is not None][-1:]
     assert camera.position == (1, 2, 30) and camera.look_at == (1, 2, 0) and camera.fov == 0.02
     before = page.viewer.binding.choices
@@ -127,4 +127,4 @@ def test_the_page_follows_a_browser_until_a_user_chooses(tiny_page):
             page.viewer.tabs.view.darken(True)
         else:
             command(page, asked)
-        assert page.viewer.binding.choices.style.dark == dark
+        assert page.viewer.binding.choices.dark == dark

@@ -23,7 +23,6 @@ from fdcal.viewer.state import FLOOR, MAP_KINDS, NOTHING, RELIEF, PageState, kin
 from fdcal.viewer.tabs import help, map
 from fdcal.viewer.tabs import scene as scenetab
 from fdcal.viewer.tabs.help import KEYS, add_keys
-from fdcal.viewer.tabs.map import LINEAR, LOG
 
 
 def test_controls_without_effect_are_hidden(controls):
@@ -160,9 +159,9 @@ CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # 
 def page():
     """A page that records what is done to it, and the records."""
     calls = []
-    style, view = SimpleNamespace(log=True, dark=False), SimpleNamespace(index=4, state=SimpleNamespace(last=3))
-    binding = SimpleNamespace(
-        choices=SimpleNamespace(modes=None, style=style, trails=True), modes=20,
+    view = SimpleNamespace(index=4, state=SimpleNamespace(last=3))
+    binding = CallRecorder(
+        calls, choices=SimpleNamespace(modes=None, log=True, dark=False, trails=True), modes=20,
         measurement=SimpleNamespace(count=16), session=CallRecorder(calls, "session", view=view),
     )  # fmt: skip
     kind, microphone = SimpleNamespace(value=MAP_KINDS[-1]), SimpleNamespace(value=15)
@@ -200,7 +199,7 @@ DONE = {
     "T": ("run_bar.press", "Stage"), "X": ("run_bar.press", "Reset"), "B": ("session.seek", 3),
     "F": ("session.seek", 5), "M": ("map.pick", 0), "Shift+M": ("map.pick", 14), "O": ("map.choose_modes", range(1, 5)),
     "I": ("map.choose_modes", range(1, 3)), "P": ("sweep.toggle",), "U": ("map.choose_modes", None),
-    "V": ("map.show_as", MAP_KINDS[0]), "L": ("map.set", ("scale", LINEAR)), "Y": ("view.draw", ("trails", False)),
+    "V": ("map.show_as", MAP_KINDS[0]), "L": ("choose", ("log", False)), "Y": ("choose", ("trails", False)),
     "K": ("view.darken", True), "1": ("look", "me", "top"), "2": ("nodes.cameras.request", "me", "3d"),
     "3": ("look", "me", "close"), "J": ("lessons.go", "Next"), "Shift+J": ("lessons.go", "Back"),
 }  # fmt: skip
@@ -212,7 +211,7 @@ def test_a_key_does_what_its_button_does(page, keyboard):
     assert page[1] == list(DONE.values())
     page[1].clear()
     choices = page[0].viewer.tabs.binding.choices
-    choices.modes, choices.style.log = (20,), False
+    choices.modes, choices.log = (20,), False
     keyboard("O")
     choices.modes = (1,)
     keyboard("I")
@@ -220,7 +219,7 @@ def test_a_key_does_what_its_button_does(page, keyboard):
     assert page[1] == [
         ("map.choose_modes", range(1, 21)),
         ("map.choose_modes", range(1, 2)),
-        ("map.set", ("scale", LOG)),
+        ("choose", ("log", True)),
     ]
 
 

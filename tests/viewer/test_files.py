@@ -29,7 +29,7 @@ from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare
-from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker, MapStyle
+from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.scene3d.nodes import SceneNodes
 from fdcal.viewer.state import VOLUME, Choices, PageState, initial_choices, kind_of
@@ -71,8 +71,8 @@ def saving(viewer):
 def test_every_page_gets_its_file(viewer, saving, monkeypatch):
     made, client, told, got = saving
     gate, count = threading.Event(), exports.MAX_WAITING + 9
-    viewer.binding.choose(export_kind="gated")
     monkeypatch.setitem(exports.KINDS, "gated", exports.Kind(".x", "", lambda _: gate.wait(WAIT) and b"x"))
+    viewer.binding.choose(export_kind="gated")
     for number in range(count):
         run = dataclasses.replace(viewer.run, scene=dataclasses.replace(viewer.run.scene, name=f"{number}"))
         viewer.binding.state = dataclasses.replace(viewer.snapshot, run=run)
@@ -85,13 +85,13 @@ def test_every_page_gets_its_file(viewer, saving, monkeypatch):
 
 def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monkeypatch):
     made, client, told, _ = saving
-    viewer.binding.choose(export_kind="broken")
     errors = [InputError("no map"), OSError("disk"), ZeroDivisionError("oh")]
 
     def fail(_):
         raise errors[len(told)]
 
     monkeypatch.setitem(exports.KINDS, "broken", exports.Kind(".x", "", fail))
+    viewer.binding.choose(export_kind="broken")
     for error in errors:
         made.save(client)
         assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
@@ -112,7 +112,7 @@ def snapshot(scene, kernels):
     away = 0.01 * np.random.default_rng(4).normal(size=measurement.positions.shape)
     view = view_of([dataclasses.replace(state, positions=measurement.positions + away)])
     run = prepare.PreparedRun(scene, measurement, problem, solver, SimpleNamespace(view=view), OpenRequest(scene))
-    choices = Choices(MICROPHONE, modes=MODES, order_offset=0)
+    choices = Choices(microphone=MICROPHONE, modes=MODES, order_offset=0)
     return PageState(view, microphone=MICROPHONE, run=run, choices=choices)
 
 
@@ -225,8 +225,7 @@ def run():
 
 @pytest.fixture
 def space(run):
-    style = MapStyle(volume=True)
-    choices = Choices(MICROPHONE, modes=(1, 5, 30), style=style)
+    choices = Choices(microphone=MICROPHONE, modes=(1, 5, 30), volume=True)
     return PageState(run.session.view, microphone=MICROPHONE, run=run, choices=choices)
 
 
@@ -330,16 +329,16 @@ def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_pl
     assert VOLUME not in controls[0].map.kinds
     binding = Binding(server.gui, run, 20)
     tab = MapTab(binding)
-    assert VOLUME in tab.kinds and not tab.slice.axis.visible
+    assert VOLUME in tab.kinds and not tab.axis.visible
     set_by_client(tab.kind, VOLUME)
-    assert kind_of(binding.choices) == VOLUME and tab.slice.position.visible and not tab.quantity.visible
-    set_by_client(tab.slice.axis, "x")
-    assert (tab.slice.position.min, tab.slice.position.max) == (1.4, 2.4)
-    set_by_client(tab.slice.position, 2.0)
-    assert binding.choices.style.slice_position == 2.0
-    set_by_client(tab.slice.axis, "None")
-    assert not tab.slice.position.visible and binding.choices.style.slice_position is None
-    choices = Choices(3, style=MapStyle(volume=True, slice_axis="y", slice_position=1.5))
+    assert kind_of(binding.choices) == VOLUME and tab.position.visible and not tab.quantity.visible
+    set_by_client(tab.axis, "x")
+    assert (tab.position.min, tab.position.max) == (1.4, 2.4)
+    set_by_client(tab.position, 2.0)
+    assert binding.choices.slice_position == 2.0
+    set_by_client(tab.axis, "None")
+    assert not tab.position.visible and binding.choices.slice_position is None
+    choices = Choices(microphone=3, volume=True, slice_axis="y", slice_position=1.5)
     kept = initial_choices(
         dataclasses.replace(run, opening=OpenRequest(run.scene, choices=choices.to_save())), 20, None
     )

@@ -35,7 +35,9 @@ def controls():
     """Controls that record what is done to them, and the records."""
     calls = []
     session = CallRecorder(calls, view=SimpleNamespace(state=state(4, 9, False), history=[state()]))
-    binding = SimpleNamespace(session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None))
+    binding = CallRecorder(
+        calls, session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None)
+    )
     return SimpleNamespace(
         binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view"), run_bar=CallRecorder([])
     ), calls
@@ -64,9 +66,9 @@ def test_a_setting_is_applied_in_its_documented_order(controls):
         ("map.follow_solver", False),
         ("map.show_as", "Relief"),
         ("map.choose_modes", (2, 4)),
-        ("map.set", ("scale", "Linear")),
-        ("view.draw", ("trails", True)),
-        ("view.draw", ("ellipses", False)),
+        ("choose", ("log", False)),
+        ("choose", ("trails", True)),
+        ("choose", ("ellipses", False)),
         ("view", "3d"),
     ]
 
@@ -251,8 +253,7 @@ SMALL = "tiny"
 
 def controls_of(viewer):
     """What every control of the page says."""
-    tabs = {**vars(viewer.tabs), "slice": viewer.tabs.map.slice}
-    return {name: values for name, tab in tabs.items() if (values := control_values_of(tab))}
+    return {name: values for name, tab in vars(viewer.tabs).items() if (values := control_values_of(tab))}
 
 
 def control_values_of(tab):
@@ -270,11 +271,9 @@ def set_oddly(viewer):
     main.map.pick(4)
     main.map.show_as("Relief")
     main.map.choose_modes((2, 3, 6))
-    main.map.set(quantity="Solver's objective", order=3, scale="Linear", minima=False)
-    main.view.draw(trails=True, ellipses=True)
+    viewer.binding.choose(objective=True, order_offset=3, log=False, minima=False, trails=True, ellipses=True)
     main.view.darken(True)
-    main.export.choose("Map (VTI for ParaView)")
-    main.export.kind.value = "Map (VTI for ParaView)"
+    set_by_client(main.export.kind, "Map (VTI for ParaView)")
     switches = (main.view.release, main.maps.shared, main.scene.noise)
     for control, value in (
         *((switch, True) for switch in switches),
@@ -318,11 +317,11 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     turn_until(lambda: prepared(page))
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
     kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "plan", "themed")}
-    assert odd == replace(plain, style=replace(plain.style, dark=True), **kept)
+    assert odd == replace(plain, dark=True, **kept)
     turn_until(lambda: page.viewer.tabs.run_bar.speed.value < 60)  # so that it can be watched
-    page.viewer.tabs.map.set(minima=False)
+    page.viewer.binding.choose(minima=False)
     lessons.start("Mine")
-    turn_until(lambda: page.viewer.binding.choices.style.minima)
+    turn_until(lambda: page.viewer.binding.choices.minima)
 
 
 def test_what_the_user_opens_during_a_lesson_stays(opened):

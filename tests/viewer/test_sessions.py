@@ -125,7 +125,7 @@ def test_another_scene_replaces_the_first(tiny_page, scene):
     """The first runs until the second is ready; the style of the page and the tabs stay."""
     page, turn_until = tiny_page
     first, tabs = page.viewer.binding, dict(page.panels.tabs)
-    first.choose_style(dark=True, log=False)
+    first.choose(dark=True, log=False)
     first.choose(trails=True)
     page.open(
         OpenRequest(edited(scene, {"solver.name": "descent"}), start_seed=5, choices={"microphone": 9, "modes": [2]})
@@ -133,7 +133,7 @@ def test_another_scene_replaces_the_first(tiny_page, scene):
     assert page.viewer.binding is first
     turn_until(lambda: page.viewer.binding is not first)
     choices, session = page.viewer.binding.choices, page.viewer.binding.session
-    assert choices.style.dark and not choices.style.log and choices.trails
+    assert choices.dark and not choices.log and choices.trails
     assert choices.microphone == 9 and choices.modes == (2,) and session.view.state.seed == 5
     assert page.panels.tabs == tabs and page.viewer.tabs.map.microphone.value == 9
     assert first.session.close(0.0)
@@ -207,7 +207,7 @@ def test_a_saved_session_is_restored(page_of, scene, tmp_path):
     first.session.seek(5)
     assert first.session.wait_for(lambda view: view.index == 5, WAIT)
     first.choose(microphone=9, follow=False, modes=(2, 4), trails=True)
-    first.choose_style(dark=True, log=False)
+    first.choose(dark=True, log=False)
     turn_until(lambda: page.viewer.snapshot.view.index == 5)
     moment = dataclasses.replace(page.viewer.snapshot, choices=first.choices)
     path = tmp_path / "left.zip"

@@ -85,6 +85,7 @@ class Binding:
         self.choices, self._wake = initial_choices(run, modes, before), wake
         self.threads = Scheduler(wake)
         self.sent: dict[int, object] = {}
+        self._followers: list[tuple[Any, str, Callable[[Choices], Any]]] = []  # control, property, and what it is
         self.closed = False  # the session is being replaced
         self.state = PageState(run.session.view, microphone=self.choices.microphone, run=run, choices=self.choices)
 
@@ -109,23 +110,41 @@ class Binding:
         (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)
         return handle
 
-    # Controls of viser, with their bounds and their effect.
+    # Controls of viser, with their bounds and their effect. Value and visibility may be functions of the choices.
+
+    def _control(self, add: Callable, label: str, *bounds, value, act, visible: Any = True, **options: Any):
+        now = self.choices
+        first, seen = (one(now) if callable(one) else one for one in (value, visible))
+        handle = add(label, *bounds, initial_value=first, visible=seen, **options)
+        followed = {"value": value, "visible": visible}
+        self._followers += [(handle, name, of) for name, of in followed.items() if callable(of)]
+        return self.on(handle, act)
 
     def slider(self, label: str, low, high, step, value, act: Callable[[Any], object], **options: Any):
-        return self.on(self.gui.add_slider(label, low, high, step, value, **options), act)
+        return self._control(self.gui.add_slider, label, low, high, step, value=value, act=act, **options)
 
-    def checkbox(self, label: str, value: bool, act: Callable[[Any], object], **options: Any):
-        return self.on(self.gui.add_checkbox(label, value, **options), act)
+    def checkbox(self, label: str, value, act: Callable[[Any], object], **options: Any):
+        return self._control(self.gui.add_checkbox, label, value=value, act=act, **options)
 
-    def dropdown(self, label: str, names: tuple[str, ...], value: str, act: Callable[[Any], object], **options: Any):
-        return self.on(self.gui.add_dropdown(label, names, initial_value=value, **options), act)
+    def dropdown(self, label: str, names: tuple[str, ...], value, act: Callable[[Any], object], **options: Any):
+        return self._control(self.gui.add_dropdown, label, names, value=value, act=act, **options)
 
     def button(self, label: str, act: Callable[[Any], object], **options: Any):
         return self.on(self.gui.add_button(label, **options), act)
 
+    def follow(self, handle: Any, **properties: Callable[[Choices], Any]) -> None:
+        """Let properties of a control be functions of the choices from now on."""
+        for name, of in properties.items():
+            setattr(handle, name, of(self.choices))
+            self._followers.append((handle, name, of))
+
     def choose(self, **changes) -> None:
-        """Change some of the choices."""
+        """Change some of the choices, and let the controls follow."""
         self.choices = replace(self.choices, **changes)
+        for handle, name, of in self._followers:
+            wanted = of(self.choices)
+            if getattr(handle, name) != wanted:
+                setattr(handle, name, wanted)
         self._wake()
 
     @property
@@ -142,10 +161,6 @@ class Binding:
         else:
             place = self.frame.placed(self.session.view.state.positions, microphone, place)
             self.session.place(microphone, place, gesture)
-
-    def choose_style(self, **changes) -> None:
-        """Change the style of the maps and of the page."""
-        self.choose(style=replace(self.choices.style, **changes))
 
     def send(self, handle, value) -> None:
         """Set the value of a control where it differs from the one sent last.

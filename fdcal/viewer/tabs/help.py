@@ -16,7 +16,6 @@ from ...graphics.marks import MARKS as DRAWN
 from ...model.room import MEASURED_AND_MODELLED
 from ..gui.html import CARD, legend
 from .lessons import BACK, NEXT
-from .map import LINEAR, LOG
 
 
 @dataclass(frozen=True)
@@ -81,14 +80,14 @@ KEYS = (
     Key(
         "L",
         "Logarithmic or linear scale",
-        lambda tabs: tabs.map.set(scale=LINEAR if tabs.binding.choices.style.log else LOG),
+        lambda tabs: tabs.binding.choose(log=not tabs.binding.choices.log),
     ),
-    Key("Y", "Trails", lambda tabs: tabs.view.draw(trails=not tabs.binding.choices.trails)),
-    Key("K", "Dark or light page", lambda tabs: tabs.view.darken(not tabs.binding.choices.style.dark)),
+    Key("Y", "Trails", lambda tabs: tabs.binding.choose(trails=not tabs.binding.choices.trails)),
+    Key("K", "Dark or light page", lambda tabs: tabs.view.darken(not tabs.binding.choices.dark)),
     Key(
         "H",
         "Lecture mode: large type, panels folded away",
-        lambda tabs: tabs.view.draw(lecture=not tabs.binding.choices.lecture),
+        lambda tabs: tabs.binding.choose(lecture=not tabs.binding.choices.lecture),
         command="lecture",
     ),
     Key("1", "Plan view", lambda page, client: _look(page, client, "top"), of_page=True),

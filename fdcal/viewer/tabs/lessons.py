@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from html import escape
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import viser
 
@@ -27,24 +27,21 @@ from ..gui.html import complaint, error_message, whole
 from ..scene3d.cameras import Cameras
 from ..server.client_values import fits
 from ..state import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
-from .map import EQ7, LINEAR, LOG, OBJECTIVE
 
 if TYPE_CHECKING:
     from ...session.session import SessionView
-    from ..panels import Panels, Tabs
-    from ..prepare import PreparedRun, SessionSwitcher
-    from ..scene3d.nodes import SceneNodes
+    from ..page import Page
+    from ..panels import Tabs
+    from ..prepare import PreparedRun
     from ..session_view import Viewer
 
 KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "basins": BASINS, "volume": VOLUME, "none": NOTHING}
-QUANTITIES = {"eq7": EQ7, "objective": OBJECTIVE}
 OF_THE_PAGE = ("microphone", "dark", "lecture")  # choices that a lesson does not begin with
-SCALES = {"log": LOG, "linear": LINEAR}
 
 
 def plain_choices() -> dict[str, Any]:
     """Return the choices that a page begins with, for an OpenRequest, without OF_THE_PAGE."""
-    return {key: value for key, value in Choices(microphone=0).to_save().items() if key not in OF_THE_PAGE}
+    return {key: value for key, value in Choices().to_save().items() if key not in OF_THE_PAGE}
 
 
 def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str], None], restarted: bool) -> None:
@@ -76,14 +73,12 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
         "follow": tabs.map.follow_solver,
         "map": lambda name: tabs.map.show_as(KINDS[name]),
         "map_modes": lambda text: tabs.map.choose_modes(None if text == SOLVER else parse_modes(text, count)),
-        "quantity": lambda name: tabs.map.set(quantity=QUANTITIES[name]),
-        "order_offset": lambda offset: tabs.map.set(order=offset),
-        "scale": lambda name: tabs.map.set(scale=SCALES[name]),
-        "minima": lambda marked: tabs.map.set(minima=marked),
-        "trails": lambda drawn: tabs.view.draw(trails=drawn),
-        "ellipses": lambda drawn: tabs.view.draw(ellipses=drawn),
-        "view": place_all,
+        "quantity": lambda name: tabs.binding.choose(objective=name == "objective"),
+        "scale": lambda name: tabs.binding.choose(log=name == "log"),
     }
+    for name in ("order_offset", "minima", "trails", "ellipses"):
+        effects[name] = lambda value, name=name: tabs.binding.choose(**{name: value})
+    effects["view"] = place_all
     for name, act in effects.items():
         if getattr(setting, name) is not None:
             act(getattr(setting, name))
@@ -146,10 +141,9 @@ class PageBefore:
 
 def controls_of(viewer: Viewer) -> dict[str, dict[str, Any]]:
     """Return the controls in the panels that keep a value, unlike buttons: by the name of the tab, and their own."""
-    owners = {**vars(viewer.tabs), "slice": viewer.tabs.map.slice}
     found = {
         name: {own: handle for own, handle in vars(owner).items() if isinstance(handle, viser.GuiInputHandle)}
-        for name, owner in owners.items()
+        for name, owner in vars(viewer.tabs).items()
     }
     return {name: handles for name, handles in found.items() if handles}
 
@@ -215,26 +209,13 @@ def _paragraphs(text: str) -> str:
 log = logging.getLogger(__name__)
 
 
-class LessonPage(Protocol):
-    """What lessons, bar and address use of the page (`page.Page`), which imports them."""
-
-    panels: Panels
-    nodes: SceneNodes
-    viewer: Viewer | None
-    switcher: SessionSwitcher
-
-    def open(self, request: OpenRequest) -> None:
-        """Show something else as soon as it is ready."""
-        ...
-
-
 class LessonsTab:
     """Owns the caption, the settings that wait for a scene, and what the page showed before.
 
     All methods run on viser's event loop, except `show`.
     """
 
-    def __init__(self, page: LessonPage, lessons: Sequence[Lesson]):
+    def __init__(self, page: Page, lessons: Sequence[Lesson]):
         self._page = page
         self._lessons = {lesson.title: lesson for lesson in lessons}
         self.progress, self._error = LessonProgress(), ""

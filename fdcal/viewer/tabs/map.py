@@ -3,7 +3,7 @@
 Those are one image, drawn on a thread of its own: a drag does not wait for it.
 """
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from ..state import (
     SHAPE,
     SLICES,
     VOLUME,
+    Choices,
     PageState,
     has_volume,
     kind_of,
@@ -83,58 +84,6 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
 
 
 AXIS_LABELS = {axis: label for label, axis in SLICES.items()}
-
-
-class SliceControls:
-    """Owns the controls of the slice; those of an array in a plane are never visible.
-
-    `position`: slider, metres.
-    """
-
-    def __init__(self, binding: Binding):
-        self._binding, style = binding, binding.choices.style
-        self._shown: tuple[int, float] | None = None  # axis and place that the slider was set to last
-        self.axis = binding.dropdown(
-            "Slice across", tuple(SLICES), AXIS_LABELS[style.slice_axis], self._cut_across,
-            hint="A plane through the isosurfaces, coloured by the cost; it begins at the estimate of the"
-            " microphone",
-        )  # fmt: skip
-        low, high = self._ends()
-        place = low if style.slice_position is None else min(max(style.slice_position, low), high)
-        self.position = binding.slider(
-            "Slice at (m)", low, high, 0.01, place, lambda value: binding.choose_style(slice_position=value),
-            hint="Along that axis",
-        )  # fmt: skip
-
-    def _ends(self) -> tuple[float, float]:
-        """The lowest and the highest place of the slice, metres."""
-        search, axis = self._binding.run.problem.search, self._binding.choices.style.slice_axis
-        if search is None or axis not in AXES or AXES.index(axis) >= len(search.origin):
-            return 0.0, 1.0
-        low = search.origin[AXES.index(axis)]
-        return float(low), float(low + search.size[AXES.index(axis)])
-
-    def _cut_across(self, label: str) -> None:
-        """Lay the slice across another axis, through the estimate of the microphone; or remove it."""
-        self._binding.choose_style(slice_axis=SLICES[label], slice_position=None)
-        self.show_relevant(True)
-
-    def show_relevant(self, volume: bool) -> None:
-        """Show the controls where there is a volume, the slider where there is a slice."""
-        cut = self._binding.choices.style.slice_axis in AXES
-        self.axis.visible, self.position.visible = volume, volume and cut
-        self.position.min, self.position.max = self._ends()
-
-    def show(self, drawn: CostMap | None) -> None:
-        """Move the slider to a slice that goes through the estimate; called by the main loop."""
-        plate = None if drawn is None or drawn.volume is None else drawn.volume.plate
-        if plate is not None and self._binding.choices.style.slice_position is None:
-            low, high = self._ends()
-            place = min(max(round(plate.position, 2), low), high)
-            if self._shown != (plate.axis, place):  # else the user may be dragging the slider
-                self._shown, self.position.value = (plate.axis, place), place
-
-
 SAME_AS_SOLVER, CUSTOM = "Of the solver", "Custom"
 LINEAR, LOG = "Linear", "Logarithmic"
 EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
@@ -145,85 +94,113 @@ NO_SEARCH = f"No map: {html.NO_DOMAIN}"
 
 
 class MapTab(Tab):
-    """Owns the controls of the tab."""
+    """Owns the controls of the tab, each of which is shown where it has an effect on the kind of map.
+
+    `kinds`: of maps that there can be; `axis`, `position`: of the slice through a volume, metres.
+    """
 
     def __init__(self, binding: Binding):
-        self._binding = binding
-        self._possible = binding.run.problem.search is not None
-        self._caption = Memo()
+        self._binding, self._possible = binding, binding.run.problem.search is not None
+        self._caption, self._risen = Memo(), ""  # and the kind of map that `rise` has chosen
+        self._sliced: tuple[int, float] | None = None  # axis and place that the slider of the slice was set to last
         self.kinds = tuple(kind for kind in MAP_KINDS if kind != VOLUME or has_volume(binding.measurement))
-        choices, row = binding.choices, binding.row
-        self.kind = binding.dropdown("Show", self.kinds, kind_of(choices), self.show_as, visible=self._possible)
+        choices, row, choose = binding.choices, binding.row, binding.choose
+
+        def of_kind(*kinds: str) -> Callable[[Choices], bool]:
+            return lambda choices: self._possible and kind_of(choices) in kinds
+
+        def in_space(choices: Choices) -> bool:
+            return self._possible and choices.shown and choices.volume
+
+        mapped, of_cost = (
+            of_kind(*(kind for kind in MAP_KINDS if kind != NOTHING)),
+            of_kind(FLOOR, RELIEF, VOLUME, BASINS),
+        )
+        self.kind = binding.dropdown("Show", self.kinds, kind_of, self.show_as, visible=self._possible)
         self.relief = binding.slider(
-            "Relief height (%)", 5, 100, 5, round(100 * choices.style.relief_height),
-            lambda value: binding.choose_style(relief_height=value / 100),
+            "Relief height (%)", 5, 100, 5, lambda choices: round(100 * choices.relief_height),
+            lambda value: choose(relief_height=value / 100), visible=of_kind(RELIEF),
             hint="Of the highest cost, of the longer side of the map",
         )  # fmt: skip
-        self.slice, self._risen = SliceControls(binding), ""  # and the kind of map that `rise` has chosen
+        self.axis = binding.dropdown(
+            "Slice across", tuple(SLICES), lambda choices: AXIS_LABELS[choices.slice_axis],
+            lambda label: choose(slice_axis=SLICES[label], slice_position=None), visible=in_space,
+            hint="A plane through the isosurfaces, coloured by the cost; it begins at the estimate of the"
+            " microphone",
+        )  # fmt: skip
+        low, high = self._ends(choices)
+        place = low if choices.slice_position is None else min(max(choices.slice_position, low), high)
+        self.position = binding.slider(
+            "Slice at (m)", low, high, 0.01, place, lambda value: choose(slice_position=value),
+            visible=lambda choices: in_space(choices) and choices.slice_axis in AXES, hint="Along that axis",
+        )  # fmt: skip
+        binding.follow(
+            self.position, min=lambda choices: self._ends(choices)[0], max=lambda choices: self._ends(choices)[1]
+        )
         self.microphone = binding.slider(
             "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone, self.choose_microphone,
             hint="Or click a microphone in the scene; drag it to move its estimate",
         )  # fmt: skip
         self.follow = binding.checkbox(
-            "Follow solver", choices.follow, self.follow_solver, visible=not binding.run.solver.TRAITS.moves_all,
-            hint="Show the microphone that the last step moved",
+            "Follow solver", lambda choices: choices.follow, self.follow_solver,
+            visible=not binding.run.solver.TRAITS.moves_all, hint="Show the microphone that the last step moved",
         )  # fmt: skip
         self.take = None
-        takes = np.unique(binding.measurement.takes).tolist()
-        self._takes: dict[str, int | None] = {ALL_TAKES: None} | {f"Take {take}": take for take in takes}
+        takes = {ALL_TAKES: None} | {f"Take {take}": take for take in np.unique(binding.measurement.takes).tolist()}
         if binding.measurement.take_count > 1:
             self.take = binding.dropdown(
-                "Take", tuple(self._takes), ALL_TAKES if choices.take is None else f"Take {choices.take}",
-                lambda label: binding.choose(take=self._takes[label]),
+                "Take", tuple(takes),
+                lambda choices: ALL_TAKES if choices.take is None else f"Take {choices.take}",
+                lambda label: choose(take=takes[label]),
                 hint="Whose rows the maps sum and whose spectrum is shown; a take is one place of the source",
             )  # fmt: skip
         self.which = binding.dropdown(
-            f"{row.title()}s shown", (SAME_AS_SOLVER, CUSTOM), SAME_AS_SOLVER if choices.modes is None else CUSTOM,
-            self._choose_which,
+            f"{row.title()}s shown", (SAME_AS_SOLVER, CUSTOM),
+            lambda choices: SAME_AS_SOLVER if choices.modes is None else CUSTOM, self._choose_which, visible=mapped,
             hint="Of the map; the solver keeps its own",
         )  # fmt: skip
         modes = choices.modes or (1,)
         self.upto = binding.slider(
             f"Up to {row}", 1, binding.modes, 1, modes[-1], lambda value: self.choose_modes(range(1, value + 1)),
-            hint=f"From {row} 1 to this one",
+            visible=lambda choices: choices.modes is not None and mapped(choices), hint=f"From {row} 1 to this one",
         )  # fmt: skip
         self.text = binding.on(
             binding.gui.add_text(f"{row.title()} numbers", modes_text(modes), hint="For example 1-3, 5"), self._read
         )
+        binding.follow(self.text, visible=lambda choices: choices.modes is not None and mapped(choices))
         self.caption = binding.gui.add_html("")
         with binding.gui.add_folder("Scale and quantity", expand_by_default=False):
             self.quantity = binding.dropdown(
-                "Quantity", QUANTITIES, OBJECTIVE if choices.objective else EQ7, lambda _: self.set(),
+                "Quantity", QUANTITIES, lambda choices: OBJECTIVE if choices.objective else EQ7,
+                lambda value: choose(objective=value == OBJECTIVE),
+                visible=lambda choices: of_cost(choices) and not choices.volume,
                 hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
             )  # fmt: skip
             self.order = binding.slider(
-                "Extra orders", 0, MAX_ORDER_OFFSET, 1, choices.order_offset, lambda _: self.set(),
+                "Extra orders", 0, MAX_ORDER_OFFSET, 1, lambda choices: choices.order_offset,
+                lambda value: choose(order_offset=value),
+                visible=lambda choices: of_cost(choices) and choices.map_order is not None,
                 hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
             )  # fmt: skip
-            self.scale = binding.dropdown("Scale", SCALES, LOG if choices.style.log else LINEAR, lambda _: self.set())
+            self.scale = binding.dropdown(
+                "Scale", SCALES, lambda choices: LOG if choices.log else LINEAR, lambda value: choose(log=value == LOG),
+                visible=of_kind(FLOOR, RELIEF, VOLUME),
+            )  # fmt: skip
             self.minima = binding.checkbox(
-                "Mark minima", choices.style.minima, lambda _: self.set(), hint="Mark and count the local minima"
-            )
-        self.refresh()
+                "Mark minima", lambda choices: choices.minima, lambda value: choose(minima=value), visible=of_cost,
+                hint="Mark and count the local minima",
+            )  # fmt: skip
 
-    def refresh(self) -> None:
-        """Hide the controls that have no effect on the kind of map, and all of them where there can be no map."""
-        choices = self._binding.choices
-        kind = kind_of(choices) if self._possible else NOTHING
-        self.which.visible = kind != NOTHING
-        self.upto.visible = self.text.visible = choices.modes is not None and kind != NOTHING
-        of_cost, in_space = kind in (FLOOR, RELIEF, VOLUME, BASINS), kind != NOTHING and choices.style.volume
-        self.scale.visible = of_cost and kind != BASINS
-        self.minima.visible = of_cost
-        self.quantity.visible = of_cost and not in_space
-        self.order.visible = of_cost and choices.map_order is not None
-        self.relief.visible = kind == RELIEF
-        self.slice.show_relevant(in_space)
+    def _ends(self, choices: Choices) -> tuple[float, float]:
+        """The lowest and the highest place of the slice, metres."""
+        search, axis = self._binding.run.problem.search, AXES.find(choices.slice_axis)
+        if search is None or not 0 <= axis < len(search.origin):
+            return 0.0, 1.0
+        return float(search.origin[axis]), float(search.origin[axis] + search.size[axis])
 
     def choose_microphone(self, number: int) -> None:
         """Show the map of a microphone, and stop following the solver."""
         self._binding.choose(microphone=number, follow=False)
-        self.follow.value = False
 
     def pick(self, number: int) -> None:
         """Show the map of a microphone that was chosen outside of the tab; of the last one beyond it."""
@@ -233,14 +210,11 @@ class MapTab(Tab):
     def follow_solver(self, follow: bool) -> None:
         """Show the microphone that the last step moved, or stay with the present one."""
         self._binding.choose(follow=follow, microphone=self.microphone.value)
-        self.follow.value = follow
 
     def choose_modes(self, modes) -> None:
         """Show the map of these modes, counted from 1; None for those that the solver uses."""
         modes = None if modes is None else tuple(modes)
         self._binding.choose(modes=modes, modes_error="")
-        self.which.value = SAME_AS_SOLVER if modes is None else CUSTOM
-        self.refresh()
         if modes is not None:
             self.text.value, self.upto.value = modes_text(modes), modes[-1]
 
@@ -259,23 +233,14 @@ class MapTab(Tab):
         self._binding.choose(modes=modes, modes_error="")
         self.upto.value = modes[-1]
 
-    def set(self, **controls: Any) -> None:
-        """Set some of the controls `quantity`, `order`, `scale` and `minima`, and draw the map as all of them say."""
-        for name, value in controls.items():
-            getattr(self, name).value = value
-        self._binding.choose(objective=self.quantity.value == OBJECTIVE, order_offset=self.order.value)
-        self._binding.choose_style(log=self.scale.value == LOG, minima=self.minima.value)
-        self.refresh()
-
     def show_as(self, kind: str) -> None:
         """Show one of `kinds`; a flat map in place of one that there cannot be."""
         kind = kind if kind in self.kinds else FLOOR
-        self._binding.choose(shown=kind != NOTHING)
         # The basins of an array in space are those of descent in three dimensions, on a slice.
         in_space = kind == VOLUME or (kind == BASINS and has_volume(self._binding.measurement))
-        self._binding.choose_style(relief=kind == RELIEF, shape=kind == SHAPE, basins=kind == BASINS, volume=in_space)
-        self.refresh()
-        self.kind.value = kind
+        self._binding.choose(
+            shown=kind != NOTHING, relief=kind == RELIEF, shape=kind == SHAPE, basins=kind == BASINS, volume=in_space
+        )
 
     def rise(self) -> None:
         """Show what stands in space in place of a flat map: the isosurfaces, or the relief of an array in a plane."""
@@ -290,12 +255,17 @@ class MapTab(Tab):
         self._risen = ""
 
     def show(self, tick: PageState) -> None:
-        """Let the microphone and the caption follow what is drawn."""
+        """Let the microphone, the slice through its estimate, and the caption follow what is drawn."""
         binding, choices, drawn = self._binding, self._binding.choices, tick.drawn
         if not choices.follow and choices.microphone == tick.microphone:
             binding.sent[id(self.microphone)] = tick.microphone  # set by the user, who may still be dragging the slider
         binding.send(self.microphone, tick.microphone)
-        self.slice.show(drawn)
+        plate = None if drawn is None or drawn.volume is None else drawn.volume.plate
+        if plate is not None and choices.slice_position is None:
+            low, high = self._ends(choices)
+            place = min(max(round(plate.position, 2), low), high)
+            if self._sliced != (plate.axis, place):  # else the user may be dragging the slider
+                self._sliced, self.position.value = (plate.axis, place), place
         reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map"
         words = drawn and self._caption(
             lambda: caption(drawn, binding.measurement, orders_text(binding.run, drawn)), drawn
@@ -307,8 +277,11 @@ IMAGE_INTERVAL = 0.2  # s at least between two images
 PAUSES = 10  # by how much longer that is than an image takes: the map on the floor needs the processor, too
 
 
-def panel_image(run: PreparedRun, drawn: CostMap) -> np.ndarray | None:
-    """Return the maps of single modes beside their sum as one image (H, W, 3) uint8, or None without such maps."""
+def panel_image(run: PreparedRun, drawn: CostMap, dark: bool = False, shared: bool = False) -> np.ndarray | None:
+    """Return the maps of single modes beside their sum as one image (H, W, 3) uint8, or None without such maps.
+
+    `dark`: whether the page is; `shared`: whether all maps have one scale.
+    """
     request, panels = drawn.request, drawn.panels
     if panels is None:
         return None
@@ -326,13 +299,13 @@ def panel_image(run: PreparedRun, drawn: CostMap) -> np.ndarray | None:
     marks = Marks(true, tuple(positions[n][:2]), request.style.minima and drawn.fine)
     return mosaic(
         [*panels.maps, panels.total], captions, panels.search, marks,
-        DARK if request.style.dark else LIGHT,
-        log=log_scale(run, request), shared=request.style.shared, columns=2 if several or len(panels.modes) < 6 else 3,
+        DARK if dark else LIGHT,
+        log=log_scale(run, request), shared=shared, columns=2 if several or len(panels.modes) < 6 else 3,
     )  # fmt: skip
 
 
 class MapsPanel(Tab):
-    """Owns the controls of the tab and the thread that draws the maps.
+    """Owns the controls of the tab, and what draws the maps.
 
     `image`: control that shows the maps.
     """
@@ -340,44 +313,43 @@ class MapsPanel(Tab):
     def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui
         self._shown: np.ndarray | None = None
-        self._requested: CostMap | None = None  # whose image was requested last
+        self._requested = Memo()  # of what an image was requested last, and when
         self._since = -1e9  # s, when that was
         with gui.add_folder(f"{binding.row.capitalize()} by {binding.row}", expand_by_default=False):
             self.image = gui.add_image(np.full((8, 8, 3), 128, np.uint8), format="jpeg", jpeg_quality=92, visible=False)
             self.caption = gui.add_html(panels_caption(None, binding.measurement))
             self.shared = binding.checkbox(
-                "Same scale", binding.choices.style.shared, lambda value: binding.choose_style(shared=value),
+                "Same scale", lambda choices: choices.shared, lambda value: binding.choose(shared=value),
                 hint="One scale for all maps instead of one for each",
             )  # fmt: skip
-        self.worker = binding.threads.job(lambda drawn: panel_image(binding.run, drawn))
+        self.worker = binding.threads.job(lambda *wanted: panel_image(binding.run, *wanted))
 
     def show(self, tick: PageState) -> None:
         """Show the newest image of the map on the floor, perhaps of one before."""
-        drawn, now, last, latest = tick.drawn, tick.now, self._requested, self.worker.latest
-        if drawn is None or drawn.panels is None:
-            self._requested = None
-        else:  # request another one where the map has changed, not more often than is good
-            current = last is not None and last.panels is drawn.panels and last.request.style == drawn.request.style
+        drawn, now, choices, latest = tick.drawn, tick.now, self._binding.choices, self.worker.latest
+        there = drawn is not None and drawn.panels is not None
+        if drawn is not None and there:  # request another one where the map has changed, not more often than is good
+            of = drawn.panels, drawn.request.style.log, drawn.request.style.minima, choices.dark, choices.shared
             pause = IMAGE_INTERVAL if latest is None else max(IMAGE_INTERVAL, PAUSES * (latest.ended - latest.began))
-            if not current and now - self._since > pause and not self.worker.busy:
-                self._requested, self._since = drawn, now
-                self.worker.request(drawn)
-        image = None if latest is None or self._requested is None else latest.result
+            if not self._requested.get(*of) and now - self._since > pause and not self.worker.busy:
+                self._since = self._requested(lambda: now, *of)
+                self.worker.request(drawn, choices.dark, choices.shared)
+        image = latest.result if latest is not None and there else None
         if image is self._shown:
             return
         self._shown = image
         self.image.visible = image is not None
         if image is not None:
             self.image.image = image
-        self.caption.content = panels_caption(drawn, self._binding.measurement)
+        self.caption.content = panels_caption(drawn, self._binding.measurement, choices.shared)
 
 
-def panels_caption(drawn: CostMap | None, measurement: Measurement) -> str:
-    """Return what the maps show, as HTML."""
+def panels_caption(drawn: CostMap | None, measurement: Measurement, shared: bool = False) -> str:
+    """Return what the maps show, as HTML; `shared`: whether all have one scale."""
     if drawn is None or drawn.panels is None:
         return f"<div style='{html.CARD} opacity: 0.65'>no maps</div>"
     request, word = drawn.request, row_word(measurement)
-    scale = "one scale for all maps" if request.style.shared else "each map with its own scale"
+    scale = "one scale for all maps" if shared else "each map with its own scale"
     summed = count_label(measurement, request.modes)
     return (
         f"<div style='{html.CARD}'>Cost of moving <b>microphone {request.microphone}</b>, {word} by {word} and summed"

@@ -263,7 +263,7 @@ class SweepTab(Tab):
         elif self._revision != revision and not self.playing:
             self._wanted = self.worker.requested = None  # its curve is of another state
         if (self.playing or self._revision == revision) and not state.view.running:
-            style = MapStyle(log=choices.style.log, basins=choices.style.basins)
+            style = MapStyle(log=choices.log, basins=choices.basins)
             self._wanted = CostMapRequest(
                 revision, state.microphone, self._sequence(), choices.map_order, True, style, False, state.view.state,
                 None, choices.take,

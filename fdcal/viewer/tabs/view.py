@@ -35,7 +35,7 @@ from ..cost_maps import (
 )
 from ..gui import html
 from ..gui.binding import Binding, Tab
-from ..state import ELLIPSE_SCALES, PICTURE, VIEWS, PageState
+from ..state import ELLIPSE_SCALES, PICTURE, VIEWS, Choices, PageState
 
 ELLIPSES_LATER = "Ellipses appear when the solver has finished."
 
@@ -47,53 +47,44 @@ class ViewTab(Tab):
     """
 
     def __init__(self, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
-        self._binding, gui, choices = binding, binding.gui, binding.choices
+        self._binding, gui = binding, binding.gui
         camera = gui.add_button_group("Camera", tuple(VIEWS))  # a hint would cover the tabs above
         self.camera = binding.on(camera, lambda client, value: place(client, VIEWS[value]), of_client=True)
         gui.add_html(html.remark("In this window only: plan view, array, whole room."))
-        self.dark = binding.checkbox("Dark page", choices.style.dark, self.darken)
+        choose = binding.choose
+        self.dark = binding.checkbox("Dark page", lambda choices: choices.dark, self.darken)
         self.lecture = binding.checkbox(
-            "Lecture mode", choices.lecture, lambda value: self.draw(lecture=value),
+            "Lecture mode", lambda choices: choices.lecture, lambda value: choose(lecture=value),
             hint="Large type, the panels folded away; key H ends it, too",
         )  # fmt: skip
         self.trails = binding.checkbox(
-            "Trails", choices.trails, lambda value: self.draw(trails=value),
+            "Trails", lambda choices: choices.trails, lambda value: choose(trails=value),
             hint="Path of each estimate over the last 200 states",
         )  # fmt: skip
         self.ellipses = binding.checkbox(
-            "Error ellipses (95\N{NO-BREAK SPACE}%)",
-            choices.ellipses,
-            lambda value: self.draw(ellipses=value),
-            hint=ELLIPSES_LATER,
-        )
+            "Error ellipses (95\N{NO-BREAK SPACE}%)", lambda choices: choices.ellipses,
+            lambda value: choose(ellipses=value), hint=ELLIPSES_LATER,
+        )  # fmt: skip
         self.scale = binding.dropdown(
-            "Ellipse size", tuple(ELLIPSE_SCALES), _label(ELLIPSE_SCALES, choices.ellipse_scale),
-            lambda value: binding.choose(ellipse_scale=ELLIPSE_SCALES[value]), visible=choices.ellipses,
+            "Ellipse size", tuple(ELLIPSE_SCALES), lambda choices: _label(ELLIPSE_SCALES, choices.ellipse_scale),
+            lambda value: choose(ellipse_scale=ELLIPSE_SCALES[value]), visible=lambda choices: choices.ellipses,
             hint="Automatic enlarges ellipses that are too small to be seen",
         )  # fmt: skip
         self.ellipses_text = gui.add_html("", visible=False)
         self.release = binding.checkbox(
-            "Release known", choices.release, lambda value: binding.choose(release=value),
+            "Release known", lambda choices: choices.release, lambda value: choose(release=value),
             visible=bool(len(binding.run.problem.known)), hint="Known microphones can be dragged, too",
         )  # fmt: skip
         self.refresh()
 
-    def draw(self, **wanted: bool) -> None:
-        """Draw `trails` and `ellipses`, or not; begin `lecture` mode, or end it."""
-        self._binding.choose(**wanted)
-        for name, value in wanted.items():
-            getattr(self, name).value = value
-
     def darken(self, dark: bool, preferred: bool = False) -> None:
         """Make the page and the map dark, or light; `preferred`: as a browser is set, not as a user has chosen."""
-        self._binding.choose_style(dark=dark)
-        self._binding.choose(themed=self._binding.choices.themed or not preferred)
+        self._binding.choose(dark=dark, themed=self._binding.choices.themed or not preferred)
         self.refresh()
-        self.dark.value = dark
 
     def refresh(self) -> None:
         """Let the theme follow the choices."""
-        dark = self._binding.choices.style.dark
+        dark = self._binding.choices.dark
         self._binding.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
 
     def show(self, tick: PageState) -> None:
@@ -101,7 +92,7 @@ class ViewTab(Tab):
         wanted, text = self._binding.choices.ellipses, ELLIPSES_LATER
         if tick.view.state.finished:
             text = "" if tick.picture is None else dict(tick.picture.captions).get("ellipses", "")
-        self.scale.visible, self.ellipses_text.content = wanted, html.remark(text)
+        self.ellipses_text.content = html.remark(text)
         self.ellipses_text.visible = wanted and bool(text)
 
 
@@ -172,7 +163,7 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
 
 
 def _map(snapshot: PageState) -> bytes:
-    if snapshot.choices.style.volume:
+    if snapshot.choices.volume:
         terms = terms_of(snapshot.run.problem, snapshot.map_request)
         sampled = None if terms is None else sampled_volume(terms)
         if sampled is None:
@@ -267,33 +258,25 @@ class ExportTab(Tab):
     """Owns the controls, and makes files in the order in which they were requested; a bounded number may wait."""
 
     def __init__(self, binding: Binding):
-        self._binding, gui, choices = binding, binding.gui, binding.choices
+        self._binding, gui = binding, binding.gui
         self.worker = binding.threads.job(self._make, MAX_WAITING)
         with gui.add_folder("Save a file"):
-            self.kind = binding.dropdown("File", tuple(KINDS), choices.export_kind, self.choose)
-            self.description = gui.add_html("")
+            self.kind = binding.dropdown(
+                "File", tuple(KINDS), lambda choices: choices.export_kind, lambda kind: binding.choose(export_kind=kind)
+            )
+            description = gui.add_html("")
+            binding.follow(description, content=lambda choices: html.remark(KINDS[choices.export_kind].description))
+            self.description = description
             self.view = binding.dropdown(
-                "Camera view", tuple(VIEWS), _label(VIEWS, choices.export_view),
-                lambda value: binding.choose(export_view=VIEWS[value]),
+                "Camera view", tuple(VIEWS), lambda choices: _label(VIEWS, choices.export_view),
+                lambda value: binding.choose(export_view=VIEWS[value]), visible=_of_picture,
             )  # fmt: skip
             self.size = binding.dropdown(
-                "Size (pixels)", tuple(SIZES), _label(SIZES, choices.export_size),
-                lambda value: binding.choose(export_size=SIZES[value]),
+                "Size (pixels)", tuple(SIZES), lambda choices: _label(SIZES, choices.export_size),
+                lambda value: binding.choose(export_size=SIZES[value]), visible=_of_picture,
             )  # fmt: skip
             save = gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now")
             self.button = binding.on(save, lambda client, _: self.save(client), of_client=True)
-        self.refresh()
-
-    def choose(self, kind: str) -> None:
-        """Choose a kind of file."""
-        self._binding.choose(export_kind=kind)
-        self.refresh()
-
-    def refresh(self) -> None:
-        """Describe the kind of file; only a picture has a view and a size."""
-        kind = self._binding.choices.export_kind
-        self.description.content = html.remark(KINDS[kind].description)
-        self.view.visible = self.size.visible = kind == PICTURE
 
     def save(self, client: viser.ClientHandle) -> None:
         """Request a file of what is shown for a page, which is told at once that it is in progress, or refused."""
@@ -316,6 +299,11 @@ class ExportTab(Tab):
             client.add_notification("The file could not be made", text, color="red")
             return
         client.send_file_download(file_name(state, kind), content, save_immediately=True)
+
+
+def _of_picture(choices: Choices) -> bool:
+    """Whether the file has a view and a size."""
+    return choices.export_kind == PICTURE
 
 
 def _label(options: dict, value) -> str:
