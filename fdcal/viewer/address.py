@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import Any
 from urllib.parse import quote, urlencode
 
 import viser
@@ -24,9 +24,6 @@ from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 from .session_view import Viewer
 from .state import kind_of
 from .tabs.lessons import KINDS, LessonsTab, apply_setting, plain_choices
-
-if TYPE_CHECKING:
-    from .page import Page
 
 MAX_MODES_TEXT = 60  # characters of the modes of a map: with the camera a command has room for no more
 MAP_NAMES = {kind: name for name, kind in KINDS.items()}
@@ -62,7 +59,7 @@ def address_of(viewer: Viewer, lesson: str = "", part: int = 1) -> str:
 class AddressBar:
     """Shows what a link names, and keeps the address of all browsers; all but `tick` on viser's event loop."""
 
-    def __init__(self, page: Page, lessons: LessonsTab):
+    def __init__(self, page: Any, lessons: LessonsTab):
         self._page, self._lessons = page, lessons
         self._asked: tuple[viser.ClientHandle, Mapping[str, str]] | None = None  # before there is a session
         # Until its scene is shown; without a request, that of a lesson.

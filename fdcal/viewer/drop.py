@@ -36,7 +36,7 @@ from ..model.validation import Reals
 from ..session.session import SessionView
 from .cost_maps import CostMap
 from .gui.binding import Binding
-from .gui.html import NO_BUTTONS, CanvasWords
+from .gui.html import NO_BUTTONS, Overlay
 from .scheduler import Memo
 
 HANDLE_RADIUS = 1.7  # in radii of a marker
@@ -234,11 +234,11 @@ class Dropped:
 class Drop:
     """Owns the drag, the thread of the paths, and the counts of tries and of those that ended at home.
 
-    `words`: on the canvas, or None; `tabs`: of the session, once they are made.
+    `overlay`: for words on the canvas; `tabs`: of the session, once they are made.
     """
 
-    def __init__(self, binding: Binding, words: CanvasWords | None = None):
-        self._binding, self._words = binding, words
+    def __init__(self, binding: Binding, overlay: Overlay):
+        self._binding, self._overlay = binding, overlay
         self.tabs: Any = None  # Tabs
         self._drag: Drag | None = None
         self._droppable = False  # whether the map shows a cost
@@ -353,9 +353,8 @@ class Drop:
         return False
 
     def _say(self, words: str, buttons=NO_BUTTONS) -> None:
-        if self._words is not None:
-            counts = "" if not self.tries else f"{self.home} of {self.tries} home"
-            self._words.show(words, counts, buttons)
+        counts = "" if not self.tries else f"{self.home} of {self.tries} home"
+        self._overlay.say(words, counts, buttons)
 
     def close(self) -> None:
         """Take the words away."""

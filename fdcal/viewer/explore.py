@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from html import escape
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import viser
@@ -24,9 +24,6 @@ from .gui.html import error_message, whole
 from .session_view import Viewer
 from .tabs.help import KEYS
 from .tabs.lessons import LessonsTab
-
-if TYPE_CHECKING:
-    from .page import Page
 
 THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
@@ -100,7 +97,7 @@ class Explore:
     `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: whether the tab Open opens files.
     """
 
-    def __init__(self, page: Page, lessons: LessonsTab, own_files: bool):
+    def __init__(self, page: Any, lessons: LessonsTab, own_files: bool):
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
         self._names = scene_names()  # the bar is written with every turn of the main loop
         self._own: tuple[OpenRequest, str] | None = None  # the file that was shown last, and the drawing of its array

@@ -22,10 +22,8 @@ from ..session.worker import Flag
 from .address import AddressBar
 from .explore import Explore
 from .gui import html
-from .gui.html import CanvasWords
 from .panels import Panels, SessionFolders, StatusBar
 from .prepare import PreparedRun, SessionSwitcher
-from .scene3d.cameras import Surroundings
 from .scene3d.nodes import SceneNodes
 from .scheduler import Memo
 from .server import content
@@ -51,7 +49,7 @@ class Page:
 
     `lessons`: offered in this order; `on_progress`: called with the progress of the first session in words, and with ""
     when it is ready or refused; `folder`: whose files it opens; None where other machines can reach the page. `viewer`:
-    Viewer of the session that is shown, or None; `words`: on the canvas.
+    Viewer of the session that is shown, or None.
     """
 
     def __init__(
@@ -66,7 +64,6 @@ class Page:
         self.panels = Panels(server.gui, self.wake.set)
         self.status_bar = StatusBar(self.panels, self.switcher)
         self.viewer: Viewer | None = None
-        self.words = CanvasWords(self.panels.overlay)
         self.lessons = LessonsTab(self, lessons)
         with self.panels.tabs["Help"]:
             server.gui.add_html(help.text())
@@ -160,9 +157,8 @@ class Page:
             self._report_progress()
         if self.viewer is not None:
             self.viewer.tabs.run_bar.status.visible = self.switcher.current is None  # which stands above then
-            self.nodes.cameras.around = Surroundings(
-                self.viewer.binding.choices.lecture, self.lessons.progress.lesson is not None
-            )
+            self.nodes.cameras.lecture = self.viewer.binding.choices.lecture
+            self.nodes.cameras.caption = self.lessons.progress.lesson is not None
             self.viewer.guarded_tick(now)
         elif self.nodes.is_empty and (current := self.switcher.current) is not None:
             if current.measurement is not None:
@@ -202,7 +198,7 @@ class Page:
         try:
             with self._server.atomic():
                 before = old and old.binding.choices
-                new = Viewer(self._server, prepared, folders, self.nodes, self.open, before, self.wake.set, self.words)
+                new = Viewer(self._server, prepared, folders, self.nodes, self.open, before, self.wake.set)
                 if old is not None:
                     old.take_down()
         except Exception as error:

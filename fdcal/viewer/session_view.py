@@ -30,7 +30,7 @@ from ..solvers.interface import RunState
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker, count_label
 from .drop import Drop, Dropped, MicrophonePicker
 from .gui.binding import Binding
-from .gui.html import CONTROLS, CanvasWords, canvas_legend
+from .gui.html import CONTROLS, canvas_legend
 from .panels import SessionFolders, Tabs
 from .prepare import DisplayFrame, PreparedRun
 from .scene3d.nodes import SceneNodes
@@ -212,7 +212,7 @@ class Viewer:
 
     `folders`: SessionFolders for the controls; `nodes`: SceneNodes that show the picture; `open_other`: function that
     opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
-    function that makes the main loop update the page at once; `words`: on the canvas, or None. Raises InputError: the
+    function that makes the main loop update the page at once. Raises InputError: the
     request of the run has choices that are not possible. `view`: the states as they are shown; `snapshot`: what is on
     the screen; `drawn`: the picture, which is drawn again where something has changed; `found`: the assessment of the
     state, once there is one; `wanted`: the map that belongs to it, None without one; `fault`: the last exception of the
@@ -228,7 +228,6 @@ class Viewer:
         open_other: Callable[[OpenRequest], None] = lambda request: None,
         before: Choices | None = None,
         wake: Callable[[], None] = lambda: None,
-        words: CanvasWords | None = None,
     ):
         self.run, self.nodes, self._folders, self._server = run, nodes, folders, server
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
@@ -250,7 +249,7 @@ class Viewer:
                 view, microphone=self._selected, picture=picture, run=run, choices=binding.choices
             )
             # In this order they get their turn.
-            self.drop = Drop(binding, words)
+            self.drop = Drop(binding, folders.overlay)
             self._verdict, self.maps = VerdictWorker(run, binding.threads), CostMapWorker(run, binding.threads)
             self.tabs = Tabs(folders, binding, nodes.cameras.request)
             self.drop.tabs = self.tabs

@@ -161,7 +161,7 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lessons.end()
     assert not lessons.caption and f"{lesson.title}, step 3 of 3<" in lessons.list_html(), "where it was left"
     page.viewer = None
-    lessons.resume(lesson.name)
+    lessons.open(lesson.name)
     assert "step 3 of 3" in text_of(lessons) and page.opened[-1].scene.solver.name == "descent"
 
 

@@ -225,6 +225,8 @@ CHANNEL = "fdcal command"  # label of the control of the commands, as in page.js
 ERROR_TIME = 8.0  # s that a refused command is shown
 
 Act = Callable[[viser.ClientHandle, str], object]
+Buttons = Mapping[str, Callable[[], object]]  # by label, what is called on viser's event loop when one is pressed
+NO_BUTTONS: Buttons = MappingProxyType({})
 
 log = logging.getLogger(__name__)
 
@@ -239,6 +241,10 @@ class Overlay:
         self._wake = wake
         self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self._acts: dict[str, Act] = {}
+        self._buttons = NO_BUTTONS
+        # a button that has been removed does nothing
+        self.on("words", lambda client, label: self._buttons.get(label, lambda: None)())
+        self.on("dismiss", lambda client, value: self.say(""))
         self.start = secrets.token_hex(8)  # of this server: a browser tells by it whether its address is still of use
         self.channel = gui.add_text(CHANNEL, "", visible=False)
 
@@ -251,6 +257,15 @@ class Overlay:
         """Fill a region; any thread. All texts in `html` are escaped already."""
         if self._regions[region].content != (wanted := content(region, html)):
             self._regions[region].content = wanted
+
+    def say(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS) -> None:
+        """Show words, a smaller line below them, and buttons, which with that line invite; nothing for ""."""
+        self._buttons = buttons
+        text = f"<div>{escape(words)}</div>" if words else ""
+        text += f"<p>{escape(detail)}</p>" if detail else ""
+        labels, kind = [escape(label, quote=True) for label in buttons], 'class="first"' if detail else ""
+        text += "".join(f'<button {kind} data-do="words={label}">{label}</button>' for label in labels)
+        self.show("words", text)
 
     def on(self, name: str, act: Act) -> None:
         """Call `act(client, value)` for a command, in place of what it did before; on viser's event loop."""
@@ -279,27 +294,3 @@ def whole(value: str, low: int, high: int) -> int:
     if not re.fullmatch(r"-?[0-9]{1,9}", value):
         raise InputError(f'"{value[:40]}" is no whole number', f"use {low} to {high}", value=value)
     return min(max(int(value), low), high)
-
-
-Buttons = Mapping[str, Callable[[], object]]  # by label, what is called on viser's event loop when one is pressed
-NO_BUTTONS: Buttons = MappingProxyType({})
-
-
-class CanvasWords:
-    """Owns the region of the words."""
-
-    def __init__(self, overlay: Overlay):
-        self._overlay, self._buttons = overlay, NO_BUTTONS
-        # a button that has been removed does nothing
-        overlay.on("words", lambda client, label: self._buttons.get(label, lambda: None)())
-        overlay.on("dismiss", lambda client, value: self.show(""))
-
-    def show(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS) -> None:
-        """Show words, a smaller line below them, and buttons, which with that line invite; nothing for ""."""
-        self._buttons = buttons
-        text = f"<div>{escape(words)}</div>" if words else ""
-        text += f"<p>{escape(detail)}</p>" if detail else ""
-        labels = [escape(label, quote=True) for label in buttons]
-        kind = 'class="first"' if detail else ""
-        text += "".join(f'<button {kind} data-do="words={label}">{label}</button>' for label in labels)
-        self._overlay.show("words", text)

@@ -29,25 +29,16 @@ MAX_PIXELS = 16384  # of a canvas
 ASSUMED_SIZE = 720  # pixels, of a canvas whose size is not reported
 
 
-@dataclass(frozen=True)
-class Surroundings:
-    """What on the canvas is beside the picture."""
+@dataclass
+class PageCamera:
+    """What is known of one page's camera."""
 
-    lecture: bool = False  # larger type
-    caption: bool = False  # of a lesson, at the right
-
-
-@dataclass(frozen=True)
-class Placement:
-    """The last command to a page."""
-
-    view: str = "top"  # as in graphics.camera.VIEWS
-    size: tuple[int, int] | None = None  # (width, height) of the canvas at that time, pixels, or None
-    around: Surroundings = Surroundings()  # that the picture left room for at that time
-    expert: bool = False  # whether the page showed the panels
-    relief: float = 0.0  # height of the map, metres, that a view from the side has to hold
+    expert: bool = False  # whether the page shows the panels
+    view: str = "top"  # that was commanded last, as in graphics.camera.VIEWS; "" of a camera of its own
+    fitted: tuple = ()  # what the picture left room for at that time
     camera: Camera | None = None  # that was commanded, or None
     positions: tuple[tuple[float, float, float], ...] = ()  # the last ones of the camera, metres
+    looks: int = 0  # since its camera was placed
 
 
 def canvas(camera) -> tuple[int, int]:
@@ -101,17 +92,14 @@ class Cameras:
     """Owns the last commands to the pages' cameras.
 
     `picture`: what there is to be seen, or None; `view`: of a page that opens, as in graphics.camera.VIEWS;
-    `around`: what stands beside the picture.
+    `lecture`, `caption`: whether larger type, and the caption of a lesson, take room beside the picture.
     """
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
         self.picture: Picture | None = None
-        self.view = "top"
-        self.around = Surroundings()
-        self._experts: set[int] = set()  # pages that show the panels
-        self._placements: dict[int, Placement] = {}
-        self._looks: dict[int, int] = {}  # by page: looks since its camera was placed
+        self.view, self.lecture, self.caption = "top", False, False
+        self._pages: collections.defaultdict[int, PageCamera] = collections.defaultdict(PageCamera)
         self._requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = collections.deque()
 
     @property
@@ -126,21 +114,26 @@ class Cameras:
         """
         self._requests.append((client, view))
 
+    def request_all(self, view: str | Mapping[int, str | Camera]) -> None:
+        """`request` a view for every page, or for each page its own of what `kept_views` has returned."""
+        for number, client in self._server.get_clients().items():
+            if isinstance(view, str) or number in view:
+                self.request(client, view if isinstance(view, str) else view[number])
+
     def show_face(self, client: viser.ClientHandle, expert: bool) -> None:
         """Leave the room that a page needs, which shows the panels or the bar; on viser's event loop."""
-        (self._experts.add if expert else self._experts.discard)(client.client_id)
+        self._pages[client.client_id].expert = expert
         self.request(client)
 
     def process_requests(self, clients) -> None:
         """Carry out the requests of the `clients` that are still connected; called by the main loop alone."""
         while self._requests:
             client, view = self._requests.popleft()
-            if client not in clients:
-                continue
-            if view is None:
-                self.follow(client)
-            else:
-                self.place(client, view)
+            if client in clients:
+                if view is None:
+                    self.follow(client)
+                else:
+                    self.place(client, view)
 
     def kept_views(self) -> dict[int, str | Camera]:
         """Return how each page looks at the scene, by the number of its client.
@@ -150,14 +143,24 @@ class Cameras:
         kept = {}
         for number, client in self._server.get_clients().items():
             with self._guarded(client):
-                camera, placement = client.camera, self._placements.get(number, Placement())
-                if placement.camera is None or is_at(camera, placement.camera):
-                    kept[number] = placement.view or placement.camera or ""
+                camera, page = client.camera, self._pages[number]
+                if page.camera is None or is_at(camera, page.camera):
+                    kept[number] = page.view or page.camera or ""
                     continue
                 vectors = camera.position, camera.look_at, camera.up_direction
                 (x, y, z), (u, v, w), (a, b, c) = ([float(number) for number in vector] for vector in vectors)
                 kept[number] = Camera((x, y, z), (u, v, w), (a, b, c), float(camera.fov), 1.0)
         return kept
+
+    def _fitted(self, page: PageCamera, camera, view: str) -> tuple:
+        """Return what a picture leaves room for: canvas, type, caption, panels, and the height of a map.
+
+        The height, which comes later than the view, is to the centimetre; a view from the side has to hold it.
+        """
+        floor = None if self.picture is None or view in ("top", "") else self.picture.floor
+        heights = None if floor is None else floor.heights
+        relief = 0.0 if heights is None else round(float(heights.max()), 2)
+        return canvas(camera), self.lecture, self.caption, page.expert, relief
 
     def place(self, client: viser.ClientHandle, view: str | Camera) -> None:
         """Place one page's camera so that the search domain fills what the panels leave free.
@@ -167,21 +170,20 @@ class Cameras:
         `client`: the page; `view`: as in graphics.camera.VIEWS, or the camera itself.
         """
         with self._guarded(client):
-            camera, expert = client.camera, client.client_id in self._experts
-            size = canvas(camera)
-            if isinstance(view, Camera):
-                wanted, placement = view, Placement("", size, self.around, expert, 0.0, view)
-            elif self.picture is None:
-                return
-            else:
-                margins, fov = _margins(size, self.around, expert), TOP_FOV if view == "top" else None
-                wanted = camera_for(self.picture, size, view, margins, fov=fov)
+            camera, page = client.camera, self._pages[client.client_id]
+            name, wanted = ("", view) if isinstance(view, Camera) else (view, None)
+            fitted = self._fitted(page, camera, name)
+            if wanted is None:
+                if self.picture is None:
+                    return
+                size, *around, _ = fitted
+                margins, fov = _margins(size, *around), TOP_FOV if name == "top" else None
+                wanted = camera_for(self.picture, size, name, margins, fov=fov)
                 x, y, z = self._server.initial_camera.position
-                before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
+                before = page.positions or ((x, y, z),)
                 before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
-                positions = (*before, wanted.position)[-KEPT_POSITIONS:]
-                placement = Placement(view, size, self.around, expert, self._relief(view), wanted, positions)
-            self._placements[client.client_id], self._looks[client.client_id] = placement, 0
+                page.positions = (*before, wanted.position)[-KEPT_POSITIONS:]
+            page.view, page.fitted, page.camera, page.looks = name, fitted, wanted, 0
             with client.atomic():
                 camera.near, camera.far = planes(wanted)
                 camera.fov, camera.up_direction = wanted.fov, wanted.up
@@ -196,18 +198,6 @@ class Cameras:
             log.debug("a page reports an impossible camera", exc_info=True)
             self.forget(client)
 
-    def _relief(self, view: str) -> float:
-        """Return the height of the map in a view from the side, to the centimetre; it comes later than the view."""
-        floor = None if self.picture is None else self.picture.floor
-        heights = None if floor is None or view in ("top", "") else floor.heights
-        return 0.0 if heights is None else round(float(heights.max()), 2)
-
-    def request_all(self, view: str | Mapping[int, str | Camera]) -> None:
-        """`request` a view for every page, or for each page its own of what `kept_views` has returned."""
-        for number, client in self._server.get_clients().items():
-            if isinstance(view, str) or number in view:
-                self.request(client, view if isinstance(view, str) else view[number])
-
     def follow(self, client: viser.ClientHandle, check: int | None = None) -> None:
         """Follow a canvas that changes its size as long as the user has not moved the camera.
 
@@ -218,16 +208,13 @@ class Cameras:
         `client`: the page; `check`: number of the check at which the page is made to report its canvas, or None.
         """
         with self._guarded(client):
-            placement, camera = self._placements.get(client.client_id, Placement()), client.camera
-            if placement.camera is None:
-                self.place(client, placement.view)
-            else:
-                now = canvas(camera), self.around, client.client_id in self._experts, self._relief(placement.view)
-                fits = now == (placement.size, placement.around, placement.expert, placement.relief)
-                fits = fits and is_at(camera, placement.camera)
-                before = (VISER_START, *placement.positions)
-                if not fits and any(np.allclose(camera.position, one, rtol=TOLERANCE) for one in before):
-                    self.place(client, placement.view)
+            page, camera = self._pages[client.client_id], client.camera
+            if page.camera is None:
+                self.place(client, page.view)
+            elif self._fitted(page, camera, page.view) != page.fitted or not is_at(camera, page.camera):
+                before = (VISER_START, *page.positions)
+                if any(np.allclose(camera.position, one, rtol=TOLERANCE) for one in before):
+                    self.place(client, page.view)
             if check is not None:
                 # A page reports the size of its canvas while the panels move, when that may still be the size before:
                 # the picture then fits a canvas that does not exist. An invisible change makes it report again.
@@ -236,15 +223,14 @@ class Cameras:
     def follow_all(self, clients) -> None:
         """`follow` pages whose canvas has changed without a report; called by the main loop now and then."""
         for client in clients:
-            if client.client_id in self._placements:
-                self._looks[client.client_id] = looks = self._looks.get(client.client_id, 0) + 1
-                self.follow(client, CHECKS.index(looks) if looks in CHECKS else None)
+            page = self._pages[client.client_id]
+            if page.camera is not None:
+                page.looks += 1
+                self.follow(client, CHECKS.index(page.looks) if page.looks in CHECKS else None)
 
     def forget(self, client: viser.ClientHandle) -> None:
         """Drop what belongs to a page that has closed."""
-        self._placements.pop(client.client_id, None)
-        self._looks.pop(client.client_id, None)
-        self._experts.discard(client.client_id)
+        self._pages.pop(client.client_id, None)
 
     def set_initial(self, picture: Picture, size: tuple[int, int] = (680, 720)) -> None:
         """Set the camera of a page that opens, until its size is known: that of `view`.
@@ -258,17 +244,17 @@ class Cameras:
         first.fov, first.up, first.position, first.look_at = wanted.fov, wanted.up, wanted.position, wanted.look_at
 
 
-def _margins(size: tuple[int, int], around: Surroundings, expert: bool) -> tuple[int, int, int, int]:
+def _margins(size: tuple[int, int], lecture: bool, caption: bool, expert: bool) -> tuple[int, int, int, int]:
     """Pixels left, bottom, right and top of what is looked at, for rulers, legend, bar and caption."""
     if size[0] > PHONE_WIDTH or size[1] < 1.6 * size[0]:
         broad = size[0] >= max(BROAD, BROAD_RATIO * size[1])
-        if expert and not around.lecture:  # whose caption lies over a panel
+        if expert and not lecture:  # whose caption lies over a panel
             return BROAD_EXPERT_MARGINS if broad else EXPERT_MARGINS
         usual, large = (BROAD_MARGINS, BROAD_LECTURE_MARGINS) if broad else (MARGINS, LECTURE_MARGINS)
-        left, bottom, right, top = large if around.lecture else usual
-        if around.caption and size[0] > WIDE:
-            right = (LECTURE_CAPTION if around.lecture else CAPTION) + min(right, MARGINS[2])
+        left, bottom, right, top = large if lecture else usual
+        if caption and size[0] > WIDE:
+            right = (LECTURE_CAPTION if lecture else CAPTION) + min(right, MARGINS[2])
         return left, bottom, right, top
     left, right, top = PHONE_MARGINS
-    panel = round((PHONE_CAPTION if around.caption and not expert else PHONE_PANEL) * size[1])
+    panel = round((PHONE_CAPTION if caption and not expert else PHONE_PANEL) * size[1])
     return (left, panel + PHONE_LEGEND, right, PHONE_BUTTONS) if expert else (left, panel, right, top)

@@ -30,7 +30,6 @@ from ..state import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
 
 if TYPE_CHECKING:
     from ...session.session import SessionView
-    from ..page import Page
     from ..panels import Tabs
     from ..prepare import PreparedRun
     from ..session_view import Viewer
@@ -109,43 +108,37 @@ class PageBefore:
     run: PreparedRun
     view: SessionView  # the states of its run
     choices: Choices
-    # of the controls of each tab that a user can set, by the name of the tab and of the control
-    values: Mapping[str, Mapping[str, Any]]
+    values: Mapping[tuple[str, str], Any]  # of the controls that a user can set, by the names of `controls_of`
     cameras: Mapping[int, str | Camera]  # of each browser: `Cameras.kept_views`
 
     @classmethod
     def of(cls, viewer: Viewer, cameras: Cameras) -> PageBefore:
         """Return the page as it is, and pause its run."""
         viewer.run.session.pause()
-        values = {
-            name: {own: handle.value for own, handle in handles.items()}
-            for name, handles in controls_of(viewer).items()
-        }
-        view = viewer.run.session.view
-        return cls(viewer.run, view, viewer.binding.choices, values, cameras.kept_views())
+        values = {name: handle.value for name, handle in controls_of(viewer).items()}
+        return cls(viewer.run, viewer.run.session.view, viewer.binding.choices, values, cameras.kept_views())
 
     def put_back(self, viewer: Viewer, cameras: Cameras) -> None:
         """Set the controls of the viewer that shows the session again; on viser's event loop."""
         viewer.binding.choose(**vars(self.choices))
-        for name, handles in controls_of(viewer).items():
-            values = self.values.get(name, {})
-            if name == "scene" and "name" in values:
-                viewer.tabs.scene.choose(values["name"])
-            for control, handle in handles.items():
-                value = values.get(control, handle.value)
-                if handle.value != value and fits(handle, value):
-                    handle.value = value
+        if ("scene", "name") in self.values:
+            viewer.tabs.scene.choose(self.values["scene", "name"])
+        for name, handle in controls_of(viewer).items():
+            value = self.values.get(name, handle.value)
+            if handle.value != value and fits(handle, value):
+                handle.value = value
         viewer.tabs.refresh()
         cameras.request_all(self.cameras)
 
 
-def controls_of(viewer: Viewer) -> dict[str, dict[str, Any]]:
+def controls_of(viewer: Viewer) -> dict[tuple[str, str], Any]:
     """Return the controls in the panels that keep a value, unlike buttons: by the name of the tab, and their own."""
-    found = {
-        name: {own: handle for own, handle in vars(owner).items() if isinstance(handle, viser.GuiInputHandle)}
-        for name, owner in vars(viewer.tabs).items()
+    return {
+        (tab, name): handle
+        for tab, owner in vars(viewer.tabs).items()
+        for name, handle in vars(owner).items()
+        if isinstance(handle, viser.GuiInputHandle)
     }
-    return {name: handles for name, handles in found.items() if handles}
 
 
 INTRODUCTION = (
@@ -215,7 +208,7 @@ class LessonsTab:
     All methods run on viser's event loop, except `show`.
     """
 
-    def __init__(self, page: Page, lessons: Sequence[Lesson]):
+    def __init__(self, page: Any, lessons: Sequence[Lesson]):
         self._page = page
         self._lessons = {lesson.title: lesson for lesson in lessons}
         self.progress, self._error = LessonProgress(), ""
@@ -226,13 +219,25 @@ class LessonsTab:
         self._pending: tuple[OpenRequest, Callable[[Viewer], None]] | None = None
         self._left_at: dict[str, int] = {}  # by title: the step, from 0, at which a lesson was left
         overlay = page.panels.overlay
-        overlay.on("lesson", lambda client, name: self.resume(name))
+        overlay.on("lesson", lambda client, name: self.open(name))
         overlay.on("answer", lambda client, number: self.answer(whole(number, 0, MAX_CHOICES - 1)))
         overlay.on("follow", lambda client, value: self.follow())
         overlay.on("end", lambda client, value: self.end())
         for command, where in COMMANDS.items():
             overlay.on(command, lambda client, value, where=where: self.go(where))
         self._redraw()
+
+    @property
+    def ready(self) -> bool:
+        """Whether nothing waits for a scene."""
+        return self._pending is None
+
+    @property
+    def _next_lesson(self) -> str:
+        """Title of the lesson after the present one, "" after the last."""
+        titles, lesson = list(self._lessons), self.progress.lesson
+        place = len(titles) if lesson is None or lesson.title not in titles else titles.index(lesson.title) + 1
+        return titles[place] if place < len(titles) else ""
 
     @property
     def caption(self) -> str:
@@ -244,35 +249,16 @@ class LessonsTab:
 
     def list_html(self) -> str:
         """Return the lessons as buttons."""
-        now = self.progress.lesson
         items = [f"<div class='dim'>{INTRODUCTION}</div>"]
         for lesson in self._lessons.values():
             at = self._left_at.get(lesson.title, 0)
             more = f", step {at + 1} of {len(lesson.steps)}" if at else ""
-            pressed = str(lesson is now).lower()
+            pressed = str(lesson is self.progress.lesson).lower()
             name = escape(lesson.name or lesson.title)
             items.append(
                 f"<button data-do='lesson={name}' aria-pressed='{pressed}'>{escape(lesson.title)}{more}</button>"
             )
         return "".join(items) if self._lessons else "<div class='dim'>There are no lessons.</div>"
-
-    def resume(self, name: str) -> None:
-        """Start a lesson where it was left, by its name."""
-        lesson = self._named(name)
-        self.start(lesson.title, self._left_at.get(lesson.title, 0))
-
-    def _named(self, name: str) -> Lesson:
-        """Return a lesson by its name or its title. Raises InputError: there is none."""
-        for lesson in self._lessons.values():
-            if name in (lesson.name, lesson.title):
-                return lesson
-        remedy = f"use {', '.join(lesson.name for lesson in self._lessons.values())}"
-        raise InputError(f'there is no lesson "{shown(name)}"', remedy, key="lesson", value=name)
-
-    @property
-    def ready(self) -> bool:
-        """Whether nothing waits for a scene."""
-        return self._pending is None
 
     def start(self, title: str, number: int = 0) -> None:
         """Start a lesson, by its title, at a step, counted from 0; ignore any other text."""
@@ -285,19 +271,21 @@ class LessonsTab:
         self.progress = LessonProgress(lesson, number)
         self._set_up(fresh=True)
 
-    def open(self, name: str, number: int) -> None:
-        """Show a step of a lesson, by the lesson's name and the step's number from 1, unless it is shown already.
+    def open(self, name: str, number: int | None = None) -> None:
+        """Show a step of a lesson, by the lesson's name and the step's number from 1; unless given, where it was left.
 
-        Raises InputError: there is no such lesson or step.
+        A step that is shown already stays. Raises InputError: there is no such lesson or step.
         """
-        lesson = self._named(name)
-        if not 1 <= number <= len(lesson.steps):
-            remedy = f"use 1 to {len(lesson.steps)}"
-            raise InputError(
-                f'there is no step {number} of the lesson "{shown(name)}"', remedy, key="step", value=number
-            )
-        if (self.progress.lesson, self.progress.number) != (lesson, number - 1):
-            self.start(lesson.title, number - 1)
+        lesson = next((one for one in self._lessons.values() if name in (one.name, one.title)), None)
+        if lesson is None:
+            remedy = f"use {', '.join(lesson.name for lesson in self._lessons.values())}"
+            raise InputError(f'there is no lesson "{shown(name)}"', remedy, key="lesson", value=name)
+        at = self._left_at.get(lesson.title, 0) if number is None else number - 1
+        if not 0 <= at < len(lesson.steps):
+            problem = f'there is no step {number} of the lesson "{shown(name)}"'
+            raise InputError(problem, f"use 1 to {len(lesson.steps)}", key="step", value=number)
+        if number is None or (self.progress.lesson, self.progress.number) != (lesson, at):
+            self.start(lesson.title, at)
 
     def end(self) -> None:
         """End the lesson, and show what the page showed before, unless the user has opened something else."""
@@ -334,13 +322,6 @@ class LessonsTab:
             self.go(NEXT)
         else:
             self.start(self._next_lesson)
-
-    @property
-    def _next_lesson(self) -> str:
-        """Title of the lesson after the present one, "" after the last."""
-        titles, lesson = list(self._lessons), self.progress.lesson
-        place = len(titles) if lesson is None or lesson.title not in titles else titles.index(lesson.title) + 1
-        return titles[place] if place < len(titles) else ""
 
     def go(self, where) -> None:
         """Go BACK or NEXT, or RESTORE the settings of the step; ignore anything else."""

@@ -70,17 +70,8 @@ HINT = "Ellipses of the least error that is possible, before anything is measure
 DRAGGED = "The scene shows the plan, not the solver. Dragged microphones change the plan only."
 
 
-@dataclass(frozen=True)
-class PlanRanges:
-    """Between which bounds the controls can be set."""
-
-    snr_db: tuple[int, int] = (1, 60)  # dB
-    min_frequencies: int = 3  # number of frequencies
-    gain_sigma_db: tuple[float, float] = (0.0, 6.0)  # dB
-    takes: tuple[int, int] = (1, 16)  # places of the source
-
-
-RANGES = PlanRanges()
+SNR, GAIN_SIGMA = (1, 60), (0.0, 6.0)  # dB, between which the controls can be set
+MIN_FREQUENCIES, MAX_TAKES = 3, 16
 
 
 class PlanTab(Tab):
@@ -94,16 +85,16 @@ class PlanTab(Tab):
             return
         self._worker = binding.threads.map(lambda choices: planned_array(binding.run, choices))
         noise, known = binding.run.scene.measurement.snr_db, binding.measurement.known.tolist()
-        snr = float(np.clip(np.round(noise), *RANGES.snr_db)) if np.isfinite(noise) else PlanChoices().snr_db
-        takes = min(binding.measurement.take_count, RANGES.takes[1])
+        snr = float(np.clip(np.round(noise), *SNR)) if np.isfinite(noise) else PlanChoices().snr_db
+        takes = min(binding.measurement.take_count, MAX_TAKES)
         plan = PlanChoices(snr_db=snr, known=tuple(known), takes=takes)  # the circumstances of the scene itself
         # the microphones whose positions are given: first those that the scene gives, then the others by their numbers
         self._order = known + [n for n in range(binding.measurement.count) if n not in known]
         binding.choices = replace(binding.choices, plan=plan)
-        choose, low = self._choose, RANGES.min_frequencies
+        choose, low = self._choose, MIN_FREQUENCIES
         self.shown = binding.checkbox("Show the plan", plan.shown, lambda value: choose(shown=value), hint=HINT)
         self.snr = binding.slider(
-            "Planned SNR (dB)", *RANGES.snr_db, 1, round(plan.snr_db), lambda value: choose(snr_db=float(value)),
+            "Planned SNR (dB)", *SNR, 1, round(plan.snr_db), lambda value: choose(snr_db=float(value)),
             hint="Signal-to-noise ratio of each frequency",
         )  # fmt: skip
         self.frequencies = binding.slider(
@@ -117,11 +108,11 @@ class PlanTab(Tab):
             hint="Microphones whose positions will be measured",
         )  # fmt: skip
         self.gain = binding.slider(
-            "Gain sigma (dB)", *RANGES.gain_sigma_db, 0.1, plan.gain_sigma_db,
+            "Gain sigma (dB)", *GAIN_SIGMA, 0.1, plan.gain_sigma_db,
             lambda value: choose(gain_sigma_db=value), hint="Spread of the channels' gains",
         )  # fmt: skip
         self.takes = binding.slider(
-            "Places of the source", *RANGES.takes, 1, plan.takes, lambda value: choose(takes=value),
+            "Places of the source", 1, MAX_TAKES, 1, plan.takes, lambda value: choose(takes=value),
             hint="Takes: one recording of the same length from each",
         )  # fmt: skip
         self.reset = binding.button(
@@ -150,7 +141,7 @@ class PlanTab(Tab):
         elif planned is not None:
             self.summary.content = summary(planned)
             count = planned.max_frequencies  # that the array can use, where the slider ends
-            if count != self._max and count > RANGES.min_frequencies:
+            if count != self._max and count > MIN_FREQUENCIES:
                 self._max, self.frequencies.visible, self.frequencies.max = count, True, count
                 self.frequencies.value = count if plan.frequencies is None else min(plan.frequencies, count)
 

@@ -1,7 +1,6 @@
 """The tab Scene: array, walls, noise and known microphones of the scene; Apply simulates the changed scene."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import viser
@@ -21,22 +20,11 @@ MEASURED = (
 OPEN, APPLY = ("Open", "Open this measurement and restart"), ("Apply", "Simulate this scene and restart")
 
 
-@dataclass(frozen=True)
-class SceneRanges:
-    """Between which bounds the controls can be set."""
-
-    microphones: tuple[int, int] = (4, 150)  # number of microphones
-    radius: tuple[float, float] = (0.05, 3.0)  # of the array, metres
-    absorption: tuple[float, float] = (0.1, 99.0)  # of the walls, %
-    snr: tuple[int, int] = (-10, 90)  # signal-to-noise ratio, dB
-    default_snr: int = 40  # where the slider stands when noise is switched on, dB
-    sound_speed_error: tuple[float, float] = (-5.0, 5.0)  # %
-    max_seed: int = 2**31 - 1  # of the scene
-
-
-RANGES = SceneRanges()
+# Between which bounds the controls can be set: of the array, metres; of the walls, %; dB; %.
+MICROPHONES, RADII, ABSORPTION, SNR, SPEED_ERROR = (4, 150), (0.05, 3.0), (0.1, 99.0), (-10, 90), (-5.0, 5.0)
+DEFAULT_SNR, MAX_SEED = 40, 2**31 - 1  # dB, where the slider stands when noise is switched on
 MAX_TYPED = 1e5  # m: a radius in millimetres still arrives and gets a message; a larger number is dropped
-RADIUS = f"{RANGES.radius[0]:g} to {RANGES.radius[1]:g} m"
+RADIUS = f"{RADII[0]:g} to {RADII[1]:g} m"
 # In place of keys of the scene's file, which the page does not have.
 SMALLER = 'change "Array radius (m)", "Microphones" or "Scene seed"'
 
@@ -55,29 +43,27 @@ class SceneTab(Tab):
         names = (*scene_names(), *([self._own_name] if self._own_name else []))
         self.name = binding.dropdown("Scene", names, self._own_name or self._scene.name, self.choose)
         self.title = gui.add_html("")
-        low, high = RANGES.microphones
+        low, high = MICROPHONES
         self.microphones = binding.slider("Microphones", low, high, 1, low, lambda _: self.refresh())
         hint = f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it"
         radius = gui.add_number("Array radius (m)", 1.0, min=0.0, max=MAX_TYPED, step=0.01, hint=hint)
         self.radius = binding.on(radius, lambda _: self._check_radius())
         self.walls = binding.dropdown("Walls", WALLS, walls if walls in WALLS else WALLS[0], lambda _: self.refresh())
-        low, high = RANGES.absorption
+        low, high = ABSORPTION
         self.absorption = gui.add_number(
             "Absorption (%)", 1.0, min=low, max=high, step=0.1, hint="Absorbed energy of a wave at normal incidence"
         )
         self.noise = binding.checkbox("Noise", False, lambda _: self.refresh())
-        self.snr = gui.add_slider(
-            "SNR (dB)", *RANGES.snr, 1, RANGES.default_snr, hint="Signal-to-noise ratio of each mode"
-        )
+        self.snr = gui.add_slider("SNR (dB)", *SNR, 1, DEFAULT_SNR, hint="Signal-to-noise ratio of each mode")
         self.speed = gui.add_slider(
-            "Sound-speed error (%)", *RANGES.sound_speed_error, 0.1, 0.0,
+            "Sound-speed error (%)", *SPEED_ERROR, 0.1, 0.0,
             hint="By how much the solver's sound speed exceeds the true one",
         )  # fmt: skip
         self.known = gui.add_slider(
-            "Known microphones", 0, RANGES.microphones[1], 1, 3, hint="Microphones whose positions are given"
+            "Known microphones", 0, MICROPHONES[1], 1, 3, hint="Microphones whose positions are given"
         )
         self.seed = gui.add_number(
-            "Scene seed", 0, min=0, max=RANGES.max_seed, step=1,
+            "Scene seed", 0, min=0, max=MAX_SEED, step=1,
             hint="Of random microphone positions, of the noise and of random starts",
         )  # fmt: skip
         self.apply = binding.button(APPLY[0], lambda _: self.press(), icon=viser.Icon.CHECK, hint=APPLY[1])
@@ -101,7 +87,7 @@ class SceneTab(Tab):
             return
         self.message.content = "" if scene.room.response is None else html.remark(MEASURED_AND_MODELLED)
         parameters = parameters_of(scene)
-        self.microphones.max = max(RANGES.microphones[1], parameters.microphones)
+        self.microphones.max = max(MICROPHONES[1], parameters.microphones)
         self.microphones.value = parameters.microphones
         self.microphones.disabled = self._scene.array.positions is not None
         self.radius.value = round(parameters.radius, 4)
@@ -109,10 +95,9 @@ class SceneTab(Tab):
             self.walls.value = parameters.walls
         self.absorption.value = round(100 * parameters.absorption, 2) or 1.0
         self.noise.value = noisy = math.isfinite(parameters.snr_db)
-        default = RANGES.default_snr
-        self.snr.value = round(np.clip(parameters.snr_db, *RANGES.snr)) if noisy else default
-        self.speed.value = float(np.clip(100 * parameters.sound_speed_error, *RANGES.sound_speed_error))
-        self.seed.value = min(parameters.seed, RANGES.max_seed)
+        self.snr.value = round(np.clip(parameters.snr_db, *SNR)) if noisy else DEFAULT_SNR
+        self.speed.value = float(np.clip(100 * parameters.sound_speed_error, *SPEED_ERROR))
+        self.seed.value = min(parameters.seed, MAX_SEED)
         self.refresh()
         self.known.value = parameters.known
 
@@ -145,7 +130,7 @@ class SceneTab(Tab):
         absorbing = self.walls.value == "absorbing" and self._scene.room.response is None
         return SceneParameters(
             microphones=old.microphones if self.microphones.disabled else count,
-            radius=_unless_same(float(np.clip(self.radius.value, *RANGES.radius)), old.radius, 1e-4),
+            radius=_unless_same(float(np.clip(self.radius.value, *RADII)), old.radius, 1e-4),
             walls=self.walls.value if self._scene.room.response is None else old.walls,
             absorption=_unless_same(self.absorption.value / 100, old.absorption, 1e-4) if absorbing else old.absorption,
             snr_db=_unless_same(float(self.snr.value), old.snr_db, 0.5) if self.noise.value else math.inf,
@@ -156,7 +141,7 @@ class SceneTab(Tab):
 
     def _check_radius(self) -> bool:
         """Whether the radius is possible; the message says so if it is not."""
-        value, (low, high) = self.radius.value, RANGES.radius
+        value, (low, high) = self.radius.value, RADII
         own = abs(value - parameters_of(self._scene).radius) <= 1e-4  # of its file, which may be larger
         possible = own or (math.isfinite(value) and low <= value <= high)
         text = "" if possible else f"Array radius = {value:g} m is not possible; use {RADIUS}"
