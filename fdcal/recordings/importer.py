@@ -41,7 +41,7 @@ from .recording import (
     sound_speed_of,
     split,
 )
-from .short_windows import short_windows
+from .short_windows import found_flat, short_windows
 
 DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
 ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
@@ -71,6 +71,7 @@ class ImportReport:
     height: float | None = None  # of all given positions, metres, where the array is sought in this plane
     # one each of several takes, the first of which the other fields describe; none of a single take
     takes: tuple[ImportReport, ...] = ()
+    flat: bool = False  # whether the short windows show a flat array, which is then sought in a plane
     skipped: tuple[str, ...] = ()  # parts of a recording in which no sound rises above the noise
 
 
@@ -156,10 +157,14 @@ def measurement_of_takes(
             skipped.append(one.path)
             if options.split is None or len(skipped) == len(takes):  # of parts, some may be pauses
                 raise error
-    if len(done) == 1:
-        return done[0][0], replace(done[0][1], skipped=tuple(skipped))
-    report = replace(done[0][1], takes=tuple(one for _, one in done), skipped=tuple(skipped))
-    return Measurement.from_takes([one for one, _ in done]), report
+    measurement, report = done[0]
+    if len(done) > 1:
+        report = replace(report, takes=tuple(one for _, one in done))
+        measurement = Measurement.from_takes([one for one, _ in done])
+    flat = options.array_dimension is None and found_flat(measurement)
+    if flat:
+        measurement = replace(measurement, array_dimension=2)
+    return measurement, replace(report, skipped=tuple(skipped), flat=flat)
 
 
 def _measurement_of_take(
@@ -342,6 +347,9 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
     if height is not None:
         space = word_arguments("<array_dimension> 3", wording)
         lines += [f"array        in the plane z = {height:g} m, the height of all given positions; in space: {space}"]
+    elif report.flat:
+        space = word_arguments("<array_dimension> 3", wording)
+        lines += [f"array        flat as far as its short windows tell, and sought in a plane; in space: {space}"]
     elif len(given) and given.shape[1] == 3 and not np.ptp(given[:, 2]):
         plane = f"z = {given[0, 2]:g} m as the known ones: {word_arguments('<array_dimension> 2', wording)}"
         lines += [f"array        in space; if all microphones stand at {plane}"]

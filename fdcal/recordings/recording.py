@@ -288,7 +288,8 @@ class ImportOptions:
     dimension : int
         2 or 3, of the sound field.
     array_dimension : int or None
-        2 or 3, coordinates of a microphone; 2 unless given where the heights of all microphones are known and agree.
+        2 or 3, coordinates of a microphone; 2 unless given where the heights of all microphones are known and agree,
+        or where short windows show that the array is flat.
     plane, subset, leave_out, known : str or None
         See `fdcal.recordings.channels`.
     seed : int

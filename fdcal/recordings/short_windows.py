@@ -6,11 +6,13 @@ sound by SKIP until the sound is lost in noise. A window whose sound is in a gap
 
 import numpy as np
 
+from ..model.measurement import Measurement
 from ..model.problem import ShortWindows
 from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples, refused_option
 
 WINDOW = 0.03  # seconds
 MAX_COUNT = 32  # microphones: the time of a fit grows with their cube
+MAX_FLAT = 12  # microphones of which it is found out whether they are flat
 SKIP = 0.02  # seconds after the direct sound
 MAX_WINDOWS = 400  # of all takes together
 MAX_GROUPS = 120  # of all takes together
@@ -54,6 +56,20 @@ def short_windows(
     p /= np.sqrt(np.maximum(power, np.finfo(np.float32).tiny))[..., None]
     p[power <= QUIET * power.mean(axis=1, keepdims=True)] = 0
     return ShortWindows(f, np.zeros(len(f), np.int64), p, WINDOW)
+
+
+def found_flat(measurement: Measurement) -> bool:
+    """Return whether the windows show a flat array (`fdcal.solvers.robust.windows.is_flat`).
+
+    Only of few microphones of which no position is reported: more of them determine their heights by themselves, and
+    the time of a fit grows with the cube of their number.
+    """
+    windows, unknown = measurement.windows, measurement.positions is None and not len(measurement.known)
+    if windows is None or not unknown or measurement.array_dimension != 3 or measurement.count > MAX_FLAT:
+        return False
+    from ..solvers.robust.windows import is_flat  # loads the solver, which other imports do not need
+
+    return is_flat(windows, measurement.sound_speed)
 
 
 def _band(recording: Recording, options: ImportOptions) -> tuple[float, float]:

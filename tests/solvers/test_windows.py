@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import fdcal
+from fdcal.cost.short_windows import anisotropic_kernel
 from fdcal.model.gauge import align, rigid_motions
+from fdcal.model.problem import ShortWindows
 from fdcal.model.settings import SolverSettings
 from fdcal.recordings.importer import ImportOptions, measurement_of_takes
 from fdcal.recordings.recording import recording_of
@@ -14,7 +16,7 @@ from fdcal.solvers import robust
 from fdcal.solvers.robust.objective import in_unit_power
 from fdcal.solvers.robust.schedule import with_windows
 from fdcal.solvers.robust.state import FINAL
-from fdcal.solvers.robust.windows import WindowTerm, usable
+from fdcal.solvers.robust.windows import WindowTerm, is_flat, usable
 
 RATE, SOUND = 8000, 343.2
 
@@ -123,3 +125,17 @@ def test_delays_that_all_channels_share_leave_the_windows_and_one_of_a_faulty_ch
     one = fitted(0.0, every * (np.arange(8) == 3)[:, None])
     counted = np.diag(one.model.window_precision).reshape(8, 3) > 0
     assert np.array_equal(np.flatnonzero(~counted.any(axis=1)), [3])
+
+
+@pytest.mark.parametrize("height", [0.0, 0.06])
+def test_an_array_is_flat_where_its_windows_show_no_heights(height):
+    """Windows of the model itself: eight microphones on a tilted plane, and with heights of 60 mm over it."""
+    rng, k = np.random.default_rng(5), np.linspace(4, 60, 40)
+    x = rng.uniform(-0.15, 0.15, (8, 3)) * [1, 1, 0]
+    x[:, 2] = height * np.array([1, -1, 1, -1, -1, 1, -1, 1])
+    x = turned(x)
+    K = anisotropic_kernel(x, k, np.array([0, 0, 0, 0, -0.4, 0.1]), False)[0]
+    L = np.linalg.cholesky(K + 0.02 * np.eye(8))
+    z = rng.standard_normal((len(k), 60, 8, 2)).view(complex)[..., 0]
+    windows = ShortWindows(k * SOUND / (2 * np.pi), np.zeros(len(k), np.int64), z @ L.swapaxes(1, 2), 0.03)
+    assert is_flat(windows, SOUND) == (height == 0)

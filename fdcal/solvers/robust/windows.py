@@ -111,9 +111,11 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, heard: Bools)
     assert problem.windows is not None  # `usable`
     N, D = positions.shape
     likelihood = likelihood_of(problem.windows.of_microphones(heard), problem.sound_speed, phases[heard])
-    starts = [start for start in (_coherent(likelihood, D),) if start is not None]
+    starts = [(positions[heard], STAGES[1:])]
+    if (coherent := _coherent(likelihood, D)) is not None:
+        starts = [(coherent, STAGES), *starts]
     try:
-        field, free, likelihood, axes = fitted(likelihood, starts, positions[heard])
+        field, free, likelihood, axes = fitted(likelihood, starts)
         covariance = MODEL_EXCESS * position_covariance(field, free, likelihood, axes)
     except np.linalg.LinAlgError:
         return None
@@ -152,18 +154,18 @@ def _coherent(likelihood: ShortLikelihood, axes: int) -> np.ndarray | None:
 
 
 def fitted(
-    likelihood: ShortLikelihood, starts: list[np.ndarray], found: Reals
+    likelihood: ShortLikelihood, starts: list[tuple[np.ndarray, tuple[float, ...]]]
 ) -> tuple[ShortField, Bools, ShortLikelihood, Integers]:
     """Return the likeliest field, which parameters were free, the likelihood with its dispersion, and the axes.
 
-    starts : positions (N, D), metres, that begin with low frequencies; found : positions that begin with the others;
+    starts : positions (N, D), metres, each with the greatest wavenumbers of its first stages, rad/m;
     axes : (D,) int64, which of the three coordinates the positions of the field have
     """
-    N, T, axes = likelihood.pressures.shape[2], int(likelihood.takes.max()) + 1, np.arange(found.shape[1])
+    N, T, axes = likelihood.pressures.shape[2], int(likelihood.takes.max()) + 1, np.arange(starts[0][0].shape[1])
     alone, direct = free_parameters(N, T, axes), free_parameters(N, T, axes, direct=True)
     k, ended = likelihood.wavenumbers, list[tuple[ShortField, float]]()
     lowest = np.unique(k)[min(3, len(np.unique(k)) - 1)]
-    for positions, stages in [*((start, STAGES) for start in starts), (found, STAGES[1:])]:
+    for positions, stages in starts:
         field, cost = first_field(positions, T), np.inf
         for top in stages:
             kept = k <= max(top, lowest)
@@ -205,6 +207,38 @@ def _minimised(
         if step.decrease < least:
             break
     return field, cost
+
+
+FLAT_NATS = 3.0  # evidence from which an array is flat
+HEIGHT = 0.5  # spread of the heights of one that is not, over its RMS radius
+
+
+def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
+    """Return whether the windows show an array that is flat within what they can tell.
+
+    With the heights h over the plane of least squares and their covariance C, without the motions of the plane, the
+    logarithm of the evidence for a flat array over one whose heights have the spread s is
+
+        [log det(I + s^2 C^-1) - h^T (C^-1 - (C + s^2 I)^-1) h] / 2
+    """
+    likelihood = likelihood_of(windows, sound_speed, np.zeros(windows.pressures.shape[2]))
+    start = _coherent(likelihood, 3)
+    if start is None or len(start) < MIN_MICROPHONES:
+        return False
+    try:
+        field, free, likelihood, axes = fitted(likelihood, [(start, STAGES)])
+        covariance = MODEL_EXCESS * position_covariance(field, free, likelihood, axes)
+    except np.linalg.LinAlgError:
+        return False
+    x = field.positions - field.positions.mean(axis=0)
+    along = np.linalg.svd(x, full_matrices=False)[2]
+    motions = np.column_stack([np.ones(len(x)), x @ along[:2].T])
+    rest = np.linalg.svd(motions)[0][:, 3:]
+    heights, across = rest.T @ x @ along[2], rest.T @ np.kron(np.eye(len(x)), along[2])
+    values, vectors = np.linalg.eigh(across @ covariance @ across.T)
+    spread = HEIGHT**2 * np.mean(np.sum(x**2, axis=1)) / np.maximum(values, 1e-300)
+    squares = (heights @ vectors) ** 2 / np.maximum(values, 1e-300)
+    return bool(np.sum(np.log1p(spread) - squares * spread / (1 + spread)) / 2 > FLAT_NATS)
 
 
 def _embedded(step: Reals, free: Bools) -> np.ndarray:
