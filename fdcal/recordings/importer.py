@@ -163,7 +163,7 @@ def measurement_of_takes(
         measurement = Measurement.from_takes([one for one, _ in done])
     flat = options.array_dimension is None and found_flat(measurement)
     if flat:
-        measurement = replace(measurement, array_dimension=2)
+        measurement = replace(measurement, array_dimension=2, known_positions=None)
     return measurement, replace(report, skipped=tuple(skipped), flat=flat)
 
 
