@@ -227,7 +227,7 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
 
         [log det(I + s^2 C^-1) - h^T (C^-1 - (C + s^2 I)^-1) h] / 2
     """
-    likelihood = likelihood_of(windows, sound_speed, np.zeros(windows.pressures.shape[2]))
+    likelihood = likelihood_of(windows, sound_speed, np.zeros(int(windows.pressures.shape[2])))
     start = _coherent(likelihood, 3)
     if start is None or len(start) < MIN_MICROPHONES:
         return False
@@ -239,9 +239,10 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
     x: Reals = field.positions - np.mean(field.positions, axis=0)
     along: Reals = np.linalg.svd(x, full_matrices=False)[2]
     rest: Reals = np.linalg.svd(np.column_stack([np.ones(len(x)), x @ along[:2].T]))[0][:, 3:]
-    heights, across = rest.T @ x @ along[2], rest.T @ np.kron(np.eye(len(x)), along[2])
+    heights: Reals = rest.T @ x @ along[2]
+    across: Reals = rest.T @ np.asarray(np.kron(np.eye(len(x)), along[2]), float)
     values, vectors = np.linalg.eigh(across @ covariance @ across.T)
-    spread: Reals = HEIGHT**2 * np.mean(np.sum(x**2, axis=1)) / np.maximum(values, 1e-300)
+    spread = np.asarray(HEIGHT**2 * float(np.mean(np.sum(x**2, axis=1))) / np.maximum(values, 1e-300))
     squares: Reals = (heights @ vectors) ** 2 / np.maximum(values, 1e-300)
     return bool(np.sum(np.log1p(spread) - squares * spread / (1 + spread)) / 2 > FLAT_NATS)
 
