@@ -241,9 +241,10 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
     rest: Reals = np.linalg.svd(np.column_stack([np.ones(len(x)), x @ along[:2].T]))[0][:, 3:]
     heights: Reals = rest.T @ x @ along[2]
     across: Reals = rest.T @ np.asarray(np.kron(np.eye(len(x)), along[2]), float)
-    values, vectors = np.linalg.eigh(across @ covariance @ across.T)
-    spread = np.asarray(HEIGHT**2 * float(np.mean(np.sum(x**2, axis=1))) / np.maximum(values, 1e-300))
-    squares: Reals = (heights @ vectors) ** 2 / np.maximum(values, 1e-300)
+    values, vectors = np.linalg.eigh(np.asarray(across @ covariance @ across.T, float))
+    values = np.maximum(values, 1e-300)
+    spread = np.asarray(HEIGHT**2 * 3 * float(np.mean(x**2)) / values)
+    squares = np.asarray((heights @ vectors) ** 2 / values)
     return bool(np.sum(np.log1p(spread) - squares * spread / (1 + spread)) / 2 > FLAT_NATS)
 
 
