@@ -189,7 +189,7 @@ CONTINUE = "Continue from here"
 
 @dataclass(frozen=True)
 class Drag:
-    """A microphone in somebody's hand, or let go."""
+    """A microphone that somebody drags, or has let go."""
 
     microphone: int
     place: tuple[float, ...]  # (D,), metres

@@ -67,8 +67,8 @@ class VerdictWorker:
         self._lineage, self._sought = None, run.sought  # of the last verdict
         self._worker = threads.job(self._compute)
 
-    def of(self, state: RunState, running: bool, now: float) -> Assessment | None:
-        """Return the assessment of `state`, None while there is none.
+    def of(self, state: RunState, running: bool, now: float) -> tuple[Assessment | None, bool]:
+        """Return the assessment of `state`, None while there is none, and whether there will be one.
 
         `state`: of the solver; `running`: whether the solver runs; `now`: time, s.
         """
@@ -79,13 +79,9 @@ class VerdictWorker:
             self._requested = state
             self._worker.request(state)
         latest = self._worker.latest
-        return latest.result if latest is not None and latest.request[0] is state else None
-
-    def pending(self, view: SessionView) -> bool:
-        """Return whether there will be an assessment of the state that is shown."""
-        latest = self._worker.latest
-        done = latest is not None and latest.request[0] is view.state
-        return view.state.finished and not view.running and not done
+        if latest is not None and latest.request[0] is state:
+            return latest.result, False
+        return None, state.finished and not running
 
     def sought(self, view: SessionView, found: Assessment | None) -> np.ndarray:
         """Return the microphones whose errors count; once the verdict on a run names faulty channels, without these.
@@ -304,7 +300,7 @@ class Viewer:
         if not (running and 0 < now - self._viewed < RUN_INTERVAL):  # a run needs the processor itself
             self.view, self._viewed = newest, now
         newest = self.view
-        found = self._verdict.of(newest.state, newest.running, now)
+        found, assessing = self._verdict.of(newest.state, newest.running, now)
         sought = self._verdict.sought(newest, found)
         if not np.array_equal(sought, frame.by):
             frame.by = sought
@@ -319,7 +315,7 @@ class Viewer:
         note = self.run.warmup.text if self.run.warmup else ""
         state = PageState(
             view, now, self._revision, self._selected, drawn, reason, self.snapshot.picture, self.fault, note, found,
-            uncertainty, self._verdict.pending(newest), sought, self.run, choices,
+            uncertainty, assessing, sought, self.run, choices,
         )  # fmt: skip
         with self._server.atomic():  # the cost in the headline and at the ball, which the picture has, are one number
             self.snapshot = self._draw(state, self.drop.tick(newest, drawn, now))

@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import dataclasses
 import gzip
-import inspect
 import io
 import logging
 import os
@@ -18,7 +17,6 @@ import threading
 import time
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -26,7 +24,6 @@ import msgspec
 import numpy as np
 import pytest
 import viser
-import websockets.asyncio.server
 from browsing import WAIT
 from doubles import HOSTILE_CAMERAS, INVALID_VALUES, finish, is_served, join, set_by_client, wait_until
 from PIL import Image
@@ -39,7 +36,7 @@ from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import app
 from fdcal.viewer.scene3d import cameras
-from fdcal.viewer.server import client_values, hardening, viser_defects
+from fdcal.viewer.server import client_values, hardening
 from fdcal.viewer.server import process as error_log
 from fdcal.viewer.server.hardening import titled
 from fdcal.viewer.server.viser_defects import SafeMessageBuffer, encoded
@@ -122,22 +119,6 @@ def test_no_control_of_any_tab_takes_an_invalid_value(controls, value):
     assert all(opening.scene is panel.binding.run.scene for opening in session.opened)
 
 
-SERVE = websockets.asyncio.server.serve
-
-
-@pytest.fixture
-def opened(monkeypatch):
-    """The ports at which servers listened meanwhile."""
-    ports, listen = [], socket.socket.listen
-
-    def noted(self, *arguments):
-        listen(self, *arguments)
-        ports.append(self.getsockname()[1])
-
-    monkeypatch.setattr(socket.socket, "listen", noted)
-    return ports
-
-
 @pytest.mark.parametrize(
     ("host", "origin", "status"),
     [
@@ -163,30 +144,6 @@ def test_only_the_page_itself_may_connect(server, host, origin, status):
     with socket.create_connection(("127.0.0.1", port), WAIT) as client:
         client.sendall("\r\n".join([*lines, "", ""]).format(port=port).encode())
         assert client.recv(12, socket.MSG_WAITALL) == f"HTTP/1.1 {status}".encode()
-
-
-def serve_without(option, patch):
-    def older(*arguments, **options):
-        return SERVE(*arguments, **options)
-
-    parameters = [p for p in inspect.signature(SERVE).parameters.values() if p.name != option]
-    older.__signature__ = inspect.Signature(parameters)
-    patch.setattr(websockets.asyncio.server, "serve", older)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        *(partial(serve_without, name) for name in ("origins", "max_size", "create_connection", "logger")),
-        lambda patch: patch.delattr(websockets.asyncio.server, "serve"),
-        lambda patch: patch.delattr(viser_defects._infra, "AsyncMessageBuffer"),
-    ],
-)
-def test_libraries_that_cannot_be_restricted_are_not_served(monkeypatch, opened, change):
-    change(monkeypatch)
-    with pytest.raises(InputError, match=r"viser .* and websockets .* cannot be restricted"):
-        hardening.open_server("127.0.0.1", 0)
-    assert not opened, "it does not even listen"
 
 
 def fetched(server, **headers):

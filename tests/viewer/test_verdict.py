@@ -51,17 +51,17 @@ def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
     made, solver, problem = worker
     inputs = scene_input(scene)
     state = solver.init(problem, inputs.settings, scene.seed)
-    assert made.of(state, False, 0.0) is None and made.of(state, False, 1e3) is None
+    assert made.of(state, False, 0.0) == made.of(state, False, 1e3) == (None, False)
     *_, state = run_from(solver, problem, state)
-    assert made.of(state, True, 2e3) is None, "it runs"
+    assert made.of(state, True, 2e3) == (None, False), "it runs"
     end, found, now = time.monotonic() + WAIT, None, 3e3
     while found is None and time.monotonic() < end:
-        found, now = made.of(state, False, now), now + VERDICT_DELAY
+        (found, _), now = made.of(state, False, now), now + VERDICT_DELAY
         time.sleep(0.02)
     printed = solve(inputs, wording=CONTROLS)
     assert (found.verdict, found.verdict_text) == (printed.verdict, printed.verdict_text)
     assert found.evidence.leave_one_out_db == pytest.approx(printed.evidence.leave_one_out_db)
-    assert made.of(dataclasses.replace(state, step=99), False, now) is None, "of another state"
+    assert made.of(dataclasses.replace(state, step=99), False, now) == (None, True), "of another state"
 
 
 def test_the_line_is_coloured_by_the_code():

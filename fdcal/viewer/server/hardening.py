@@ -16,15 +16,13 @@ import contextlib
 import functools
 import gzip
 import http
-import inspect
 import io
 import ipaddress
 import logging
 import re
 import socket
 import time
-from collections.abc import Callable, Iterator
-from importlib import metadata
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -254,8 +252,8 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
     """Open a server that only its own page can use.
 
     `host`: address to listen at; `port`: 0 to 65535; 0 takes a free port; `film`: HTML that the page shows before its
-    scene, or ""; `on_sent`: called when the page is about to be sent. Raises InputError: the address cannot be used,
-    the port is in use, or viser can no longer be restricted.
+    scene, or ""; `on_sent`: called when the page is about to be sent. Raises InputError: the address cannot be used, or
+    the port is in use.
     """
     if not 0 <= port <= 65535:
         problem, remedy = f"port = {port} is out of range", "give a <port> from 0 to 65535, where 0 takes a free one"
@@ -269,57 +267,29 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
         reason = getattr(error, "strerror", None) or error
         problem = f"the server cannot listen at host = {host}, port = {port} ({reason})"
         raise InputError(problem, "give another <host> or <port>", key="host", value=host) from error
-    server = _open_restricted(host, port, film, on_sent)
+    module: Any = websockets.asyncio.server
+    serve = module.serve
+
+    def restricted(handler: Handler, *arguments, **given):
+        """Listen with a list of allowed origins and bounds of what a client may send."""
+        if given.get("process_request") is not None:
+            given["process_request"] = own_page_only(titled(given["process_request"], film, on_sent))
+        given |= {"origins": allowed_origins(host), "max_size": MAX_MESSAGE_BYTES}
+        given |= {"create_connection": GuardedConnection, "logger": log}
+        return serve(version_checked(handler), *arguments, **given)
+
+    mend()
+    module.serve = restricted
+    try:
+        server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
+    finally:
+        module.serve = serve
+    for message in BLOCKED_MESSAGES:
+        server._websock_server.unregister_handler(message)
+    _drop_bad_updates(server)
     if port and server.get_port() != port:  # viser takes the next free port without a message
         without_output(server.stop)
         raise InputError(f"port = {port} is in use", "give another <port>, or 0 for a free one", key="port", value=port)
-    return server
-
-
-@contextlib.contextmanager
-def _restricted_listening(host: str, film: str, on_sent: Callable[[], None]) -> Iterator[None]:
-    """Give the sockets that are opened meanwhile a list of allowed origins and bounds of what a client may send."""
-    module = websockets.asyncio.server
-    serve = module.serve
-    options = {
-        "origins": allowed_origins(host),
-        "max_size": MAX_MESSAGE_BYTES,
-        "create_connection": GuardedConnection,
-        "logger": log,
-    }
-    unknown = set(options) - set(inspect.signature(serve).parameters)
-    if unknown:  # viser would wait for ever for its thread, which fails
-        raise TypeError(f"websockets.asyncio.server.serve has no {', '.join(sorted(unknown))}")
-
-    def restricted(handler: Handler, *arguments, **given):
-        if given.get("process_request") is not None:
-            given["process_request"] = own_page_only(titled(given["process_request"], film, on_sent))
-        return serve(version_checked(handler), *arguments, **(given | options))
-
-    module.serve = restricted
-    try:
-        yield
-    finally:
-        module.serve = serve
-
-
-def _open_restricted(host: str, port: int, film: str, on_sent: Callable[[], None]) -> viser.ViserServer:
-    """Open a server, or refuse where viser or websockets no longer have what the restrictions hang on."""
-    server = None
-    try:
-        mend()
-        with _restricted_listening(host, film, on_sent):
-            server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
-        for message in BLOCKED_MESSAGES:
-            server._websock_server.unregister_handler(message)
-        _drop_bad_updates(server)
-    except Exception as error:  # whatever a renamed name leads to
-        if server is not None:
-            without_output(server.stop)
-        versions = [f"{name} {metadata.version(name)}" for name in ("viser", "websockets")]
-        names = " and ".join(versions)
-        problem = f"{names} cannot be restricted to this page ({type(error).__name__}: {error})"
-        raise InputError(problem, "install the versions that pyproject.toml names", key="viser") from error
     return server
 
 

@@ -7,7 +7,7 @@ encoded     an image is compressed as small as possible, which takes ten times a
 import asyncio
 import contextlib
 import io
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from PIL import Image
@@ -58,11 +58,7 @@ def encoded(
 
 
 def mend() -> None:
-    """Put ours in the place of viser's, for servers and clients created from now on. Raises AttributeError."""
-    for module, name, ours in (
-        (_infra, "AsyncMessageBuffer", SafeMessageBuffer),
-        (_scene_api, "cv2_imencode_with_fallback", encoded),
-    ):
-        if not hasattr(module, name):
-            raise AttributeError(f"viser has no {name}")
-        setattr(module, name, ours)
+    """Put ours in the place of viser's, for servers and clients created from now on."""
+    servers: Any = _infra
+    images: Any = _scene_api
+    servers.AsyncMessageBuffer, images.cv2_imencode_with_fallback = SafeMessageBuffer, encoded
