@@ -13,24 +13,24 @@ d = diag C^-1 alone. With gamma_m = N - v_m sum_n tau_n d_mn, the number of fiel
 
 An inverse gamma prior adds so many observations of an expected value to the numerator and the denominator.
 
-The power by direction, one for all rows, and how each row deviates from it:
+The power by direction, that of a take, common to its rows, and how each row deviates from it:
 
     C = s W W^H + v diag(tau),    W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q)      (`fdcal.cost.kernels.plane_waves`)
 
-With all S_q = 1 this is the diffuse field. A room is not diffuse: it absorbs more of the sound from some directions A_q
-than from others, at every frequency, and a resonance is a few plane waves of its own. Assuming a diffuse field biases
-the positions; a spectrum for each row alone is more than few microphones can tell. With
+With all S_q = 1 this is the diffuse field. A room is not diffuse: the direct sound and the early reflections of one
+source come from the same directions A_q at every frequency, and a resonance is a few plane waves of its own. Assuming a
+diffuse field biases the positions; a spectrum for each row alone is more than few microphones can tell. With
 
     alpha_q = W^H C^-1 p,    r_q = (W^H s C^-1 W)_qq, the part of an observation that a row is of direction q,
 
-one step of expectation and maximisation of a row by itself is S_q <- S_q (|alpha_q|^2 / s + 1 - r_q). What is
-common to all rows follows by a step of majorisation and minimisation, which is much faster where few microphones
+one step of expectation and maximisation of a row by itself is S_q <- S_q (|alpha_q|^2 / s + 1 - r_q). The spectrum of a
+take follows from all its rows by a step of majorisation and minimisation, which is much faster where few microphones
 resolve little (Sun, Babu and Palomar, IEEE Trans. Signal Process. 65 (2017) 794):
 
     A_q <- A_q sqrt[(sum |alpha_q|^2 / s + c_q / A_q) / (sum r_q + c_q)],    c_q = ISOTROPY w_q sum_q sum r_q
 
 c is an inverse gamma prior of mode 1: without it ever sharper spectra explain ever smaller arrays. Then
-S <- (S + count A) / (1 + count): `count` observations that a row is like all. Both have the mean 1.
+S <- (S + count A) / (1 + count): `count` observations that a row is like its take. Both have the mean 1.
 
 (Of fewer directions than microphones: alpha = A^-1 W^H p, 1 - r_q = mu (A^-1)_qq, A = W^H W + mu I, mu = v / s.)
 """
@@ -39,7 +39,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.validation import Complexes, Numbers, Reals
+from ..model.validation import Complexes, Integers, Numbers, Reals
 from .kernels import (
     blocks,
     cosines_and_sines,
@@ -143,14 +143,16 @@ def hyper_cost(field: FieldModel, corrected: Numbers) -> float:
     return float(of_power + CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau)))
 
 
-ISOTROPY = 0.03  # observations of a diffuse field, over those of all rows; 0.01 to 0.3 give the same errors to 10 %
+ISOTROPY = 0.03  # observations of a diffuse field, over those of the take; 0.01 to 0.3 give the same errors to 10 %
 
 
-def learned_powers(x: Reals, pressures: Complexes, field: FieldModel, iterations: int, count: float) -> np.ndarray:
+def learned_powers(
+    x: Reals, pressures: Complexes, field: FieldModel, takes: Integers, iterations: int, count: float
+) -> np.ndarray:
     """Return the power by direction (M, Q) float64 after some iterations from that of `field`.
 
-    x : (N, D) float64, metres; pressures : (M, N) complex128; count : observations that the spectrum of a row is that
-    of all. Raises ValueError for a field without directions.
+    x : (N, D) float64, metres; pressures : (M, N) complex128; takes : (M,) int64, of each row; count : observations
+    that the spectrum of a row is that of its take. Raises ValueError for a field without directions.
     """
     if (powers := field.directions) is None:
         raise ValueError("the field has no directions")
@@ -163,16 +165,17 @@ def learned_powers(x: Reals, pressures: Complexes, field: FieldModel, iterations
     else:
         waves = plane_waves(x, k, np.ones_like(S), False, dimension)[0] * weight
         explained = _by_few if len(w) <= len(x) else _by_many
-    strength, resolved = np.empty_like(S), np.empty_like(S)
+    strength, resolved, rows = np.empty_like(S), np.empty_like(S), [takes == take for take in np.unique(takes)]
     for _ in range(iterations):
         for m in blocks(len(k), 2 * len(x) * len(w)):
             strength[m], resolved[m] = explained(waves[m], S[m], p[m], mu[m, None], dimension)
         own = S * (strength + 1 - resolved)
         own /= (own @ w)[:, None]
-        A, found, seen = S.mean(axis=0), strength.sum(axis=0), resolved.sum(axis=0)
-        c = ISOTROPY * w * seen.sum()
-        A = A * np.sqrt((found + c / A) / (seen + c))
-        S = (own + count * A / (A @ w)) / (1 + count)
+        for of_take in rows:
+            A, found, seen = S[of_take].mean(axis=0), strength[of_take].sum(axis=0), resolved[of_take].sum(axis=0)
+            c = ISOTROPY * w * seen.sum()
+            A = A * np.sqrt((found + c / A) / (seen + c))
+            S[of_take] = (own[of_take] + count * A / (A @ w)) / (1 + count)
     return S
 
 

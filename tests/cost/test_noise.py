@@ -189,10 +189,13 @@ def drawn(dimension, D, count, damping):
     return x, p, k, rng.uniform(0.5, 3, count), powers
 
 
+TAKES = np.array([0, 1, 0])
+
+
 @pytest.mark.parametrize("count", [0.0, 0.5])
 @pytest.mark.parametrize(("dimension", "D", "microphones", "damping"), CASES)
 def test_an_iteration_is_that_of_the_formula(dimension, D, microphones, damping, count):
-    """Of a row: S <- S (|alpha|^2 / s + var), from the explicit covariance; then towards the spectrum of all."""
+    """Of a row: S <- S (|alpha|^2 / s + var), from the explicit covariance; then towards the spectrum of its take."""
     x, p, k, tau, powers = drawn(dimension, D, microphones, damping)
     about, w = x + 0.05, wave_directions(dimension, powers.shape[1])[1]
     powers /= (powers @ w)[:, None]
@@ -206,13 +209,16 @@ def test_an_iteration_is_that_of_the_formula(dimension, D, microphones, damping,
         resolved[m] = POWER[m] * np.diag(A.conj().T @ np.linalg.solve(C, A)).real
     own = powers * (strength + 1 - resolved)
     own /= (own @ w)[:, None]
-    A, c = powers.mean(axis=0), ISOTROPY * w * resolved.sum()
-    A = A * np.sqrt((strength.sum(axis=0) + c / A) / (resolved.sum(axis=0) + c))
-    expected = (own + count * A / (w @ A)) / (1 + count)
+    expected = np.empty_like(own)
+    for take in (0, 1):
+        rows = take == TAKES
+        A, c = powers[rows].mean(axis=0), ISOTROPY * w * resolved[rows].sum()
+        A = A * np.sqrt((strength[rows].sum(axis=0) + c / A) / (resolved[rows].sum(axis=0) + c))
+        expected[rows] = (own[rows] + count * A / (w @ A)) / (1 + count)
     field = FieldModel(k, POWER, NOISE, tau, dimension, about=about, directions=powers)
-    found = learned_powers(x, p, field, 1, count)
+    found = learned_powers(x, p, field, TAKES, 1, count)
     np.testing.assert_allclose(found, expected, rtol=1e-7)
     np.testing.assert_allclose(found @ w, 1.0, rtol=1e-12)
-    twice = learned_powers(x, p, replace(field, directions=found), 1, count)
-    at_once = learned_powers(x, p, field, 2, count)
+    twice = learned_powers(x, p, replace(field, directions=found), TAKES, 1, count)
+    at_once = learned_powers(x, p, field, TAKES, 2, count)
     np.testing.assert_allclose(at_once, twice, rtol=1e-9)

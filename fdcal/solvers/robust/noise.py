@@ -304,8 +304,9 @@ def with_last_field(problem: Problem, state: State) -> State:
     return replace(state, model=replace(state.model, damped=is_damped(problem, state), directional=True))
 
 
-# observations that the directions of a row are those of all; resonances of a plate differ more than the frequencies of
-# a room. Without spectra of the rows 9 of 27 arrays become worse by 4 to 160 %
+# observations that the directions of a row are those of its take; resonances of a plate differ more than the
+# frequencies of a room. Without spectra of the rows 9 of 27 arrays become worse by 4 to 160 %; with one spectrum for all
+# takes a measured array of 70 microphones ends 71 mm away
 DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 
@@ -320,5 +321,5 @@ def with_directions(problem: Problem, state: State, used: Integers, updates: int
         model = replace(model, directions=np.ones((len(k), Q)))
     learned, seen = np.array(model.directions), objectives.corrected(problem, state, used)
     field, count = objectives.field_of(problem, replace(state, model=model), used), DIRECTION_COUNT[problem.dimension]
-    learned[used] = learned_powers(state.positions, seen, field, updates, count)
+    learned[used] = learned_powers(state.positions, seen, field, problem.takes[used], updates, count)
     return replace(state, model=replace(model, directions=frozen_array(learned, float)))
