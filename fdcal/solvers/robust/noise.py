@@ -305,8 +305,8 @@ def with_last_field(problem: Problem, state: State) -> State:
 
 
 # observations that the directions of a row are those of its take; resonances of a plate differ more than the
-# frequencies of a room. Without spectra of the rows 9 of 27 arrays become worse by 4 to 160 %; with one spectrum for all
-# takes a measured array of 70 microphones ends 71 mm away
+# frequencies of a room. Without spectra of the rows 9 of 27 arrays become worse by 4 to 160 %; with one spectrum for
+# all takes a measured array ends 71 mm away
 DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 
