@@ -53,7 +53,7 @@ METHODS = {
         "to_json": "assessment.result_file:result_text",
         "to_pyfar": "recordings.export:pyfar_coordinates",
     },
-    "cost.maps:LandscapePanels": {"plot": "graphics.landscape:plot_panels"},
+    "cost.maps:LandscapePanels": {"plot": "graphics.landscape:draw_landscape"},
     "model.measurement:Measurement": {"from_pyfar": "recordings.export:measurement_of_pyfar"},
 }
 STATIC = {"from_json", "from_pyfar", "load"}  # of these: without an instance

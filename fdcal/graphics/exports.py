@@ -1,8 +1,7 @@
-"""Maps, microphones and sound fields as files for other programs.
+"""Maps and sound fields as files for other programs.
 
 .vti   ParaView: a map of costs, or a sound field as an image of points, with real_F, imag_F, magnitude_F, uncertainty_F
        of each frequency F; written by VTK, which is loaded with the first such file
-.vtp   ParaView: microphones
 .npz   a sound field: x, y[, z] (metres), frequencies (Hz), pressure, magnitude, uncertainty (F, nx, ny[, nz]), inside,
        microphones
 .csv   a row for each frequency and point inside:
@@ -18,12 +17,9 @@ import numpy as np
 
 from ..assessment.field import FieldMap
 from ..cost.maps import LandscapePanels
-from ..model.measurement import Measurement
 from ..model.settings import Search
 from ..model.validation import InputError
 from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP
-
-ESTIMATED, TRUE, KNOWN = 0, 1, 2  # `kind` of a point
 
 
 def landscape_vti(panels: LandscapePanels, height: float = 0.0) -> str:
@@ -46,62 +42,11 @@ def volume_vti(cost: np.ndarray, search: Search) -> str:
     return image(cost.shape[::-1], search.origin, [search.step] * 3, fields)
 
 
-def microphones_vtp(
-    measurement: Measurement, positions, sigma=None, height: float = 0.0, by: slice | np.ndarray = slice(None)
-) -> str:
-    """Return the text of a .vtp file: estimated, true and known microphones, and lines from true to estimated ones.
-
-    Fields of every point: `kind` (0 estimated, 1 true, 2 known), `microphone` (its number), `name`, `error` (3,),
-    metres, from the true position to the estimate, `error_length` and `uncertainty` (one sigma), metres; NaN where
-    unknown. To see errors as arrows: Threshold by kind 1, Glyph by error without scaling.
-
-    Without any known microphone the true positions are moved as a whole to the estimate (N, D), `by` the microphones of
-    these numbers. `sigma` (N,), metres; `height`: of an array in a plane, metres.
-    """
-    N, truth, known = measurement.count, measurement.aligned_truth(positions, by), measurement.known
-    everyone = np.arange(N)
-    groups = [(ESTIMATED, everyone, positions)]
-    groups += [] if truth is None else [(TRUE, everyone, truth)]
-    groups += [(KNOWN, known, measurement.known_positions)]
-    number = np.concatenate([members for _, members, _ in groups])
-    unknown = np.full(N, np.nan)
-    error = np.zeros((N, 3)) if truth is None else _in_space(np.subtract(positions, truth), 0.0)
-    distance = measurement.errors(positions, by)
-    fields = {
-        "kind": np.concatenate([np.full(len(members), kind) for kind, members, _ in groups]),
-        "microphone": number,
-        "name": np.array(measurement.names)[number],
-        "error": error[number],
-        "error_length": (unknown if distance is None else distance)[number],
-        "uncertainty": (unknown if sigma is None else np.asarray(sigma, float))[number],
-    }
-    points = np.concatenate([_in_space(members, height) for _, _, members in groups])
-    lines = np.zeros((0, 2), int) if truth is None else np.column_stack([everyone + N, everyone])
-    from vtkmodules.util import numpy_support
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
-
-    data, places = vtkPolyData(), vtkPoints()
-    places.SetData(numpy_support.numpy_to_vtk(np.ascontiguousarray(points, float), deep=True))
-    data.SetPoints(places)
-    for members, add in ((np.arange(len(points))[:, None], data.SetVerts), (lines, data.SetLines)):
-        cells, connectivity = vtkCellArray(), numpy_support.numpy_to_vtkIdTypeArray(members.ravel(), deep=True)
-        cells.SetData(members.shape[1], connectivity)
-        add(cells)
-    return _xml(vtkXMLPolyDataWriter(), data, fields)
-
-
-def _in_space(values, height: float) -> np.ndarray:
-    """(P, 2) with a third column of `height`; (P, 3) unchanged."""
-    values = np.asarray(values, float)
-    return values if values.shape[1] == 3 else np.column_stack([values, np.full(len(values), height)])
-
-
 def image(
     shape: Sequence[int], origin: Sequence[float], spacing: Sequence[float], fields: Mapping[str, np.ndarray]
 ) -> str:
     """Return the text of an image file (.vti) of fields with a value for each point, x fastest; lengths in metres."""
+    from vtkmodules.util import numpy_support
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
@@ -109,23 +54,11 @@ def image(
     data.SetDimensions(*map(int, shape))
     data.SetOrigin(*map(float, origin))
     data.SetSpacing(*map(float, spacing))
-    return _xml(vtkXMLImageDataWriter(), data, {name: np.ravel(values) for name, values in fields.items()})
-
-
-def _xml(writer, data, fields: Mapping[str, np.ndarray]) -> str:
-    """Return the text that a writer of VTK makes of a data set with the `fields` of its points."""
-    from vtkmodules.util import numpy_support
-    from vtkmodules.vtkCommonCore import vtkStringArray
-
     for name, values in fields.items():
-        if values.dtype.kind == "U":
-            array = vtkStringArray()
-            for text in values.tolist():
-                array.InsertNextValue(text)
-        else:
-            array = numpy_support.numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+        array = numpy_support.numpy_to_vtk(np.ascontiguousarray(np.ravel(values)), deep=True)
         array.SetName(name)
         data.GetPointData().AddArray(array)
+    writer = vtkXMLImageDataWriter()
     writer.SetInputData(data)
     writer.SetDataModeToBinary()
     writer.WriteToOutputStringOn()

@@ -182,11 +182,6 @@ def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor
     )
 
 
-def cost_label(weights: str) -> str:
-    """Return name and unit of a solver's cost with `SolverSettings.weights`; raw pressures keep their unit."""
-    return "cost (dimensionless)" if weights == "unit" else "cost (pressure squared)"
-
-
 # Colours of basins of attraction, with a legend of areas in place of a colour bar: the basin of one place, such as the
 # true position, has the first colour; the largest of the others have one each, and those that remain share a grey. Dark
 # lines separate basins, also where two of them are grey.

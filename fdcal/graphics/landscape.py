@@ -50,38 +50,36 @@ def _extent(search: Search, shape: tuple[int, ...]) -> tuple[float, float, float
 MAX_TICKS = 6  # of a colour bar
 
 
-def plot_panels(self: LandscapePanels, truth=None, basins: bool = False) -> Figure:
-    """Return a matplotlib figure of the maps.
+def draw_landscape(
+    self: LandscapePanels,
+    truth=None,
+    *,
+    basins: bool = False,
+    estimate=None,
+    heading: str = "",
+    log: bool = True,
+    quantity: str = "cost",
+) -> Figure:
+    """Return a matplotlib figure of the maps on one scale, diamonds at the lowest costs and the other minima.
 
     Parameters
     ----------
-    truth : (2,) array_like, optional
-        True position of the microphone, metres, drawn as a circle.
+    truth, estimate : (2,) array_like, optional
+        True and estimated position of the microphone, metres, drawn as a circle and a cross.
     basins : bool, optional
         Draw the basins of attraction, in place of the cost: from each place, the minimum where descent ends.
+    heading : str, optional
+        In place of the usual one.
+    log : bool, optional
+        Whether the scale has decibels re the highest cost of each map, not how far the cost is above its lowest.
+    quantity : str, optional
+        What the cost is called.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
-    return draw_landscape(self, truth, basins=basins)
-
-
-def draw_landscape(
-    panels: LandscapePanels,
-    truth=None,
-    heading: str = "",
-    estimate=None,
-    log: bool = True,
-    quantity: str = "cost",
-    basins: bool = False,
-) -> Figure:
-    """Return a figure of the panels on one scale, with the marks of the page: diamonds at the minima, the lowest large.
-
-    `truth` (2,), metres, is drawn as a circle, `estimate` (2,) as a cross; `log`: whether the scale has decibels re the
-    highest cost of each map, or how far the `quantity` is above the lowest; `basins`: whether the maps show basins of
-    attraction, that of the truth or the estimate first.
-    """
+    panels = self
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
@@ -135,9 +133,9 @@ def figure_bytes(figure: Figure, file_format: str) -> bytes:
     return file.getvalue()
 
 
-def landscape_bytes(file_format: str, *drawn) -> bytes:
+def landscape_bytes(file_format: str, panels: LandscapePanels, drawn: dict[str, Any]) -> bytes:
     """Return `figure_bytes` of `draw_landscape`."""
-    return figure_bytes(draw_landscape(*drawn), file_format)
+    return figure_bytes(draw_landscape(panels, **drawn), file_format)
 
 
 CELL, GAP, CAPTION = 252, 18, 34  # pixels: longer edge of a map, between maps, above each

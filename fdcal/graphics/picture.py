@@ -15,7 +15,7 @@ from ..model.validation import Reals
 from . import glyphs
 from .heatmap import relief_sides
 from .marks import ESTIMATE, MARKS, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes, true_microphones
-from .primitives import Anchor, Floor, Label, Lines, Mesh, Picture, Theme, theme_of
+from .primitives import THEMES, Anchor, Floor, Label, Lines, Mesh, Picture, Theme
 
 Box = tuple[float, float, float, float]
 Part = Lines | Mesh | Label
@@ -215,7 +215,7 @@ def static_picture(
     draws; `lecture`: whether texts, marks and contrast suit a projector; `take`: whose place of the source is
     prominent; None for all places alike.
     """
-    theme = theme_of(dark, lecture)
+    theme = THEMES[dark][lecture]
     focus, z_range = focus_of(measurement), z_range_of(scene, measurement)
     base, top = z_range
     radius = (

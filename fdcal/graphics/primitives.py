@@ -46,11 +46,7 @@ LECTURE_LIGHT = Theme(background=(255, 255, 255), foreground=(0, 0, 0), grid=(16
 LECTURE_DARK = Theme(background=(26, 27, 30), foreground=(255, 255, 255), grid=(112, 116, 124), text=1.5, marks=1.4)
 
 
-def theme_of(dark: bool, lecture: bool = False) -> Theme:
-    """Return the theme of a dark or light background, for a projector or not."""
-    if lecture:
-        return LECTURE_DARK if dark else LECTURE_LIGHT
-    return DARK if dark else LIGHT
+THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}  # by whether dark: usual, for a projector
 
 
 CONTRAST = 4.5  # minimum of a text and its halo, as WCAG 2 asks for

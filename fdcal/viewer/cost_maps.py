@@ -19,7 +19,7 @@ from ..cost import maps
 from ..cost.basins import basins_of
 from ..cost.eq7 import ORDER_OFFSET, expansion_of
 from ..cost.scale import Minima
-from ..graphics.heatmap import basin_floor, cost_floor, cost_label, descent_text, field_floor
+from ..graphics.heatmap import basin_floor, cost_floor, descent_text, field_floor
 from ..graphics.picture import row_word, z_range_of
 from ..graphics.primitives import Floor
 from ..graphics.volume import (
@@ -113,7 +113,8 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
         return "cost, Eq. 7 (dB)" if request.style.log else "cost, Eq. 7 (relative to the power)"
     if run.solver.TRAITS.uses_likelihood:
         return "negative log-likelihood of the solver"
-    return cost_label(run.scene.solver.weights).replace("cost", "cost of the solver")
+    unit = "dimensionless" if run.scene.solver.weights == "unit" else "pressure squared"  # of the pressures as they are
+    return f"cost of the solver ({unit})"
 
 
 def log_scale(run: PreparedRun, request: CostMapRequest) -> bool:

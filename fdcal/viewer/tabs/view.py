@@ -156,10 +156,10 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     heading = f"{what} of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
     request = replace(request, style=replace(request.style, log=True))
     log, quantity = log_scale(snapshot.run, request), map_label(snapshot.run, request).partition(" (")[0]
-    panels = _panels(snapshot, MAX_PANELS)
+    drawn = {"truth": truth, "estimate": positions[n][:2], "basins": request.style.basins}
+    drawn |= {"heading": heading, "log": log, "quantity": quantity}
     # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
-    drawn = (panels, truth, heading, positions[n][:2], log, quantity, request.style.basins)
-    return call(landscape_bytes, file_format, *drawn)
+    return call(landscape_bytes, file_format, _panels(snapshot, MAX_PANELS), drawn)
 
 
 def _map(snapshot: PageState) -> bytes:
@@ -179,13 +179,6 @@ def _map(snapshot: PageState) -> bytes:
 def _table(snapshot: PageState) -> bytes:
     positions, sigma = snapshot.view.state.positions, snapshot.sigma
     return position_table(snapshot.run.measurement, positions, sigma, snapshot.counted).encode()
-
-
-def _points(snapshot: PageState) -> bytes:
-    positions = snapshot.view.state.positions
-    height, by = z_range_of(snapshot.run.known_scene, snapshot.run.measurement)[0], snapshot.counted
-    cloud = exports.microphones_vtp(snapshot.run.measurement, positions, snapshot.sigma, height, by)
-    return cloud.encode()
 
 
 def _replay(snapshot: PageState) -> bytes:
@@ -234,9 +227,6 @@ KINDS = {
         "-microphones.csv",
         "Estimated and true positions, errors and, once the solver has finished, uncertainties, in metres.",
         _table,
-    ),
-    "Microphones (VTP for ParaView)": Kind(
-        "-microphones.vtp", "Estimated, true and known microphones as points, with error vectors.", _points
     ),
     "Replay (HTML)": Kind(
         "-replay.html", "The whole run as one page that plays in any browser, without a server or a network.", _replay
