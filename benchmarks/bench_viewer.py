@@ -20,7 +20,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
 from fdcal.model.scene import load_scene
-from fdcal.viewer.scene3d import cameras
+from fdcal.viewer import scene3d as cameras
 
 from .empty_page import SLIDER
 from .pages import WAIT, Served, ServedEmpty, chromium, open_page, slider, wait_for_node

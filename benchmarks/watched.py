@@ -16,15 +16,16 @@ import signal
 import sys
 import threading
 import time
+from typing import Any
 
 import viser
 
 from fdcal.commands.cli import main
+from fdcal.viewer.drop import MicrophonePicker
 from fdcal.viewer.page import Page
-from fdcal.viewer.scene3d.picking import MicrophonePicker
+from fdcal.viewer.panels import SolverTab
 from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs.map import MapTab
-from fdcal.viewer.tabs.solver import SolverTab
 
 DRAG, MOVES_PER_SECOND = 6.0, 60  # s, 1/s
 
@@ -33,7 +34,8 @@ class Watch:
     """Notes what happens; `waits` are the effects still to be seen, by their slider."""
 
     def __init__(self, path: str):
-        self._file, self._came, self.waits, self.page, self._floor = open(path, "w"), 0.0, {}, None, None
+        self._file, self._came, self.waits, self._floor = open(path, "w"), 0.0, {}, None
+        self.page: Any = None
 
     def note(self, what: str, value=None, at: float | None = None) -> None:
         self._file.write(json.dumps([time.perf_counter() if at is None else at, what, value]) + "\n")
@@ -88,7 +90,7 @@ def watch(log: Watch) -> None:
     def watched_page_tick(self, now):
         log.page = self
         page_tick(self, now)
-        if self.viewer is not None and self.binding.session.view.running:
+        if self.viewer is not None and self.viewer.binding.session.view.running:
             log.note("turn")
 
     viser._gui_api.GuiApi._handle_gui_updates = handle
@@ -104,17 +106,16 @@ def _watch_sliders(log: Watch) -> None:
         log.note("moved")
         drag(self, event, move)
 
-    def use_modes(self, first=None, last=None, automatic=None):
-        if last is not None:
-            log.ask("Last mode", lambda viewer: viewer.snapshot.view.state.last == int(last))
+    def use_modes(self, first: int, last: int, automatic: bool | None = None) -> None:
+        log.ask("Last mode", lambda viewer: viewer.snapshot.view.state.last == last)
         use(self, first, last, automatic)
 
-    def choose_microphone(self, value):
+    def choose_microphone(self, number: int) -> None:
         log.ask(
             "Microphone",
-            lambda viewer: viewer.snapshot.microphone == int(value) and viewer.snapshot.picture.floor is not None,
+            lambda viewer: viewer.snapshot.microphone == number and viewer.snapshot.picture.floor is not None,
         )
-        choose(self, value)
+        choose(self, number)
 
     SolverTab.use_modes, MapTab.choose_microphone = use_modes, choose_microphone
     MicrophonePicker._drag = watched_drag

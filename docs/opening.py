@@ -22,7 +22,7 @@ from fdcal.graphics.primitives import DARK, LIGHT
 from fdcal.model.measurement import save_measurement
 from fdcal.model.scene import load_scene
 from fdcal.viewer import opening
-from fdcal.viewer.scene3d import cameras
+from fdcal.viewer import scene3d as cameras
 
 # Lower modes are added to the first one, whose map has most local minima that a finer lattice has, too.
 SUMMED = (1, 2, 3, 4, 6, 9, 14, 22, 37, 60, 92)

@@ -13,7 +13,7 @@ from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import app
-from fdcal.viewer.scene3d import cameras
+from fdcal.viewer import scene3d as cameras
 
 WAIT = 60.0  # s, bound of every wait
 EXACT = "?fixedDpr=1#face=expert"  # of a page where it matters which pixel shows what: its canvas is reported in pixels

@@ -232,7 +232,7 @@ LIGHT = {  # modules in the order in which one process imports them, and what no
     "fdcal.session.session": {"viser"} | HEAVY,
     "fdcal.commands.cli": {"viser"} | HEAVY,
     "fdcal.viewer": HEAVY,  # the address of the page is printed before they are loaded
-    "fdcal.viewer.scene3d.nodes": {"trimesh", "numba", "scipy"},
+    "fdcal.viewer.scene3d": {"trimesh", "numba", "scipy"},
     "fdcal.viewer.page": LATE,
 }
 

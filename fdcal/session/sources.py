@@ -223,7 +223,7 @@ class OpenRequest:
     # states of the solver, oldest first, that the history holds from the beginning; the start unless given
     states: tuple = ()
     index: int | None = None  # which of them is shown; the last unless given
-    # what the page's controls say, by the names of `viewer.gui.binding.Choices` and
+    # what the page's controls say, by the names of `viewer.state.Choices` and
     # `viewer.cost_maps.MapStyle`; of those not named, the style of the page before is kept
     choices: Mapping[str, Any] = field(default_factory=dict)
     play: bool = False  # whether the solver starts to run at once

@@ -6,9 +6,13 @@ app              serve(): opens the server and the page
 page             what stays while sessions come and go, and the main loop
 session_view     one session on the screen, and its picture
 panels           the run bar and the tabs of one session
-gui              controls and texts that tabs share
+state            what the page shows at one moment, and the choices of its users
+scheduler        the threads of a session, and what is not computed twice
+binding          the controls, bound to a session
+html, plots      what the page says, and its plots
 tabs             one module for each tab
-prepare          from a request to a session that can be shown, and the threads of a session
+explore, address the face Explore, and the view in the page's address
+prepare          from a request to a session that can be shown
 cost_maps        the map on the floor or in space, computed on threads
 scene3d          the scene: nodes and cameras
 drop             microphones selected and dragged in the scene, and how they roll downhill

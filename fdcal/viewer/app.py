@@ -46,7 +46,7 @@ def serve(
             if opens and sent.wait(BROWSER_TIME):  # its film needs nothing of what is loaded below, and a processor
                 server.on_client_connect(lambda client: connected.set())
                 connected.wait(FIRST_PICTURE)
-            from .scene3d.nodes import SceneNodes
+            from .scene3d import SceneNodes
 
             nodes = SceneNodes(server)
             if request is not None and begin is None:

@@ -38,7 +38,7 @@ from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError
 from ..solvers.interface import RunState
-from .gui.html import error_message
+from .html import error_message
 from .prepare import PreparedRun
 from .scheduler import Memo, Scheduler
 

@@ -34,9 +34,9 @@ from ..graphics.overlays import CUT_RADIUS, along, ball_centre
 from ..graphics.primitives import Floor, Picture
 from ..model.validation import Reals
 from ..session.session import SessionView
+from .binding import Binding
 from .cost_maps import CostMap
-from .gui.binding import Binding
-from .gui.html import NO_BUTTONS, Overlay
+from .html import NO_BUTTONS, Overlay
 from .scheduler import Memo
 
 HANDLE_RADIUS = 1.7  # in radii of a marker

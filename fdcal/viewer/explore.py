@@ -20,7 +20,7 @@ from ..model.scene import MeasuredScene, load_scene, scene_names
 from ..model.validation import InputError, StorageError, modes_text, require_choice
 from ..session.session import SessionView
 from ..session.sources import OpenRequest
-from .gui.html import error_message, whole
+from .html import error_message, whole
 from .session_view import Viewer
 from .tabs.help import KEYS
 from .tabs.lessons import LessonsTab

@@ -19,12 +19,12 @@ from ..session.lesson import Lesson
 from ..session.process import Interrupt
 from ..session.sources import OpenRequest
 from ..session.worker import Flag
+from . import html
 from .address import AddressBar
 from .explore import Explore
-from .gui import html
 from .panels import Panels, SessionFolders, StatusBar
 from .prepare import PreparedRun, SessionSwitcher
-from .scene3d.nodes import SceneNodes
+from .scene3d import SceneNodes
 from .scheduler import Memo
 from .server import content
 from .server.process import release_memory

@@ -19,9 +19,9 @@ from .. import solvers
 from ..model.address import Unit
 from ..model.scene import MeasuredScene, no_rectangle
 from ..session.sources import OpenRequest
-from .gui import html
-from .gui.binding import Binding, Tab
-from .gui.html import Overlay
+from . import html
+from .binding import Binding, Tab
+from .html import Overlay
 from .prepare import SessionSwitcher
 from .state import PageState
 from .tabs.curves import CurvesTab

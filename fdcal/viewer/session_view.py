@@ -27,13 +27,13 @@ from ..session.process import one_blas_thread
 from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
+from .binding import Binding
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker, count_label
 from .drop import Drop, Dropped, MicrophonePicker
-from .gui.binding import Binding
-from .gui.html import CONTROLS, canvas_legend
+from .html import CONTROLS, canvas_legend
 from .panels import SessionFolders, Tabs
 from .prepare import DisplayFrame, PreparedRun
-from .scene3d.nodes import SceneNodes
+from .scene3d import SceneNodes
 from .scheduler import Memo, Scheduler
 from .state import Choices, PageState, PositionUncertainty
 from .tabs.plan import PlannedArray

@@ -24,7 +24,7 @@ from fdcal.graphics.primitives import (
     format_number,
 )
 from fdcal.model.settings import Search
-from fdcal.viewer.gui import plots
+from fdcal.viewer import plots
 from fdcal.viewer.tabs import spectrum as spectrum_plot
 
 

@@ -27,7 +27,7 @@ from fdcal.graphics.volume import slice_of, volume_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
-from fdcal.viewer.gui.html import canvas_legend
+from fdcal.viewer.html import canvas_legend
 
 SIZE = (1280, 800)
 PLANE = [

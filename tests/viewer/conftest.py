@@ -11,10 +11,10 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import cost_maps, prepare, session_view
-from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.binding import Binding
 from fdcal.viewer.page import Page
 from fdcal.viewer.panels import Panels, SessionFolders, Tabs
-from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.scene3d import SceneNodes
 from fdcal.viewer.scheduler import Scheduler
 from fdcal.viewer.server import hardening
 

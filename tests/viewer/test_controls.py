@@ -16,9 +16,9 @@ from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import parameters_of
 from fdcal.session.session import StateCosts
 from fdcal.session.sources import OpenRequest
+from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, run_curve
-from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.state import FLOOR, MAP_KINDS, NOTHING, RELIEF, PageState, kind_of
 from fdcal.viewer.tabs import help, map
 from fdcal.viewer.tabs import scene as scenetab

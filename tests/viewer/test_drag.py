@@ -20,9 +20,9 @@ from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, modes_text, parse_modes
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import drop as drop_module
+from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import MapStyle, place_of_basin
 from fdcal.viewer.drop import MicrophonePicker
-from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.prepare import DisplayFrame
 from fdcal.viewer.session_view import SessionPicture
 from fdcal.viewer.state import Choices, PlanChoices

@@ -29,9 +29,9 @@ from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare
+from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker
-from fdcal.viewer.gui.binding import Binding
-from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.scene3d import SceneNodes
 from fdcal.viewer.state import VOLUME, Choices, PageState, initial_choices, kind_of
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import MapTab, caption

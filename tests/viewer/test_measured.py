@@ -24,10 +24,9 @@ from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import with_estimated_domain
 from fdcal.session.plan import PlanRequest, make_plan, plan_lines, read_layout
 from fdcal.session.sources import OpenRequest, scene_input
-from fdcal.viewer import prepare
+from fdcal.viewer import html, prepare
+from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import count_label, map_modes, modes_label, row_label
-from fdcal.viewer.gui import html
-from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.prepare import DisplayFrame, Preparation
 from fdcal.viewer.state import PageState, PlanChoices
 from fdcal.viewer.tabs import map, spectrum

@@ -28,8 +28,8 @@ from fdcal.graphics.heatmap import (
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.settings import Search
+from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import map_modes
-from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.state import BASINS, FLOOR, NOTHING, SHAPE
 from fdcal.viewer.tabs import map

@@ -8,9 +8,9 @@ from viser import uplot
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.session.session import StateCosts
-from fdcal.viewer.gui import html, plots
-from fdcal.viewer.gui.binding import Binding
-from fdcal.viewer.gui.plots import Plot
+from fdcal.viewer import html, plots
+from fdcal.viewer.binding import Binding
+from fdcal.viewer.plots import Plot
 from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import spectrum as spectrum_plot

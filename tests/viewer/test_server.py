@@ -35,7 +35,7 @@ from fdcal.graphics.picture import compose
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import app
-from fdcal.viewer.scene3d import cameras
+from fdcal.viewer import scene3d as cameras
 from fdcal.viewer.server import client_values, hardening
 from fdcal.viewer.server import process as error_log
 from fdcal.viewer.server.hardening import titled

@@ -22,7 +22,7 @@ from fdcal.solvers import descent
 from fdcal.viewer import page as page_module
 from fdcal.viewer import prepare as preparing
 from fdcal.viewer.prepare import SessionSwitcher
-from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.scene3d import SceneNodes
 from fdcal.viewer.tabs import view as exports
 
 

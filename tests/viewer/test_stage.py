@@ -15,8 +15,8 @@ from fdcal.graphics.picture import compose, static_picture, with_estimate
 from fdcal.graphics.primitives import DARK, LECTURE_DARK, LECTURE_LIGHT, LIGHT, Label, contrast, halo_of
 from fdcal.model.arrays import positions_of
 from fdcal.model.scene import load_scene
-from fdcal.viewer.scene3d import cameras
-from fdcal.viewer.scene3d.nodes import SceneNodes, labels_html
+from fdcal.viewer import scene3d as cameras
+from fdcal.viewer.scene3d import SceneNodes, labels_html
 from fdcal.viewer.server import hardening
 
 

@@ -27,10 +27,10 @@ from fdcal.session.calibration_run import assess_state, healthy_microphones, sol
 from fdcal.session.process import one_blas_thread
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import CalibrationInput, OpenRequest, scene_input
+from fdcal.viewer import html as words
 from fdcal.viewer import prepare
 from fdcal.viewer.explore import Explore
-from fdcal.viewer.gui import html as words
-from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, status, verdict_html
+from fdcal.viewer.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, status, verdict_html
 from fdcal.viewer.server import process
 from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, uncertainty_of
 from fdcal.viewer.state import PageState

@@ -1,7 +1,7 @@
 // Runs before viser's own script. It gives the page what viser has not:
 //
-//   labels      the texts of the scene, outlined, without those that would cover others (scene3d/nodes.py)
-//   overlay     regions on the canvas, whose HTML the server sends in hidden controls (gui/html.py)
+//   labels      the texts of the scene, outlined, without those that would cover others (scene3d.py)
+//   overlay     regions on the canvas, whose HTML the server sends in hidden controls (html.py)
 //   commands    what is pressed or set there, sent as text: "play", "modes=12"
 //   address     the view after #, read when the page opens or the address changes, written once nothing changes; a page
 //               that comes back with the address that it has written itself, to the server that it wrote it for, changes
@@ -335,7 +335,7 @@ function cover(canvas) {
     const right = innerWidth - left - width, bottom = innerHeight - top - height;
     for (const [name, value] of Object.entries({left, top, right, bottom})) root.style.setProperty(`--${name}`, `${value}px`);
     canvasSize = [width, height];
-    root.toggleAttribute("data-broad", width >= Math.max(1000, 1.4 * height));  // as in scene3d/cameras.py
+    root.toggleAttribute("data-broad", width >= Math.max(1000, 1.4 * height));  // as in scene3d.py
   };
   new ResizeObserver(place).observe(canvas);
   addEventListener("resize", place);

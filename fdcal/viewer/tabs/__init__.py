@@ -1,6 +1,6 @@
 """The tabs of the panels, one module each, with what each computes on its threads.
 
-May import: the packages below viewer, and gui, scene3d and server.
+May import: the packages below viewer, and the modules of viewer but page, panels, session_view and explore.
 
 curves, scene, view, open_file, help     the main panel on the right; lessons stand on the canvas
 map, sweep, spectrum, cut                the tab Map of the panel on the left

@@ -13,8 +13,8 @@ from viser import uplot
 
 from ...graphics.picture import cost_title
 from ...model.measurement import Measurement
-from ..gui.binding import Tab
-from ..gui.plots import BLUE, GREY, ORANGE, PURPLE, RED, Plot, decades_of
+from ..binding import Tab
+from ..plots import BLUE, GREY, ORANGE, PURPLE, RED, Plot, decades_of
 from ..state import PageState
 
 MAX_POINTS = 600  # of a plot, which is sent whole each time

@@ -15,10 +15,10 @@ from ...cost.maps import eq7_cut
 from ...graphics.picture import row_word
 from ...model.measurement import Measurement
 from ...solvers.interface import RunState
+from .. import html
+from ..binding import Binding, Tab
 from ..cost_maps import count_label, map_modes, shown_modes
-from ..gui import html
-from ..gui.binding import Binding, Tab
-from ..gui.plots import BLUE, GREY, RED, Plot, dots
+from ..plots import BLUE, GREY, RED, Plot, dots
 from ..prepare import PreparedRun
 from ..state import Line, PageState
 

@@ -14,7 +14,7 @@ from viser._messages import HotkeyKey, KeyModifier
 
 from ...graphics.marks import MARKS as DRAWN
 from ...model.room import MEASURED_AND_MODELLED
-from ..gui.html import CARD, legend
+from ..html import CARD, legend
 from .lessons import BACK, NEXT
 
 

@@ -23,8 +23,8 @@ from ...model.validation import InputError, StorageError, parse_modes, shown
 from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, LessonSetting, run_target
 from ...session.session import Session
 from ...session.sources import OpenRequest
-from ..gui.html import complaint, error_message, whole
-from ..scene3d.cameras import Cameras
+from ..html import complaint, error_message, whole
+from ..scene3d import Cameras
 from ..server.client_values import fits
 from ..state import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
 

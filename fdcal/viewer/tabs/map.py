@@ -15,9 +15,9 @@ from ...graphics.primitives import DARK, LIGHT, format_number
 from ...graphics.volume import AXES
 from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
+from .. import html
+from ..binding import Binding, Tab
 from ..cost_maps import CostMap, count_label, log_scale, modes_label, of_take
-from ..gui import html
-from ..gui.binding import Binding, Tab
 from ..prepare import PreparedRun
 from ..scheduler import Memo
 from ..state import (

@@ -16,9 +16,9 @@ from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
 from ...session.session import SessionView
-from ..gui.binding import Binding, Tab
-from ..gui.html import CARD
-from ..gui.plots import BLUE, RED, Plot, decades_of, dots
+from ..binding import Binding, Tab
+from ..html import CARD
+from ..plots import BLUE, RED, Plot, decades_of, dots
 from ..state import PageState, PositionUncertainty
 
 MAX_ROWS = 100  # of a table

@@ -16,7 +16,7 @@ import viser
 from ...recordings.recording import KINDS
 from ...session.sources import OpenRequest, compared_with_file, is_recording, load_input, measurement_request
 from ...session.worker import LatestWorker
-from ..gui import html
+from .. import html
 
 SETTLED = 5e9  # ns after a change of the folder for which each look lists it: times of files are coarse
 MAX_FILES, MAX_NAME = 200, 200  # of each list, and characters of a name that is listed

@@ -11,9 +11,9 @@ import viser
 
 from ...assessment.uncertainty import confidence_factor, ellipse_axes
 from ...session.plan import Layout, Plan, PlanRequest, make_plan, plan_sentences, plan_table
-from ..gui import html
-from ..gui.binding import Binding, Tab
-from ..gui.html import error_message
+from .. import html
+from ..binding import Binding, Tab
+from ..html import error_message
 from ..prepare import PreparedRun
 from ..state import PageState, PlanChoices
 

@@ -10,8 +10,8 @@ from ...model.scene import MeasuredScene, Scene, load_scene, scene_names
 from ...model.validation import InputError, StorageError
 from ...session.scene_edits import SceneParameters, min_known, parameters_of, with_parameters
 from ...session.sources import OpenRequest
-from ..gui import html
-from ..gui.binding import Binding, Tab
+from .. import html
+from ..binding import Binding, Tab
 
 MEASURED = (
     "This is a measurement: room, array and noise are as recorded and cannot be edited. Choose another scene to"

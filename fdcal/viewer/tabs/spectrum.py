@@ -11,10 +11,10 @@ from ...acoustics.dictionary import array_f_max, max_order
 from ...graphics.picture import row_word
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
+from .. import html
+from ..binding import Binding, Tab
 from ..cost_maps import map_modes, row_label
-from ..gui import html
-from ..gui.binding import Binding, Tab
-from ..gui.plots import BLUE, ORANGE, RED, dots
+from ..plots import BLUE, ORANGE, RED, dots
 from ..state import PageState
 
 GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the curve, and of the area below it

@@ -15,6 +15,8 @@ from viser import uplot
 
 from ...cost.maps import partial_sums, refined
 from ...model.measurement import Measurement
+from .. import html
+from ..binding import Binding, Tab
 from ..cost_maps import (
     CostMap,
     CostMapRequest,
@@ -27,9 +29,7 @@ from ..cost_maps import (
     modes_label,
     of_take,
 )
-from ..gui import html
-from ..gui.binding import Binding, Tab
-from ..gui.plots import BLUE, RED, Plot, dots
+from ..plots import BLUE, RED, Plot, dots
 from ..scheduler import Memo
 from ..state import FLOOR, PageState
 from .map import MapTab

@@ -25,6 +25,8 @@ from ...graphics.volume import sampled_volume
 from ...model.libraries import call
 from ...model.validation import InputError
 from ...session import session_file
+from .. import html
+from ..binding import Binding, Tab
 from ..cost_maps import (
     ModePanels,
     fine_panels,
@@ -33,8 +35,6 @@ from ..cost_maps import (
     shown_modes,
     terms_of,
 )
-from ..gui import html
-from ..gui.binding import Binding, Tab
 from ..state import ELLIPSE_SCALES, PICTURE, VIEWS, Choices, PageState
 
 ELLIPSES_LATER = "Ellipses appear when the solver has finished."

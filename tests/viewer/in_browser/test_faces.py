@@ -11,7 +11,7 @@ from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.model.scene import load_scene
 from fdcal.session.lesson import load_lesson
 from fdcal.viewer.explore import LECTURE
-from fdcal.viewer.gui.html import verdict_html
+from fdcal.viewer.html import verdict_html
 from fdcal.viewer.panels import LEFT, LEFT_WIDTH, RIGHT
 from fdcal.viewer.server.hardening import STYLE
 

@@ -17,7 +17,7 @@ from types import MappingProxyType
 import numpy as np
 import viser
 
-from ...assessment.words import (
+from ..assessment.words import (
     STEP_LEFT,
     cost_words,
     error_parts,
@@ -26,16 +26,16 @@ from ...assessment.words import (
     state_word,
     verdict_word,
 )
-from ...graphics.heatmap import to_rgb
-from ...graphics.marks import EDGE, Mark, css, symbol_svg
-from ...graphics.picture import row_word
-from ...graphics.primitives import ColourBar
-from ...model.measurement import Measurement
-from ...model.validation import InputError, StorageError
-from ...session.calibration_run import Assessment
-from ...session.session import SessionView
-from ..server import REGIONS, content
-from ..server.process import log_location
+from ..graphics.heatmap import to_rgb
+from ..graphics.marks import EDGE, Mark, css, symbol_svg
+from ..graphics.picture import row_word
+from ..graphics.primitives import ColourBar
+from ..model.measurement import Measurement
+from ..model.validation import InputError, StorageError
+from ..session.calibration_run import Assessment
+from ..session.session import SessionView
+from .server import REGIONS, content
+from .server.process import log_location
 
 CARD = "padding: 0.15em 0.75em; font-size: var(--text); line-height: 1.5;"
 RED = "#d61828"  # of errors and warnings

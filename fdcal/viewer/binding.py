@@ -15,12 +15,12 @@ from typing import Any, TypeVar
 
 import viser
 
-from ...graphics.picture import row_word
-from ...model.validation import Reals
-from ...session.sources import OpenRequest
-from ..prepare import DisplayFrame, PreparedRun
-from ..scheduler import Memo, Scheduler
-from ..state import Choices, PageState, initial_choices
+from ..graphics.picture import row_word
+from ..model.validation import Reals
+from ..session.sources import OpenRequest
+from .prepare import DisplayFrame, PreparedRun
+from .scheduler import Memo, Scheduler
+from .state import Choices, PageState, initial_choices
 
 Control = TypeVar("Control")
 
