@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 from fdcal.graphics.landscape import figure_bytes
-from fdcal.graphics.reports import html_page, html_table
+from fdcal.graphics.reports import html_table
 from fdcal.model.storage import parse_toml, read_bytes, write_atomically
 from fdcal.model.validation import InputError, StorageError
 
@@ -315,7 +315,10 @@ def _page(head: Head, rows: pandas.DataFrame, axes: dict[str, list], at: dict[st
     ):  # fmt: skip
         shown = html_table(list(map(escape, heads)), lines[:MAX_LINES], max(0, len(lines) - MAX_LINES))
         tables += f"<h2>{words}</h2>{shown if lines else '<p>None.</p>'}"
-    return html_page(str(head.title), STYLE, f"<p>{summary}</p><ul>{about}</ul>{pictures}{tables}")
+    title = escape(str(head.title))
+    top = f'<meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
+    body = f"<h1>{title}</h1><p>{summary}</p><ul>{about}</ul>{pictures}{tables}"
+    return f'<!doctype html><html lang="en">{top}{body}</html>\n'
 
 
 RANK_COLUMNS = 5  # panels in a row of the figure

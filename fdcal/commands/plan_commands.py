@@ -6,7 +6,7 @@ from ..model.validation import LIMITS, InputError
 from . import options as opt
 from .options import force_option, output_option, output_path
 
-SUFFIXES = [".html", ".json", ".png"]
+SUFFIXES = [".json", ".png"]
 MAX_TAKES = 100
 
 
@@ -48,7 +48,7 @@ MAX_TAKES = 100
     help="Noise or music, or impulses and sweeps, whose arrival times count.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Of places drawn.")
-@output_option("PLAN.html|json|png", required=False)
+@output_option("PLAN.json|png", required=False)
 @force_option
 def plan(
     layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, kind, seed, output, force
@@ -108,22 +108,14 @@ def _write(path, found, force: bool) -> None:
     import json
 
     from ..graphics.landscape import figure_bytes
-    from ..graphics.reports import draw_plan, plan_html
+    from ..graphics.reports import draw_plan
     from ..model.storage import write_atomically
-    from ..session.plan import plan_dict, plan_sentences, plan_table
+    from ..session.plan import plan_dict
 
-    suffix, layout = path.suffix.lower(), found.request.layout
-    if suffix == ".png":
-        content = figure_bytes(draw_plan(layout.positions, found.bound), "png")
+    if path.suffix.lower() == ".png":
+        content = figure_bytes(draw_plan(found.request.layout.positions, found.bound), "png")
     else:
-        text = (
-            plan_html(
-                layout.name, layout.names, layout.positions, found.bound, plan_sentences(found), plan_table(found)
-            )
-            if suffix == ".html"
-            else json.dumps(plan_dict(found), indent=1) + "\n"
-        )
-        content = text.encode()
+        content = (json.dumps(plan_dict(found), indent=1) + "\n").encode()
     write_atomically(path, lambda file: file.write_bytes(content), force)
 
 

@@ -6,6 +6,7 @@ microphones and the map; last the texts of a title. Lengths are metres, colours 
 """
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
@@ -143,22 +144,11 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme, take: int 
 LETTER, HEIGHT = 1.2, 2.8  # width of a letter, with its fraction of the edges; height of a text
 BESIDE, ABOVE = 3.2, 3.2  # from the microphone to the near edge of its name: beyond a diamond around it
 MARK = 1.2  # reach of another mark
-# Where the near edge of the name is, from the microphone, and the part of the text that lies there; the first of equals
-# is taken.
-SIDES: tuple[tuple[float, float, Anchor], ...] = (
-    (1, 0, "center-left"),
-    (-1, 0, "center-right"),
-    (0, 1, "bottom-center"),
-    (0, -1, "top-center"),
-    (0.7, 0.7, "bottom-left"),
-    (-0.7, 0.7, "bottom-right"),
-    (0.7, -0.7, "top-left"),
-    (-0.7, -0.7, "top-right"),
-    (2.2, 0, "center-left"),
-    (-2.2, 0, "center-right"),
-    (0, 2.2, "bottom-center"),
-    (0, -2.2, "top-center"),
-)
+# Where the near edge of the name is, from the microphone; the first of equals is taken.
+SIDES = (
+    *((1, 0), (-1, 0), (0, 1), (0, -1)), *((0.7, 0.7), (-0.7, 0.7), (0.7, -0.7), (-0.7, -0.7)),
+    *((2.2, 0), (-2.2, 0), (0, 2.2), (0, -2.2)),
+)  # fmt: skip
 OUTSIDE = 100.0  # hidden marks that a text beyond the edge is worth
 
 
@@ -169,7 +159,7 @@ def name_place(
     width, height = LETTER * len(text) * marker_radius, HEIGHT * marker_radius
     low, high = (np.reshape(marks, (-1, 2)) + reach for reach in (-MARK * marker_radius, MARK * marker_radius))
     found = []
-    for across, up, anchor in SIDES:
+    for across, up in SIDES:
         reach = marker_radius * (ABOVE if across == 0 else BESIDE)
         x, y = float(place[0] + across * reach), float(place[1] + up * reach)
         left = x - width * (0.5 if across == 0 else float(across < 0))
@@ -177,6 +167,7 @@ def name_place(
         right, top = left + width, bottom + height
         beyond = left < focus[0] or bottom < focus[1] or right > focus[2] or top > focus[3]
         touched = (low[:, 0] < right) & (high[:, 0] > left) & (low[:, 1] < top) & (high[:, 1] > bottom)
+        anchor = get_args(Anchor)[int(3 * (1 + np.sign(up)) + 1 - np.sign(across))]  # at the near edge of the text
         found.append((OUTSIDE * beyond + int(touched.sum()), (x, y), anchor))
     return min(found, key=lambda one: one[0])[1:]
 

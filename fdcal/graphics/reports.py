@@ -1,12 +1,9 @@
-"""Results as figures and HTML: a calibration for a notebook, the findings about a recording, and a plan.
-
-A page holds its pictures and loads nothing.
-"""
+"""Results as figures and HTML: a calibration for a notebook, and a plan."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from itertools import takewhile
@@ -111,35 +108,17 @@ def calibration_html(result: Calibration) -> str:
         for values in (result.uncertainty, result.errors)
     )
     sigma = ["known" if name in known else text for name, text in zip(result.names, sigma, strict=True)]
-    table = position_table(result.names, result.positions, {"one sigma (mm)": sigma, "error (mm)": error}, ROWS)
+    axes = [f"{axis} (m)" for axis in "xyz"[: result.positions.shape[1]]]
+    heads = ["microphone", *axes, "one sigma (mm)", "error (mm)"]
+    cells = zip(result.names, result.positions, sigma, error, strict=True)
+    rows = [[name, *(f"{value:z.4f}" for value in place), *more] for name, place, *more in cells][:ROWS]
     verdict, text, run = map(escape, (verdict_word(result.verdict), result.verdict_text, run_words(result)))
+    coded = base64.b64encode(figure_bytes(draw_calibration(result), "png")).decode()
     return (
         f"<p><b>{verdict}</b>: {text}<br>{run}</p>"
-        f"{picture_html('positions of the microphones', draw_calibration(result))}{table}"
+        f'<img alt="positions of the microphones" style="max-width:100%" src="data:image/png;base64,{coded}">'
+        f"{html_table(heads, rows, count - len(rows))}"
     )
-
-
-def position_table(
-    names: Sequence[str], positions: np.ndarray, columns: Mapping[str, Sequence[str]], most: int | None = None
-) -> str:
-    """Return a table of positions (N, D), metres, and more columns, of N texts each; of at most so many microphones."""
-    heads = ["microphone", *(f"{axis} (m)" for axis in "xyz"[: positions.shape[1]]), *columns]
-    cells = zip(names, positions, zip(*columns.values(), strict=True), strict=True)
-    rows = [[name, *(f"{value:z.4f}" for value in place), *more] for name, place, more in cells][:most]
-    return html_table(heads, rows, len(names) - len(rows))
-
-
-STYLE = (
-    "body{font:16px/1.5 system-ui,sans-serif;max-width:65rem;margin:2rem auto;padding:0 1rem;color-scheme:light dark}"
-    "img{background:#fff}table{border-collapse:collapse}"
-    "td,th{text-align:left;vertical-align:top;padding:.2rem .8rem .2rem 0;border-bottom:1px solid #8884}"
-)
-
-
-def html_page(title: str, body: str) -> str:
-    """Return a page of HTML, which needs no network; `body`: what follows its title."""
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
-    return f'<!doctype html><html lang="en">{head}<h1>{escape(title)}</h1>{body}</html>\n'
 
 
 def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]], omitted: int = 0) -> str:
@@ -148,12 +127,6 @@ def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]], omitted: int
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
     more = f'<tr><td colspan="{len(heads)}">and {omitted} more</td></tr>' if omitted else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}{more}</tbody></table>"
-
-
-def picture_html(alt: str, figure: Figure) -> str:
-    """Return a figure as a picture that the page itself holds."""
-    coded = base64.b64encode(figure_bytes(figure, "png")).decode()
-    return f'<img alt="{escape(alt)}" style="max-width:100%" src="data:image/png;base64,{coded}">'
 
 
 @dataclass(frozen=True)
@@ -222,25 +195,3 @@ def draw_plan(positions: np.ndarray, bound: Bound) -> Figure:
     panel.set(xlabel="x (m)", ylabel="y (m)", title=f"Least error: {length_text(bound.rms)} rms")
     panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize="small", frameon=False)
     return figure
-
-
-def plan_html(
-    name: str,
-    names: Sequence[str],
-    positions: np.ndarray,
-    bound: Bound,
-    sentences: tuple[Sequence[str], Sequence[str]],
-    table: Sequence[Sequence[str]],
-) -> str:
-    """Return the page of a plan; it needs no network.
-
-    `name`, `names`, `positions` (N, D), metres: of the array; `sentences`, `table`: what `fdcal.session.plan` says.
-    """
-    before, (caption, advice) = sentences
-    listed = "".join(f"<li>{escape(line)}</li>" for line in before)
-    picture = picture_html("least error of each microphone", draw_plan(positions, bound))
-    sigma = [f"{1e3 * one:.2f}" if free else "given" for one, free in zip(bound.sigma, bound.free, strict=True)]
-    head, *rows = table
-    promised = f"<p>{escape(caption)}</p>{html_table(head, rows)}<p>{escape(advice)}</p>"
-    places = position_table(names, positions, {"least one sigma (mm)": sigma})
-    return html_page(f"Plan: {name}", f"<ul>{listed}</ul>{promised}{picture}{places}")
