@@ -74,7 +74,7 @@ MAX_LEVELS = 4  # isosurfaces; more of them hide each other
 LARGEST, SMALLEST = 0.13, 2e-4  # fractions of the domain that the outermost and the innermost isosurface enclose
 COLOURED = 0.4  # fraction of the domain whose costs the scale tells apart: the isosurfaces are in its lower half
 BEYOND = 1e3  # by how much the cost is higher beyond the lattice
-OPACITY = (0.3, 0.95)  # of the outermost and of the innermost isosurface
+OPACITY = (0.14, 0.95)  # of the outermost and of the innermost isosurface
 SLICE_OPACITY = 0.42  # so that the array is seen through it
 TOWARDS_LIGHT = np.array([-0.42, -0.55, 0.72])  # over the viewer's left shoulder in the oblique views
 DARKEST = 0.6  # brightness of a surface that faces away from the light
@@ -221,9 +221,9 @@ def sliced(
     if axis not in AXES or volume.bar is None:
         return replace(volume, plate=None)
     number, terms = AXES.index(axis), sampled.terms
-    domain = area(terms.domain, 3)
+    domain, lattice = area(terms.domain, 3), terms.domain
     low, high = domain[0], domain[1]
-    place = float(np.clip(position, low[number], high[number]))
+    place = float(np.clip(position, lattice.origin[number], lattice.origin[number] + lattice.size[number]))
     step = float(np.delete(high - low, number).max()) / pixels
     counts = np.maximum(np.rint((high - low) / step).astype(int), 2)
     places = [a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(low, high, counts, strict=True)]
