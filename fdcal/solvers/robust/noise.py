@@ -170,8 +170,7 @@ def _likeliest_spread(gradient: Reals, matrix: Reals, rest: Bools, filters: Bool
 
 def with_arrivals(problem: Problem, state: State) -> State:
     """Return `state` with arrivals that count, if there are any, at positions near by that fit these best."""
-    arrivals = direct_sound.arrivals_of(problem, None)
-    if arrivals is None:
+    if problem.arrivals is None or (arrivals := direct_sound.arrivals_of(problem, None)) is None:
         return state
     constrained = objectives.objective_of(problem, state, np.arange(0)).priors.constrained
     x, sigma = direct_sound.near_positions(arrivals, state.positions, state.model.spread, constrained)
