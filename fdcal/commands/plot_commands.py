@@ -19,20 +19,19 @@ from .options import microphone_number, mode_numbers
     metavar="M,M,...",
     help="Modes to draw, counted from 1.  [default: 1,5,9]",
 )
-@opt.basins_option
 @opt.result_option
 @opt.output_option("FIG.png|svg|vti")
 @opt.search_option
 @opt.radius_option
 @opt.force_option
-def landscape(source, microphone, numbers, basins, result, output, search, radius, force):
+def landscape(source, microphone, numbers, result, output, search, radius, force):
     """Draw the cost of moving one microphone, mode by mode.
 
     The modes are summed, too, as in Fig. 1 of the paper.
 
     The suffix selects the format: a picture, a drawing, or numbers for ParaView. The other microphones stand at their
     true positions, or at those of a result. Of an array in space there are numbers alone, in three dimensions and
-    summed over all modes. With --basins, colours say at which local minimum descent from each place ends.
+    summed over all modes.
     """
     path = opt.output_path(output, [".png", ".svg", ".vti"], force)
     from ..cost.maps import landscape_panels
@@ -59,7 +58,7 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
         from ..graphics.landscape import draw_landscape, figure_bytes
 
         truth = None if measurement.positions is None else measurement.positions[n]
-        content = figure_bytes(draw_landscape(panels, truth, basins=basins), path.suffix.lower()[1:])
+        content = figure_bytes(draw_landscape(panels, truth), path.suffix.lower()[1:])
     write_atomically(path, lambda file: file.write_bytes(content), force)
     x, y = panels.minima[-1]
     print(f"{path}: microphone {n}, least cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
@@ -77,7 +76,7 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
 @click.option(
     "--step", type=opt.Number(), metavar="METRES", help="Lattice step.  [default: a 60th of the longest side]"
 )
-@opt.output_option("FILE.npz|csv|png|vti")
+@opt.output_option("FILE.npz|csv|png")
 @opt.force_option
 def field(source, result, frequencies, step, output, force):
     """Map the sound field inside the array.

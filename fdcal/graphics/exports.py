@@ -1,7 +1,6 @@
 """Maps and sound fields as files for other programs.
 
-.vti   ParaView: a map of costs, or a sound field as an image of points, with real_F, imag_F, magnitude_F, uncertainty_F
-       of each frequency F; written by VTK, which is loaded with the first such file
+.vti   ParaView: a map of costs as an image of points, written by VTK, which is loaded with the first such file
 .npz   a sound field: x, y[, z] (metres), frequencies (Hz), pressure, magnitude, uncertainty (F, nx, ny[, nz]), inside,
        microphones
 .csv   a row for each frequency and point inside:
@@ -99,16 +98,6 @@ def _write_csv(path: Path, field: FieldMap) -> None:
             np.savetxt(file, rows, fmt="%.9g", delimiter=",")
 
 
-def _write_vti(path: Path, field: FieldMap) -> None:
-    fields = {}
-    for f, p, sigma in zip(field.frequencies, field.pressure, field.uncertainty, strict=True):
-        parts = {"real": p.real, "imag": p.imag, "magnitude": np.abs(p), "uncertainty": sigma}
-        fields |= {f"{name}_{f:.2f}Hz": values.ravel(order="F") for name, values in parts.items()}
-    origin = [*(float(axis[0]) for axis in field.axes), 0.0][:3]
-    steps = [*(float(axis[1] - axis[0]) for axis in field.axes), 1.0][:3]
-    path.write_text(image((*field.inside.shape, 1)[:3], origin, steps, fields), encoding="ascii")
-
-
 def _write_png(path: Path, field: FieldMap) -> None:
     from matplotlib.figure import Figure
 
@@ -139,4 +128,4 @@ def _write_png(path: Path, field: FieldMap) -> None:
     figure.savefig(path, format="png")
 
 
-FIELD_WRITERS = {".npz": _write_npz, ".csv": _write_csv, ".png": _write_png, ".vti": _write_vti}
+FIELD_WRITERS = {".npz": _write_npz, ".csv": _write_csv, ".png": _write_png}

@@ -7,44 +7,21 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image, ImageDraw
 
-from ..cost.basins import OUTSIDE, basins_of
 from ..cost.maps import LandscapePanels, minima_of
 from ..cost.scale import DECADES, LEAST_RANGE, Minima
 from ..model.settings import Search
 from .annotations import font
-from .heatmap import SHOWN, TABLE, basin_image, colour_limits, normalise, to_rgb
+from .heatmap import SHOWN, colour_limits, normalise, to_rgb
 from .marks import MARKS, plot_marks, symbol
 from .primitives import COLOUR_MAP, DARK, Theme
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def draw_basins(panel: Any, cost: np.ndarray, search: Search, place, name: str) -> None:
-    """Draw the basins of attraction of one map, that of `place` (2,), metres, first, with their legend at its right."""
-    from matplotlib.patches import Patch
-
-    basins = basins_of(cost)
-    numbers, areas = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name)
-    panel.imshow(TABLE[numbers], origin="lower", extent=_extent(search, cost.shape), interpolation="nearest")
-    patches = [
-        Patch(facecolor=f"#{bytes(area.colour).hex()}", edgecolor="black", linewidth=0.5, label=area.text)
-        for area in areas
-    ]
-    style = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "fontsize": "small"}
-    panel.legend(handles=patches, handlelength=1.2, **style)
-
-
-def _extent(search: Search, shape: tuple[int, ...]) -> tuple[float, float, float, float]:
-    """The edges of a map (ny, nx), of which a pixel is one cell of the lattice."""
-    half, (x, y), (ny, nx) = search.step / 2, search.origin[:2], shape
-    return x - half, x + nx * search.step - half, y - half, y + ny * search.step - half
 
 
 MAX_TICKS = 6  # of a colour bar
@@ -54,7 +31,6 @@ def draw_landscape(
     self: LandscapePanels,
     truth=None,
     *,
-    basins: bool = False,
     estimate=None,
     heading: str = "",
     log: bool = True,
@@ -66,8 +42,6 @@ def draw_landscape(
     ----------
     truth, estimate : (2,) array_like, optional
         True and estimated position of the microphone, metres, drawn as a circle and a cross.
-    basins : bool, optional
-        Draw the basins of attraction, in place of the cost: from each place, the minimum where descent ends.
     heading : str, optional
         In place of the usual one.
     log : bool, optional
@@ -87,7 +61,7 @@ def draw_landscape(
     count = len(panels.maps)
     columns = int(np.ceil(np.sqrt(count)))
     rows = int(np.ceil(count / columns))
-    figure = Figure(figsize=((5.4 if basins else 3.9) * columns, 3.7 * rows + 0.4), dpi=120, layout="compressed")
+    figure = Figure(figsize=(3.9 * columns, 3.7 * rows + 0.4), dpi=120, layout="compressed")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
     titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
@@ -95,29 +69,26 @@ def draw_landscape(
               for cost in panels.maps]  # fmt: skip
     ends = np.array([np.percentile(one, SHOWN) for one in scaled])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
-    style: dict[str, Any] = {"origin": "lower", "interpolation": "nearest", "cmap": COLOUR_MAP}
+    half, (x, y), (ny, nx) = panels.search.step / 2, panels.search.origin[:2], panels.maps.shape[1:]
+    edges = x - half, x + nx * panels.search.step - half, y - half, y + ny * panels.search.step - half
+    style: dict[str, Any] = {"origin": "lower", "interpolation": "nearest", "cmap": COLOUR_MAP, "extent": edges}
     style["norm"] = Normalize(low, max(high, low + LEAST_RANGE), clip=True)
-    for panel, title, cost, shown, minima in zip(axes, titles, panels.maps, scaled, panels.marks, strict=False):
-        if basins:
-            place = (estimate, "estimate") if truth is None else (truth, "true position")
-            draw_basins(panel, cost, panels.search, *place)
-        else:
-            image = panel.imshow(shown, extent=_extent(panels.search, cost.shape), **style)
+    images = []
+    for panel, title, shown, minima in zip(axes, titles, scaled, panels.marks, strict=False):
+        images.append(panel.imshow(shown, **style))
         plot_marks(panel, "microphones/true", None if truth is None else [truth])
         plot_marks(panel, "minima", minima.others)
         plot_marks(panel, "lowest", minima.lowest)
         plot_marks(panel, "microphones/estimate", None if estimate is None else [estimate])
         panel.set_title(title)
-    if not basins:
-        label = f"{quantity} (dB re the highest of each map)" if log else f"{quantity}, above the lowest of each map"
-        ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10])
-        figure.colorbar(image, ax=axes.tolist(), label=label, ticks=ticks, extend="both", extendfrac=0.02, aspect=40)
+    label = f"{quantity} (dB re the highest of each map)" if log else f"{quantity}, above the lowest of each map"
+    ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10])
+    figure.colorbar(images[-1], ax=axes.tolist(), label=label, ticks=ticks, extend="both", extendfrac=0.02, aspect=40)
     for i, panel in enumerate(axes):
         panel.set_visible(i < count)
         panel.tick_params(labelbottom=True)
         panel.set(xlabel="x (m)" if i + columns >= count else "", ylabel="" if i % columns else "y (m)")
-    heading = heading or f"{'Basins of attraction' if basins else 'Cost'} of moving microphone {panels.microphone}"
-    figure.suptitle(heading, parse_math=False)
+    figure.suptitle(heading or f"Cost of moving microphone {panels.microphone}", parse_math=False)
     marks = {name: line for panel in axes for line, name in zip(*panel.get_legend_handles_labels(), strict=True)}
     figure.legend(marks.values(), marks.keys(), loc="outside lower center", ncols=4, frameon=False)
     return figure
@@ -147,22 +118,15 @@ Point = tuple[float, float]
 NONE = Minima(np.zeros((0, 2)), np.zeros((0, 2)), 0, None)
 
 
-@dataclass(frozen=True)
-class Marks:
-    """Positions to be marked on every map, metres; None for no mark."""
-
-    true: Point | None = None  # of the microphone
-    estimate: Point | None = None  # its estimated position
-    minima: bool = True  # whether the minima are marked
-
-
 def mosaic(
     maps: Sequence[np.ndarray],
     captions: Sequence[str],
     search: Search,
-    marks: Marks,
     theme: Theme,
     *,
+    true: Point | None = None,
+    estimate: Point | None = None,
+    minima: bool = True,
     log: bool = True,
     shared: bool = False,
     columns: int = 2,
@@ -170,8 +134,8 @@ def mosaic(
     """Return the maps side by side, each with its caption, diamonds at its lowest costs and its minima, and the marks.
 
     `maps`: each (ny, nx) float64, row 0 at low y; `captions`: one for each map; `search`: the lattice of the maps;
-    `log`: whether the scales are logarithmic; `shared`: one scale for all maps instead of one for each; `columns`: of
-    maps. Returns (H, W, 3) uint8.
+    `true`, `estimate`: metres; `minima`: whether they are marked; `log`: whether the scales are logarithmic; `shared`:
+    one scale for all maps instead of one for each; `columns`: of maps. Returns (H, W, 3) uint8.
     """
     count, largest = len(maps), max(maps[0].shape)
     height, width = (round(CELL * n / largest) for n in maps[0].shape)
@@ -180,14 +144,14 @@ def mosaic(
     image = Image.new("RGB", size, DARK_PANEL if theme is DARK else theme.background)
     draw, letters = ImageDraw.Draw(image), font(FONT_SIZE * columns / 2)  # the panel shrinks all columns to its width
     limits = colour_limits(np.stack(maps), log) if shared else None
-    minima = [minima_of(cost, search) for cost in maps] if marks.minima else [NONE] * count
-    for i, (cost, caption, found) in enumerate(zip(maps, captions, minima, strict=True)):
+    marked = [minima_of(cost, search) for cost in maps] if minima else [NONE] * count
+    for i, (cost, caption, found) in enumerate(zip(maps, captions, marked, strict=True)):
         left, top = (i % columns) * (width + GAP), (i // columns) * (height + CAPTION + GAP) + CAPTION
         draw.text((left, top - CAPTION), caption, fill=theme.foreground, font=letters)
         low, high = limits or colour_limits(cost, log)
         rgb = to_rgb(normalise(cost, low, high, log))[::-1]  # an image's first row is its highest
         image.paste(Image.fromarray(rgb).resize((width, height), Image.Resampling.NEAREST), (left, top))
-        groups = ([marks.true], found.others, found.lowest, [marks.estimate])
+        groups = ([true], found.others, found.lowest, [estimate])
         for (name, edge), places in zip(EDGES.items(), groups, strict=True):
             stamp = symbol(MARKS[name], edge)
             for place in places:

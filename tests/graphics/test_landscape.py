@@ -12,7 +12,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
 from fdcal.cost.maps import landscape_panels
 from fdcal.graphics.heatmap import colour_limits, cost_floor, field_floor, normalise, relief_grid, shaded, to_rgb
-from fdcal.graphics.landscape import CAPTION, CELL, GAP, Marks, draw_landscape, mosaic
+from fdcal.graphics.landscape import CAPTION, CELL, GAP, draw_landscape, mosaic
 from fdcal.graphics.marks import LOWEST, drape
 from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT
 from fdcal.model.scene import load_scene
@@ -127,7 +127,7 @@ def at(tile, x, y):
 
 def test_each_map_stands_in_its_place_with_its_marks():
     maps, true, here = [bowl(0.2, 0.2), bowl(0.8, 0.4), bowl(0.5, 0.9)], (0.5, 0.2), (0.7, 0.7)
-    image = mosaic(maps, ["a", "b", "c"], SEARCH, Marks(true, here), LIGHT, log=False, columns=2)
+    image = mosaic(maps, ["a", "b", "c"], SEARCH, LIGHT, true=true, estimate=here, log=False, columns=2)
     for i, lowest in enumerate([(0.2, 0.2), (0.8, 0.4), (0.5, 0.9)]):
         tile = cell(image, i, 2)
         assert np.abs(at(tile, *here) - (214, 24, 40)).max() < 30, "the red cross"
@@ -142,8 +142,8 @@ def test_each_map_stands_in_its_place_with_its_marks():
 
 def test_one_scale_for_all_or_each_its_own():
     maps = [bowl(0.5, 0.5, 0.0), bowl(0.5, 0.5, 0.5)]
-    own = mosaic(maps, ["", ""], SEARCH, Marks(), LIGHT, log=False, shared=False)
-    shared = mosaic(maps, ["", ""], SEARCH, Marks(), LIGHT, log=False, shared=True)
+    own = mosaic(maps, ["", ""], SEARCH, LIGHT, log=False, shared=False)
+    shared = mosaic(maps, ["", ""], SEARCH, LIGHT, log=False, shared=True)
     np.testing.assert_array_equal(at(cell(own, 0, 2), 0.0, 0.0), at(cell(own, 1, 2), 0.0, 0.0))
     low, high = colour_limits(np.stack(maps), False)
     wanted = to_rgb(normalise(maps[1][:1, :1], low, high, False))[0, 0]
@@ -152,7 +152,7 @@ def test_one_scale_for_all_or_each_its_own():
 
 
 def test_a_dark_page_gets_dark_ground():
-    image = mosaic([bowl(0.5, 0.5)] * 3, ["one"] * 3, SEARCH, Marks(), DARK)
+    image = mosaic([bowl(0.5, 0.5)] * 3, ["one"] * 3, SEARCH, DARK)
     np.testing.assert_array_equal(image[-1, -1], ImageColor.getrgb("#242424"))
 
 

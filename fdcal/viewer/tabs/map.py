@@ -9,7 +9,7 @@ import numpy as np
 
 from ...acoustics.dictionary import max_order
 from ...cost.eq7 import decibels
-from ...graphics.landscape import Marks, mosaic
+from ...graphics.landscape import mosaic
 from ...graphics.picture import row_word
 from ...graphics.primitives import DARK, LIGHT, format_number
 from ...graphics.volume import AXES
@@ -296,10 +296,9 @@ def panel_image(run: PreparedRun, drawn: CostMap, dark: bool = False, shared: bo
     positions = np.asarray(request.state.positions)
     truth = run.drawn_truth(positions)
     true = None if truth is None else tuple(truth[n][:2])
-    marks = Marks(true, tuple(positions[n][:2]), request.style.minima and drawn.fine)
     return mosaic(
-        [*panels.maps, panels.total], captions, panels.search, marks,
-        DARK if dark else LIGHT,
+        [*panels.maps, panels.total], captions, panels.search, DARK if dark else LIGHT,
+        true=true, estimate=tuple(positions[n][:2]), minima=request.style.minima and drawn.fine,
         log=log_scale(run, request), shared=shared, columns=2 if several or len(panels.modes) < 6 else 3,
     )  # fmt: skip
 

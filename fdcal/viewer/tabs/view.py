@@ -152,11 +152,10 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     truth = snapshot.run.drawn_truth(positions)
     truth = None if truth is None else truth[n][:2]
     request = snapshot.map_request
-    what = "Basins of attraction" if request.style.basins else "Cost"
-    heading = f"{what} of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
+    heading = f"Cost of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
     request = replace(request, style=replace(request.style, log=True))
     log, quantity = log_scale(snapshot.run, request), map_label(snapshot.run, request).partition(" (")[0]
-    drawn = {"truth": truth, "estimate": positions[n][:2], "basins": request.style.basins}
+    drawn = {"truth": truth, "estimate": positions[n][:2]}
     drawn |= {"heading": heading, "log": log, "quantity": quantity}
     # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
     return call(landscape_bytes, file_format, _panels(snapshot, MAX_PANELS), drawn)
@@ -207,7 +206,7 @@ KINDS = {
     PICTURE: Kind(".png", "The current view, re-rendered off-screen in about 3 s.", _picture, slow=True),
     "Maps as in Fig. 1 (PNG)": Kind(
         "-maps.png",
-        "Cost maps of the selected microphone, or its basins: up to eight single modes, and the sum of all.",
+        "Cost maps of the selected microphone: up to eight single modes, and the sum of all.",
         partial(_figure, file_format="png"),
         slow=True,
     ),
