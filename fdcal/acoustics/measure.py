@@ -40,17 +40,23 @@ def require_measurable(scene: Scene) -> None:
         check_band(source.duration, source.band.sample_rate, sensing.highest, sensing.resolution)
 
 
-def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> Measurement:
+def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None, cached: bool = False) -> Measurement:
     """Return what the microphones of a scene measure: complex pressures of the modes, with noise.
 
     `recordings` (N, T): simulated unless given; a room of three dimensions has none. `progress`: called with the
-    fraction that is done. The wavenumbers are complex where the room rings (see `fdcal.acoustics.spectrum`).
+    fraction that is done; `cached`: whether simulated recordings are kept. The wavenumbers are complex where the room
+    rings (see `fdcal.acoustics.spectrum`).
     """
-    takes = each_take(scene, progress)
+    takes, fields = each_take(scene, progress), []
     if recordings is not None and len(takes) > 1:
         problem = f"the source has {len(takes)} places, and the recordings are of one"
         raise InputError(problem, "measure each of scene.takes()", key="source.positions")
-    return measured(scene, [sound_field(take, recordings, done) for take, done in takes])
+    for take, done in takes:
+        if cached:
+            require_measurable(take)
+        own = cached_recordings(take, done) if cached and scene.room.dimension == 2 else recordings
+        fields.append(sound_field(take, own, done))
+    return measured(scene, fields)
 
 
 def each_take(scene: Scene, progress=None) -> list[tuple[Scene, Callable[[float], None] | None]]:
@@ -206,16 +212,11 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
     if isinstance(scene, MeasuredScene):
         return _recorded(scene)
 
-    def make() -> Measurement:
-        require_measurable(scene)
-        fields = []
-        for scene_of_take, done in each_take(scene, progress):
-            recordings = cached_recordings(scene_of_take, done) if scene.room.dimension == 2 else None
-            fields.append(sound_field(scene_of_take, recordings, done))
-        return measured(scene, fields)
-
     return load_or_make(
-        _measurement_name(scene), make, load_measurement, lambda file, made: save_measurement(made, file)
+        _measurement_name(scene),
+        lambda: measure(scene, None, progress, cached=True),
+        load_measurement,
+        lambda file, made: save_measurement(made, file),
     )
 
 

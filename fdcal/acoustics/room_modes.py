@@ -39,11 +39,6 @@ RESONANCE_WIDTH = 2.2  # times 1 / T60, Hz
 MAX_FREQUENCIES = 1_000_000  # of a band: more are a mistake, and fill the memory
 
 
-def decay_rate(reverberation_time: float) -> float:
-    """Return the rate at which the pressure decays by 60 dB in `reverberation_time`, s : 1/s."""
-    return float(np.log(1000) / reverberation_time)
-
-
 def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_speed: float) -> np.ndarray:
     """Return the mean number of modes of a room of `size` (2,) or (3,), metres, below frequencies (F,), Hz : (F,)."""
     ratio = np.asarray(frequencies, float) / sound_speed

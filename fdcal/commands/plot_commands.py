@@ -84,7 +84,7 @@ def field(source, result, frequencies, step, output, force):
     The positions are those of a result (--result), or those in the input.
     """
     from ..assessment.field import field_map
-    from ..graphics.exports import FIELD_WRITERS, write_field
+    from ..graphics.exports import FIELD_WRITERS
     from ..model.storage import write_atomically
     from .plotting import shown_positions
 
@@ -95,7 +95,7 @@ def field(source, result, frequencies, step, output, force):
         frequencies = [found.frequencies[i] for i in (0, len(found.frequencies) // 2, -1)]
     positions, speed = shown_positions(inputs.measurement, found), None if found is None else found.sound_speed
     mapped = field_map(inputs.measurement, positions, frequencies, step, speed)
-    write_atomically(path, lambda file: write_field(file, path, mapped), force)
+    write_atomically(path, lambda file: FIELD_WRITERS[path.suffix.lower()](file, mapped), force)
     listed = ", ".join(f"{f:.1f}" for f in mapped.frequencies)
     print(f"{path}: pressure at {listed} Hz, {len(mapped.points)} points inside {inputs.measurement.count} microphones")
 

@@ -68,11 +68,6 @@ def image(
 MAX_ROWS = 12  # frequencies in a picture
 
 
-def write_field(path: str | Path, target: str | Path, field: FieldMap) -> None:
-    """Write a sound field to a file; the suffix of `target`, a key of FIELD_WRITERS, selects the format."""
-    FIELD_WRITERS[Path(target).suffix.lower()](Path(path), field)
-
-
 def _write_npz(path: Path, field: FieldMap) -> None:
     arrays: dict[str, Any] = dict(zip("xyz", field.axes, strict=False))
     arrays |= {
@@ -104,7 +99,7 @@ def _write_png(path: Path, field: FieldMap) -> None:
     count = len(field.frequencies)
     if count > MAX_ROWS:
         problem = f"{count} frequencies are too many for a picture"
-        remedy = f"give at most {MAX_ROWS} <frequencies>, or write_field .npz"
+        remedy = f"give at most {MAX_ROWS} <frequencies>, or write .npz"
         raise InputError(problem, remedy, key="frequencies", value=count)
     layer = (..., len(field.axes[2]) // 2) if len(field.axes) == 3 else ...
     figure = Figure(figsize=(13.5, 3.9 * count), dpi=110, layout="constrained")

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..assessment.calibration import FAULTS, OF_LIST, Calibration, ChannelFault
+from ..assessment.calibration import FAULTS, OF_LIST, Calibration
 from ..assessment.field import leave_one_out_errors, summarise
 from ..assessment.findings import Answer, AnswerState
 from ..assessment.position_check import LIST_RULES, ListFit, PositionCheck, compare_positions, fit_result
@@ -78,7 +78,12 @@ def examine(
         wanted = replace(options or ImportOptions(), leave_out=(options and options.leave_out) or "bad")
         takes = importer.read_takes(texts, wanted)
         health = [inspect_channels(one) for one in takes]
-        yield _samples(takes, health)
+        names = takes[0].names
+        faults = {names[n]: one.fault(n, names) for one in reversed(health) for n in one.bad}
+        text = "; ".join(f"{name}: {fault}" for name, fault in faults.items())
+        text = text or f"none of {len(names)} channels is silent, clipped or a copy of another"
+        kinds = tuple(dict.fromkeys((one.kind(n), names[n]) for one in health for n in one.bad))
+        yield Answer("samples", "fault" if faults else "fine", text, len(faults), "channels", kinds)
         yield _clocks(takes, health, wanted)
         try:
             measurement, report = importer.measurement_of_takes(takes, wanted)
@@ -99,16 +104,6 @@ def examine(
     blind = replace(inputs.measurement, known=np.zeros(0, np.int64), known_positions=None)
     inputs = replace(measurement_input(blind, inputs.name), remark=inputs.remark)
     yield from _of_field(inputs, stationary, progress)
-
-
-def _samples(takes: Sequence[Recording], health: Sequence[ChannelHealth]) -> Answer:
-    """Channels that cannot be used by their samples alone."""
-    names = takes[0].names
-    faults = {names[n]: one.fault(n, names) for one in reversed(health) for n in one.bad}
-    listed = "; ".join(f"{name}: {fault}" for name, fault in faults.items())
-    text = listed or f"none of {len(names)} channels is silent, clipped or a copy of another"
-    kinds = tuple(dict.fromkeys((one.kind(n), names[n]) for one in health for n in one.bad))
-    return Answer("samples", "fault" if faults else "fine", text, len(faults), "channels", kinds)
 
 
 def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options: ImportOptions) -> Answer:
@@ -162,7 +157,14 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
             given = solve(replace(inputs, measurement=known, settings=settings), progress, keep=True)
             result = given if _errors(given)[0] < _errors(result)[0] - 1.0 else result
     yield from _field(measurement, result)
-    yield _channels(result)
+    if (channels := result.channels) is None:
+        yield Answer("channels", "unknown", "nothing is known of gains")
+    else:
+        differing = [one for one in channels.faults if one.kind not in OF_LIST]
+        text = faults_text(differing) or f"gains {gain_words(result)}"
+        minor: AnswerState = "differs" if all(FAULTS[one.kind].minor for one in differing) else "fault"
+        kinds = tuple((one.kind, one.name) for one in differing)
+        yield Answer("channels", minor if differing else "fine", text, len(differing), "channels", kinds)
     if check is not None:
         yield _list(inputs, result, check, progress)
 
@@ -225,20 +227,6 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
         text += ": a simulation by rays, which has no sound field at low frequencies"
     found = (("rays", ""),) if rays else ()
     return [field, Answer("measured", "fault" if rays else "fine", text, low_db, "dB", found)]
-
-
-def _channels(result: Calibration) -> Answer:
-    """Channels that differ, by the sound field."""
-    channels = result.channels
-    if channels is None:
-        return Answer("channels", "unknown", "nothing is known of gains")
-    faults: list[ChannelFault] = [one for one in channels.faults if one.kind not in OF_LIST]
-    text = faults_text(faults) or f"gains {gain_words(result)}"
-    state: AnswerState = (
-        "fine" if not faults else "differs" if all(FAULTS[one.kind].minor for one in faults) else "fault"
-    )
-    kinds = tuple((one.kind, one.name) for one in faults)
-    return Answer("channels", state, text, len(faults), "channels", kinds)
 
 
 def _size(

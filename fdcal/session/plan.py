@@ -25,7 +25,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from ..acoustics.dictionary import array_f_max
-from ..acoustics.room_modes import decay_rate, independent_frequencies
+from ..acoustics.room_modes import independent_frequencies
 from ..assessment.uncertainty import Bound, Information, Prior, diffuse_information, position_bound
 from ..model.arrays import WALL_DISTANCE_M, geometry, hull_meets, positions_of, random_source
 from ..model.gauge import fixes_gauge
@@ -359,7 +359,7 @@ def _forecast(request: PlanRequest, of_frequency: Information, arrivals: Sequenc
         bound = position_bound(information, request.prior)
         low, middle, high = (factor * bound.rms for factor in FORECAST.plane)
         return Forecast(middle, low, high)
-    f, s = request.frequencies, decay_rate(request.reverberation_time)
+    f, s = request.frequencies, np.log(1000) / request.reverberation_time
     alike = np.sum(1 / (1 + (np.pi * (f[:, None] - f) / s) ** 2), axis=1) - 1
     field = information.scaled(float(np.mean(1 / (1 + FORECAST.field_part * alike))))
 

@@ -132,7 +132,7 @@ def test_the_map_has_the_unit_of_the_measurement_and_ends_at_the_hull_of_the_arr
 def test_every_format_holds_the_same_map(measurement, tmp_path):
     found = field_map(measurement, measurement.positions, measurement.frequencies[:2], 0.1)
     for suffix in set(exports.FIELD_WRITERS) - {".png"}:
-        exports.write_field(tmp_path / "anything", f"map{suffix}", found)
+        exports.FIELD_WRITERS[suffix](tmp_path / "anything", found)
         (tmp_path / "anything").rename(tmp_path / f"map{suffix}")
     with np.load(tmp_path / "map.npz") as archive:
         assert np.array_equal(archive["pressure"], found.pressure, equal_nan=True)
@@ -141,7 +141,7 @@ def test_every_format_holds_the_same_map(measurement, tmp_path):
     assert len(rows) == 2 * found.inside.sum()
     assert np.allclose(rows["real"] + 1j * rows["imag"], found.pressure[:, found.inside].ravel(), rtol=1e-6)
     assert np.allclose(rows["y_m"], np.tile(found.points[:, 1], 2), rtol=1e-6)
-    exports.write_field(tmp_path / "map.png", "map.png", found)
+    exports.FIELD_WRITERS[".png"](tmp_path / "map.png", found)
     pixels = np.asarray(Image.open(tmp_path / "map.png").convert("RGB"))
     assert pixels.shape[1] > 1000 and 0.4 < np.mean(np.all(pixels == 255, axis=-1)) < 0.95, "white outside the array"
 
