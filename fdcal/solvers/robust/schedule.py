@@ -310,7 +310,7 @@ def with_windows(problem: Problem, state: State) -> State | None:
     heard = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
     if model.delay_sigma == 0:  # otherwise small arrays put errors of their size into the delays of all channels
         heard &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
-    if not windows.usable(problem, state.positions, heard) or is_noiseless(problem, state):
+    if not windows.usable(problem, state.positions, heard):
         return None
     term = windows.window_term(problem, state.positions, state.offsets[:, 1], heard)
     if term is None:
