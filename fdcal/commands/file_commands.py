@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from . import options as opt
 
 if TYPE_CHECKING:
     from ..recordings.take import Moment, SoundStream, Take
-    from ..session.takes import Day, TakesResult
+    from ..session.takes import TakesResult
 
 
 @click.command("import")
@@ -161,7 +162,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     from ..recordings import formats
     from ..recordings.formats.positions import read_positions
     from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
-    from ..session.takes import Day
+    from ..session.takes import takes_result
 
     if replay and (device is not None or rate is not None):
         key = "rate" if device is None else "device"
@@ -178,7 +179,8 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
         formats.read(file)
     for file in replay:
         check_take(replayed(file, inputs), path, seconds)
-    day, paths, written = Day(positions, options, opt.OPTIONS), list(earlier), 0
+    together = partial(takes_result, positions=positions, options=options, wording=opt.OPTIONS)
+    paths, written = list(earlier), 0
     while True:
         stream = replayed(replay[written], inputs) if replay else sound_card(inputs, rate, device)
         take = _record(record_take, stream, path, seconds, force)
@@ -186,7 +188,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
         if take.stopped:
             return INTERRUPTED
         paths, written = [*paths, str(path)], written + 1
-        found = _result(paths, day, found_path)
+        found = _result(together, paths, found_path)
         if replay and written == len(replay):
             return _exit_code(found)
         following = next_take(path)
@@ -199,13 +201,12 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
             path, force = following, False
 
 
-def _result(paths: Sequence[str], day: Day, path: Path | None) -> TakesResult | None:
+def _result(together: Callable[..., TakesResult], paths: list[str], path: Path | None) -> TakesResult | None:
     """Return what takes say together, after printing it and writing it to a file; None where they say nothing."""
     from ..assessment.result_file import save_result
-    from ..session.takes import takes_result
 
     try:
-        found = takes_result(paths, day)
+        found = together(paths)
     except (InputError, StorageError) as error:
         words = error.worded(opt.OPTIONS) if isinstance(error, InputError) else error
         print(f"result  none: {words}", flush=True)

@@ -7,18 +7,19 @@ names inverted and dead channels, and compared with a list of positions, which s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..assessment.assess import ARGUMENTS
 from ..assessment.calibration import FAULTS
 from ..assessment.position_check import PositionCheck, compare_positions, fit_result
 from ..assessment.words import counted, error_words, faults_text, list_faults, result_sentences
 from ..model.validation import length_text
 from ..recordings.importer import measurement_of_takes, read_takes
-from ..recordings.recording import ImportOptions, Recording
+from ..recordings.recording import ImportOptions
 from .calibration_run import solve
 from .sources import CalibrationInput, compared_with_file, measurement_input
 
@@ -28,13 +29,7 @@ if TYPE_CHECKING:
 NEXT = "move the loudspeaker to the other side of the array"
 
 
-@dataclass(frozen=True)
-class Day:
-    """What is given beside the sound."""
-
-    positions: str | None = None  # file of the list that the array is compared with
-    options: ImportOptions = field(default_factory=lambda: ImportOptions(leave_out="bad", files="takes"))
-    wording: Mapping[str, str] = field(default_factory=dict)  # how the arguments of a verdict's remedy are called
+OPTIONS = ImportOptions(leave_out="bad", files="takes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,22 +94,23 @@ class TakesResult:
         return [f"microphone{head}   one sigma", *(line.rstrip() for line in lines)]
 
 
-def takes_result(takes: Sequence[str | Path | Recording], day: Day) -> TakesResult:
-    """Return what takes say together: files, or recordings in memory.
+def takes_result(
+    takes: Sequence[str | Path],
+    positions: str | None = None,
+    options: ImportOptions = OPTIONS,
+    wording: Mapping[str, str] = ARGUMENTS,
+) -> TakesResult:
+    """Return what the files of takes say together.
 
-    Raises InputError: they are too short, of too few microphones or of different arrays.
+    `positions`: file of a list that the array is compared with; `wording`: how the arguments of a verdict's remedy are
+    called. Raises InputError: the takes are too short, of too few microphones or of different arrays.
     """
-    paths = [take for take in takes if not isinstance(take, Recording)]
-    recordings = [take for take in takes if isinstance(take, Recording)]
-    if paths:
-        recordings = [*read_takes(paths, day.options), *recordings]
-    measurement, report = measurement_of_takes(recordings, day.options)
-    inputs = measurement_input(measurement, "takes" if len(recordings) > 1 else "take")
-    if day.positions is not None:
-        inputs = compared_with_file(inputs, day.positions, tuple(report.left_out))
-    result = solve(inputs, wording=day.wording)
-    positions, check = inputs.measurement.positions, None
+    measurement, report = measurement_of_takes(read_takes(takes, options), options)
+    inputs = measurement_input(measurement, "takes" if len(takes) > 1 else "take")
     if positions is not None:
+        inputs = compared_with_file(inputs, positions, tuple(report.left_out))
+    result, listed, check = solve(inputs, wording=wording), inputs.measurement.positions, None
+    if listed is not None:
         known = inputs.measurement.known.tolist() if inputs.settings.known == "all" else []
-        check = compare_positions(result.positions, positions, known)
-    return TakesResult(len(recordings), inputs, result, check)
+        check = compare_positions(result.positions, listed, known)
+    return TakesResult(len(takes), inputs, result, check)
