@@ -21,13 +21,13 @@ from fdcal.model.validation import InputError, modes_text, parse_modes
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import drop as drop_module
 from fdcal.viewer.binding import Binding
-from fdcal.viewer.cost_maps import MapStyle, place_of_basin
+from fdcal.viewer.cost_maps import CostMapRequest, MapStyle, place_of_basin
 from fdcal.viewer.drop import MicrophonePicker
 from fdcal.viewer.prepare import DisplayFrame
 from fdcal.viewer.session_view import SessionPicture
 from fdcal.viewer.state import Choices, PlanChoices
 from fdcal.viewer.tabs import map as map_tab
-from fdcal.viewer.tabs.cut import CutRequest, cost_along
+from fdcal.viewer.tabs.cut import cost_along
 
 SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
 HERE = (1.2, 2.2, 0.0)  # the middle of the search domain
@@ -393,7 +393,9 @@ def test_small_maps_cut_and_basins_have_the_true_position_where_the_main_map_has
     map_tab.panel_image(blind, SimpleNamespace(request=request, panels=panels, fine=True))
     assert marks[0].true == tuple(truth[n])
     ends = truth[n] - [0.1, 0.0], truth[n] + [0.1, 0.0]
-    assert cost_along(blind, CutRequest(0, n, (1,), 0, ends, shown)).truth == pytest.approx(0.1)
+    assert cost_along(
+        blind, CostMapRequest(0, n, (1,), 0, True, MapStyle(), False, shown, None), ends
+    ).truth == pytest.approx(0.1)
 
 
 def test_nothing_is_moved_where_microphones_are_known_or_the_truth_is_not(work, blind):

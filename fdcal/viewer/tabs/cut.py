@@ -3,7 +3,7 @@
 It is computed on a thread of its own, mode by mode and summed.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import matplotlib
 import numpy as np
@@ -14,10 +14,9 @@ from ...cost.eq7 import LOWEST
 from ...cost.maps import eq7_cut
 from ...graphics.picture import row_word
 from ...model.measurement import Measurement
-from ...solvers.interface import RunState
 from .. import html
 from ..binding import Binding, Tab
-from ..cost_maps import count_label, map_modes, shown_modes
+from ..cost_maps import CostMapRequest, count_label, shown_modes
 from ..plots import BLUE, GREY, RED, Plot, dots
 from ..prepare import PreparedRun
 from ..state import Line, PageState
@@ -28,22 +27,10 @@ NEAR = 0.05  # of the length of the line: a position further from it has no mark
 
 
 @dataclass(frozen=True)
-class CutRequest:
-    """A cut to be computed."""
-
-    revision: int  # counts the states on the screen
-    microphone: int  # counted from 0
-    modes: tuple[int, ...]  # counted from 1
-    order_offset: int  # added to ceil(k R) in the order of every mode
-    line: Line  # its ends, metres
-    state: RunState = field(compare=False)  # of the solver
-
-
-@dataclass(frozen=True)
 class Cut:
     """The cost along a line."""
 
-    request: CutRequest
+    request: CostMapRequest  # of the map of Eq. 7 through which it goes
     distance: np.ndarray  # (S,) float64, metres from the first end
     modes: tuple[int, ...]  # those drawn one by one, counted from 1
     single: np.ndarray  # (K, S) float64, dB re the power of all modes of the request
@@ -53,13 +40,13 @@ class Cut:
     truth: float | None
 
 
-def cost_along(run: PreparedRun, request: CutRequest) -> Cut:
-    """Return the cost along a line."""
+def cost_along(run: PreparedRun, request: CostMapRequest, line: Line) -> Cut:
+    """Return the cost along a line, from one of its ends to the other, metres."""
     n, modes, state = request.microphone, request.modes, request.state
-    positions, ends = np.asarray(state.positions), np.array(request.line)
+    positions, ends = np.asarray(state.positions), np.array(line)
     points = np.linspace(ends[0], ends[1], POINTS)
     points = np.concatenate([points, np.tile(positions[n, 2:], (POINTS, 1))], axis=1)
-    costs = eq7_cut(run.problem, positions, n, modes, request.order_offset, points, state.channels)
+    costs = eq7_cut(run.problem, positions, n, modes, request.order_offset or 0, points, state.channels)
     drawn = shown_modes(len(modes), MAX_MODES)
     single, total = (10 * np.log10(np.maximum(cost, LOWEST)) for cost in (costs[drawn], costs.sum(axis=0)))
     truth = run.drawn_truth(positions)
@@ -136,7 +123,7 @@ class CutPanel(Tab):
 
     def __init__(self, binding: Binding):
         self._binding, self._shown = binding, None
-        self._worker = binding.threads.map(lambda request: cost_along(binding.run, request))
+        self._worker = binding.threads.map(lambda *wanted: cost_along(binding.run, *wanted))
         gui, series = binding.gui, cut_series(binding.measurement)
         hint = "Through the estimate along x, along y, or towards the lowest cost of the map"
         with gui.add_folder("Cut", expand_by_default=False):
@@ -163,15 +150,15 @@ class CutPanel(Tab):
 
     def show(self, tick: PageState) -> None:
         """Bring the plot up to date."""
-        binding, choices, state = self._binding, self._binding.choices, tick.view.state
+        binding, choices = self._binding, self._binding.choices
         if choices.cut is None or choices.cut[0] == choices.cut[1]:
             if self._shown is not None:
                 self._shown, self._plot.folder.visible = None, False
             self.text.content = html.remark(ADVICE)
             return
-        modes = map_modes(binding.run, state, choices.modes, choices.order_offset, choices.take)
-        wanted = CutRequest(tick.revision, tick.microphone, modes, choices.order_offset, choices.cut, state)
-        latest = self._worker.newest(wanted)
+        of_eq7 = replace(choices, objective=False)
+        wanted = of_eq7.map_request(binding.run, tick.view, tick.microphone, tick.revision)
+        latest = self._worker.newest(wanted, choices.cut)
         if latest is not None and latest.cause is not None:
             self.text.content = html.complaint(latest.cause)
         elif latest is not None and latest.result is not self._shown:
