@@ -104,7 +104,6 @@ class Binding:
             except RuntimeError:
                 if not self.closed:  # else the session has given way to another one, with all of its controls
                     raise
-            self._wake()
 
         control: Any = handle
         (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)

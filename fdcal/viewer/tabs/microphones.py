@@ -19,6 +19,7 @@ from ...session.session import SessionView
 from ..binding import Binding, Tab
 from ..html import CARD
 from ..plots import BLUE, RED, Plot, decades_of, dots
+from ..scheduler import Memo
 from ..state import PageState, PositionUncertainty
 
 MAX_ROWS = 100  # of a table
@@ -152,7 +153,7 @@ class ErrorByDistance:
     """
 
     def __init__(self, gui: viser.GuiApi, measurement: Measurement):
-        self._truth = measurement.positions
+        self._truth, self._drawn = measurement.positions, Memo()
         self._states: list[Any] = []  # whose errors are in _sums
         self._sums: list[np.ndarray] = []  # of the errors up to each state, (N,) float64, mm
         self.plot: Plot | None = None
@@ -172,8 +173,9 @@ class ErrorByDistance:
 
     def show(self, view: SessionView) -> None:
         """Bring the plot up to date. The run ends with the state that is shown."""
-        if self.plot is None:
+        if self.plot is None or self._drawn.get(view.state, view.index):
             return
+        self._drawn(lambda: True, view.state, view.index)
         history, kept = view.history, min(len(self._states), len(view.history))
         while kept and self._states[kept - 1] is not history[kept - 1]:
             kept -= 1
