@@ -62,17 +62,6 @@ def result_title(result: Calibration) -> str:
     return f"{len(result.positions)} microphones, solver {result.solver}: {result.verdict or 'no verdict'}{error}"
 
 
-def run_words(result: Calibration) -> str:
-    """Return how a result was found: solver, modes, band and time."""
-    f = result.frequencies
-    return f"solver {result.solver}, {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, {result.elapsed:.1f} s"
-
-
-def verdict_word(code: str) -> str:
-    """Return the code of a verdict as words: "model mismatch" of "model_mismatch"."""
-    return code.replace("_", " ")
-
-
 def counted(count: int, noun: str) -> str:
     """Return a number of things: "1 take", "2 takes"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

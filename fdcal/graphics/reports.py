@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ..assessment.calibration import Calibration
 from ..assessment.uncertainty import Bound, confidence_factor, ellipse_axes
-from ..assessment.words import result_title, run_words, verdict_word
+from ..assessment.words import result_title
 from ..cost.eq7 import reference_cost_of
 from ..model.settings import search_around
 from ..model.validation import InputError, length_text
@@ -112,10 +112,11 @@ def calibration_html(result: Calibration) -> str:
     heads = ["microphone", *axes, "one sigma (mm)", "error (mm)"]
     cells = zip(result.names, result.positions, sigma, error, strict=True)
     rows = [[name, *(f"{value:z.4f}" for value in place), *more] for name, place, *more in cells][:ROWS]
-    verdict, text, run = map(escape, (verdict_word(result.verdict), result.verdict_text, run_words(result)))
+    f, verdict, text = result.frequencies, escape(result.verdict.replace("_", " ")), escape(result.verdict_text)
+    run = f"solver {result.solver}, {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, {result.elapsed:.1f} s"
     coded = base64.b64encode(figure_bytes(draw_calibration(result), "png")).decode()
     return (
-        f"<p><b>{verdict}</b>: {text}<br>{run}</p>"
+        f"<p><b>{verdict}</b>: {text}<br>{escape(run)}</p>"
         f'<img alt="positions of the microphones" style="max-width:100%" src="data:image/png;base64,{coded}">'
         f"{html_table(heads, rows, count - len(rows))}"
     )

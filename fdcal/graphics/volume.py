@@ -127,7 +127,31 @@ def volume_of(cost: np.ndarray, search: Search, log: bool, minima: Minima | None
     bar = ColourBar(low, high, "cost, Eq. 7 (relative to the power)")
     if log:
         bar = ColourBar(10 * float(np.log10(low)), 10 * float(np.log10(high)), "cost, Eq. 7 (dB)")
-    return Volume(_surface(parts, colours), None, bar, levels, minima)
+    # one surface of all isosurfaces: a row of the texture for each, its columns from dark to bright
+    light = TOWARDS_LIGHT / np.linalg.norm(TOWARDS_LIGHT)
+    count, first = len(parts), 0
+    vertices, faces, places = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros((0, 2))]
+    for row, (points, triangles, normals) in enumerate(parts):
+        shade = 0.5 + 0.5 * normals @ light
+        column = (0.5 + shade * (SHADES - 1)) / SHADES  # the middle of a texel
+        vertices.append(points)
+        faces.append(triangles + first)
+        places.append(np.column_stack([column, np.full(len(points), (row + 0.5) / count)]))
+        first += len(points)
+    texture = np.zeros((max(count, 1), SHADES, 4), np.uint8)
+    brightness = np.linspace(DARKEST, 1.0, SHADES)[:, None]
+    for row, colour in enumerate(colours):
+        fraction = 1.0 if count == 1 else row / (count - 1)  # 0 of the innermost
+        texture[row, :, :3] = np.rint(brightness * colour)
+        texture[row, :, 3] = round(255 * (OPACITY[1] + fraction * (OPACITY[0] - OPACITY[1])))
+    surface = Surface(
+        "isosurfaces",
+        frozen_array(np.concatenate(vertices), np.float32),
+        frozen_array(np.concatenate(faces), np.int32),
+        frozen_array(np.concatenate(places), np.float32),
+        frozen_array(texture, np.uint8),
+    )
+    return Volume(surface, None, bar, levels, minima)
 
 
 def slice_of(cost: np.ndarray, axis: int, position: float, domain: np.ndarray, bar: ColourBar, log: bool) -> Plate:
@@ -155,33 +179,6 @@ def brightened(volume: Volume) -> Volume:
     texture[..., 3] *= 1 + ON_DARK
     texture = np.rint(np.minimum(texture, 255))
     return replace(volume, surface=replace(volume.surface, texture=frozen_array(texture, np.uint8)))
-
-
-def _surface(parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]], colours: np.ndarray) -> Surface:
-    """One surface of all isosurfaces: a row of the texture for each, its columns from dark to bright."""
-    light = TOWARDS_LIGHT / np.linalg.norm(TOWARDS_LIGHT)
-    count, first = len(parts), 0
-    vertices, faces, places = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros((0, 2))]
-    for row, (points, triangles, normals) in enumerate(parts):
-        shade = 0.5 + 0.5 * normals @ light
-        column = (0.5 + shade * (SHADES - 1)) / SHADES  # the middle of a texel
-        vertices.append(points)
-        faces.append(triangles + first)
-        places.append(np.column_stack([column, np.full(len(points), (row + 0.5) / count)]))
-        first += len(points)
-    texture = np.zeros((max(count, 1), SHADES, 4), np.uint8)
-    brightness = np.linspace(DARKEST, 1.0, SHADES)[:, None]
-    for row, colour in enumerate(colours):
-        fraction = 1.0 if count == 1 else row / (count - 1)  # 0 of the innermost
-        texture[row, :, :3] = np.rint(brightness * colour)
-        texture[row, :, 3] = round(255 * (OPACITY[1] + fraction * (OPACITY[0] - OPACITY[1])))
-    return Surface(
-        "isosurfaces",
-        frozen_array(np.concatenate(vertices), np.float32),
-        frozen_array(np.concatenate(faces), np.int32),
-        frozen_array(np.concatenate(places), np.float32),
-        frozen_array(texture, np.uint8),
-    )
 
 
 POINTS = 61  # along the longest edge of a volume that is finished

@@ -119,7 +119,13 @@ def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
         ),
         seed=parameters.seed,
     )  # fmt: skip
-    changed = replace(changed, gauge=_gauge(changed, parameters, before))
+    count, known, lowest = array.number, parameters.known, min_known(changed)
+    if (known, count) != (before.known, before.microphones):  # else the known microphones stay
+        if not lowest <= known < count:
+            problem = f"known = {known} of {count} microphones is impossible"
+            raise InputError(problem, f"use {lowest} to {count - 1}", key="known", value=known)
+        positions = positions_of(replace(changed, gauge=Gauge(free=(0,))))
+        changed = replace(changed, gauge=Gauge(known=spread_out(positions, known)))
     positions_of(changed)
     return changed
 
@@ -190,19 +196,6 @@ def _search(scene: Scene, q: float) -> Search | None:
     half = np.maximum(np.round(q * np.divide(old.size, 2) / unit), 1) * unit
     origin, size = (tuple(round(float(x), 9) for x in values) for values in (middle - half, 2 * half))
     return Search(origin, size, step, old.radius * q)
-
-
-def _gauge(scene: Scene, parameters: SceneParameters, before: SceneParameters) -> Gauge:
-    """The known microphones: as before where their number, and that of all, stays."""
-    count = scene.array.number
-    if (parameters.known, count) == (before.known, before.microphones):
-        return scene.gauge
-    lowest, known = min_known(scene), parameters.known
-    if not lowest <= known < count:
-        problem = f"known = {known} of {count} microphones is impossible"
-        raise InputError(problem, f"use {lowest} to {count - 1}", key="known", value=known)
-    positions = positions_of(replace(scene, gauge=Gauge(free=(0,))))
-    return Gauge(known=spread_out(positions, parameters.known))
 
 
 def spread_out(positions: np.ndarray, count: int) -> tuple[int, ...]:

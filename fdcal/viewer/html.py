@@ -24,7 +24,6 @@ from ..assessment.words import (
     modes_words,
     prediction_words,
     state_word,
-    verdict_word,
 )
 from ..graphics.heatmap import to_rgb
 from ..graphics.marks import EDGE, Mark, css, symbol_svg
@@ -171,7 +170,7 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
         waiting = f"{card}<div style='border-left: 4px solid {GREY}; {height}; opacity: 0.75'>{PENDING}</div></div>"
         return waiting if pending else ""
     figures = prediction_words(found.evidence.leave_one_out_db)
-    text = f"<b>{escape(verdict_word(found.verdict))}</b>: {escape(found.verdict_text)}"
+    text = f"<b>{escape(found.verdict.replace('_', ' '))}</b>: {escape(found.verdict_text)}"
     faults = bool(found.channels is not None and found.channels.faults)
     colour = DOUBTFUL if found.verdict != "good" else FAULTY if faults else GOOD
     lines, kind = MAX_LINES + faults, " class='fdcal-cut'" if faults else ""

@@ -11,7 +11,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ...assessment.words import fault_words, verdict_word
+from ...assessment.words import fault_words
 from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
@@ -68,7 +68,7 @@ def channel_table(measurement: Measurement, found: PositionUncertainty | None) -
         rows.append(_row(cells, style))
         if fault:  # in a row of its own, for the panel is narrow
             rows.append(f"<tr{style}><td colspan='{len(HEAD)}' style='white-space: normal'>{escape(fault)}</td></tr>")
-    return _card(f"<b>Verdict: {escape(verdict_word(found.verdict))}</b><br>{escape(found.text)}", HEAD, rows)
+    return _card(f"<b>Verdict: {escape(found.verdict.replace('_', ' '))}</b><br>{escape(found.text)}", HEAD, rows)
 
 
 def given_table(found: PositionUncertainty | None) -> str:
