@@ -362,7 +362,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",
             "", 0.1, "uneven channels over all; fewer are single noisy channels"),
-    Finding("undersampled", lambda seen, _: seen.highest > seen.f_max, _undersampled),
+    Finding("undersampled", lambda seen, _: seen.by_rows and seen.highest > seen.f_max, _undersampled),
     Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
             lambda _: "the solver stopped while microphones still moved", "use other modes (<modes>)",
             3.0, "Newton step left over one sigma"),
