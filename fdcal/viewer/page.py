@@ -123,7 +123,7 @@ class Page:
         settled, next_look = math.inf, 0.0
         while not interrupt.received:
             now = time.perf_counter()
-            if self._changed:
+            if self.changed:
                 settled = now + SETTLING
             if now < settled:
                 self.tick(now)
@@ -135,7 +135,7 @@ class Page:
                 time.sleep(max(next_look - time.perf_counter(), 0.0))
 
     @property
-    def _changed(self) -> bool:
+    def changed(self) -> bool:
         """Whether anything may have to be shown that is not, or only changes with the time."""
         woken = self.wake.is_set()
         self.wake.clear()

@@ -230,7 +230,7 @@ class Viewer:
         call = server.get_event_loop().call_soon_threadsafe
         self.binding = Binding(folders.gui, run, modes, open_other, before, wake, call)
         self.fault, self._fault_time = "", 0.0
-        self.view, self._viewed = run.session.view, 0.0
+        self.view, self._viewed, self._costs = run.session.view, 0.0, -1  # when, and how many costs it had
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
         self.drawn, self._volume, self._uncertainty = Memo(), Memo(), Memo()
@@ -263,7 +263,8 @@ class Viewer:
         """Whether the session is no longer what is shown, or goes on by itself."""
         view = self.run.session.view
         compiles = self.run.warmup is not None and self.run.warmup.busy
-        return view is not self.view or view.running or compiles or self.tabs.sweep.playing
+        news = view is not self.view or view.costs.count != self._costs  # which the solver computes while it rests
+        return news or view.running or compiles or self.tabs.sweep.playing
 
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""
@@ -298,7 +299,7 @@ class Viewer:
         choices, tabs, frame, newest = self.binding.choices, self.tabs, self.binding.frame, self.run.session.view
         running = newest.running and self.view.running
         if not (running and 0 < now - self._viewed < RUN_INTERVAL):  # a run needs the processor itself
-            self.view, self._viewed = newest, now
+            self.view, self._viewed, self._costs = newest, now, newest.costs.count
         newest = self.view
         found, assessing = self._verdict.of(newest.state, newest.running, now)
         sought = self._verdict.sought(newest, found)

@@ -141,6 +141,24 @@ def test_another_scene_replaces_the_first(tiny_page, scene):
     turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
 
 
+def test_a_page_has_nothing_to_do_while_nothing_changes(tiny_page):
+    page, turn_until = tiny_page
+    session = page.viewer.binding.session
+    turn_until(lambda: not page.changed and not page.viewer.maps.busy)
+    assert not page.changed
+    page.viewer.binding.choose(trails=True)
+    assert page.changed and not page.changed, "once for one choice"
+    session.step()
+    wait_until(lambda: page.changed)
+    turn_until(lambda: page.viewer.snapshot.view.index == 1 and not page.changed)
+    session.view.costs.count += 1
+    assert page.changed, "a cost that was left out while the solver ran"
+    page.panels.overlay.receive(None, "stamp dismiss")
+    page.tick(time.perf_counter())
+    page.nodes.cameras.request(None)
+    assert page.changed
+
+
 def test_a_refused_request_is_explained_and_the_old_session_stays(tiny_page, scene):
     page, turn_until = tiny_page
     before = page.viewer.binding
