@@ -148,9 +148,11 @@ def run() -> list[Figure]:
         folder = Path(os.environ.get("FDCAL_MESHRIR", f"{temporary}/S1-M3969"))  # to make it once and keep it
         if not (folder / f"ir_{simulated[-1]}.npy").exists():
             write_folder(folder, places, simulated)
+        ends = np.flatnonzero((np.abs(places) == np.abs(places).max(axis=0))[:, :2].all(axis=1) & (places[:, 2] == 0))
+        corners = ",".join(map(str, ends.tolist()))
         for words, options, limit in (
             ("200 drawn at random, none known", ("--subset", "200"), 10.0),
-            ("the plane z = 0, its corners known", ("--plane", "z=0", "--known", "corners"), 15.0),
+            ("the plane z = 0, its corners known", ("--plane", "z=0", "--known", corners), 15.0),
         ):
             seconds, megabytes, error = from_folder(folder, options, Path(temporary))
             figures += [

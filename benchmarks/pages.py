@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from fdcal.model.scene import scene_folder
+from fdcal.model.room import folder_of
 
 WAIT = 180e3  # ms, bound of every wait
 ARGUMENTS = (
@@ -127,7 +127,7 @@ class ServedEmpty(Served):
 
 def _changed(scene: str, solver: dict[str, str], folder: Path) -> Path:
     """A copy of a scene with its solver changed."""
-    text = (scene_folder() / f"{scene}.toml").read_text(encoding="utf-8")
+    text = (folder_of("scenes") / f"{scene}.toml").read_text(encoding="utf-8")
     for key, value in solver.items():
         lines = [f'{key} = "{value}"' if line.startswith(f"{key} = ") else line for line in text.splitlines()]
         text = "\n".join(lines) + "\n"

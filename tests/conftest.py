@@ -22,7 +22,7 @@ from browsing import ARGUMENTS
 from PIL import Image
 from xdist.scheduler import LoadFileScheduling
 
-from fdcal.model.scene import scene_folder
+from fdcal.model.room import folder_of
 from fdcal.session import calibration_run
 from fdcal.solvers import warmup_calls
 
@@ -102,7 +102,7 @@ def edited(tmp_path):
 
     def write(changes: dict[str, str | None], name: str = "edited") -> Path:
         path = tmp_path / f"{name}.toml"
-        text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
+        text = (folder_of("scenes") / "tiny.toml").read_text(encoding="utf-8")
         path.write_text(_edit(text, changes), encoding="utf-8")
         return path
 

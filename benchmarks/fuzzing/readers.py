@@ -12,7 +12,8 @@ import numpy as np
 from fdcal import Calibration
 from fdcal.assessment.result_file import load_result, save_result
 from fdcal.model.measurement import Measurement, load_measurement, save_measurement
-from fdcal.model.scene import load_scene, scene_folder
+from fdcal.model.room import folder_of
+from fdcal.model.scene import load_scene
 from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
@@ -20,7 +21,7 @@ from fdcal.recordings import formats
 from fdcal.recordings.formats.positions import read_places
 from fdcal.recordings.recording import read_samples
 from fdcal.session import session_file
-from fdcal.session.lesson import lesson_folder, load_lesson
+from fdcal.session.lesson import load_lesson
 from fdcal.session.sources import check_scene
 
 from .mutations import broken, broken_structure
@@ -206,9 +207,9 @@ def _make_recordings(path: Path) -> None:
 
 
 READERS = {
-    "scene": Reader(".toml", _copy(scene_folder() / "tiny.toml"), _read_scene),
-    "scene in space": Reader(".toml", _copy(scene_folder() / "ball3d.toml"), _read_scene),
-    "lesson": Reader(".toml", _copy(sorted(lesson_folder().glob("*.toml"))[0]), load_lesson),
+    "scene": Reader(".toml", _copy(folder_of("scenes") / "tiny.toml"), _read_scene),
+    "scene in space": Reader(".toml", _copy(folder_of("scenes") / "ball3d.toml"), _read_scene),
+    "lesson": Reader(".toml", _copy(sorted(folder_of("lessons").glob("*.toml"))[0]), load_lesson),
     "measurement": Reader(".npz", lambda path: save_measurement(measurement(), path), _read_measurement),
     "result": Reader(".json", _make_result, _read_result),
     "session": Reader(".zip", _make_session, _read_session),

@@ -17,6 +17,7 @@ import socket
 import sys
 import time
 import traceback
+import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
@@ -76,8 +77,6 @@ def _described(error: BaseException) -> tuple[str, int]:
         error = missing_library(error) or error
     if isinstance(error, (click.exceptions.Abort, KeyboardInterrupt)):
         return str(error) or str(error.__cause__ or "") or INTERRUPTED, 130  # click turns an interrupt into an Abort
-    if isinstance(error, click.NoSuchOption):
-        return error.format_message().rstrip(".") + _owners(error), 2
     if isinstance(error, click.ClickException):
         return error.format_message(), 2
     if isinstance(error, InputError):
@@ -87,19 +86,6 @@ def _described(error: BaseException) -> tuple[str, int]:
     if isinstance(error, OSError):
         return str(error), 3
     return f"{REPORT} --debug ({type(error).__name__}: {error})", 1
-
-
-def _owners(error: click.NoSuchOption) -> str:
-    """Return which other commands have an option, in words; "" if none has."""
-    group = error.ctx.parent.command if error.ctx and error.ctx.parent else None
-    if not isinstance(group, click.Group):
-        return ""
-    owners = [
-        f"fdcal {name}"
-        for name, command in group.commands.items()
-        if any(error.option_name in option.opts for option in command.params)
-    ]
-    return f"; it is an option of {', '.join(owners)}" if owners else ""
 
 
 def main(args: list[str] | None = None) -> None:
@@ -171,25 +157,13 @@ def check_address(host: str, port: int) -> bool:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(place)
             probe.listen(1)
-    except PermissionError:
-        problem = f"--port {port} may only be used by the administrator"
-        raise InputError(problem, PORTS, key="port", value=port) from None
     except OSError as error:
-        if error.errno == errno.EADDRINUSE:
-            remedy = "use another one, or --port 0 for a free one"
-            raise InputError(f"--port {port} is in use", remedy, key="port", value=port) from None
+        if isinstance(error, PermissionError) or error.errno == errno.EADDRINUSE:
+            reason = "is in use" if error.errno == errno.EADDRINUSE else "may only be used by the administrator"
+            raise InputError(f"--port {port} {reason}", f"{PORTS} for a free one", key="port", value=port) from None
         problem = f'--host "{host}" cannot be served here ({error.strerror})'
         raise InputError(problem, "use 127.0.0.1", key="host", value=host) from None
     return ipaddress.ip_address(str(place[0]).split("%")[0]).is_loopback
-
-
-def open_page(url: str) -> None:
-    """Open `url` in a browser; do nothing without a screen, where a text browser would start."""
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        return
-    import webbrowser
-
-    webbrowser.open(url)
 
 
 @commands.command()
@@ -218,8 +192,10 @@ def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_brows
 
     def on_ready(url: str) -> None:
         print(url, flush=True)
-        if not no_browser:
-            open_page(url)
+        # Without a screen a text browser would start.
+        seen = not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        if seen and not no_browser:
+            webbrowser.open(url)
 
     def on_progress(text: str) -> None:
         print(f"\r{text:<40}" if text else f"\r{'':<40}\r", end="", file=sys.stderr, flush=True)
@@ -366,19 +342,17 @@ def all_pieces() -> list[tuple[str, Callable[[], object]]]:
     """Return what is compiled, in words, and the calls that compile it."""
     from ..solvers import MINIMA, SEARCH
 
-    return [("simulation of a room", _simulate), SEARCH, MINIMA]
+    def simulate_rooms() -> None:  # one with few rows, and one with enough for several threads
+        import numpy as np
 
+        from ..acoustics import fdtd
+        from ..model.room import Room, Source
 
-def _simulate() -> None:
-    """Simulate a room with few rows, and one with enough for several threads."""
-    import numpy as np
+        source = Source(position=(0.1, 0.1), low=1000.0, high=3000.0, sample_rate=13000.0, duration=0.02)
+        for height in (0.4, 4.0):
+            fdtd.simulate(Room(size=(0.4, height), walls="rigid", cell=0.04), source, np.array([[0.3, 0.3]]))
 
-    from ..acoustics import fdtd
-    from ..model.room import Room, Source
-
-    source = Source(position=(0.1, 0.1), low=1000.0, high=3000.0, sample_rate=13000.0, duration=0.02)
-    for height in (0.4, 4.0):
-        fdtd.simulate(Room(size=(0.4, height), walls="rigid", cell=0.04), source, np.array([[0.3, 0.3]]))
+    return [("simulation of a room", simulate_rooms), SEARCH, MINIMA]
 
 
 PARTS = (file_commands, plan_commands, plot_commands)

@@ -17,7 +17,7 @@ from ..recordings.recording import ImportOptions
 from . import options as opt
 
 if TYPE_CHECKING:
-    from ..recordings.take import Moment, SoundStream, Take
+    from ..recordings.take import Moment
     from ..session.takes import TakesResult
 
 
@@ -162,6 +162,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     from ..recordings import formats
     from ..recordings.formats.positions import read_positions
     from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
+    from ..session.process import Interrupt
     from ..session.takes import takes_result
 
     if replay and (device is not None or rate is not None):
@@ -183,18 +184,23 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     paths, written = list(earlier), 0
     while True:
         stream = replayed(replay[written], inputs) if replay else sound_card(inputs, rate, device)
-        take = _record(record_take, stream, path, seconds, force)
+        with Interrupt(urgent=False) as interrupt, contextlib.closing(LiveView(stream.names)) as view:
+
+            def watch(moment: Moment, view=view, interrupt=interrupt) -> bool:
+                view.show(moment)
+                return not interrupt.received
+
+            take = record_take(stream, path, seconds, watch, force)
         print(f"take {len(paths) + 1}  {take.text}", flush=True)
         if take.stopped:
             return INTERRUPTED
         paths, written = [*paths, str(path)], written + 1
-        found = _result(together, paths, found_path)
-        if replay and written == len(replay):
-            return _exit_code(found)
-        following = next_take(path)
+        found, following = _result(together, paths, found_path), next_take(path)
         answer = "" if replay else _answer(path.name, following.name)
-        if answer == "q":
-            return _exit_code(found)
+        if answer == "q" or (replay and written == len(replay)):
+            if found is not None and (found.of_list or (found.check is not None and not found.check.agrees)):
+                return 5
+            return 0 if found is not None and found.result.verdict == "good" else 4
         if answer == "r":
             force, paths = True, paths[:-1]
         else:
@@ -229,27 +235,6 @@ def _answer(this: str, following: str) -> str:
         return "q"
 
 
-def _exit_code(found: TakesResult | None) -> int:
-    if found is None:
-        return 4
-    if found.of_list or (found.check is not None and not found.check.agrees):
-        return 5
-    return 0 if found.result.verdict == "good" else 4
-
-
-def _record(record_take, stream: SoundStream, path: Path, seconds: float, force: bool) -> Take:
-    """Record one take with a view of its channels; Ctrl-C, SIGTERM and SIGHUP end it."""
-    from ..session.process import Interrupt
-
-    with Interrupt(urgent=False) as interrupt, contextlib.closing(LiveView(stream.names)) as view:
-
-        def watch(moment: Moment) -> bool:
-            view.show(moment)
-            return not interrupt.received
-
-        return record_take(stream, path, seconds, watch, force)
-
-
 class LiveView:
     """Levels of all channels on a terminal, redrawn in place, and below each other what is wrong with one.
 
@@ -277,11 +262,10 @@ class LiveView:
             self._draw(moment, faults)
 
     def _draw(self, moment: Moment, faults: dict[int, str]) -> None:
-        wide = max(map(len, self._names))
-        cells = [
-            f"{name:>{wide}} {bar(level):{BAR}} {level:4.0f} dB {faults.get(n, ''):14.14}"
-            for n, (name, level) in enumerate(zip(self._names, moment.level_db, strict=True))
-        ]
+        wide, cells = max(map(len, self._names)), list[str]()
+        for n, (name, level) in enumerate(zip(self._names, moment.level_db, strict=True)):
+            bar = "#" * round(BAR * min(max(1 - level / LOWEST_DB, 0.0), 1.0))
+            cells.append(f"{name:>{wide}} {bar:{BAR}} {level:4.0f} dB {faults.get(n, ''):14.14}")
         across = max(1, shutil.get_terminal_size().columns // (len(cells[0]) + 1))
         down = -(-len(cells) // across)
         rows = [" ".join(cells[row::down]).rstrip() for row in range(down)] + [f"{moment.seconds:.0f} s"]
@@ -301,11 +285,6 @@ class LiveView:
             sys.stderr.write(f"\x1b[{self._drawn}A\x1b[J")
             sys.stderr.flush()
             self._drawn = 0
-
-
-def bar(level_db: float) -> str:
-    """Return a bar for a level, decibels of full scale."""
-    return "#" * round(BAR * min(max(1 - level_db / LOWEST_DB, 0.0), 1.0))
 
 
 COMMANDS = (import_, export, correct, doctor, record)

@@ -114,6 +114,13 @@ def _duration(value: str) -> float:
     return seconds
 
 
+def _band(value: str) -> tuple[float, float]:
+    low, high = map(float, value.split(":"))
+    if not 0 < low < high < LIMITS.largest:
+        raise ValueError
+    return low, high
+
+
 whole_numbers = ValueOf(
     lambda value: [int(part) for part in value.split(",")],
     "is no list of whole numbers; write them with commas between, as 1,5,9",
@@ -139,6 +146,7 @@ gain_sigma = ValueOf(  # dB and degrees
     "must be decibels and degrees with their units, as 1dB,5deg",
 )
 length = ValueOf(_with_unit("mm|cm|m"), "must be a length with its unit, mm, cm or m, as 5mm")
+band = ValueOf(_band, "is no band; write LO:HI in hertz, as 20:300")
 duration = ValueOf(_duration, "must be a time with its unit, s or ms, as 10s")
 source_number = ValueOf(
     lambda value: value if value == "all" else int(value), "is no number of a source; write one from 0, or all"
@@ -263,7 +271,7 @@ SOLVER_OPTIONS = {
 NAMED_ALIKE = (
     "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
     "channels known_sigma leave_out microphone modes most plane port positions reference "
-    "rate room seconds seed solver sound_speed source split step subset table temperature window windows "
+    "rate room seconds seed solver sound_speed source split step subset table temperature windows "
 )
 OPTIONS = {
     "array_radius": "--array-radius R",

@@ -1,8 +1,9 @@
 """The command `plan`: how exact an array will be calibrated."""
 
+import json
+
 import click
 
-from ..model.validation import LIMITS, InputError
 from . import options as opt
 from .options import force_option, output_option, output_path
 
@@ -18,7 +19,10 @@ MAX_TAKES = 100
 @click.option("--rt60", type=opt.Number(), default=0.5, show_default=True, metavar="S", help="Reverberation time, s.")
 @click.option("--snr", type=opt.Number(), default=30.0, show_default=True, metavar="DB", help="Of each frequency.")
 @click.option(
-    "--frequencies", metavar="LO:HI", help="Band, Hz.  [default: 20 Hz to 0.7 of what the array can interpolate]"
+    "--frequencies",
+    type=opt.band,
+    metavar="LO:HI",
+    help="Band, Hz.  [default: 20 Hz to 0.7 of what the array can interpolate]",
 )
 @click.option(
     "--known",
@@ -59,7 +63,11 @@ def plan(
     0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3", "box 32 0.6x0.6x0.4", metres.
     """
     path = output_path(output, SUFFIXES, force, layout) if output else None
-    from ..session.plan import PlanRequest, make_plan, plan_lines, read_layout
+    from ..graphics.landscape import figure_bytes
+    from ..graphics.reports import draw_plan
+    from ..model.measurement import microphone_index
+    from ..model.storage import write_atomically
+    from ..session.plan import PlanRequest, make_plan, plan_dict, plan_lines, read_layout
 
     array = read_layout(layout, seed)
     request = PlanRequest(
@@ -67,8 +75,8 @@ def plan(
         room=room or (None if array.scene is None else array.scene.room.size),
         reverberation_time=rt60,
         snr_db=snr,
-        band=_band(frequencies),
-        known=_numbers(known, array.names),
+        band=frequencies,
+        known=tuple(sorted({microphone_index(name, array.names, "known") for name in known})),
         known_sigma=known_sigma or 0.0,
         gain_sigma_db=gain_sigma or 0.0,
         accuracy=accuracy,
@@ -78,45 +86,12 @@ def plan(
     )
     found = make_plan(request)
     if path is not None:
-        _write(path, found, force)
+        if path.suffix.lower() == ".png":
+            content = figure_bytes(draw_plan(array.positions, found.bound), "png")
+        else:
+            content = (json.dumps(plan_dict(found), indent=1) + "\n").encode()
+        write_atomically(path, lambda file: file.write_bytes(content), force)
     print("\n".join(plan_lines(found)))
-
-
-def _band(text: str | None) -> tuple[float, float] | None:
-    if text is None:
-        return None
-    low, _, high = text.partition(":")
-    try:
-        band = float(low), float(high)
-    except ValueError:
-        band = (0.0, 0.0)
-    if not 0 < band[0] < band[1] < LIMITS.largest:
-        raise InputError(f'"{text}" is no band', "give <frequencies> as LO:HI in hertz", key="frequencies", value=text)
-    return band
-
-
-def _numbers(wanted: tuple[str, ...], names: tuple[str, ...]) -> tuple[int, ...]:
-    unknown = [name for name in wanted if name not in names]
-    if unknown:
-        remedy = f"the layout has {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}"
-        raise InputError(f"--known names {unknown[0]}", remedy, key="known", value=unknown[0])
-    return tuple(sorted({names.index(name) for name in wanted}))
-
-
-def _write(path, found, force: bool) -> None:
-    """Write a plan in the format of the suffix."""
-    import json
-
-    from ..graphics.landscape import figure_bytes
-    from ..graphics.reports import draw_plan
-    from ..model.storage import write_atomically
-    from ..session.plan import plan_dict
-
-    if path.suffix.lower() == ".png":
-        content = figure_bytes(draw_plan(found.request.layout.positions, found.bound), "png")
-    else:
-        content = (json.dumps(plan_dict(found), indent=1) + "\n").encode()
-    write_atomically(path, lambda file: file.write_bytes(content), force)
 
 
 COMMANDS = (plan,)

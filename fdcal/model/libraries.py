@@ -82,31 +82,19 @@ def call(
         raise LimitError(f"it takes more than {seconds:g} s") from None
     except OSError as error:
         raise ProcessError(f"no process can be started: {error}") from error
-    if child.returncode:
-        raise _error_of(child, processor_seconds, memory)
+    if child.returncode == -signal.SIGXCPU:
+        raise LimitError(f"it takes more than {processor_seconds} s of processor time")
+    if child.returncode < 0:
+        raise ProcessError(f"the library that it needs crashed, {signal.Signals(-child.returncode).name}")
+    if child.returncode:  # the last line says why
+        lines = child.stderr.decode(errors="replace").strip().splitlines() or [f"exit status {child.returncode}"]
+        if memory is not None and "MemoryError" in lines[-1].split(":")[0]:
+            raise LimitError(f"it takes more than {memory / 1e9:g} GB of memory")
+        raise ProcessError(shown(lines[-1], 200))
     result, error = pickle.loads(child.stdout)
     if error is not None:
         raise error
     return result
-
-
-def _error_of(
-    child: subprocess.CompletedProcess[bytes], processor_seconds: int | None, memory: int | None
-) -> ProcessError:
-    """Return why the process ended: a limit, a signal, or the last line that it wrote."""
-    if child.returncode == -signal.SIGXCPU:
-        return LimitError(f"it takes more than {processor_seconds} s of processor time")
-    if child.returncode < 0:
-        return ProcessError(f"the library that it needs crashed, {signal.Signals(-child.returncode).name}")
-    lines = child.stderr.decode(errors="replace").strip().splitlines() or [f"exit status {child.returncode}"]
-    if memory is not None and "MemoryError" in lines[-1].split(":")[0]:
-        return LimitError(f"it takes more than {memory / 1e9:g} GB of memory")
-    return ProcessError(shown(lines[-1], 200))
-
-
-def _ran_out_of_memory(error: BaseException | None) -> bool:
-    """Whether an error, or what it was raised from, is that there is no memory."""
-    return error is not None and (isinstance(error, MemoryError) or _ran_out_of_memory(error.__cause__))
 
 
 def main() -> None:
@@ -126,7 +114,8 @@ def main() -> None:
     try:
         answer = function(*arguments), None
     except (InputError, OSError) as error:
-        if _ran_out_of_memory(error):
+        causes = error.__cause__, getattr(error.__cause__, "__cause__", None)
+        if any(isinstance(cause, MemoryError) for cause in causes):
             raise MemoryError from error
         answer = None, error
     with output:

@@ -6,7 +6,6 @@ one point; the field between the microphones is modelled, as `fdcal.acoustics.pl
 
 from __future__ import annotations
 
-import hashlib
 import math
 import typing
 from dataclasses import asdict, dataclass, replace
@@ -38,33 +37,23 @@ MEASURED_AND_MODELLED = (
 )
 
 
-def response_folder() -> Path:
-    """Return the folder of the responses that come with fdcal: in the checkout, or inside an installed package."""
-    beside = Path(__file__).parents[1] / "rooms"
-    return beside if beside.is_dir() else Path(__file__).parents[2] / "rooms"
+def folder_of(name: str) -> Path:
+    """Return a folder of files that come with fdcal: in the checkout, or inside an installed package."""
+    beside = Path(__file__).parents[1] / name
+    return beside if beside.is_dir() else Path(__file__).parents[2] / name
 
 
 def response_names() -> list[str]:
     """Return the names of the responses that come with fdcal."""
-    return sorted(path.stem for path in response_folder().glob(f"*{SUFFIX}"))
-
-
-def is_response_file(text: str) -> bool:
-    """Return whether a text is the path of a response, rather than a name."""
-    return text.lower().endswith(SUFFIX)
+    return sorted(path.stem for path in folder_of("rooms").glob(f"*{SUFFIX}"))
 
 
 def response_path(text: str) -> Path:
     """Return the file of a response that is given by its name or its path; StorageError where it is missing."""
-    path = Path(text) if is_response_file(text) else response_folder() / f"{text}{SUFFIX}"
+    path = Path(text) if text.lower().endswith(SUFFIX) else folder_of("rooms") / f"{text}{SUFFIX}"
     if not path.is_file():
         raise StorageError(f"cannot read {path}: No such file or directory")
     return path
-
-
-def response_digest(text: str) -> str:
-    """Return the SHA-256 of the file of a response: two files of one content are the same room."""
-    return hashlib.sha256(response_path(text).read_bytes()).hexdigest()
 
 
 WALLS = ("rigid", "pressure-release", "absorbing")
@@ -95,7 +84,7 @@ class Room:
 
     def __post_init__(self):
         if self.response is not None:
-            if not is_response_file(self.response) and self.response not in response_names():
+            if not self.response.lower().endswith(SUFFIX) and self.response not in response_names():
                 remedy = f"use {', '.join(response_names())} or the path of a {SUFFIX} file"
                 raise refusal("room.response", self.response, "is unknown", remedy)
             for key in ("size", "outline", "cell", "walls", "admittance"):

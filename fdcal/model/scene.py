@@ -26,7 +26,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from .measurement import Measurement, load_measurement
-from .room import Room, Source, is_no_pair, is_response_file, is_triple
+from .room import SUFFIX, Room, Source, folder_of, is_no_pair, is_triple
 from .settings import KNOWN_ROOM_SOLVERS, Faults, Search, Sensing, SolverSettings
 from .storage import parse_toml, read_bytes
 from .validation import (
@@ -347,15 +347,9 @@ OTHER_FILES = {
 }
 
 
-def scene_folder() -> Path:
-    """Return the folder of the scenes that come with fdcal: in the checkout, or inside an installed package."""
-    beside = Path(__file__).parents[1] / "scenes"
-    return beside if beside.is_dir() else Path(__file__).parents[2] / "scenes"
-
-
 def scene_names() -> list[str]:
     """Return the names of the scenes that come with fdcal."""
-    return sorted(path.stem for path in scene_folder().glob("*.toml"))
+    return sorted(path.stem for path in folder_of("scenes").glob("*.toml"))
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -407,7 +401,7 @@ def scene_table(path: str | Path) -> dict[str, Any]:
         table["measurement"] = str(folder / table["measurement"])
     if isinstance(room, str):
         room = table["room"] = {"response": room}
-    if isinstance(room, dict) and isinstance(room.get("response"), str) and is_response_file(room["response"]):
+    if isinstance(room, dict) and isinstance(room.get("response"), str) and room["response"].lower().endswith(SUFFIX):
         table["room"] = {**room, "response": str(folder / room["response"])}
     return table
 
@@ -432,4 +426,4 @@ def _file_of(path: Path) -> Path:
         near = near or difflib.get_close_matches(str(path)[:60], scene_names(), 1)
         meant = f"did you mean {near[0]}? use {available}" if near else f"use {available}"
         raise InputError(f'scene "{shown(str(path))}" is unknown', meant, key="scene", value=path)
-    return scene_folder() / f"{path.name}.toml"
+    return folder_of("scenes") / f"{path.name}.toml"

@@ -49,12 +49,12 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
         try:
             if not force:
                 os.link(temporary, path)  # does not replace a file that has appeared in the meantime
+                return
         except FileExistsError:
             raise InputError(f"{path} exists", "use <force> to overwrite it", key="path", value=path) from None
         except OSError:  # a file system without hard links
-            force = True
-        if force:
-            os.replace(temporary, path)
+            pass
+        os.replace(temporary, path)
     except StorageError:
         raise
     except OSError as error:
@@ -91,11 +91,10 @@ def load_or_make(name: str, make: Callable[..., Any], read: Callable[..., Any], 
         path.parent.mkdir(parents=True, exist_ok=True)
         buffer = io.BytesIO()
         write(buffer, value)
-        buffer.write(_checksum(buffer.getbuffer()))
+        buffer.write(hashlib.blake2b(buffer.getvalue(), digest_size=CHECKSUM).digest())
         write_atomically(path, lambda temporary: temporary.write_bytes(buffer.getbuffer()), force=True)
-        files = sorted(
-            (f for f in path.parent.glob("*.np[yz]") if len(f.stem) == 64), key=lambda f: -f.stat().st_mtime_ns
-        )
+        files = [f for f in path.parent.glob("*.np[yz]") if len(f.stem) == 64]
+        files.sort(key=lambda f: -f.stat().st_mtime_ns)
         totals = np.cumsum([f.stat().st_size for f in files])
         old = [f for f in path.parent.glob(f"{TEMPORARY}*") if f.stat().st_mtime < time.time() - ABANDONED]
         for file in [f for f, total in zip(files[1:], totals[1:], strict=True) if total > CACHE_BYTES] + old:
@@ -110,7 +109,7 @@ def load_cached(name: str, read: Callable[..., Any]):
     path = cache_folder() / name
     try:
         content = path.read_bytes()
-        if _checksum(memoryview(content)[:-CHECKSUM]) == content[-CHECKSUM:]:
+        if hashlib.blake2b(content[:-CHECKSUM], digest_size=CHECKSUM).digest() == content[-CHECKSUM:]:
             value = read(io.BytesIO(content))
             os.utime(path)
             return value
@@ -120,10 +119,6 @@ def load_cached(name: str, read: Callable[..., Any]):
     except Exception as error:
         log.warning("the cache file %s cannot be read (%s) and is made again", path, error)
     return None
-
-
-def _checksum(content: Any) -> bytes:
-    return hashlib.blake2b(content, digest_size=CHECKSUM).digest()
 
 
 @contextlib.contextmanager
@@ -184,7 +179,7 @@ def parse_toml(content: bytes, where: object) -> dict[str, Any]:
                 raise ValueError(f"a key of more than {MAX_DOTS} parts in line {number}")
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{where} is not valid TOML: {_reason(error)}") from error
+        raise _unparsed(where, "TOML", error) from error
 
 
 def parse_json(content: bytes | str, where: object) -> Any:
@@ -192,14 +187,14 @@ def parse_json(content: bytes | str, where: object) -> Any:
     try:
         return json.loads(content.decode("utf-8") if isinstance(content, bytes) else content)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{where} is not valid JSON: {_reason(error)}") from error
+        raise _unparsed(where, "JSON", error) from error
 
 
-def _reason(error: Exception) -> str:
-    """Return what a parser says, in one line."""
-    if isinstance(error, RecursionError):
-        return "it is nested too deeply"
-    return " ".join(str(error).split(";")[0].split())
+def _unparsed(where: object, kind: str, error: Exception) -> InputError:
+    """Return the error for a text that a parser refuses, in one line."""
+    deep = isinstance(error, RecursionError)
+    reason = "it is nested too deeply" if deep else " ".join(str(error).split(";")[0].split())
+    return InputError(f"{where} is not valid {kind}: {reason}")
 
 
 def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:

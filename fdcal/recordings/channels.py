@@ -256,7 +256,6 @@ def _coherence(recording: Recording) -> np.ndarray:
 
 
 PLANE_TOLERANCE = 1e-3  # m: microphones this close to a plane lie in it
-CORNERS = "corners"
 
 
 def select_plane(recording: Recording, plane: str) -> Recording:
@@ -318,8 +317,7 @@ def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Record
 def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the indices (A,) and the positions (A, D), metres, of the known microphones.
 
-    `text`: a list of channel names, whose positions the recording contains; "corners", those nearest to the corners of
-    the bounding box; or the path of a file of positions.
+    `text`: a list of channel names, whose positions the recording contains, or the path of a file of positions.
     """
     if Path(text).suffix.lower() in READERS:
         names, positions = read_places(text)
@@ -327,14 +325,7 @@ def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.n
     if recording.positions is None:
         problem = f"known = {text}: {recording.path} contains no positions"
         raise InputError(problem, "give a table: <known> FILE", key="known")
-    if text == CORNERS:
-        low, high = recording.positions.min(axis=0), recording.positions.max(axis=0)
-        sides = [(a,) if a == b else (a, b) for a, b in zip(low, high, strict=True)]
-        corners = np.stack([c.ravel() for c in np.meshgrid(*sides)], axis=1)
-        distances = np.linalg.norm(recording.positions[None] - corners[:, None], axis=2)
-        indices = np.unique(np.argmin(distances, axis=1))
-    else:
-        indices = np.array([_index_of(recording, part.strip(), "known") for part in text.split(",")])
+    indices = np.array([_index_of(recording, part.strip(), "known") for part in text.split(",")])
     return indices, recording.positions[indices]
 
 

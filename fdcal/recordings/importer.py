@@ -45,7 +45,6 @@ from .short_windows import found_flat, short_windows
 
 DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
 ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
-MAX_WINDOW_NEPERS = 50.0  # by how much an exponential window may attenuate the end of a recording
 DEFAULTS = ImportOptions()  # of an import
 LOWEST = 3  # frequencies of the lowest signal-to-noise ratio that are named
 MANY = 32  # microphones with which errors in a room are of the order of their uncertainty
@@ -186,11 +185,7 @@ def _measurement_of_take(
     taken = recording
     recording, kind, noise = _classified(taken, options, band)
     if kind == "impulse":
-        rate = _window_rate(recording, options)
-        pressures = impulse_response_pressures(recording, band, speed, rate, max_rows, noise)
-    elif options.window != "auto":
-        problem = f"window = {options.window} is for impulse responses; a stationary source needs none"
-        raise refused_option(options, "window", problem, "leave out <window>, or give <kind> impulse")
+        pressures = impulse_response_pressures(recording, band, speed, max_rows, noise)
     else:
         pressures = stationary_pressures(recording, band, speed, max_rows)
     axes = coordinate_count(recording, options, known_positions)
@@ -297,19 +292,6 @@ def _classified(
     if kind == "impulse" and recording.samples <= MAX_SAMPLES:
         require_quiet_end(recording, band)
     return recording, kind, None
-
-
-def _window_rate(recording: Recording, options: ImportOptions) -> float | None:
-    """Return the rate of the exponential window, 1/s; None where it is chosen automatically."""
-    if options.window in ("auto", "none"):
-        return None if options.window == "auto" else 0.0
-    rate = number_in(options.window)
-    if not 0 <= rate * recording.duration <= MAX_WINDOW_NEPERS:
-        limit = f"{MAX_WINDOW_NEPERS / recording.duration:.3g} per second"
-        raise refused_option(
-            options, "window", f'window = "{options.window}" must be auto, none or a rate up to {limit}'
-        )
-    return rate
 
 
 def import_summary(measurement: Measurement, report: ImportReport, wording: Mapping[str, str] = ARGUMENTS) -> str:

@@ -192,20 +192,19 @@ def impulse_response_pressures(
     recording: Recording,
     band: tuple[float, float],
     sound_speed: float,
-    window: float | None = None,
     max_rows: int = ROWS.max_rows,
     noise: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Pressures:
     """Return the pressures of an impulse response; what follows once the sound is below the noise is left out.
 
-    `window`: rate s, 1/s; as much as needed unless given; `max_rows`: maximum number of frequencies; `noise`: power
-    of the noise in one sample of the transform, where it is known; else it is estimated from the tail.
+    `max_rows`: maximum number of frequencies; `noise`: power of the noise in one sample of the transform, where it is
+    known; else it is estimated from the tail.
     """
     if recording.samples > MAX_SAMPLES:
         problem = f"{recording.path} lasts {recording.duration:.0f} s, which is too long for an impulse response"
         raise InputError(problem, "give <kind> stationary", key="kind")
     decay = extend_to_last_mode(recording, band, estimate_decay(recording, band), noise)
-    s = max(0.0, SPECTRUM.decay / recording.duration - decay.rate) if window is None else window
+    s = max(0.0, SPECTRUM.decay / recording.duration - decay.rate)
     if noise is None and decay.tail is not None:
         start = int(decay.tail * recording.sample_rate)
         channels, hann = _measured_channels(recording, 4 * DECAY.channels), np.hanning(recording.samples - start)

@@ -266,8 +266,6 @@ class ImportOptions:
     ----------
     frequencies : str
         "auto" or "LO:HI", Hz.
-    window : str
-        "auto", "none" or the rate of the exponential window, 1/s.
     windows : str
         "auto", "none" or "LO:HI", Hz, of the short windows that count beside the rows, of at most 32 microphones.
     kind : str
@@ -309,7 +307,6 @@ class ImportOptions:
         "auto",
         "impulse: an impulse response, from silence to silence; stationary: a continuous sound.",
     )
-    window: str = option("auto", "Exponential window, 1/s.", "auto|none|RATE")
     windows: str = option("auto", "Band of short windows, Hz, that count beside the rows.", "auto|none|LO:HI")
     temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = option(
         None, "Of the air, degrees Celsius; gives the sound speed.", "C"
@@ -325,9 +322,7 @@ class ImportOptions:
     subset: str | None = option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")
     seed: Annotated[int, within(0)] = option(0, "Random seed of --subset.", "S")
     leave_out: str | None = option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
-    known: str | None = option(
-        None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|corners|none|FILE"
-    )
+    known: str | None = option(None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|none|FILE")
     reference: str | None = option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")
     array_radius: Annotated[float, positive("m")] | None = option(
         None, "Metres; determines the highest usable frequency.", "R"

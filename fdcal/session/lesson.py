@@ -19,6 +19,7 @@ from .. import solvers
 from ..model.address import SOLVER, Map, Unit, View, parse_address
 from ..model.arrays import positions_of
 from ..model.problem import Problem
+from ..model.room import folder_of
 from ..model.scene import Scene, load_scene
 from ..model.settings import SolverSettings
 from ..model.storage import parse_toml, read_bytes
@@ -194,15 +195,9 @@ def states_of_lesson(lesson: Lesson, problem: Problem, settings: SolverSettings,
     return shown
 
 
-def lesson_folder() -> Path:
-    """Return the folder of the built-in lessons: in the checkout, or inside an installed package."""
-    beside = Path(__file__).parents[1] / "lessons"
-    return beside if beside.is_dir() else Path(__file__).parents[2] / "lessons"
-
-
 def lesson_names() -> list[str]:
     """Return the names of the built-in lessons, in their order."""
-    return sorted(path.stem for path in lesson_folder().glob("*.toml"))
+    return sorted(path.stem for path in folder_of("lessons").glob("*.toml"))
 
 
 def load_lesson(path: str | Path) -> Lesson:
@@ -213,7 +208,7 @@ def load_lesson(path: str | Path) -> Lesson:
             near = difflib.get_close_matches(str(path), names, 1)
             remedy = f'did you mean "{near[0]}"?' if near else f"use a .toml file or one of {', '.join(names)}"
             raise InputError(f'lesson "{path}" is unknown', remedy, key="lesson", value=str(path))
-        path = lesson_folder() / f"{path}.toml"
+        path = folder_of("lessons") / f"{path}.toml"
     table = parse_toml(read_bytes(path, FILE_BYTES, "lesson"), path)
     try:
         for key in Lesson.OPTIONAL:

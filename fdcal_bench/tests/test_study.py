@@ -147,10 +147,10 @@ def test_a_report_of_no_folder_and_a_scheduler_that_is_not_there_are_refused(fil
 
 def test_an_axis_of_scenes(file, tmp_path):
     """Names of shipped scenes, and paths beside the study's file; two scenes make two points."""
-    from fdcal.model.scene import scene_folder
+    from fdcal.model.room import folder_of
 
     (tmp_path / "own.toml").write_text(
-        (scene_folder() / "tiny.toml").read_text().replace("snr_db = inf", "snr_db = 12.0")
+        (folder_of("scenes") / "tiny.toml").read_text().replace("snr_db = inf", "snr_db = 12.0")
     )
     text = TEXT.format(draws=3).replace('scene = "tiny"\n', "")
     file.write_text(text.replace("snr_db = [20, 40]", 'scene = ["tiny", "own.toml"]'))

@@ -23,7 +23,7 @@ from fdcal.acoustics.dictionary import (
 from fdcal.acoustics.measure import measure
 from fdcal.acoustics.plane_waves import MAX_FREQUENCY, plane_wave_pressures, plane_wave_responses
 from fdcal.acoustics.spectrum import laplace_transform
-from fdcal.model.room import response_folder, response_names, response_path
+from fdcal.model.room import folder_of, response_names, response_path
 from fdcal.model.scene import load_scene
 from fdcal.model.sdm_response import SdmResponse, load_sdm_response
 from fdcal.model.settings import Search
@@ -193,7 +193,7 @@ def test_the_time_before_a_rendered_response_is_a_whole_number_of_samples():
 
 def test_the_listening_lab_begins_with_its_direct_sound():
     assert "listening_lab" in response_names()
-    assert "MIT License" in (response_folder() / "LICENSE.md").read_text(encoding="utf-8")
+    assert "MIT License" in (folder_of("rooms") / "LICENSE.md").read_text(encoding="utf-8")
     path = response_path("listening_lab")
     response, stored = load_sdm_response(path), loadmat(path)["p"].ravel()
     assert np.allclose(np.linalg.norm(response.directions, axis=1), 1)

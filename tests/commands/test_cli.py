@@ -17,7 +17,8 @@ from fdcal.cost.eq7 import ReferenceCost
 from fdcal.graphics.heatmap import PLACE
 from fdcal.model.measurement import load_measurement
 from fdcal.model.problem import ChannelCorrection
-from fdcal.model.scene import load_scene, scene_folder
+from fdcal.model.room import folder_of
+from fdcal.model.scene import load_scene
 from fdcal.session import plan
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
@@ -162,7 +163,7 @@ def test_a_snapshot_shows_the_basin_of_the_true_position(made, tmp_path, one_pai
 
 def test_the_cost_of_an_array_in_space_is_drawn_and_written(tmp_path, one_painter):
     scene, size = tmp_path / "ball.toml", ["--size", "400x300", "--slice", "x=1.6"]
-    scene.write_text((scene_folder() / "ball3d.toml").read_text().replace("[solver]", "[solver]\nmodes = 6"))
+    scene.write_text((folder_of("scenes") / "ball3d.toml").read_text().replace("[solver]", "[solver]\nmodes = 6"))
     done("snapshot", scene, "--microphone", 10, *size, "-o", "ball.png", folder=tmp_path)
     image = np.asarray(Image.open(tmp_path / "ball.png"), int)
     assert image.shape[:2] == (300, 400) and (np.abs(image[..., :3] - PLACE).max(axis=-1) < 8).sum() < 500

@@ -13,7 +13,8 @@ from fdcal import load, solvers
 from fdcal.commands import gallery_pages
 from fdcal.commands.cli import main
 from fdcal.model.measurement import load_measurement
-from fdcal.model.scene import load_scene, scene_folder
+from fdcal.model.room import folder_of
+from fdcal.model.scene import load_scene
 from fdcal.model.storage import folder_in_progress
 from fdcal.model.validation import InputError, StorageError, parse_modes
 from fdcal.session.lesson import load_lesson
@@ -53,7 +54,7 @@ def small(show, folder):
 def site(tmp_path_factory):
     """The gallery, as the command writes it, of small scenes."""
     folder, scenes = tmp_path_factory.mktemp("site") / "gallery", tmp_path_factory.mktemp("scenes")
-    tiny, ball = ((scene_folder() / f"{name}.toml").read_text(encoding="utf-8") for name in ("tiny", "ball3d"))
+    tiny, ball = ((folder_of("scenes") / f"{name}.toml").read_text(encoding="utf-8") for name in ("tiny", "ball3d"))
     (scenes / "faulty.toml").write_text(tiny + FAULTY, encoding="utf-8")
     for old, new in SMALL_BALL:
         ball = ball.replace(old, new)

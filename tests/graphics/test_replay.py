@@ -21,7 +21,8 @@ from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.problem import ChannelCorrection
-from fdcal.model.scene import load_scene, scene_folder
+from fdcal.model.room import folder_of
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
@@ -190,7 +191,7 @@ def test_the_command_writes_a_run(tmp_path, capsys):
 
 def test_the_replay_of_a_solver_that_is_given_nothing_has_the_errors_of_calibrate(tmp_path):
     """The scene has known microphones, and its solver gets none: errors are those after alignment."""
-    text, path = (scene_folder() / "tiny.toml").read_text(encoding="utf-8"), tmp_path / "given_none.toml"
+    text, path = (folder_of("scenes") / "tiny.toml").read_text(encoding="utf-8"), tmp_path / "given_none.toml"
     path.write_text(text.replace('name = "robust"', 'name = "joint"\nknown = "none"'), encoding="utf-8")
     scene = load_scene(path)
     assert exit_code("replay", path, "-o", tmp_path / "run.html") == 0

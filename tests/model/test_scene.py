@@ -9,8 +9,8 @@ import pytest
 
 from fdcal.acoustics.measure import cached_measurement, load_cached_measurement, measure
 from fdcal.model.arrays import positions_of
-from fdcal.model.room import response_path
-from fdcal.model.scene import MeasuredScene, load_scene, no_rectangle, scene_folder
+from fdcal.model.room import folder_of, response_path
+from fdcal.model.scene import MeasuredScene, load_scene, no_rectangle
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, StorageError
 
@@ -125,7 +125,7 @@ def boxed(tmp_path):
     """Function that writes `ball3d`, or another scene, with lines exchanged: boxed({"radius = 0.45": ""}) -> path."""
 
     def write(changes: dict[str, str], name: str = "ball3d"):
-        text = (scene_folder() / f"{name}.toml").read_text(encoding="utf-8")
+        text = (folder_of("scenes") / f"{name}.toml").read_text(encoding="utf-8")
         for old, new in changes.items():
             assert text.count(old) == 1, f"{old!r} is there {text.count(old)} times"
             text = text.replace(old, new)
@@ -180,7 +180,7 @@ def test_in_space_search_and_known_microphones_may_be_left_out(boxed):
     assert scene.search is None and positions_of(scene).shape == (64, 3)
 
 
-TINY = tomllib.loads((scene_folder() / "tiny.toml").read_text(encoding="utf-8"))
+TINY = tomllib.loads((folder_of("scenes") / "tiny.toml").read_text(encoding="utf-8"))
 LEAVES = [f"{name}.{key}" for name, table in TINY.items() if isinstance(table, dict) for key in table]
 OPTIONAL = {"room.size", "array.shape", "array.size", "array.random", "array.center", "gauge.known", "solver.modes"}
 
@@ -250,9 +250,9 @@ def test_a_measurement_becomes_a_scene_by_a_file_that_names_it(tmp_path):
 
 
 def test_the_measurements_that_come_with_fdcal_are_small_and_have_a_notice():
-    files = list(scene_folder().glob("*.npz"))
+    files = list(folder_of("scenes").glob("*.npz"))
     assert files and sum(file.stat().st_size for file in files) < 300_000
-    notice = (scene_folder() / "LICENSE.md").read_text()
+    notice = (folder_of("scenes") / "LICENSE.md").read_text()
     assert all(file.name in notice for file in files) and "CC BY 4.0" in notice
 
 
@@ -309,7 +309,7 @@ def written_room(tmp_path):
     """Function that writes the listening lab with another room: written_room('room = "hall.mat"') -> path."""
 
     def write(room: str):
-        text = (scene_folder() / "listening_lab.toml").read_text(encoding="utf-8")
+        text = (folder_of("scenes") / "listening_lab.toml").read_text(encoding="utf-8")
         head, _, tables = text.partition("[array]")
         lines = "".join(line for line in head.splitlines(keepends=True) if not line.startswith("room"))
         path = tmp_path / "own.toml"

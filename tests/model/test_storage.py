@@ -20,7 +20,8 @@ from fdcal.acoustics.measure import cached_measurement, cached_recordings
 from fdcal.assessment.result_file import load_result
 from fdcal.model import storage
 from fdcal.model.measurement import load_measurement
-from fdcal.model.scene import load_scene, scene_folder
+from fdcal.model.room import folder_of
+from fdcal.model.scene import load_scene
 from fdcal.model.storage import parse_json, parse_toml, read_archive, read_bytes, write_atomically
 from fdcal.model.validation import LIMITS, InputError, StorageError, shown
 from fdcal.recordings import formats
@@ -55,7 +56,7 @@ def test_what_is_deeply_nested_is_refused(parse, content, words):
 
 @pytest.mark.parametrize("number", [b"9" * 5000, b"0x" + b"f" * 5000, b"-" + b"9" * 5000])
 def test_a_number_of_5000_digits_is_refused(number, tmp_path):
-    tiny = (scene_folder() / "tiny.toml").read_bytes()
+    tiny = (folder_of("scenes") / "tiny.toml").read_bytes()
     (tmp_path / "scene.toml").write_bytes(b"seed = " + number + b"\n" + tiny.replace(b"\nseed", b"\n# seed"))
     refusal(load_scene, tmp_path / "scene.toml")
     (tmp_path / "scene.toml").write_bytes(tiny.replace(b"walls = ", b"walls = " + number + b" # "))
