@@ -135,7 +135,7 @@ def commands(context):
         click.echo(context.get_help())
 
 
-PORTS = "use 1024 to 65535, or 0"  # that may be served without being the administrator
+PORTS = "use 1024 to 65535, or --port 0 for a free one"  # served without being the administrator
 
 
 def check_address(host: str, port: int) -> bool:
@@ -144,7 +144,7 @@ def check_address(host: str, port: int) -> bool:
     The port is bound once, because a viewer with an address that cannot be served would wait indefinitely.
     """
     if not 0 <= port <= 65535:
-        raise InputError(f"--port {port} is out of range", f"{PORTS} for a free one", key="port", value=port)
+        raise InputError(f"--port {port} is out of range", PORTS, key="port", value=port)
     try:
         if not host or re.search(r"\s", host):
             raise ValueError
@@ -160,7 +160,7 @@ def check_address(host: str, port: int) -> bool:
     except OSError as error:
         if isinstance(error, PermissionError) or error.errno == errno.EADDRINUSE:
             reason = "is in use" if error.errno == errno.EADDRINUSE else "may only be used by the administrator"
-            raise InputError(f"--port {port} {reason}", f"{PORTS} for a free one", key="port", value=port) from None
+            raise InputError(f"--port {port} {reason}", PORTS, key="port", value=port) from None
         problem = f'--host "{host}" cannot be served here ({error.strerror})'
         raise InputError(problem, "use 127.0.0.1", key="host", value=host) from None
     return ipaddress.ip_address(str(place[0]).split("%")[0]).is_loopback

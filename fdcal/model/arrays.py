@@ -62,19 +62,19 @@ def geometry(array: Array, rng: np.random.Generator, cell: float = 0.0) -> np.nd
     """Return the positions, before they are snapped to any cells : (N, 2) or (N, 3), metres."""
     center, count, radius = array.center or (0.0, 0.0), array.count or 0, array.radius or 0.0
     shape, size = array.shape or (), array.size or ()
-    if array.geometry == "circle":
-        return circle(count, radius) + center
-    if array.geometry == "rectangle":
-        return rectangle(shape, size) + center
     if array.geometry == "rectangle+random":
         return rectangle_plus_random(shape, size, array.random, cell, rng, center)
-    if array.geometry == "ball":
-        return ball(count, radius, rng) + center
-    if array.geometry == "box":
-        return box(count, array.size, rng) + center
-    if array.geometry == "plane":
-        return plane(shape, size) + center
-    return np.array(array.positions, dtype=float) + center
+    if array.geometry == "circle":
+        points = circle(count, radius)
+    elif array.geometry in ("rectangle", "plane"):  # of a plane in space at height 0
+        points = np.pad(rectangle(shape, size), ((0, 0), (0, len(center) - 2)))
+    elif array.geometry == "ball":
+        points = ball(count, radius, rng)
+    elif array.geometry == "box":
+        points = np.array(size) * (rng.random((count, 3)) - 0.5)
+    else:
+        points = np.array(array.positions, dtype=float)
+    return points + center
 
 
 def _check_plane(positions: np.ndarray, scene: Scene) -> None:
@@ -190,7 +190,7 @@ def rectangle_plus_random(
 
     Unlike the other geometries this one takes its `center`: which cells are free depends on it.
     """
-    regular = cells_of(rectangle(shape, size) + center, cell)
+    regular = np.floor((rectangle(shape, size) + center) / cell + ROUNDING)  # indices of cells
     low, high = regular.min(axis=0), regular.max(axis=0)
     x, y = np.meshgrid(*(np.arange(float(low[a]), float(high[a]) + 1) for a in (0, 1)))
     taken = {tuple(index) for index in regular.tolist()}
@@ -204,12 +204,7 @@ def rectangle_plus_random(
 
 def snap(points: np.ndarray, cell: float) -> np.ndarray:
     """Return the centres of the cells that contain `points` : (..., 2) float64, metres."""
-    return (cells_of(points, cell) + 0.5) * cell
-
-
-def cells_of(points: np.ndarray, cell: float) -> np.ndarray:
-    """Return the indices of the cells that contain `points` : (..., 2) int64."""
-    return np.floor(np.asarray(points, dtype=float) / cell + ROUNDING).astype(np.int64)
+    return (np.floor(np.asarray(points, dtype=float) / cell + ROUNDING) + 0.5) * cell
 
 
 def ball(count: int, radius: float, rng: np.random.Generator) -> np.ndarray:
@@ -217,17 +212,6 @@ def ball(count: int, radius: float, rng: np.random.Generator) -> np.ndarray:
     directions = rng.standard_normal((count, 3))
     reach = radius * rng.random(count) ** (1 / 3)
     return directions * (reach / np.linalg.norm(directions, axis=1))[:, None]
-
-
-def box(count: int, size: Any, rng: np.random.Generator) -> np.ndarray:
-    """Return `count` random points in a box of edges `size` (3,), metres, uniform : (count, 3) float64, metres."""
-    return np.array(size) * (rng.random((count, 3)) - 0.5)
-
-
-def plane(shape: tuple[int, ...], size: tuple[float, ...]) -> np.ndarray:
-    """Return the lattice of `rectangle` at height 0 : (nx * ny, 3) float64, metres, x fastest."""
-    flat = rectangle(shape, size)
-    return np.column_stack([flat, np.zeros(len(flat))])
 
 
 WALL_DISTANCE_M = 0.1  # of a source from every wall at least: half the depth of a small loudspeaker

@@ -590,13 +590,11 @@ def checked_known(
 
 
 def _require_usable(measurement: Measurement) -> None:
-    """Raise InputError for too few pressures, a wrong sign, or a microphone or mode without pressure."""
-    values, frequencies, k, speed = (
-        measurement.pressures, measurement.frequencies, measurement.wavenumbers, measurement.sound_speed
+    """Raise InputError for too few pressures, a wrong sign, a microphone or mode without pressure, too much noise."""
+    values, f, k, noise = (
+        measurement.pressures, measurement.frequencies, measurement.wavenumbers, measurement.noise_power
     )  # fmt: skip
-    noise_power = measurement.noise_power
-    modes, count = values.shape
-    if modes == 0 or count < 2:
+    if not len(values) or measurement.count < 2:
         problem = f"pressures of shape {values.shape} are too few"
         raise InputError(problem, "give at least one frequency and two microphones", key="pressures")
     # Waves that run backwards, or grow with time.
@@ -609,13 +607,13 @@ def _require_usable(measurement: Measurement) -> None:
         remedy = "with the other sign take the conjugate of wavenumbers and pressures"
         raise InputError(problem, remedy, key="wavenumbers", value=k[wrong[0]])
     # Wavenumbers that no wave of these frequencies has at about this speed of sound.
-    ratio = np.abs(k) * speed / (2 * np.pi * frequencies)
-    wrong = np.flatnonzero((ratio > LIMITS.dispersion) | (ratio < 1 / LIMITS.dispersion))
+    usual = 2 * np.pi * f / measurement.sound_speed
+    wrong = np.flatnonzero(np.abs(np.log(np.abs(k) / usual)) > np.log(LIMITS.dispersion))
     if len(wrong):
         m = wrong[0]
         problem = (
-            f"wavenumbers[{m}] = {k[m]:.6g} rad/m cannot be that of {frequencies[m]:g} Hz with sound_speed ="
-            f" {speed:g} m/s, where 2 pi f / c = {2 * np.pi * frequencies[m] / speed:.6g} rad/m"
+            f"wavenumbers[{m}] = {k[m]:.6g} rad/m cannot be that of {f[m]:g} Hz with sound_speed ="
+            f" {measurement.sound_speed:g} m/s, where 2 pi f / c = {usual[m]:.6g} rad/m"
         )
         raise InputError(problem, "correct them, or leave them out", key="wavenumbers", value=k[m])
     silent = np.flatnonzero(~np.any(values, axis=0))
@@ -625,34 +623,24 @@ def _require_usable(measurement: Measurement) -> None:
         raise InputError(problem, f"leave it out: <exclude> {name}", key="pressures")
     silent = np.flatnonzero(~np.any(values, axis=1))
     if len(silent):
-        problem = f"pressures at {frequencies[silent[0]]:g} Hz are zero at every microphone"
+        problem = f"pressures at {f[silent[0]]:g} Hz are zero at every microphone"
         raise InputError(problem, "leave that frequency out", key="pressures")
-    if noise_power is not None:
-        if np.any(noise_power < 0):
-            raise refusal("noise_power", float(noise_power.min()), "is negative", "use 0 for no noise")
-        _require_noise_below_signal(values, noise_power, frequencies)
-
-
-def _require_noise_below_signal(values: np.ndarray, noise_power: np.ndarray, frequencies: np.ndarray) -> None:
-    """Raise InputError where the noise is stronger than all that was measured, which includes it.
-
-    The mean power of n values of noise alone is of a gamma distribution of shape n (Wilson-Hilferty approximation).
-    """
+    if noise is None:
+        return
+    if np.any(noise < 0):
+        raise refusal("noise_power", float(noise.min()), "is negative", "use 0 for no noise")
+    # Noise that is stronger than all that was measured, which includes it. The mean power of n values of noise alone is
+    # of a gamma distribution of shape n (Wilson-Hilferty approximation).
     largest = np.maximum(np.abs(values).max(axis=1), np.finfo(float).tiny)
     power = np.mean(np.abs(values / largest[:, None]) ** 2, axis=1)
-    noise = np.sqrt(noise_power) / largest  # squared after the division: no unit leaves the range of floats
-    with np.errstate(over="ignore"):
-        ratio = np.minimum(noise**2 / power, 1e30)
-    for m, n in ((int(ratio.argmax()), values.shape[1]), (-1, values.size)):
-        lowest = max(0.0, 1 - 1 / (9 * n) - CERTAIN / np.sqrt(9 * n)) ** 3
-        ratio_of_all = ratio[m] if m >= 0 else 1 / np.mean(1 / np.maximum(ratio, 1e-30))
-        if ratio_of_all * lowest > 1:
-            where = f"at {frequencies[m]:g} Hz" if m >= 0 else "on average"
-            problem = (
-                f"noise_power is {ratio_of_all:.3g} times the power of the pressures {where}, which holds the noise"
-            )
+    with np.errstate(over="ignore"):  # squared after the division: no unit leaves the range of floats
+        ratio = np.minimum((np.sqrt(noise) / largest) ** 2 / power, 1e30)
+    m, every = int(ratio.argmax()), 1 / np.mean(1 / np.maximum(ratio, 1e-30))
+    for worst, n, where in ((ratio[m], measurement.count, f"at {f[m]:g} Hz"), (every, values.size, "on average")):
+        if worst * max(0.0, 1 - 1 / (9 * n) - CERTAIN / np.sqrt(9 * n)) ** 3 > 1:
+            problem = f"noise_power is {worst:.3g} times the power of the pressures {where}, which holds the noise"
             remedy = "give it in the unit of abs(pressures)**2, not in decibels, or leave that frequency out"
-            raise InputError(f"{problem} as well", remedy, key="noise_power", value=noise_power[m])
+            raise InputError(f"{problem} as well", remedy, key="noise_power", value=noise[m])
 
 
 def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:

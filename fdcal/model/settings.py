@@ -185,6 +185,19 @@ ALL_MODES = 10**9  # `SolverSettings.modes`: as many as the measurement, its arr
 KNOWN_ROOM_SOLVERS = ("room",)
 
 
+# Settings that are options of `fdcal calibrate`, too (`fdcal.commands.options.solver_options`).
+HELP = {
+    "start": "Positions to begin with.  [default: the solver's own]",
+    "noise": "SNR of each frequency that is assumed; auto estimates it, reported takes that of the measurement.",
+    "known": "Which known microphones to use; minimal: one position, one direction, one side.",
+    "gains": "Whether solver robust seeks gain and phase of every channel.",
+    "known_sigma": "One sigma of each given coordinate for solver robust, as 5mm; 0mm: exact."
+    "  [default: estimated, 3mm at most]",
+    "sound_speed_sigma": "One sigma of the sound speed for solver robust or joint, as 0.3%; it is then estimated."
+    "  [default: exact]",
+}
+
+
 @dataclass(frozen=True)
 class SolverSettings:
     """Which solver, and its settings.
@@ -230,7 +243,6 @@ class SolverSettings:
         given.
     """
 
-    # An option with `help` is one of `fdcal calibrate`, too (`fdcal.commands.options.solver_options`).
     name: str = "robust"
     modes: Count = ALL_MODES
     first_modes: Count = 3
@@ -239,53 +251,17 @@ class SolverSettings:
     known_weight: Positive = 1000.0
     weights: Literal["unit", "raw"] = "unit"
     max_sweeps: Count = 20
-    start: Annotated[
-        Literal["affine", "random"] | None,
-        within(solver="joint", help="Positions to begin with.  [default: the solver's own]"),
-    ] = None
-    noise: Annotated[
-        str,
-        within(
-            solver="joint",
-            help="SNR of each frequency that is assumed; auto estimates it, reported takes that of the measurement.",
-        ),
-    ] = "reported"
-    known: Annotated[
-        Literal["all", "minimal", "none"],
-        within(help="Which known microphones to use; minimal: one position, one direction, one side."),
-    ] = "all"
+    start: Annotated[Literal["affine", "random"] | None, within(solver="joint", help=HELP["start"])] = None
+    noise: Annotated[str, within(solver="joint", help=HELP["noise"])] = "reported"
+    known: Annotated[Literal["all", "minimal", "none"], within(help=HELP["known"])] = "all"
     room: tuple[Metres, ...] | None = None
-    gains: Annotated[
-        Literal["auto", "fixed"],
-        within(solver="robust", help="Whether solver robust seeks gain and phase of every channel."),
-    ] = "auto"
+    gains: Annotated[Literal["auto", "fixed"], within(solver="robust", help=HELP["gains"])] = "auto"
     gain_sigma_db: Annotated[float, positive("dB", solver="robust", with_gains=True)] | None = None
     phase_sigma_deg: Annotated[float, positive("degrees", solver="robust", with_gains=True)] | None = None
-    known_sigma: (
-        Annotated[
-            float,
-            within(
-                0,
-                LIMITS.largest,
-                "m",
-                solver="robust",
-                help="One sigma of each given coordinate for solver robust, as 5mm; 0mm: exact."
-                "  [default: estimated, 3mm at most]",
-            ),
-        ]
-        | None
-    ) = None
-    sound_speed_sigma: (
-        Annotated[
-            float,
-            positive(
-                solver="robust",
-                help="One sigma of the sound speed for solver robust or joint, as 0.3%; it is then estimated."
-                "  [default: exact]",
-            ),
-        ]
-        | None
-    ) = None
+    known_sigma: Annotated[float, within(0, LIMITS.largest, "m", solver="robust", help=HELP["known_sigma"])] | None = (
+        None
+    )
+    sound_speed_sigma: Annotated[float, positive(solver="robust", help=HELP["sound_speed_sigma"])] | None = None
 
     OPTIONAL: typing.ClassVar = (
         "modes", "start", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma",

@@ -14,11 +14,10 @@ from fdcal.cost.maps import landscape_panels
 from fdcal.model.arrays import (
     WALL_DISTANCE_M,
     ball,
-    box,
     circle,
+    geometry,
     hull_meets,
     in_polygon,
-    plane,
     positions_3d,
     positions_of,
     random_source,
@@ -189,13 +188,11 @@ def test_a_ball_is_filled_evenly():
 
 
 def test_a_box_is_filled_and_a_plane_is_a_lattice():
-    points = box(500, (1.0, 0.5, 0.2), np.random.default_rng(0))
+    points = geometry(Array("box", count=500, size=(1.0, 0.5, 0.2)), np.random.default_rng(0))
     np.testing.assert_allclose(np.ptp(points, axis=0), (1.0, 0.5, 0.2), rtol=0.02)
     assert np.all(np.abs(points) <= [0.5, 0.25, 0.1])
-    np.testing.assert_allclose(
-        plane((2, 2), (1.0, 0.4)), [[-0.5, -0.2, 0], [0.5, -0.2, 0], [-0.5, 0.2, 0], [0.5, 0.2, 0]]
-    )
-    assert plane((11, 3), (1.0, 1.0)).shape == (33, 3)
+    flat = geometry(Array("plane", shape=(2, 2), size=(1.0, 0.4), center=(0, 0, 0.3)), np.random.default_rng(0))
+    np.testing.assert_allclose(flat, [[-0.5, -0.2, 0.3], [0.5, -0.2, 0.3], [-0.5, 0.2, 0.3], [0.5, 0.2, 0.3]])
 
 
 @pytest.mark.parametrize("name", ["ball3d", "plane3d"])
