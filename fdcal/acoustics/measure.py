@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import numpy as np
 from ..model.arrays import positions_3d, positions_of
 from ..model.measurement import Measurement, load_measurement, save_measurement
 from ..model.problem import mode_power
-from ..model.room import response_path
+from ..model.room import response_digest, response_path
 from ..model.scene import MeasuredScene, Scene
 from ..model.sdm_response import load_sdm_response
 from ..model.settings import DEAD_FRACTION, Faults
@@ -242,5 +241,5 @@ def _measurement_name(scene: Scene) -> str:
     if scene.faults == Faults():
         del table["faults"]
     if scene.room.response is not None:  # the file may change, and its path does not matter
-        table["room"]["response"] = hashlib.sha256(response_path(scene.room.response).read_bytes()).hexdigest()
+        table["room"]["response"] = response_digest(scene.room.response)
     return f"{cache_key('measurement with its spectrum', table)}.npz"

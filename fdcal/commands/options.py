@@ -54,12 +54,14 @@ def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
     return match.groups()
 
 
-def _with_unit(units: str) -> Callable[[str], float]:
-    """Return the function that reads a number and its unit; metres, seconds, or the number."""
+def _with_unit(units: str, low: float = 0.0) -> Callable[[str], float]:
+    """Return the function that reads a number and its unit; metres, seconds, or the number, `low` at least."""
 
     def read(value: str) -> float:
         number, unit = _matched(rf"{NUMBER}\s*({units})", value)
-        return float(number) * UNITS.get(unit, 1.0)
+        if not low <= (found := float(number) * UNITS.get(unit, 1.0)) < math.inf:
+            raise ValueError
+        return found
 
     return read
 
@@ -107,13 +109,6 @@ def _noise_level(value: str) -> str:
     return value
 
 
-def _duration(value: str) -> float:
-    seconds = _with_unit("ms|s")(value)
-    if not 0 < seconds < math.inf:
-        raise ValueError
-    return seconds
-
-
 def _band(value: str) -> tuple[float, float]:
     low, high = map(float, value.split(":"))
     if not 0 < low < high < LIMITS.largest:
@@ -147,7 +142,7 @@ gain_sigma = ValueOf(  # dB and degrees
 )
 length = ValueOf(_with_unit("mm|cm|m"), "must be a length with its unit, mm, cm or m, as 5mm")
 band = ValueOf(_band, "is no band; write LO:HI in hertz, as 20:300")
-duration = ValueOf(_duration, "must be a time with its unit, s or ms, as 10s")
+duration = ValueOf(_with_unit("ms|s", LIMITS.smallest), "must be a time with its unit, s or ms, as 10s")
 source_number = ValueOf(
     lambda value: value if value == "all" else int(value), "is no number of a source; write one from 0, or all"
 )
@@ -195,14 +190,12 @@ def search_domain(
     """Return the search domain of --search and --radius; what is not given is that of the measurement, its `own`."""
     if search is None and radius is None:
         return own
-    if own is None and (search is None or radius is None):
-        raise InputError("the measurement has no search domain", "give both <search> and <radius>", key="search")
-    if own is not None:
-        radius = own.radius if radius is None else radius
-        if search is None:
-            return replace(own, radius=radius)
-    if search is None or radius is None:
-        return None
+    if radius is None or (search is None and own is None):
+        if own is None:
+            raise InputError("the measurement has no search domain", "give both <search> and <radius>", key="search")
+        radius = own.radius
+    if search is None:
+        return None if own is None else replace(own, radius=radius)
     if len(search) != 2 * dimension + 1:
         layout = ",".join([*"xyz"[:dimension], *("width", "height", "depth")[:dimension], "step"])
         text = ",".join(f"{value:g}" for value in search)

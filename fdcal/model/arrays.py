@@ -14,8 +14,6 @@ from .gauge import fixes_gauge
 from .scene import Array, Scene
 from .validation import InputError, frozen_array, point_text, refusal
 
-INSIDE = "inside the array, where the field must have no source"
-OUTSIDE = "move it outside the convex hull of the microphones"
 MIN_KNOWN = {
     2: "three microphones known that are not on one line",
     3: "four microphones known that are not in one plane",
@@ -33,7 +31,16 @@ def positions_of(scene: Scene) -> np.ndarray:
     else:
         cell = scene.room.cell_size
         positions = snap(geometry(scene.array, np.random.default_rng([scene.seed, 0]), cell), cell)
-        _check_plane(positions, scene)
+        _require_apart(positions, f"use fewer microphones, a larger array or a room.cell below {scene.room.cell:g} m")
+        vertices = scene.room.vertices
+        key = "array.positions" if scene.array.geometry == "positions" else "array.center"
+        _require_clear(positions, scene, lambda x: in_polygon(x, vertices), key)
+        for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
+            if hull_meets(positions, np.array([a, b])):
+                key = "room.size" if scene.room.size else "room.outline"
+                wall = f"{key} has a wall from {point_text(a)} to {point_text(b)} between the microphones"
+                remedy = "move the array (array.center) so that their convex hull is free of walls"
+                raise InputError(f"{wall}, where nothing may obstruct the sound", remedy, key=key)
     known = scene.gauge.indices(len(positions))
     if len(known) == len(positions):
         remedy = "remove at least one from gauge.known"
@@ -77,63 +84,44 @@ def geometry(array: Array, rng: np.random.Generator, cell: float = 0.0) -> np.nd
     return points + center
 
 
-def _check_plane(positions: np.ndarray, scene: Scene) -> None:
-    """Raise InputError for microphones, walls or a source that cannot be in a simulated plane room."""
-    _, first, inverse = np.unique(positions, axis=0, return_index=True, return_inverse=True)
+CLEARANCE = 1e-6  # metres: microphones closer than this count as one
+
+
+def _require_apart(positions: np.ndarray, remedy: str) -> None:
+    """Raise InputError for two microphones in one place."""
+    _, first, inverse = np.unique(np.round(positions / CLEARANCE), axis=0, return_index=True, return_inverse=True)
     twins = np.flatnonzero(first[inverse.ravel()] != np.arange(len(positions)))
     if len(twins):
-        raise InputError(
-            f"array puts microphones {first[inverse.ravel()][twins[0]]} and {twins[0]} in one cell at"
-            f" {point_text(positions[twins[0]])}",
-            f"use fewer microphones, a larger array or a room.cell below {scene.room.cell:g} m",
-            key="array",
-        )
-    outside = np.flatnonzero(~in_polygon(positions, scene.room.vertices))
+        places = f"{first[inverse.ravel()][twins[0]]} and {twins[0]} in one place, {point_text(positions[twins[0]])}"
+        raise InputError(f"array puts microphones {places}", remedy, key="array")
+
+
+def _require_clear(positions: np.ndarray, scene: Scene, inside: Callable[[np.ndarray], np.ndarray], key: str) -> None:
+    """Raise InputError for a microphone outside the room, or a source outside or inside the array.
+
+    `inside`: returns which points are in the room; `key`: what to change for a microphone that is not.
+    """
+    outside = np.flatnonzero(~inside(positions))
     if len(outside):
-        key = "array.positions" if scene.array.geometry == "positions" else "array.center"
         problem = f"array puts microphone {outside[0]} at {point_text(positions[outside[0]])}, outside the room"
-        raise InputError(f"{problem} or in a wall", f"change {key} or the room", key=key)
-    vertices = scene.room.vertices
-    for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        if hull_meets(positions, np.array([a, b])):
-            key = "room.size" if scene.room.size else "room.outline"
-            raise InputError(
-                f"{key} has a wall from {point_text(a)} to {point_text(b)} between the microphones, where nothing may"
-                " obstruct the sound",
-                "move the array (array.center) so that their convex hull is free of walls",
-                key=key,
-            )
-    for key, position in zip(scene.emitter.keys, scene.emitter.places, strict=True):
-        place, cell = f"{key} = {list(position)} m lies", snap(np.array(position), scene.room.cell_size)
-        if not in_polygon(cell, scene.room.vertices):
-            raise InputError(f"{place} outside the room or in a wall", "move it inside the room", key=key)
-        if hull_meets(positions, cell[None]):
-            raise InputError(f"{place} {INSIDE}", OUTSIDE, key=key)
-
-
-CLEARANCE = 1e-6  # metres: microphones closer than this count as one
+        raise InputError(f"{problem} or in a wall", f"change {key}, the array or the room", key=key)
+    for name, place in zip(scene.emitter.keys, scene.emitter.places, strict=True):
+        point = np.array([place]) if scene.room.cell is None else snap(np.array([place]), scene.room.cell)
+        if not inside(point).all():
+            problem = f"{name} = {list(place)} m lies outside the room or in a wall"
+            raise InputError(problem, "move it inside the room", key=name, value=list(place))
+        if hull_meets(positions, point):
+            problem = f"{name} = {list(place)} m lies inside the array, where the field must have no source"
+            raise InputError(problem, "move it outside the convex hull of the microphones", key=name, value=list(place))
 
 
 def positions_3d(scene: Scene) -> np.ndarray:
     """Return the positions of a scene's microphones in space : (N, 3) float64, metres; InputError as `positions_of`."""
     positions = geometry(scene.array, np.random.default_rng([scene.seed, 0]))
-    distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1) + np.eye(len(positions))
-    first, second = divmod(int(distance.argmin()), len(distance))
-    if distance[first, second] < CLEARANCE:
-        raise InputError(f"array puts microphones {first} and {second} in one place", "move one of them", key="array")
-    if scene.room.response is not None:
-        return positions
-    size = np.array(scene.room.size)
-    outside = np.flatnonzero(np.any((positions <= 0) | (positions >= size), axis=1))
-    if len(outside):
-        problem = f"array puts microphone {outside[0]} at {point_text(positions[outside[0]])}, outside the room"
-        raise InputError(problem, "change array.center, the array or room.size", key="array.center")
-    for key, source in zip(scene.emitter.keys, scene.emitter.places, strict=True):
-        place = f"{key} = {list(source)} m lies"
-        if np.any((np.array(source) < 0) | (source > size)):
-            raise InputError(f"{place} outside the room", "move it inside", key=key, value=list(source))
-        if hull_meets(positions, np.array([source])):
-            raise InputError(f"{place} {INSIDE}", OUTSIDE, key=key, value=list(source))
+    _require_apart(positions, "move one of them")
+    if scene.room.response is None:
+        size = np.array(scene.room.size)
+        _require_clear(positions, scene, lambda x: np.all((x >= 0) & (x <= size), axis=1), "array.center")
     return positions
 
 

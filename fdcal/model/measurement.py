@@ -326,12 +326,12 @@ class Measurement:
             grid = max((one[0] for one in spectra), key=len)
             spectrum = np.stack([grid, *(np.interp(grid, one[0], row) for one in spectra for row in one[1:])])
         if any(one.arrivals is not None for one in each):
-            with_rows = list(zip(each, numbers, strict=True))
-            missing = [np.full((rows, one.count), np.nan) if one.arrivals is None else one.arrivals
-                       for one, rows in with_rows]  # fmt: skip
-            usual = [np.full(rows, ARRIVAL_SIGMA / one.sound_speed) if one.arrival_sigma is None else one.arrival_sigma
-                     for one, rows in with_rows]  # fmt: skip
-            arrivals, sigma = np.concatenate(missing), np.concatenate(usual)
+            times, sigmas = list[np.ndarray](), list[np.ndarray]()
+            for one, rows in zip(each, numbers, strict=True):
+                usual = np.full(rows, ARRIVAL_SIGMA / one.sound_speed)
+                times.append(np.full((rows, one.count), np.nan) if one.arrivals is None else one.arrivals)
+                sigmas.append(usual if one.arrival_sigma is None else one.arrival_sigma)
+            arrivals, sigma = np.concatenate(times), np.concatenate(sigmas)
         return cls(
             f[order],
             np.concatenate([one.pressures for one in each])[order],

@@ -6,6 +6,7 @@ one point; the field between the microphones is modelled, as `fdcal.acoustics.pl
 
 from __future__ import annotations
 
+import hashlib
 import math
 import typing
 from dataclasses import asdict, dataclass, replace
@@ -54,6 +55,11 @@ def response_path(text: str) -> Path:
     if not path.is_file():
         raise StorageError(f"cannot read {path}: No such file or directory")
     return path
+
+
+def response_digest(text: str) -> str:
+    """Return the SHA-256 of the file of a response: two files of one content are the same room."""
+    return hashlib.sha256(response_path(text).read_bytes()).hexdigest()
 
 
 WALLS = ("rigid", "pressure-release", "absorbing")

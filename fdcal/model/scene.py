@@ -19,6 +19,7 @@ import difflib
 import math
 import os
 import typing
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -264,15 +265,12 @@ class Gauge:
     def indices(self, count: int) -> tuple[int, ...]:
         """Return the known microphones of an array of `count`, ascending; InputError for one lacking or given twice."""
         key, given = ("gauge.known", self.known or ()) if self.free is None else ("gauge.free", self.free)
-        for index in given:
-            if not 0 <= index < count:
-                remedy = f"the array has 0 to {count - 1}"
-                raise InputError(f"{key} names microphone {index}", remedy, key=key, value=index)
-        if len(set(given)) < len(given):
-            raise InputError(f"{key} = {list(given)} names a microphone twice", "list each once", key=key, value=given)
-        if self.free is None:
-            return tuple(sorted(given))
-        return tuple(n for n in range(count) if n not in given)
+        wrong = [n for n, times in Counter(given).items() if not 0 <= n < count or times > 1]
+        if wrong:
+            problem = f"{key} names microphone {wrong[0]}, which does not exist or is listed twice"
+            raise InputError(problem, f"list each of 0 to {count - 1} once", key=key, value=wrong[0])
+        named = set(given)
+        return tuple(n for n in range(count) if (n in named) == (self.free is None))
 
 
 CELLS = 50  # steps along the search domain of a placeholder
@@ -411,16 +409,15 @@ def _file_of(path: Path) -> Path:
     available = f"a .toml file or one of {', '.join(scene_names())}"
     if path.suffix == ".npz":
         raise InputError(f"{path} is a measurement", f"give a scene: {available}", key="scene", value=path)
-    if path.suffix.lower() in OTHER_FILES and os.path.isfile(path):  # False for a name that is too long
-        what, use = OTHER_FILES[path.suffix.lower()]
-        raise InputError(f"{path} is {what}", f"{use}, or give a scene: {available}", key="scene")
     if os.path.isdir(path) and path.name not in scene_names():
         problem = f"{path} is a folder in which no recordings were found"
         raise InputError(problem, f"give a file, a folder of MeshRIR, or {available}", key="scene", value=path)
-    if path.suffix == ".toml" or "\0" in str(path) or os.path.isfile(path):
-        return path
-    if path.suffix.lower() in OTHER_FILES:
-        return path  # there is none: reading it says so
+    is_file, suffix = os.path.isfile(path), path.suffix.lower()  # False for a name that is too long
+    if is_file and suffix in OTHER_FILES:
+        what, use = OTHER_FILES[suffix]
+        raise InputError(f"{path} is {what}", f"{use}, or give a scene: {available}", key="scene")
+    if is_file or suffix in (".toml", *OTHER_FILES) or "\0" in str(path):
+        return path  # where there is none, reading it says so
     if path.name not in scene_names() or path.name != str(path):
         near = [name for name in scene_names() if name.startswith(str(path))]
         near = near or difflib.get_close_matches(str(path)[:60], scene_names(), 1)

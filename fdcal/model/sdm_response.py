@@ -8,12 +8,13 @@ fs                  sampling rate, Hz
 import io
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from . import libraries
 from .storage import read_bytes
-from .validation import LIMITS, InputError, require_array, shown
+from .validation import LIMITS, InputError, convert, require_array, within
 
 PROCESSOR_SECONDS, BYTES = 20, 2_000_000_000  # that reading a MATLAB file may take; BYTES of address space
 
@@ -37,7 +38,6 @@ KEYS = ("p", "azi_rad", "ele_rad", "fs")
 DIRECT_SOUND = 0.1  # level at which the direct sound begins, as a fraction of the peak
 SEGMENTS = 20  # parts of equal length whose peaks are compared; the fewest samples
 END_PEAK = 5.0  # peak of the last part at most, as a multiple of that of the quietest one
-SAMPLE_RATES = (100.0, 1e6)  # Hz
 MAX_SAMPLES = 1_000_000
 
 
@@ -65,25 +65,16 @@ def load_sdm_response(path: str | Path) -> SdmResponse:
         raise error.within(path) from error
     except libraries.ProcessError as error:
         raise InputError(f"{path} is not a MATLAB file that can be read: {error}", "save it again") from error
-    for key, values in table.items():
-        if values.dtype.kind not in "fiu":
-            raise InputError(f'{path}: "{key}" is no array of real numbers', "save it again", key=key)
-    remedy = f"give {', '.join(KEYS[:-1])} (T,) and {KEYS[-1]}"
     for key in KEYS:
         if key not in table:
-            raise InputError(f'{path} has no "{key}"', remedy, key=key)
-    columns = [require_array(f"{path}: {key}", np.ravel(table[key]), "real", (None,)) for key in KEYS]
+            raise InputError(f'{path} has no "{key}"', f"give {', '.join(KEYS[:-1])} (T,) and {KEYS[-1]}", key=key)
+    samples = table["p"].size
+    if not SEGMENTS <= samples <= MAX_SAMPLES:
+        raise InputError(f"{path}: p has {samples} samples", f"give {SEGMENTS} to {MAX_SAMPLES}", key="p")
+    lengths = {"p": samples, "azi_rad": samples, "ele_rad": samples, "fs": 1}
+    columns = (require_array(f"{path}: {key}", np.ravel(table[key]), "real", (lengths[key],)) for key in KEYS)
     pressure, azimuth, elevation, rate = columns
-    if not SEGMENTS <= len(pressure) <= MAX_SAMPLES:
-        raise InputError(f"{path}: p has {len(pressure)} samples", f"give {SEGMENTS} to {MAX_SAMPLES}", key="p")
-    for key, column in (("azi_rad", azimuth), ("ele_rad", elevation)):
-        if len(column) != len(pressure):
-            problem = f"{path}: {key} has {len(column)} samples and p has {len(pressure)}"
-            raise InputError(problem, "give one direction for each sample", key=key)
-    low, high = SAMPLE_RATES
-    if len(rate) != 1 or not low <= rate[0] <= high:
-        problem = f"{path}: fs = {shown(rate.tolist())} is no sampling rate"
-        raise InputError(problem, f"use {low:g} to {high:g} Hz", key="fs")
+    convert(rate[0], Annotated[float, within(100.0, 1e6, "Hz")], f"{path}: fs")
     start = direct_sound(pressure, str(path))
     # The sound of a room dies away. If the last samples are louder than the quietest ones after the direct sound, they
     # are the beginning of the response, from a circular deconvolution, and the waves of the file are in a wrong order.

@@ -405,11 +405,6 @@ Integers: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 Bools: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 
-def format_mm(length: float) -> str:
-    """Return a length in metres as a text in millimetres: "4.13 mm", "535 mm"."""
-    return f"{mm_text(length)} mm"
-
-
 def length_text(length: float, digits: int = 3) -> str:
     """Return a length in metres as a text, with `digits` below a decimetre: "4.13 mm", "535 mm", "1.16 m"."""
     return f"{mm_text(length, digits)} mm" if length < 0.9995 else f"{length:.{max(3, len(str(int(length))))}g} m"

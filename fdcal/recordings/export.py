@@ -219,12 +219,12 @@ def correction_of(result: Calibration, recording: Recording) -> Correction:
         )
     N = recording.count
     source, gain, delay, corner = np.arange(N), np.ones(N, complex), np.zeros(N), np.zeros(N)
-    exchanged = set[tuple[int, int]]()
     for n, value in zip(rows, channels.correction.gains, strict=True):
         if n is not None:
             gain[n] = value
+    partners = {fault.name: fault.partner for fault in channels.faults if fault.kind == "exchanged"}
     for fault in channels.faults:
-        n, partner = row.get(fault.name), row.get(fault.partner or "")
+        n, partner = row.get(fault.name), row.get(partners.get(fault.name) or "")
         if n is None:
             continue
         if fault.kind == "delayed":
@@ -233,11 +233,8 @@ def correction_of(result: Calibration, recording: Recording) -> Correction:
             corner[n] = fault.value or 0.0
         elif fault.kind == "dead":
             gain[n] = 1.0
-        elif fault.kind == "exchanged" and partner is not None:
-            exchanged.add((n, partner))
-    for n, partner in exchanged:
-        if (partner, n) in exchanged:  # else no channel is left for the partner
-            source[n] = partner
+        elif fault.kind == "exchanged" and partner is not None and partners.get(fault.partner or "") == fault.name:
+            source[n] = partner  # both say so: else no channel is left for the partner
     own, places = source.copy(), [row.get(name) for name in result.order or ()]
     for n, place in zip(rows, places, strict=False):
         if n is not None and place is not None:

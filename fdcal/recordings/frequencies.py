@@ -87,11 +87,6 @@ def spacing_of(energy: np.ndarray, noise: np.ndarray, interval: float) -> Spacin
     return Spacing(float(1 / (interval * np.sum(e / (e + v)))), float(np.sum(e**2) / np.sum(e) ** 2 / interval))
 
 
-def spacing_of_decay(rate: float) -> Spacing:
-    """Return the spacing of frequencies of a response that decays evenly, at `rate` nepers per second."""
-    return Spacing(2 * rate / float(np.log(2 / ROWS.unexplained)), rate)
-
-
 class NothingAboveNoise(InputError):
     """A recording without any frequency at which the sound rises above the noise."""
 
@@ -156,9 +151,16 @@ def highest_frequency(
 
     The radius is given, or that of the positions in the file, of the known microphones, or of the channels' coherence.
     """
-    radius, words = _stated_radius(recording, options, known_positions)
-    estimated = False
-    if options.array_radius is None and recording.positions is None:  # known microphones may be a part of the array
+    complete, estimated = recording.positions is not None, False
+    radius, words = options.array_radius or 0.0, "for the radius given"
+    if options.array_radius is None:
+        positions, factor = recording.positions if complete else known_positions, IMPORT_LIMITS.known_radius_factor
+        if positions is not None:
+            radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+            radius *= 1.0 if complete else factor
+        other = f"{100 * (factor - 1):.0f} % more than that of the known microphones"
+        words = f"for a radius of {radius:.2g} m, {'that of the positions in the file' if complete else other}"
+    if options.array_radius is None and not complete:  # known microphones may be a part of the array
         seen = _coherent_radius(recording, options.dimension, speed) or 0.0
         estimated = seen > IMPORT_LIMITS.coherent_radius_factor * radius or radius <= 0
         radius = (seen if radius > 0 else IMPORT_LIMITS.coherent_radius_factor * seen) if estimated else radius
@@ -168,22 +170,6 @@ def highest_frequency(
         return FrequencyLimit(None, 0.0, "unknown without the radius of the array; <array_radius> gives it")
     planar = coordinate_count(recording, options, known_positions) == 2
     return FrequencyLimit(f_max(recording.count, radius, speed, options.dimension, planar), radius, words, estimated)
-
-
-def _stated_radius(
-    recording: Recording, options: ImportOptions, known_positions: np.ndarray | None
-) -> tuple[float, str]:
-    """Return the radius, metres, that is given or follows from positions, and where it is from; 0 without one."""
-    if options.array_radius is not None:
-        return options.array_radius, "for the radius given"
-    complete = recording.positions is not None
-    positions = recording.positions if complete else known_positions
-    radius = 0.0
-    if positions is not None:
-        radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    radius *= 1.0 if complete else IMPORT_LIMITS.known_radius_factor
-    other = f"{100 * (IMPORT_LIMITS.known_radius_factor - 1):.0f} % more than that of the known microphones"
-    return radius, f"for a radius of {radius:.2g} m, {'that of the positions in the file' if complete else other}"
 
 
 def _coherent_radius(recording: Recording, dimension: int, speed: float) -> float | None:

@@ -254,20 +254,16 @@ def _in_plane(
     recording: Recording, options: ImportOptions, known_positions: np.ndarray | None
 ) -> tuple[Recording, np.ndarray | None, float | None]:
     """Return the recording and the known positions without heights that all agree, and this height, metres."""
-    positions = known_positions if recording.positions is None else recording.positions
-    wanted = options.array_dimension
-    if positions is None or (positions.shape[1] == 2 and wanted != 3):
-        return recording, known_positions, None
-    if positions.shape[1] == 2:
+    given, wanted = [one for one in (recording.positions, known_positions) if one is not None], options.array_dimension
+    if wanted == 3 and given and given[0].shape[1] == 2:
         raise refused_option(options, "array_dimension", "array_dimension = 3 needs heights", "give z, or leave it out")
-    given = [one for one in (recording.positions, known_positions) if one is not None]
-    if wanted == 3 or any(one.shape[1] == 2 for one in given):
+    if wanted == 3 or not given or any(one.shape[1] == 2 for one in given):
         return recording, known_positions, None
     heights = np.concatenate([one[:, 2:] for one in given])
-    some = wanted is None and max(map(len, given)) < recording.count  # of a few microphones the others' are not known
-    if some or (wanted is None and np.ptp(heights) > select.PLANE_TOLERANCE):
+    level, every = np.ptp(heights) <= select.PLANE_TOLERANCE, max(map(len, given)) == recording.count
+    if wanted is None and not (level and every):  # of a few microphones the others' heights are not known
         return recording, known_positions, None
-    if np.ptp(heights) > select.PLANE_TOLERANCE:
+    if not level:
         problem = f"array_dimension = 2 needs microphones of one height, and theirs differ by {np.ptp(heights):.3g} m"
         raise refused_option(options, "array_dimension", problem, "choose them with <plane> z=HEIGHT")
     if recording.positions is not None:

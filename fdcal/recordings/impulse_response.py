@@ -29,7 +29,7 @@ from scipy.special import fdtri
 
 from ..acoustics.spectrum import SPECTRUM, fast_length, irfft, laplace_transform, rfft, wavenumber_continuous
 from ..model.validation import InputError
-from .frequencies import ROWS, Pressures, Spacing, choose_frequencies, spacing_of, spacing_of_decay
+from .frequencies import ROWS, Pressures, Spacing, choose_frequencies, spacing_of
 from .recording import GROUP_SAMPLES, Recording, channel_groups, read_samples, recording_of
 
 
@@ -86,8 +86,7 @@ def extend_to_last_mode(
     """
     if decay.tail is None:
         return decay
-    c, fs = decay.tail, recording.sample_rate
-    last = recording.duration - _min_tail(recording)
+    c, fs, last = decay.tail, recording.sample_rate, _last_tail(recording)
     while c < last and _rings_on(recording, band, int(c * fs) + 1, noise):
         c *= DECAY.extension
     if c > decay.tail:
@@ -96,9 +95,9 @@ def extend_to_last_mode(
     return replace(decay, tail=c)
 
 
-def _min_tail(recording: Recording) -> float:
-    """Return how much noise is needed to estimate its power, seconds."""
-    return min(DECAY.min_tail_fraction * recording.duration, DECAY.min_tail)
+def _last_tail(recording: Recording) -> float:
+    """Return the latest time from which on there is enough noise to estimate its power, seconds."""
+    return recording.duration - min(DECAY.min_tail_fraction * recording.duration, DECAY.min_tail)
 
 
 def _measured_channels(recording: Recording, count: int = DECAY.channels) -> np.ndarray:
@@ -141,19 +140,16 @@ def _decay_by_level(recording: Recording, band: tuple[float, float]) -> Decay:
     end = int(np.flatnonzero(above)[-1]) + 1 if np.any(above) else top
     high = int(np.flatnonzero(nepers >= (nepers[top] + floor) / 2)[-1])  # a sweep decays only after its end
     segment = recording.duration / DECAY.segments
-    if end - high < 3:  # too fast to be measured, or no decay at all
-        fast = nepers[top] - nepers[-1] > 2 * DECAY.above_floor
-        tail = _tail_at(recording, (end + 1) * segment) if fast else None
-        return Decay(DECAY.above_floor / segment if fast else 0.0, tail, noisy)
-    slope = np.polyfit(segment * np.arange(high, end), nepers[high:end], 1)[0]
-    rate = max(0.0, -float(slope) / 2)
-    reached = (end + 1) * segment + DECAY.above_floor / max(2 * rate, 1e-9)
-    return Decay(rate, _tail_at(recording, reached), noisy)
-
-
-def _tail_at(recording: Recording, reached: float) -> float | None:
-    """Return `reached`, s, if what follows is long enough to estimate the noise."""
-    return reached if recording.duration - reached >= _min_tail(recording) else None
+    reached = (end + 1) * segment
+    if end - high >= 3:
+        slope = np.polyfit(segment * np.arange(high, end), nepers[high:end], 1)[0]
+        rate = max(0.0, -float(slope) / 2)
+        reached += DECAY.above_floor / max(2 * rate, 1e-9)
+    elif nepers[top] - nepers[-1] > 2 * DECAY.above_floor:  # too fast to be measured
+        rate = DECAY.above_floor / segment
+    else:
+        rate, reached = 0.0, np.inf  # no decay at all
+    return Decay(rate, reached if reached <= _last_tail(recording) else None, noisy)
 
 
 def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarray:
@@ -257,9 +253,9 @@ def _spacing(
         energy += np.abs(np.fft.ifft(spectrum)[: len(times)]) ** 2 / len(channels)
     level = 0.0 if noise is None else np.mean(taper**2 * noise(bins * fs / padded)) * interval * fs
     found = spacing_of(energy, level * np.exp(-2 * s * times), interval)
-    even = spacing_of_decay(rate + s)
-    step = max(found.step, even.step, 1 / recording.duration)
-    return replace(found, step=step, decorrelation=max(found.decorrelation, even.decorrelation))
+    # An even decay at `rate + s` has this spacing.
+    step = max(found.step, 2 * (rate + s) / float(np.log(2 / ROWS.unexplained)), 1 / recording.duration)
+    return replace(found, step=step, decorrelation=max(found.decorrelation, rate + s))
 
 
 class WrapsRound(InputError):

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from ..model.validation import (
     MetresPerSecond,
     Seconds,
     check,
-    convert,
     frozen_array,
     option,
     positive,
@@ -31,7 +30,9 @@ from ..model.validation import (
     within,
 )
 
-KINDS = ("impulse", "stationary")
+Kind = Literal["impulse", "stationary"]
+KINDS = get_args(Kind)
+CALLED = {"sample_rate": "sampling rate", "count": "channels", "samples": "samples of a channel"}  # in messages
 ZERO_CELSIUS = 273.15  # K
 GROUP_SAMPLES = 16_000_000  # samples held in memory at a time: 128 MB as float64
 BLOCK_SAMPLES = GROUP_SAMPLES // 4  # of a block of all channels
@@ -39,8 +40,6 @@ RANGE_SAMPLES = 500_000  # samples read at a time from a file with interleaved c
 
 
 Block = Callable[[int, int, np.ndarray], np.ndarray]  # reads samples of the channels (n,) int64
-SAMPLE_RATES = (100.0, 1e7)  # Hz
-MAX_CHANNELS = 10_000
 MIN_SAMPLES = 16  # of a channel
 SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest; the rest is left out
 SAME_PLACE = 1e-3  # distance of two positions of one microphone that are the same, metres
@@ -51,31 +50,23 @@ class Recording:
     """N channels of T samples."""
 
     path: str  # what messages call it
-    kind: str | None  # one of KINDS; None where the file does not say
-    sample_rate: float  # Hz
+    kind: Kind | None  # None where the file does not say
+    sample_rate: Annotated[float, within(100.0, 1e7, "Hz")]
     # count, samples: N and T
-    count: int
-    samples: int
+    count: Annotated[int, within(1, 10_000)]
+    samples: Annotated[int, within(MIN_SAMPLES)]
     block: Block
     names: tuple[str, ...] = ()  # each different; "0", "1", ... unless given
     positions: np.ndarray | None = None  # (N, D) float64 or None, of the microphones according to the file, metres
-    sound_speed: float | None = None  # according to the file, m/s
+    sound_speed: MetresPerSecond | None = None  # according to the file
     full_scale: float | None = None  # greatest value that a sample can take
 
     def __post_init__(self):
-        low, high = SAMPLE_RATES
-        if not low <= self.sample_rate <= high:
-            span = f"between {low:g} Hz and {high / 1e6:g} MHz"
-            problem = f"{self.path}: sampling rate = {self.sample_rate:g} Hz must be {span}"
-            raise InputError(problem, key="sample_rate", value=self.sample_rate)
-        if not 1 <= self.count <= MAX_CHANNELS:
-            problem = f"{self.path}: {self.count} channels cannot be used"
-            raise InputError(problem, f"give 1 to {MAX_CHANNELS}", key="count")
-        if self.samples < MIN_SAMPLES:
-            problem = f"{self.path} holds {self.samples} samples per channel, which is too short for a recording"
-            raise InputError(problem, f"give {MIN_SAMPLES} or more", key="samples", value=self.samples)
-        if self.sound_speed is not None:
-            convert(self.sound_speed, MetresPerSecond, f"{self.path}: sound speed")
+        check(
+            self,
+            f"{self.path}: ",
+            {"sample_rate": "sampling rate", "count": "channels", "samples": "samples a channel"},
+        )
         names = tuple(self.names) or tuple(str(n) for n in range(self.count))
         if len(names) != self.count or len(set(names)) < len(names):
             raise InputError(f"{self.path}: its channels must have {self.count} different names", key="names")
@@ -95,7 +86,7 @@ def sound_speed(celsius: float) -> float:
     return 343.2 * math.sqrt((celsius + ZERO_CELSIUS) / 293.15)
 
 
-def recording_of(path: str, kind: str | None, sample_rate: float, values, **others) -> Recording:
+def recording_of(path: str, kind: Kind | None, sample_rate: float, values, **others) -> Recording:
     """Return a recording of an array (N, T) that is in memory or memory-mapped; the others are of `Recording`."""
 
     count, samples = values.shape
@@ -224,18 +215,18 @@ def split(recording: Recording, seconds: float, min_seconds: float) -> list[Reco
         longest = recording.duration / 1.5
         remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
         raise InputError(problem, remedy, key="split", value=seconds)
-    return [_part(recording, a, b) for a, b in zip(starts, [*starts[1:], recording.samples], strict=True)]
-
-
-def _part(recording: Recording, first: int, last: int) -> Recording:
-    fs = recording.sample_rate
-    return replace(
-        recording,
-        path=f"{recording.path}, {first / fs:.4g} to {last / fs:.4g} s",
-        kind="stationary",
-        samples=last - first,
-        block=lambda start, stop, channels: recording.block(first + start, first + stop, channels),
-    )
+    fs, parts = recording.sample_rate, list[Recording]()
+    for first, last in zip(starts, [*starts[1:], recording.samples], strict=True):
+        parts.append(
+            replace(
+                recording,
+                path=f"{recording.path}, {first / fs:.4g} to {last / fs:.4g} s",
+                kind="stationary",
+                samples=last - first,
+                block=lambda start, stop, channels, at=first: recording.block(at + start, at + stop, channels),
+            )
+        )
+    return parts
 
 
 @dataclass(frozen=True)
@@ -303,7 +294,7 @@ class ImportOptions:
     most: Annotated[int, within(1, 2000)] | None = option(
         None, "Greatest number of rows of all takes.  [default: 400]", "M"
     )
-    kind: Literal["auto", "impulse", "stationary"] = option(
+    kind: Literal["auto", Kind] = option(
         "auto",
         "impulse: an impulse response, from silence to silence; stationary: a continuous sound.",
     )

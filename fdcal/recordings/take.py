@@ -10,7 +10,6 @@ from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
@@ -89,7 +88,13 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
     recorded: it looks for the cards, which ends every stream.
     """
     loaded = "sounddevice" in sys.modules
-    sd = _sounddevice()
+    try:
+        sd = needs("sounddevice")
+    except InputError as error:
+        raise InputError(error.problem, f"{error.remedy}; {REPLAY}", key="device") from error
+    except OSError as error:  # its package for Linux brings no PortAudio
+        remedy = f"install it: apt-get install libportaudio2, {REPLAY}"
+        raise InputError(f"no sound card can be reached ({error})", remedy, key="device") from error
     chosen = int(device) if device is not None and device.isdigit() else device
     try:
         if loaded:  # PortAudio looks for the cards once: one that was connected since is seen only by another look
@@ -128,17 +133,6 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
             raise StorageError(f'the sound card "{card["name"]}" fails: {error}') from error
 
     return SoundStream(card["name"], fs, tuple(map(str, range(count))), 1.0, blocks)
-
-
-def _sounddevice() -> ModuleType:
-    """Return the library; InputError where it, or the PortAudio that it needs, is missing."""
-    try:
-        return needs("sounddevice")
-    except InputError as error:
-        raise InputError(error.problem, f"{error.remedy}; {REPLAY}", key="device") from error
-    except OSError as error:  # its package for Linux brings no PortAudio
-        remedy = f"install it: apt-get install libportaudio2, {REPLAY}"
-        raise InputError(f"no sound card can be reached ({error})", remedy, key="device") from error
 
 
 def replayed(

@@ -113,7 +113,7 @@ def test_positions_of_a_scene(edited):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"array.size": "[0.04, 0.4]"}, ["microphones 0 and 1 in one cell", "larger array"]),
+        ({"array.size": "[0.04, 0.4]"}, ["microphones 0 and 1 in one place", "larger array"]),
         ({"array.random": "200"}, ["array.random = 200", "use at most"]),
         ({"array.center": "[0.1, 0.54]"}, ["microphone 0", "outside the room", "change array.center"]),
         (
