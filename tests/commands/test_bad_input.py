@@ -72,7 +72,7 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["calibrate", "tiny", "--temperature", "21"], ["tiny holds no recordings; leave out --temperature"]),
         (["plan", "nothing"], ['"nothing" names no array', '"circle 16 0.2"']),
         (["plan", LAYOUT, "--known", "99"], ['"99" names no microphone']),
-        (["plan", LAYOUT, "--frequencies", "all"], ["give --frequencies as LO:HI"]),
+        (["plan", LAYOUT, "--frequencies", "all"], ["is no band; write LO:HI"]),
         (["plan", LAYOUT, "--room", "lshape"], ["'--room'", "as 7x6x2.7"]),
         (["plan", LAYOUT, "--gain-sigma", "1"], ["'--gain-sigma'", "as 1dB"]),
         (["plan", LAYOUT, "--kind", "speech"], ["'speech' is not one of 'stationary', 'impulse'"]),
