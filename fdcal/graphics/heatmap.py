@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import matplotlib
@@ -27,16 +26,6 @@ DARKEST = 0.55  # brightness of a slope that the light does not reach
 BRIGHTEST = 0.3  # fraction of white on a slope that faces the light
 
 
-@dataclass(frozen=True)
-class ReliefGrid:
-    """The surface of a map in relief up to the edges of its outer cells."""
-
-    # x, y: (nx + 2,) and (ny + 2,) float64, metres: the lowest edge, the middles of the cells, the highest edge
-    x: np.ndarray
-    y: np.ndarray
-    heights: np.ndarray  # (ny + 2, nx + 2) float64, metres above the map's own height
-
-
 def shaded(rgb: np.ndarray, heights: np.ndarray, step: float) -> np.ndarray:
     """Return the colours of a map (ny, nx, 3) as the light makes them; level ground keeps its colour; metres."""
     rise_y, rise_x = np.gradient(np.asarray(heights, float), step)
@@ -47,13 +36,16 @@ def shaded(rgb: np.ndarray, heights: np.ndarray, step: float) -> np.ndarray:
     return np.rint((1 - white) * dark * rgb + white * 255).astype(np.uint8)
 
 
-def relief_grid(origin, size, heights: np.ndarray) -> ReliefGrid:
-    """Return the surface of a map over the box from `origin` of `size`, metres, with the heights (ny, nx) of cells."""
-    axes = [
+def relief_grid(floor: Floor, heights: np.ndarray) -> np.ndarray:
+    """Return the surface of a map of heights (ny, nx) above its own : points (ny + 2, nx + 2, 3) float64, metres.
+
+    It goes through the middles of the cells and up to the edges of the map.
+    """
+    x, y = np.meshgrid(*(
         low + length * np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]])
-        for low, length, count in zip(origin, size, heights.shape[::-1], strict=True)
-    ]
-    return ReliefGrid(axes[0], axes[1], np.pad(np.asarray(heights, float), 1, mode="edge"))
+        for low, length, count in zip(floor.origin, floor.size, heights.shape[::-1], strict=True)
+    ))  # fmt: skip
+    return np.stack([x, y, floor.height + np.pad(np.asarray(heights, float), 1, mode="edge")], axis=-1)
 
 
 SIDES = (0.28, 0.4)  # of the way from the background to the texts: shades of the sides across x and across y
@@ -63,10 +55,7 @@ def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
     """Return the sides of a map in relief, down to its level, which make it a block: two shades, by the same light."""
     if floor.heights is None:
         raise ValueError("a flat map has no sides")
-    grid = relief_grid(floor.origin, floor.size, floor.heights)
-    x, y = np.meshgrid(grid.x, grid.y)
-    rim = np.stack([x, y, floor.height + grid.heights], axis=-1)
-    meshes = []
+    rim, meshes = relief_grid(floor, floor.heights), []
     for name, fraction, edges in (("x", SIDES[0], (rim[:, 0], rim[:, -1])), ("y", SIDES[1], (rim[0], rim[-1]))):
         top = np.stack(edges)
         foot = top * [1, 1, 0] + [0, 0, floor.height]

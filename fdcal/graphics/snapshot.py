@@ -123,8 +123,7 @@ def _add_floor(plotter: Any, pyvista: Any, floor: Floor) -> None:
     rows, columns = floor.rgb.shape[:2]
     step = floor.size[0] / columns, floor.size[1] / rows
     if floor.heights is not None:
-        grid = relief_grid(floor.origin, floor.size, floor.heights)
-        surface = pyvista.StructuredGrid(*np.meshgrid(grid.x, grid.y), floor.height + grid.heights)
+        surface = pyvista.StructuredGrid(*np.moveaxis(relief_grid(floor, floor.heights), 2, 0))
         rgb = np.pad(floor.rgb, ((1, 1), (1, 1), (0, 0)), mode="edge")
         surface.point_data["rgb"] = rgb.transpose(1, 0, 2).reshape(-1, 3)
     else:

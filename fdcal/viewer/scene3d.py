@@ -307,16 +307,15 @@ def relief_of(floor: Floor, heights: np.ndarray) -> trimesh.Trimesh:
 
     `heights` (ny, nx) float32, metres above the map's own height.
     """
-    grid = relief_grid(floor.origin, floor.size, heights)
-    ny, nx = grid.heights.shape
-    x, y = (places.ravel() for places in np.meshgrid(grid.x, grid.y))
+    grid = relief_grid(floor, heights)
+    ny, nx = grid.shape[:2]
+    vertices = grid.reshape(-1, 3)
     u, v = (
         np.clip((places - low) / size, 0.5 / count, 1 - 0.5 / count)  # beyond, the other edge of the texture mixes in
-        for places, low, size, count in zip((x, y), floor.origin, floor.size, heights.shape[::-1], strict=True)
+        for places, low, size, count in zip(vertices.T[:2], floor.origin, floor.size, heights.shape[::-1], strict=True)
     )
     corner = (nx * np.arange(ny - 1)[:, None] + np.arange(nx - 1)).ravel()[:, None]
     faces = np.concatenate([corner + [0, 1, nx + 1], corner + [0, nx + 1, nx]])
-    vertices = np.column_stack([x, y, floor.height + grid.heights.ravel()])
     return textured(vertices, faces, np.column_stack([u, v]), floor.rgb)
 
 

@@ -95,11 +95,11 @@ def test_heights_rise_with_colours_and_microphones_stand_on_them():
     assert (np.diff(floor.heights.ravel()[order]) >= 0).all() and floor.heights.max() > 0.2
     assert drape([[0.3, 0.8]], floor)[0, 2] == 0
     assert drape([[1.0, 0.0]], floor)[0, 2] == pytest.approx(floor.heights[0, 20])
-    grid = relief_grid(floor.origin, floor.size, floor.heights)
-    for axis, places in enumerate((grid.x, grid.y)):
+    grid = relief_grid(floor, floor.heights)
+    for axis, places in enumerate((grid[0, :, 0], grid[:, 0, 1])):
         ends = floor.origin[axis], floor.origin[axis] + floor.size[axis]
         assert (places[0], places[-1]) == pytest.approx(ends), "to the edges of the map"
-    np.testing.assert_array_equal(grid.heights[1:-1, 1:-1], floor.heights)
+    np.testing.assert_array_equal(grid[1:-1, 1:-1, 2], floor.heights)
     for share in (0.1, 0.8):  # what the slider sets
         other = cost_floor(bowl(0.3, 0.8), SEARCH, relief=True, relief_height=share)
         assert other.heights.max() == pytest.approx(share * 1.05)
