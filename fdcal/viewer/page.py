@@ -138,7 +138,8 @@ class Page:
     def changed(self) -> bool:
         """Whether anything may have to be shown that is not, or only changes with the time."""
         woken = self.wake.is_set()
-        self.wake.clear()
+        if woken:  # else one that is set just now would be lost
+            self.wake.clear()
         viewer, cameras = self.viewer, self.nodes.cameras
         return woken or viewer is None or viewer.changing or not self.switcher.idle or cameras.waiting
 
