@@ -266,16 +266,6 @@ def _few_right(seen: Judged, limit: float) -> bool:
 IN_AIR = 0.06  # relative error of a sound speed: 6 % are 36 K. More is a wave in a plate, or about an obstacle
 
 
-def _contradicted_speed(seen: Judged) -> str:
-    found, c = seen.estimate.given.contradicted, seen.estimate.problem.sound_speed
-    assert found is not None  # where this applies
-    speed = c * np.exp(found.log_speed)
-    return (
-        f"the known microphones agree with the pressures at a sound speed of {speed:.1f} m/s, one sigma"
-        f" {speed * found.log_speed_sigma:.2g} m/s, not at {c:.1f} m/s"
-    )
-
-
 def _impossible_speed(seen: Judged) -> str:
     given = "position of a microphone" if seen.scale is None else "distance"
     c = seen.estimate.problem.sound_speed
@@ -343,11 +333,6 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             "measure longer, louder, or use fewer modes (<modes>)",
             0.3, "noise over the power; with more the search itself is a guess"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY),
-    Finding("sound_speed",
-            lambda seen, limit: (found := seen.estimate.given.contradicted) is not None
-            and 0 < abs(found.log_speed) < IN_AIR and found.advantage > limit,
-            _contradicted_speed, "correct it, or add <estimate_sound_speed>",
-            3.0, "nats by which that is likelier than wrong positions"),
     Finding("model_mismatch", lambda seen, limit: len(seen.unexplained) > max(2, limit * len(seen.names)),
             lambda seen: "no sound field without sources explains microphone"
                          f" {_named(seen.unexplained)}: {CAUSES}",

@@ -105,11 +105,6 @@ class GivenHypothesis:
     sigma: Reals  # (A,) float64, metres, one sigma of the shape at the microphones given
     noise: Reals  # (A,) float64, noise of their channels there over that of a healthy one
     wrong: Bools  # (A,) bool, which given positions are not those of their microphones
-    # log_speed, log_speed_sigma: logarithm of the sound speed with which the given positions agree, over that of the
-    # problem, and one sigma; 0 where that is not what is wrong
-    log_speed: float
-    log_speed_sigma: float
-    advantage: float  # nats by which it is likelier than any other that was examined
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load, robust, run
-from fdcal.solvers.interface import Estimate, GivenHypothesis, RoomEstimate, TriedOptimum
+from fdcal.solvers.interface import Estimate, RoomEstimate, TriedOptimum
 
 GRID = np.linspace(-0.5, 0.5, 5)
 TRUTH = np.array([(x, y) for x in GRID for y in GRID]) + [2.6, 2.3]
@@ -102,12 +102,6 @@ def with_agreement(e: Estimate, probability: float) -> Estimate:
     return replace(e, given=replace(e.given, probability=lambda kept: probability))
 
 
-def with_contradiction(e: Estimate, log_speed: float, advantage: float = 9.0) -> Estimate:
-    ones = np.ones(len(e.problem.known))
-    found = GivenHypothesis(e.positions, 1e-3 * ones, ones, ones < 0, log_speed, 1e-3, advantage)
-    return replace(e, given=replace(e.given, contradicted=found))
-
-
 def with_frequencies(e: Estimate, factor: float) -> Estimate:
     return replace(e, problem=replace(e.problem, frequencies=factor * e.problem.frequencies))
 
@@ -151,7 +145,6 @@ def with_loose_given(e: Estimate) -> Estimate:
 ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("too_noisy", "40 % of the power", lambda e: with_share(e, 0.4)),
     ("model_mismatch", "single wave", as_single_wave),
-    ("sound_speed", "at a sound speed of 336.2 m/s", lambda e: with_contradiction(e, -0.02)),
     ("model_mismatch", "no sound field without sources explains", lambda e: with_channel_noise(e, 3, 1e4)),
     ("model_mismatch", "7 of 20 channels are faulty", lambda e: with_inverted(e, 7)),
     ("model_mismatch", "8 of 20 microphones", lambda e: with_channel_noise(e, 8, 6.0)),
@@ -170,11 +163,11 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("ambiguous", "nothing would show an error of a given position", with_loose_given),
     ("good", "nothing speaks against these positions", lambda e: e),
 ]
-BLIND = 13  # the row that only an array without given positions reaches
+BLIND = 12  # the row that only an array without given positions reaches
 # Pairs of rows of which the alterations exclude each other.
 EXCLUDED = {
-    (2, 13), (3, 5), (3, 16), (5, 16), (8, 13), (8, 17), (8, 18), (9, 13), (10, 11), (13, 18), (14, 15), (14, 17),
-    (15, 17), (17, 18),
+    (2, 4), (2, 15), (4, 15), (7, 12), (7, 16), (7, 17), (8, 12), (9, 10), (12, 17),
+    (13, 14), (13, 16), (14, 16), (16, 17),
 }  # fmt: skip
 
 
@@ -224,12 +217,11 @@ def test_an_earlier_row_hides_a_later_one(estimate, blind, row):
     ("row", "altered"),
     [
         (0, lambda e, limit, by: with_given_noise(with_share(e, limit * by), limit)),
-        (2, lambda e, limit, by: with_contradiction(e, 0.02, limit * by)),
-        (9, lambda e, limit, by: with_agreement(e, limit / by)),
-        (7, lambda e, limit, by: with_step(e, limit * by)),
-        (10, lambda e, limit, by: with_given_noise(with_share(e, limit * by * 0.01 + ROOM_RESIDUAL), 0.01)),
-        (11, lambda e, limit, by: with_given_noise(with_share(e, limit * by), 0.0)),
-        (12, lambda e, limit, by: replace(e, log_speed=np.log1p(limit * by))),
+        (8, lambda e, limit, by: with_agreement(e, limit / by)),
+        (6, lambda e, limit, by: with_step(e, limit * by)),
+        (9, lambda e, limit, by: with_given_noise(with_share(e, limit * by * 0.01 + ROOM_RESIDUAL), 0.01)),
+        (10, lambda e, limit, by: with_given_noise(with_share(e, limit * by), 0.0)),
+        (11, lambda e, limit, by: replace(e, log_speed=np.log1p(limit * by))),
     ],
 )
 def test_a_limit_is_where_the_verdict_changes(estimate, row, altered):

@@ -172,7 +172,7 @@ def test_noise_of_a_channel_whose_exact_position_is_wrong_is_no_fault_of_the_cha
     wrong, positions = np.arange(len(KNOWN)) == 1, np.array(estimate.positions)
     positions[KNOWN[1]] += 0.03, 0.04
     ones = np.ones(len(KNOWN))
-    hypothesis = GivenHypothesis(positions, 1e-3 * ones, ones, wrong, 0.0, 0.0, 9.0)
+    hypothesis = GivenHypothesis(positions, 1e-3 * ones, ones, wrong)
     exact = replace(noisy, given=replace(estimate.given, sigma=0.0, contradicted=hypothesis))
     found = [faulty_channels(of, covariance_of(of), NAMES) for of in (noisy, exact)]
     kinds = [[(n, one.kind) for n, one in faulty.items()] for faulty in found]

@@ -6,7 +6,7 @@ positions, and put where the likeliest of several hypotheses has it; the next st
     b = x + G t + d + e,   d ~ N(0, P),   e ~ N(0, s^2 I)
 
 b are the positions given of the microphones that a hypothesis holds to be right, x those of the free array and P their
-covariance, t a rigid motion (and with a wrong sound speed a change of size), s one sigma of a given coordinate. With
+covariance, t a rigid motion, s one sigma of a given coordinate. With
 S = P + s^2 I and r = b - x, and t marginalised over,
 
     -log evidence = [r^T S^-1 r - g^T W^-1 g + log det S + log det W + (n - c) log 2 pi] / 2 - log priors
@@ -65,7 +65,7 @@ def resolved(problem: Problem, state: State) -> State:
     assumed = _assumed(problem, state, found, best)
     mirrored = np.linalg.det(rigid_motion(state.positions, best.positions)[0]) < 0  # the same positions count in both
     as_before = same_given(state, assumed) and best.sigma < INACCURATE * GIVEN_SIGMA and not mirrored
-    return state if best.scale or as_before else assumed
+    return state if as_before else assumed
 
 
 # by which another hypothesis must be likelier than exact positions as they are given; without it 2 of 12 arrays with
@@ -88,18 +88,18 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
         free = _let_go(problem, state) if exact else state
         if exact:
             found = free_array(problem, free, 0)
-            tried = hypotheses(found, problem.known, problem.known_positions, EXACT_SIGMA, _sized(state))
+            tried = hypotheses(found, problem.known, problem.known_positions, EXACT_SIGMA)
         else:
             found = free_array(problem, state, FREE_STEPS)
             tried = likely(problem, state, found)
     except np.linalg.LinAlgError:
         return None
-    (best, other, *_), known = tried, problem.known
+    best, known = tried[0], problem.known
     noise_there = free.model.channel_noise[known]
     wrong = ~best.right | (best.order != np.arange(len(known)))
     wrong &= noise_there < SUSPICIOUS  # a channel that fits nowhere says nothing of its position
-    as_given = next(one for one in tried if np.all(one.right) and np.all(np.diff(one.order) > 0) and not one.scale)
-    if best.log_evidence - as_given.log_evidence < MIN_ADVANTAGE or not (np.any(wrong) or best.scale):
+    as_given = next(one for one in tried if np.all(one.right) and np.all(np.diff(one.order) > 0))
+    if best.log_evidence - as_given.log_evidence < MIN_ADVANTAGE or not np.any(wrong):
         return None
     variance = np.diag(found.covariance).reshape(state.positions.shape).sum(axis=1)
     return GivenHypothesis(
@@ -107,9 +107,6 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
         np.sqrt(np.maximum(variance[known], 0.0)),
         noise_there,
         wrong,
-        float(np.log(best.size)),
-        best.size_sigma / best.size,
-        best.log_evidence - other.log_evidence,
     )
 
 
@@ -132,14 +129,9 @@ def _let_go(problem: Problem, state: State) -> State:
     return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
 
 
-def _sized(state: State) -> bool:
-    """Whether the sound speed may be wrong: it is not sought itself."""
-    return state.settings.sound_speed_sigma is None
-
-
 def likely(problem: Problem, state: State, found: FreeArray) -> list[Hypothesis]:
     """Return the hypotheses on the given positions, the likeliest first."""
-    return hypotheses(found, problem.known, problem.known_positions, state.settings.known_sigma, _sized(state))
+    return hypotheses(found, problem.known, problem.known_positions, state.settings.known_sigma)
 
 
 # probability of the disagreement found from which the given positions are taken as they are; without it arrays with
@@ -245,11 +237,6 @@ class Hypothesis:
     log_evidence: float
     right: Bools  # (A,) bool, which given positions hold the array
     order: Integers  # (A,) int64, the positions given in the order in which they belong to the microphones
-    scale: bool  # whether the sound speed is wrong
-    # size, size_sigma: of the array in the frame of the given positions over that of the pressures, and one sigma; 1
-    # and, 0 but where the sound speed is wrong
-    size: float
-    size_sigma: float
     sigma: float  # metres, of every given coordinate
     positions: Reals  # (N, D) float64, metres, the array in the frame of the given positions
 
@@ -258,38 +245,33 @@ class Hypothesis:
 EXAMINED = 7
 
 
-def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float | None, sized: bool) -> list[Hypothesis]:
+def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float | None) -> list[Hypothesis]:
     """Return the hypotheses on `places` (A, D), metres, given of `known` (A,), the likeliest first.
 
-    All are right, one is wrong, two are exchanged, or the sound speed is wrong; each as it is or mirrored.
-    `stated`: sigma of a given coordinate that the user states, metres; `sized`: whether the sound speed may be wrong.
+    All are right, one is wrong, or two are exchanged; each as it is or mirrored.
+    `stated`: sigma of a given coordinate that the user states, metres.
     """
     A, D = places.shape
     as_given, all_right = np.arange(A, dtype=np.int64), np.ones(A, bool)
     x = found.unknowns.positions[known]
     away = np.linalg.norm(align(x, places, starts.best_subset(x, places)) - places, axis=1)
     suspects: list[int] = sorted(np.argsort(-away)[:EXAMINED].tolist()) if A > D else []
-    tried: list[tuple[Bools, Integers, bool]] = [(all_right, as_given, False)]
-    tried += [(np.arange(A) != n, as_given, False) for n in suspects]
+    tried = [(all_right, as_given), *((np.arange(A) != n, as_given) for n in suspects)]
     for i, j in combinations(suspects, 2):
         order = as_given.copy()
         order[[i, j]] = j, i
-        tried.append((all_right, order, False))
-    if sized and A * D > D * (D + 1) // 2 + 1:
-        tried.append((all_right, as_given, True))
+        tried.append((all_right, order))
     weighed = [_weighed(found, known, places, *one, stated) for one in tried]
     return sorted(weighed, key=lambda one: -one.log_evidence)
 
 
-# probability that a given position is wrong, that two are exchanged, or that the sound speed is wrong; with 0.2 the
-# errors of 2 of 32 arrays grow from 5 to 11 mm
+# probability that a given position is wrong, or that two are exchanged; with 0.2 the errors of 2 of 32 arrays grow from
+# 5 to 11 mm
 WRONG = 0.05
-# range of relative errors of the sound speed; with 1 the error of one array grows from 34 to 55 mm
-SIZES = 0.1
 
 
 def _weighed(
-    found: FreeArray, known: Integers, places: Reals, right: Bools, order: Integers, scale: bool, stated: float | None
+    found: FreeArray, known: Integers, places: Reals, right: Bools, order: Integers, stated: float | None
 ) -> Hypothesis:
     """One hypothesis, with the likelier one of the two mirror images."""
     x, D = found.unknowns.positions, places.shape[1]
@@ -297,17 +279,13 @@ def _weighed(
     index = (constrained[:, None] * D + np.arange(D)).ravel()
     values, vectors = np.linalg.eigh(found.covariance[np.ix_(index, index)])
     columns, spectrum = rigid_motions(x), (np.maximum(values, 0.0), vectors)
-    if scale:
-        columns = np.column_stack([columns, (x - x.mean(axis=0)).ravel()])
     placed = partial(_placed, found, known, ordered, right, columns, index, spectrum, stated)
-    evidence, sigma, positions, sized = max((placed(mirror) for mirror in (False, True)), key=lambda one: one[0])
-    size, size_sigma = (1 + sized[0], sized[1]) if scale else (1.0, 0.0)
+    evidence, sigma, positions = max((placed(mirror) for mirror in (False, True)), key=lambda one: one[0])
     A, wrong = len(right), np.sum(~right)
     evidence += wrong * np.log(WRONG) + (A - wrong) * np.log1p(-WRONG)
     if np.any(order != np.arange(A)):
         evidence += np.log(WRONG / (A * (A - 1) / 2))
-    evidence += np.log(WRONG / SIZES) if scale else 0.0
-    return Hypothesis(float(evidence), right, order, scale, size, size_sigma, sigma, positions)
+    return Hypothesis(float(evidence), right, order, sigma, positions)
 
 
 def _placed(
@@ -320,8 +298,8 @@ def _placed(
     spectrum: tuple[Reals, Reals],
     stated: float | None,
     mirror: bool,
-) -> tuple[float, float, np.ndarray, tuple[float, float]]:
-    """Log evidence, sigma and positions of one image of the array, and its last motion with one sigma."""
+) -> tuple[float, float, np.ndarray]:
+    """Log evidence, sigma and positions of one image of the array."""
     x = found.unknowns.positions
     turn, centre, target = rigid_motion(x[known[right]], places[right], mirror)
     b = (places - target) @ turn.T + centre  # the given positions in the frame of the free array
@@ -339,8 +317,7 @@ def _placed(
     moved = x + (columns @ t[best] + found.covariance[:, index] @ pull).reshape(x.shape)
     evidence = logs[best] - (r.size - columns.shape[1]) / 2 * np.log(2 * np.pi)
     evidence += _of_wrong(b[~right] - moved[known[~right]], sigmas[best])
-    last = float(t[best, -1]), float(np.sqrt(np.linalg.inv(np.asarray(W[best]))[-1, -1]))
-    return float(evidence), float(sigmas[best]), (moved - centre) @ turn + target, last
+    return float(evidence), float(sigmas[best]), (moved - centre) @ turn + target
 
 
 # greatest distance of a wrong position over the least one; with 10 the error of one grows from 5 to 12 mm
