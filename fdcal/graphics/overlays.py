@@ -1,4 +1,4 @@
-"""What can be drawn over a picture: paths, ellipses, faulty channels, solvers, the cost in space, a plan, a ball.
+"""What can be drawn over a picture: paths, ellipses, faulty channels, solvers, the cost in space, a ball.
 
 Each function takes a picture of `fdcal.graphics.picture` and returns it with more in it.
 """
@@ -29,10 +29,6 @@ from .primitives import Colour, Floor, Label, Lines, Mesh, Picture
 from .volume import AXES, Volume
 
 _DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
-SECTIONS = {
-    2: ((1, 0),),
-    3: ((2, 1), (2, 0), (1, 0)),
-}  # of D axes: pairs of half axes, that of the largest section first
 ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
 NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn
 SMALL_ELLIPSE = 0.5  # of the radius of a marker: half axis below which an ellipse is hidden by the marks
@@ -81,13 +77,11 @@ def with_ellipses(
     floor: Floor | None = None,
     scale: float = 1.0,
     note: str = "",
-    text: str = MARKS["ellipses"].text,
-    sections: int = 1,
 ) -> Picture:
     """Return the picture with an error ellipse around each microphone, none where it is no larger than a dot.
 
-    The legend says by how much the ellipses are enlarged, or that they are too small to be seen: `text` is their word,
-    and `note` adds to it. `axes` as of `ellipse_scale`; so many of SECTIONS are drawn, `scale` times enlarged.
+    The legend says by how much the ellipses are enlarged, or that they are too small to be seen, and `note` adds to it.
+    `axes` as of `ellipse_scale`; in space the two longest span the ellipse. It is drawn `scale` times enlarged.
     """
     axes, positions, radius = scale * np.asarray(axes, float), np.asarray(positions, float), picture.marker_radius
     lengths = np.linalg.norm(axes[:, -1], axis=1)
@@ -95,11 +89,10 @@ def with_ellipses(
     if not len(seen):
         return picture
     centres = on_layer(drape(positions[seen], floor, radius), picture.z_range[0], radius, Layer.ELLIPSE)
-    D = axes.shape[2]
-    half = np.pad(axes[seen], ((0, 0), (0, 0), (0, 3 - D)))
+    half, text = np.pad(axes[seen], ((0, 0), (0, 0), (0, 3 - axes.shape[2]))), MARKS["ellipses"].text
     angles = np.linspace(0, 2 * np.pi, ELLIPSE_SIDES + 1)[:, None, None]
-    rims = [np.cos(angles) * half[:, a] + np.sin(angles) * half[:, b] + centres for a, b in SECTIONS[D][:sections]]
-    pieces = np.concatenate([np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3) for rim in rims])
+    rim = np.cos(angles) * half[:, -1] + np.sin(angles) * half[:, -2] + centres
+    pieces = np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3)
     if scale > 1:
         text += f", drawn {scale:g} times larger"
     elif lengths.max() < SMALL_ELLIPSE * radius:
@@ -154,20 +147,6 @@ def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:
         for name, (x, y, z) in zip("AB", points[[0, -1]].tolist(), strict=True)
     )
     return picture.plus(*strokes("cut", segments, radius), *labels)
-
-
-BOUND_TEXT = "least error (95 %)"  # in the legend
-
-
-def with_bound(picture: Picture, positions, axes) -> Picture:
-    """Return the picture with the least error of each microphone: an ellipse, in space the sections of an ellipsoid.
-
-    The legend says by how much they are enlarged. `axes` as of `ellipse_scale`; zeros of a microphone that is given.
-    """
-    picture = replace(picture, captions=(*picture.captions, ("microphones/true", "planned microphone")))
-    x0, y0, x1, y1 = picture.focus
-    scale = ellipse_scale(axes, max(x1 - x0, y1 - y0))
-    return with_ellipses(picture, positions, axes, None, scale, text=BOUND_TEXT, sections=3)
 
 
 BALL_RADIUS = MARKS["microphones/ball"].reach  # of the ball, in radii of a marker

@@ -455,8 +455,8 @@ def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
     return tuple(found)
 
 
-def plan_sentences(plan: Plan) -> tuple[list[str], tuple[str, str]]:
-    """Return what a plan says: the lines before its table, and the caption of the table and the advice after it."""
+def plan_lines(plan: Plan) -> list[str]:
+    """Return what a plan says, a line each."""
     request, forecast, sigma = plan.request, plan.forecast, plan.bound.sigma[plan.bound.free]
     (low, high), count = request.limits, len(request.frequencies)
     field = "a diffuse field" if request.room is None else f"a room of {'x'.join(f'{v:g}' for v in request.room)} m"
@@ -500,22 +500,12 @@ def plan_sentences(plan: Plan) -> tuple[list[str], tuple[str, str]]:
     )
     more = "; 3 dB more is twice as long a recording in the same noise" if len(plan.snr_db) > 1 else ""
     head = f"expected error by places of the source, each recorded equally long, and signal-to-noise ratio{more}:"
-    return [*lines, *plan.degeneracies], (head, _advice(plan))
-
-
-def plan_table(plan: Plan) -> list[list[str]]:
-    """Return the table of expected errors as texts, its head first: a row for each number of places of the source."""
-    rows = [[f"{takes} place{'s' if takes > 1 else ''}", *map(length_text, row.tolist())]
-            for takes, row in zip(plan.takes, plan.expected, strict=True)]  # fmt: skip
-    return [["", *(f"{snr_db:g} dB" for snr_db in plan.snr_db)], *rows]
-
-
-def plan_lines(plan: Plan) -> list[str]:
-    """Return what a plan says, a line each."""
-    (lines, (head, advice)), table = plan_sentences(plan), plan_table(plan)
+    table = [["", *(f"{snr_db:g} dB" for snr_db in plan.snr_db)]]
+    for number, expected in zip(plan.takes, plan.expected, strict=True):
+        table.append([f"{number} place{'s' if number > 1 else ''}", *map(length_text, expected.tolist())])
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     rows = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
-    return [*lines, head, *rows, advice]
+    return [*lines, *plan.degeneracies, head, *rows, _advice(plan)]
 
 
 def _advice(plan: Plan) -> str:

@@ -45,8 +45,8 @@ LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}
 def plan(problem: Problem, modes: int, affine_first: bool = False) -> list[tuple[str, int]]:
     """Return the starts in the order in which they are tried: kind and number of modes, of an affine image the lowest.
 
-    The second is of another kind than the first: optima that agree then say more. Without noise the low modes are as
-    good as the others, and with channels that are alike they are not misled: their affine image then comes first.
+    The second is of another kind than the first: optima that agree then say more. Channels that are alike do
+    not mislead the low modes: their affine image then comes first.
     """
     counts = list(dict.fromkeys(min(n, modes) for n in LOWEST[problem.dimension]))
     kinds = ("map", "metric") if len(problem.known) else ("metric",)

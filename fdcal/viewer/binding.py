@@ -152,14 +152,9 @@ class Binding:
         return self.frame.positions(self.session.view.state.positions)
 
     def place(self, microphone: int, place, gesture: int | None = None) -> None:
-        """Move a microphone to a place on the page, (2,) or (3,), metres: its estimate, or that of the plan shown."""
-        if self.choices.plan.shown:
-            plan, moved = self.choices.plan, (int(microphone), float(place[0]), float(place[1]))
-            others = tuple(move for move in plan.moved if move[0] != microphone)
-            self.choose(plan=replace(plan, moved=(*others, moved)))
-        else:
-            place = self.frame.placed(self.session.view.state.positions, microphone, place)
-            self.session.place(microphone, place, gesture)
+        """Move the estimate of a microphone to a place on the page, (2,) or (3,), metres."""
+        place = self.frame.placed(self.session.view.state.positions, microphone, place)
+        self.session.place(microphone, place, gesture)
 
     def send(self, handle, value) -> None:
         """Set the value of a control where it differs from the one sent last.

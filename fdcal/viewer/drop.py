@@ -101,9 +101,8 @@ class MicrophonePicker:
         handles.on_drag("left", modifier="shift")(partial(drag, place))
 
     def _movable(self, index: int) -> bool:
-        """Whether a microphone may be dragged: a known one stays, unless it is released or only planned."""
-        choices = self._binding.choices
-        return choices.release or choices.plan.shown or index not in self._binding.run.problem.known
+        """Whether a microphone may be dragged: a known one stays, unless it is released."""
+        return self._binding.choices.release or index not in self._binding.run.problem.known
 
     def _drag(self, event, move: Move) -> None:
         """Move a microphone or an end to where the line of sight meets its height or slice inside the search domain."""
@@ -255,7 +254,7 @@ class Drop:
         """Drag a microphone to a place, (2,) or (3,), metres, or let it go there; on viser's event loop."""
         binding = self._binding
         held = self._drag if self._drag is not None and self._drag.gesture == gesture else None
-        if held is None and (not self._droppable or binding.choices.plan.shown):
+        if held is None and not self._droppable:
             self.place(microphone, place, gesture, released)
             return
         if held is None:

@@ -47,7 +47,6 @@ NO_DOMAIN = (
 
 # How the page calls the arguments that an error's remedy mentions (`InputError.worded`).
 CONTROLS = {
-    "frequencies": 'the slider "Frequencies" in the tab Plan',
     "kind": 'the list "Kind" in the tab Open',
     "known": 'the slider "Known microphones" in the tab Scene',
     "modes": 'the slider "Last mode" in the settings of the solver',

@@ -28,7 +28,6 @@ from .tabs.curves import CurvesTab
 from .tabs.cut import CutPanel
 from .tabs.map import MapsPanel, MapTab
 from .tabs.microphones import MicrophonesTab
-from .tabs.plan import PlanTab
 from .tabs.scene import SceneTab
 from .tabs.spectrum import SpectrumPanel
 from .tabs.sweep import SweepTab
@@ -37,7 +36,7 @@ from .tabs.view import ExportTab, ViewTab
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
 RIGHT = ("Curves", "Scene", "View", "Open", "Help")  # without icons, which would take too much room
 RUN_BAR = "run bar"
-LEFT = ("Map", "Mics", "Plan")  # those of a session are made by `Tabs`
+LEFT = ("Map", "Mics")  # those of a session are made by `Tabs`
 
 
 class Panels:
@@ -369,8 +368,6 @@ class Tabs:
             self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought)
         with folders.tab("Mics"):
             self.microphones = MicrophonesTab(binding)
-        with folders.tab("Plan"):
-            self.plan = PlanTab(binding)
 
     def __iter__(self) -> Iterator[Tab]:
         return (tab for tab in vars(self).values() if isinstance(tab, Tab))

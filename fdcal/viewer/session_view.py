@@ -36,7 +36,6 @@ from .prepare import DisplayFrame, PreparedRun
 from .scene3d import SceneNodes
 from .scheduler import Memo, Scheduler
 from .state import Choices, PageState, PositionUncertainty
-from .tabs.plan import PlannedArray
 
 
 def uncertainty_of(
@@ -129,18 +128,15 @@ class SessionPicture:
         floor: Floor | None = None,
         volume: Volume | None = None,
         uncertainty: PositionUncertainty | None = None,
-        planned: PlannedArray | None = None,
         dropped: Dropped | None = None,
     ) -> Picture:
         """Return the picture of a state, as `frame` has moved it.
 
         `microphone`: whose map is shown, counted from 0; `floor`: the map, or None; `uncertainty`: PositionUncertainty
-        of the state, or None; `volume`: the cost in space, or None; `planned`: drawn in place of the estimates where
-        the user plans, or None; `dropped`: a microphone that is dragged or rolls, or None.
+        of the state, or None; `volume`: the cost in space, or None; `dropped`: a microphone that is
+        dragged or rolls, or None.
         """
         self.ball = None
-        if choices.plan.shown:
-            return self._drawn_plan(choices, planned)
         self.places = positions = np.array(view.state.positions, float)
         if dropped is not None:
             positions[dropped.microphone, : len(dropped.place)] = dropped.place
@@ -179,16 +175,6 @@ class SessionPicture:
         if choices.cut is not None:
             picture = overlays.with_cut(picture, choices.cut, floor)
         return picture
-
-    def _drawn_plan(self, choices: Choices, planned: PlannedArray | None) -> Picture:
-        """Return the picture of the planned array; `planned` may be of places a moment ago, or None."""
-        plan, measurement = choices.plan, self._measurement
-        positions, known = plan.placed(measurement.positions), np.array(plan.known, int)
-        array = replace(measurement, positions=positions, known=known, known_positions=positions[known])
-        picture = static_picture(self._run.known_scene, array, choices.dark, None, choices.lecture, choices.take)
-        axes = np.zeros((0, 2, 2)) if planned is None else planned.axes
-        self.places = positions
-        return overlays.with_bound(picture, positions, axes)
 
     def _faulty(self, found: PositionUncertainty) -> list[int]:
         """Return the microphones with a faulty channel."""
@@ -329,7 +315,7 @@ class Viewer:
             modes = count_label(self.run.measurement, self.wanted.modes)
             awaited = f"Computing the map of microphone {self.wanted.microphone}: {modes} ..."
         floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
-        parts = floor, volume, state.uncertainty, self.tabs.plan.planned
+        parts = floor, volume, state.uncertainty
 
         def draw() -> Picture:
             picture = self._picture.draw(state.view, choices, state.microphone, *parts, dropped)

@@ -6,7 +6,7 @@ The choices, apart from those that belong to the session, are saved with it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,27 +20,6 @@ from ..session.lesson import MAX_ORDER_OFFSET
 from ..session.session import SessionView
 from .cost_maps import CostMap, CostMapRequest, MapStyle, map_modes
 from .prepare import PreparedRun
-
-
-@dataclass(frozen=True)
-class PlanChoices:
-    """What the controls of the tab show."""
-
-    shown: bool = False  # whether the scene shows the planned array in place of the estimates
-    snr_db: float = 30.0  # signal-to-noise ratio of each frequency, dB
-    frequencies: int | None = None  # the lowest so many are in use; None for all that the array can interpolate
-    known: tuple[int, ...] = ()  # numbers of the microphones whose positions are given
-    gain_sigma_db: float = 0.0  # spread of the channels' gains, dB; 0 for equal channels
-    moved: tuple[tuple[int, float, float], ...] = ()  # number, x and y, metres, of each microphone that was dragged
-    takes: int = 1  # places of the source, recorded equally long from each
-
-    def placed(self, positions) -> np.ndarray:
-        """Return positions (N, D), metres, with the microphones that were dragged where they are now."""
-        placed = np.array(positions, float)
-        for microphone, x, y in self.moved:
-            placed[microphone, :2] = x, y
-        return placed
-
 
 FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Mode shape (last mode)", "No map"  # kinds of map
 BASINS = "Basins of attraction"
@@ -94,7 +73,6 @@ class Choices(MapStyle):
     seed: int = 0  # of the solver's next start
     rate: int | None = None  # steps per second that the user has chosen; None before that
     cut: Line | None = None  # the line along which the cost is drawn; None for no line
-    plan: PlanChoices = field(default_factory=PlanChoices)
     take: int | None = None  # whose rows and spectrum are shown; None for those of all takes
 
     @property

@@ -82,7 +82,8 @@ def test_the_noise_over_that_given_is_in_the_file_as_the_verdict_says_it(inputs)
 def test_the_title_of_a_snapshot_has_the_errors_that_calibrate_prints():
     measurement = fdcal.load("tiny")
     found = fdcal.calibrate(measurement, modes=12)
-    assert found.mean_error > found.errors.mean(), "the known microphones do not count"
+    sought = [name not in found.known for name in found.names]
+    assert found.mean_error == pytest.approx(found.errors[sought].mean()) != found.errors.mean()
     words = f"error: mean {length_text(found.mean_error)}, largest {length_text(found.max_error)}"
     assert error_title(measurement, found) == words
     blind = fdcal.calibrate(measurement, modes=12, known="none", solver="joint")

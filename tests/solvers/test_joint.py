@@ -146,6 +146,7 @@ def test_in_the_minimal_gauge_it_does_not_matter_where_the_solver_has_left_the_a
     measurement, settings = measured(TRUTH, KNOWN), replace(SETTINGS, known="minimal")
     problem = measurement.problem("unit", "minimal")
     *_, state = solvers.run(problem, settings, 0)
+    state = replace(state, model=replace(state.model, directional=False, directions=None))  # which would turn along
     turned = state.positions @ np.array([[0.6, 0.8], [0.8, -0.6]]) + [3.0, -1.0]  # mirrored, too
     inputs = CalibrationInput("test", None, measurement, settings, 0)
     one, other = (assess_state(inputs, problem, replace(state, positions=x)) for x in (state.positions, turned))
@@ -198,11 +199,11 @@ def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
 
 
 def test_a_random_start_in_a_wrong_basin_is_followed_by_every_start_of_the_plan():
-    """It takes no place in the plan: the first start of that is the best of this array without noise."""
+    """It takes no place in the plan, of which two starts agree."""
     measurement = simulated_square()
     settings = SolverSettings(name="joint", modes=57, start="random")
     states = list(solvers.run(measurement.problem(), settings, 1))
-    assert {state.progress.restart for state in states} == {-1, 0}
+    assert {state.progress.restart for state in states} == {-1, 0, 1}
     assert states[-1].converged and position_errors(states[-1].positions, measurement.positions).max() < 5e-4
 
 

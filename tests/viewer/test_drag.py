@@ -25,7 +25,7 @@ from fdcal.viewer.cost_maps import CostMapRequest, MapStyle, place_of_basin
 from fdcal.viewer.drop import MicrophonePicker
 from fdcal.viewer.prepare import DisplayFrame
 from fdcal.viewer.session_view import SessionPicture
-from fdcal.viewer.state import Choices, PlanChoices
+from fdcal.viewer.state import Choices
 from fdcal.viewer.tabs import map as map_tab
 from fdcal.viewer.tabs.cut import cost_along
 
@@ -39,7 +39,7 @@ def picker():
     placed, selected, direct, callbacks, shape = [], [], [], {}, {}
     binding = SimpleNamespace(
         measurement=SimpleNamespace(count=5, search=SEARCH),
-        choices=SimpleNamespace(release=False, plan=PlanChoices(), cut=None),
+        choices=SimpleNamespace(release=False, cut=None),
         choose=lambda cut: setattr(binding.choices, "cut", cut),
         run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))),
     )  # fmt: skip
@@ -179,13 +179,13 @@ def test_modes_are_read_as_written_and_those_that_are_not_there_are_refused():
             parse_modes(text, 9)
 
 
-def test_a_known_microphone_stays_unless_it_is_released_or_planned(picker):
+def test_a_known_microphone_stays_unless_it_is_released(picker):
     choices = picker.binding.choices
     picker.drag(event("start", 4, HERE))
-    for release, planned in ((False, False), (True, False), (False, True)):
-        choices.release, choices.plan = release, PlanChoices(shown=planned)
+    for release in (False, True):
+        choices.release = release
         picker.drag(event("update", 4, HERE))
-        assert len(picker.placed) == (release or planned)
+        assert len(picker.placed) == release
         picker.placed.clear()
 
 
@@ -388,10 +388,10 @@ def test_small_maps_cut_and_basins_have_the_true_position_where_the_main_map_has
     asked = {"modes": (1,), "take": None, "order_offset": 0, "style": MapStyle()}
     request, marks = SimpleNamespace(microphone=n, state=shown, **asked), []
     np.testing.assert_array_equal(place_of_basin(blind, request)[0], truth[n])
-    monkeypatch.setattr(map_tab, "mosaic", lambda *arguments, **_: marks.append(arguments[3]))
+    monkeypatch.setattr(map_tab, "mosaic", lambda *_, **named: marks.append(named["true"]))
     panels = SimpleNamespace(modes=(1,), maps=[None], total=None, search=None)
     map_tab.panel_image(blind, SimpleNamespace(request=request, panels=panels, fine=True))
-    assert marks[0].true == tuple(truth[n])
+    assert marks[0] == tuple(truth[n])
     ends = truth[n] - [0.1, 0.0], truth[n] + [0.1, 0.0]
     assert cost_along(
         blind, CostMapRequest(0, n, (1,), 0, True, MapStyle(), False, shown, None), ends

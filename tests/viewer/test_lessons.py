@@ -316,7 +316,7 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     lessons.start("Mine")
     turn_until(lambda: prepared(page))
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
-    kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "plan", "themed")}
+    kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "themed")}
     assert odd == replace(plain, dark=True, **kept)
     turn_until(lambda: page.viewer.tabs.run_bar.speed.value < 60)  # so that it can be watched
     page.viewer.binding.choose(minima=False)

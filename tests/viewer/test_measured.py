@@ -1,37 +1,32 @@
-"""The page of a measurement without a scene, of several takes, and of an array that is only planned."""
+"""The page of a measurement without a scene, and of several takes."""
 
 import dataclasses
-import time
 from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from doubles import Recorder, Solver, State, set_by_client, wait_until
+from doubles import Recorder, Solver, State, set_by_client
 
 from fdcal import solvers
-from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.result_file import position_table
 from fdcal.assessment.words import modes_words
 from fdcal.commands.options import open_request_of
 from fdcal.graphics.annotations import legend_of
-from fdcal.graphics.overlays import with_bound
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.scene import MeasuredScene, load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import with_estimated_domain
-from fdcal.session.plan import PlanRequest, make_plan, plan_lines, read_layout
 from fdcal.session.sources import OpenRequest, scene_input
 from fdcal.viewer import html, prepare
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.prepare import DisplayFrame, Preparation
-from fdcal.viewer.state import PageState, PlanChoices
+from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import map, spectrum
 from fdcal.viewer.tabs import map as map_tab
-from fdcal.viewer.tabs.plan import PlanTab, planned_array
 from fdcal.viewer.tabs.spectrum import HIDDEN, SpectrumPlot
 
 
@@ -262,87 +257,3 @@ def test_a_measurement_is_shown_without_walls_and_all_of_its_modes_are_used(scor
 
 def part(viewer, name):
     return {one.name: one for one in (*viewer.snapshot.picture.lines, *viewer.snapshot.picture.meshes)}.get(name)
-
-
-def test_the_plan_is_drawn_before_anything_is_measured_and_follows_controls_and_drags(viewer):
-    tab, measurement = viewer.tabs.plan, viewer.run.measurement
-
-    def turned(happened):
-        wait_until(happened, lambda: viewer.tick(time.perf_counter()))
-
-    def said(words):
-        turned(lambda: words in tab.summary.content)
-
-    assert part(viewer, "ellipses") is None
-    set_by_client(tab.shown, True)
-    turned(lambda: part(viewer, "ellipses") is not None)
-    assert part(viewer, "microphones/estimate") is None, "no solver has run"
-    assert "least error" in tab.summary.content and "the array interpolates up to" in tab.summary.content
-    assert " mm" in tab.summary.content and "mirrored" not in tab.summary.content
-    most = tab.frequencies.max
-    for count in (8, most):
-        set_by_client(tab.frequencies, count)
-        said(f"frequencies: {count} independent")
-    assert viewer.binding.choices.plan.frequencies is None, "all that the array can use, also after a drag"
-    before, place = tab.summary.content, measurement.positions[4] + [0.05, -0.04]
-    viewer.binding.place(4, place, 0)
-    turned(lambda: tab.summary.content != before)
-    assert "place" not in {name for name, *_ in viewer.run.session.commands}, "the solver's estimate stays"
-    np.testing.assert_allclose(viewer.binding.choices.plan.placed(measurement.positions)[4], place)
-    assert not tab.reset.disabled
-    set_by_client(tab.reset, True)
-    said(before)
-    set_by_client(tab.known, 0)
-    said("can be mirrored")
-    assert any("least error" in entry.text for entry in legend_of(viewer.snapshot.picture))
-    set_by_client(tab.shown, False)
-    turned(lambda: part(viewer, "microphones/estimate") is not None)
-    assert part(viewer, "ellipses") is None
-
-
-def test_controls_change_the_bound_in_the_right_direction(viewer):
-    def sigma(**changes):
-        return np.linalg.norm(planned_array(viewer.run, replace(plan, **changes)).axes, axis=(1, 2)).max()
-
-    tab = viewer.tabs.plan
-    for control, value in ((tab.snr, 40), (tab.known, 5), (tab.gain, 1.0)):
-        set_by_client(control, value)
-    plan = viewer.binding.choices.plan
-    assert (plan.snr_db, len(plan.known), plan.gain_sigma_db) == (40.0, 5, 1.0)
-    assert set(viewer.run.measurement.known) < set(plan.known)
-    assert sigma(snr_db=20.0) > sigma() > sigma(gain_sigma_db=0.0)
-    assert sigma(frequencies=6) > sigma(frequencies=20) > sigma()
-
-
-def test_the_page_and_the_command_line_say_the_same(viewer):
-    scene = load_scene("tiny")
-    measurement = cached_measurement(scene)
-    run = dataclasses.replace(viewer.run, measurement=measurement)
-    known = tuple(measurement.known.tolist())
-    found = planned_array(run, PlanChoices(snr_db=30.0, known=known))
-    plan = make_plan(PlanRequest(read_layout("tiny"), room=tuple(scene.room.size), known=known))
-    assert plan_lines(found.plan)[1:] == plan_lines(plan)[1:]
-
-
-def test_what_cannot_be_planned_is_one_line(viewer, server, work):
-    everyone = PlanChoices(moved=tuple((n, 0.6, 0.5) for n in range(10)))
-    found = planned_array(viewer.run, everyone)
-    assert found.error and "\n" not in found.error
-    measured = placeholder_scene(work.measurement, "hall", work.scene.solver)
-    tab = PlanTab(Binding(server.gui, dataclasses.replace(work, scene=measured), 6))
-    tab.show(PageState(work.session.view))
-    assert tab.planned is None
-    assert not hasattr(tab, "shown"), "a measurement has nothing to plan"
-
-
-def test_an_ellipsoid_is_drawn_by_its_three_principal_sections():
-    scene = load_scene("ball3d")
-    measurement = cached_measurement(scene)
-    axes = np.tile(np.diag([0.01, 0.02, 0.03]), (measurement.count, 1, 1))
-    picture = with_bound(static_picture(scene, measurement), measurement.positions, axes)
-    ellipses = next(one for one in picture.lines if one.name == "ellipses")
-    corners = ellipses.segments.reshape(-1, 3)
-    assert (np.ptp(corners, axis=0) > np.ptp(measurement.positions, axis=0)).all(), "they reach out along all axes"
-    sides = np.ptp(ellipses.segments, axis=1) > 1e-6
-    flat = {tuple(sides[i : i + 36 * measurement.count].any(axis=0)) for i in range(0, len(sides), len(sides) // 3)}
-    assert flat == {(False, True, True), (True, False, True), (True, True, False)}

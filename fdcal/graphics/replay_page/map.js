@@ -73,7 +73,9 @@ function finished(job, found, lattice) {
   pen.putImageData(pixels, 0, 0);
   const marked = minimaOf(cost, nx, ny, maps), place = i => [lattice.places[0][i % nx], lattice.places[1][Math.floor(i / nx)]];
   const minima = {lowest: marked.lowest.map(place), others: marked.others.map(place), count: marked.count};
-  return {...job, lattice, cost, image, minima, low: 10 * Math.log10(floor), high: 10 * Math.log10(high)};
+  const most = sorted[sorted.length - 1], least = Math.max(sorted[0], most * 10 ** -maps.decades);  // heights span all costs
+  const [low_db, high_db, bottom, peak] = [floor, high, least, Math.max(most, least * 10 ** (maps.least / 10))].map(v => 10 * Math.log10(v));
+  return {...job, lattice, cost, image, minima, low: low_db, high: high_db, bottom, peak};
 }
 
 // Depth of the map below the floor at a place, metres: of a plane scene the view 3-D shows a relief.
@@ -81,8 +83,8 @@ const RELIEF = 0.22;  // of the longer edge of the map
 const reliefShown = () => D == 2 && !flat && mapShown();
 function depth([x, y]) {
   if (!reliefShown()) return 0;
-  const value = 10 ** (level(map, [x, y]) / 10), share = 10 * Math.log10(Math.max(value, 10 ** (map.low / 10))) - map.high;
-  return RELIEF * Math.max(...landscapes.edge) * share / Math.max(map.high - map.low, 1e-9);
+  const value = 10 ** (level(map, [x, y]) / 10), share = 10 * Math.log10(Math.max(value, 10 ** (map.bottom / 10))) - map.peak;
+  return RELIEF * Math.max(...landscapes.edge) * share / Math.max(map.peak - map.bottom, 1e-9);
 }
 // Whether a relief hides a place on it: ground on the way to the viewer stands above the line of sight.
 const RAY = 40;  // places on that way
@@ -100,7 +102,7 @@ function hidden([x, y]) {
 function reliefMap(pen, project) {
   const {cost, lattice} = map, [nx, ny] = lattice.shape, every = Math.ceil(Math.max(nx, ny) / 96);
   const axes = [nx, ny].map(count => Array.from({length: Math.floor((count - 1) / every) + 1}, (_, i) => i * every));
-  const tall = RELIEF * Math.max(...landscapes.edge), range = map.high - map.low || 1, share = at => Math.min(Math.max((10 * Math.log10(Math.max(cost[at], 1e-30)) - map.low) / range, 0), 1);
+  const tall = RELIEF * Math.max(...landscapes.edge), range = map.peak - map.bottom || 1, share = at => Math.min(Math.max((10 * Math.log10(Math.max(cost[at], 1e-30)) - map.bottom) / range, 0), 1);
   const points = axes[1].map(j => axes[0].map(i => {
     const s = share(j * nx + i);
     return {s, p: project([lattice.places[0][i], lattice.places[1][j], z0 - tall * (1 - s)])};

@@ -94,8 +94,7 @@ def next_restart(problem: Problem, state: State, restart: int) -> State:
     """Return the first restart, from number `restart` on, that has a start, or the last stage if there is none left."""
     reported = noise.given_noise(problem, state)
     level = None if reported is None else float(np.median(reported[state.modes]))
-    affine_first = is_noiseless(problem, state) or state.quick
-    plan = starts.plan(problem, state.last, affine_first)
+    plan = starts.plan(problem, state.last, state.quick)
     for number, one in enumerate(plan[:MAX_RESTARTS]):
         if number < restart:
             continue
@@ -132,33 +131,18 @@ def optima_agree(problem: Problem, state: State) -> bool:
     return False
 
 
-# fraction of the power, of the array and of one channel: a restart that leaves no more unexplained of a measurement
-# without noise is the last, since in a wrong basin none does so; without the second a run ends in a wrong basin, 1.1
-# m off
-LOW_NOISE = 1e-7
-LOW_CHANNEL_NOISE = 1e-5
-
-
-def is_noiseless(problem: Problem, state: State) -> bool:
-    """Return whether the measurement is reported to have no noise to speak of, as a simulated one."""
-    reported = noise.given_noise(problem, state)
-    return reported is not None and float(np.median(reported[state.modes])) <= LOW_NOISE
-
-
-# the same over the reported noise, where channels are matched and positions exact; without it such arrays take 1.4
+# noise over the reported one, where channels are matched and positions exact; without it such arrays take 1.4
 # times the time
 REPORTED_NOISE = 1.2
 
 
 def explains_all(problem: Problem, state: State) -> bool:
-    """Return whether the array explains all but the reported noise by healthy channels.
+    """Return whether the array explains all but the reported noise by healthy channels, so that the search may end.
 
-    Of a measurement without noise, in a wrong basin no array does so. With noise some do, so that this is evidence
-    only where the model has nothing else to bend: channels are matched, and exact given positions hold the size.
+    This is evidence only where the model has nothing else to bend: channels are matched, and exact given positions hold
+    the size.
     """
     fraction, worst = state.model.noise_fraction, float(state.model.channel_noise.max())
-    if is_noiseless(problem, state):
-        return fraction <= max(LOW_NOISE, 1.01 * state.model.min_noise) and fraction * worst <= LOW_CHANNEL_NOISE
     reported = noise.given_noise(problem, state)
     if reported is None or not state.quick or not len(problem.known):
         return False

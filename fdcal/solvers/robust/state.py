@@ -5,7 +5,7 @@ without them on the field suite (482 cases, or those of the families that the nu
 these are DAMPED and GROSS_GAIN_SIGMA. NOISE_TOLERANCE is undecided: with one round only, of 11 arrays two
 become worse (15 to 21 mm, 3.9 to 4.5 mm) and two better (31 to 2.9 mm, 6.3 to 4.7 mm).
 
-CONVERGED_SIGMAS, MAX_RESTARTS, MAX_ROUNDS, SAME_PLACE, LOW_NOISE, SUSPICIOUS and MAX_SIGMA were not ablated alone. What
+CONVERGED_SIGMAS, MAX_RESTARTS, MAX_ROUNDS, SAME_PLACE, SUSPICIOUS and MAX_SIGMA were not ablated alone. What
 else has no figure bounds memory or steps, or sets units.
 """
 

@@ -4,5 +4,5 @@ May import: the packages below viewer, and the modules of viewer but page, panel
 
 curves, scene, view, open_file, help     the main panel on the right; lessons stand on the canvas
 map, sweep, spectrum, cut                the tab Map of the panel on the left
-microphones, plan                        the other tabs there
+microphones                              the other tab there
 """
