@@ -110,13 +110,10 @@ def applied(A: Numbers, v: Complexes) -> np.ndarray:
     return joined_columns(np.matmul(A, as_columns(v, A.dtype)))
 
 
-def weighted_curvature(
-    g: np.ndarray, K: Callable[[slice, slice], np.ndarray], diagonal: Reals | None = None
-) -> np.ndarray:
+def weighted_curvature(g: np.ndarray, K: np.ndarray) -> np.ndarray:
     """Return sum_m Re [conj(g_ma,i) K_m,ij g_mb,j], blocks a <= b, the others zero : (P, P, N, N) float64.
 
-    g : (P, 2, M, N) float64, real and imaginary parts; K : returns rows (M, rows, N) of the Hermitian matrices of some
-    modes, given both as slices; diagonal : (M,) float64 or None, added to the diagonals of K
+    g : (P, 2, M, N) float64, real and imaginary parts; K : (M, N, N), Hermitian
     """
     P, _, M, N = g.shape
     H, left, right = np.zeros((P, P, N, N)), g.transpose(0, 2, 3, 1), g.transpose(0, 2, 1, 3)
@@ -124,7 +121,7 @@ def weighted_curvature(
     for rows in blocks(N, 4 * N):
         sums = np.zeros((len(pairs), rows.stop - rows.start, N))
         for m in blocks(M, N * (rows.stop - rows.start)):
-            matrices = K(m, rows)
+            matrices = K[m, rows]
             parts = (np.real(matrices).copy(), np.imag(matrices).copy()) if np.iscomplexobj(matrices) else (matrices,)
             for total, (a, b) in zip(sums, pairs, strict=True):
                 other = right[b, m]
@@ -133,9 +130,6 @@ def weighted_curvature(
                     other = np.stack([-other[:, 1], other[:, 0]], axis=1)  # times j, for the imaginary part
         for total, (a, b) in zip(sums, pairs, strict=True):
             H[a, b, rows] = total
-    if diagonal is not None:
-        for a, b in pairs:
-            np.einsum("ii->i", H[a, b])[:] += np.sum(diagonal[:, None] * (g[a] * g[b]).sum(axis=0), axis=0)
     return H
 
 
@@ -194,10 +188,8 @@ def _sphere(degree: int) -> tuple[np.ndarray, np.ndarray]:
     return frozen_array(np.hstack([half, -half]), float), frozen_array(np.tile(weights, 2), float)
 
 
-def plane_waves(
-    x: Reals, k: Numbers, powers: Reals, slope: bool, dimension: int = 2
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return W (M, Q, N) complex128 and, if wanted, its derivatives (D, M, Q, N), 1/m.
+def plane_waves(x: Reals, k: Numbers, powers: Reals, dimension: int = 2) -> np.ndarray:
+    """Return W (M, Q, N) complex128.
 
     x : (N, D) float64, metres, from the centre, where a damped wave has the amplitude 1; k : (M,) rad/m;
     powers : (M, Q) float64, S, power by direction
@@ -212,13 +204,7 @@ def plane_waves(
         W[:, :half] *= growth
         W[:, half:] /= growth
     W *= np.sqrt(w * powers)[..., None]
-    if not slope:
-        return W, None
-    factor = -1j * k[:, None, None]
-    dW = np.empty((x.shape[1], *W.shape), complex)
-    for out, along in zip(dW, u, strict=False):  # a plane array has no third coordinate
-        np.multiply(W, factor * along[:, None], out=out)
-    return W, dW
+    return W
 
 
 SMALL = 1e-6  # argument below which J_1(z) / z is 1/2
@@ -293,7 +279,7 @@ def plane_wave_covariance(
         K = np.empty((len(waves), len(x), len(x)), complex)
         pair_covariance(waves, a, b, K)
         return K, lambda u, P: _pair_slopes(waves, a, b, k[modes], towards[:, : a.shape[1]], u, P)
-    W = plane_waves(x, k[modes], powers, False, dimension)[0]
+    W = plane_waves(x, k[modes], powers, dimension)
     return W.swapaxes(1, 2) @ np.conj(W), lambda u, P: _wave_slopes(W, k[modes], towards, u, P)
 
 

@@ -19,11 +19,6 @@ The parameters of a microphone are x, (x, a, b) or (x, a, b, d, kappa). With J =
 D_a the slope of s K, the gradient is -2 Re[conj(u) J] and what the log-determinants and log g add, the curvature
 2 Re sum_m conj(J_mi) (C_m^-1)_ij J_mj.
 
-Where K = W W^H of fewer waves than microphones, with W' = T^-1/2 W, q' = T^-1/2 q, T = diag(tau), mu = v / s and
-
-    A = W'^H W' + mu I = G G^H,    Q = W' G^-H,    P = I - Q Q^H,    C^-1 = T^-1/2 P T^-1/2 / v,
-
-a matrix of r x r takes the place of one of N x N. In space, and for an array of many wavelengths, C is factorised.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,9 +33,7 @@ from . import kernels
 from .kernels import Slopes
 
 MIN_FIELD_SHARE = 1e-3  # least power of the field over that of the pressures, so that C is never pure noise
-MIN_WEIGHT = 1e-11  # least mu = v / s; below it rounding errors of A are not small beside it
 ISOTROPIC_ORDERS = 10  # beyond ceil(k R), with which waves from everywhere are isotropic to 1e-9
-ZERO = 1e-13  # of the largest eigenvalue: what is below counts as zero
 
 
 @dataclass(frozen=True)
@@ -97,11 +90,6 @@ class Terms:
         return self.gradient, self.curvature
 
 
-# W and, if wanted, dW of a slice of modes; with how many waves there are
-Waves = Callable[[slice, bool], tuple[Numbers, Numbers | None]]
-FewWaves = tuple[Waves, int]
-
-
 def likelihood_terms(
     positions: Reals, pressures: Complexes, field: FieldModel, channels: Reals | None = None, derivatives: bool = True
 ) -> Terms:
@@ -115,17 +103,13 @@ def likelihood_terms(
         raise np.linalg.LinAlgError("positions are not finite")
     log_gain, by_parameter = log_response(channels, np.real(field.wavenumbers))
     q = np.asarray(pressures, complex) * np.exp(-log_gain)
-    waves = few_waves(x, field)
-    rule = _dense_rule(x, q, field) if waves is None else _low_rank_rule(waves[0], q, field)
-    random = _summed(rule, q, by_parameter, _largest(x, field, waves), derivatives)
+    random = _summed(_rule(x, q, field), q, by_parameter, _largest(x, field), derivatives)
     random = replace(random, costs=random.costs + np.sum(2 * np.real(log_gain), axis=1))
     return replace(random, cost=float(random.costs.sum()))
 
 
-def _largest(x: Reals, field: FieldModel, waves: FewWaves | None) -> int:
-    """Return how many numbers the largest array of one mode has; `waves` as of `few_waves`."""
-    if waves is not None:
-        return 2 * len(x) * waves[1]
+def _largest(x: Reals, field: FieldModel) -> int:
+    """Return how many numbers the largest array of one mode has."""
     powers = field.powers(x)
     if powers is None:
         return len(x) ** 2
@@ -148,19 +132,16 @@ def log_response(channels: Reals | None, wavenumbers: Reals) -> tuple[np.ndarray
 
 @dataclass(frozen=True)
 class _Block:
-    """Some modes, factorised. Vectors of a microphone are multiplied by `weight`, so that tau is 1 for all.
+    """Some modes, factorised.
 
-    costs (B,); u, weighted u over the weight (B, N) complex128; d (B, N) diagonal of C^-1;
-    rows, diagonal : C^-1, as of `weighted_curvature`;
-    slopes : returns weight D_a u (D, B, N) complex128 and half the gradient of the log-determinant (D, B, N)
+    costs (B,); u (B, N) complex128; d (B, N) diagonal of C^-1; inverse (B, N, N), C^-1;
+    slopes : returns D_a u (D, B, N) complex128 and half the gradient of the log-determinant (D, B, N)
     """
 
     costs: np.ndarray
     u: np.ndarray
     d: np.ndarray
-    weight: np.ndarray | float
-    rows: Callable[[slice, slice], np.ndarray]
-    diagonal: np.ndarray | None
+    inverse: np.ndarray
     slopes: Callable[[], tuple[np.ndarray, np.ndarray]]
 
 
@@ -179,78 +160,21 @@ def _summed(rule: Rule, q: Complexes, by_parameter: Sequence[np.ndarray], number
         g[:D, 0], g[:D, 1], logs[:D] = np.real(slope), np.imag(slope), widened
         for i, derivative in enumerate(by_parameter, D):
             of_modes = derivative[m] if len(derivative) > 1 else derivative
-            along = q[m] * one.weight * of_modes
+            along = q[m] * of_modes
             g[i, 0], g[i, 1], logs[i] = np.real(along), np.imag(along), np.real(of_modes)
         misfit = g[:, 0] * np.real(one.u) + g[:, 1] * np.imag(one.u)
-        return one, 2 * (logs - misfit).transpose(1, 2, 0), kernels.weighted_curvature(g, one.rows, one.diagonal)
+        return one, 2 * (logs - misfit).transpose(1, 2, 0), kernels.weighted_curvature(g, one.inverse)
 
     parts = list(kernels.over_blocks(lambda m: differentiated(m, rule(m, derivatives)), len(q), numbers))
     found = [one for part in parts for one, _, _ in part]
     costs = np.concatenate([one.costs for one in found])
-    u = np.concatenate([one.u * one.weight for one in found])
+    u = np.concatenate([one.u for one in found])
     d = np.concatenate([one.d for one in found])
     if not derivatives:
         return Terms(0.0, costs, None, None, u, d, q)
     gradient = np.sum([np.sum([each.sum(axis=0) for _, each, _ in part], axis=0) for part in parts], axis=0)
     H = kernels.whole_curvature(2 * np.sum([np.sum([matrix for *_, matrix in part], axis=0) for part in parts], axis=0))
     return Terms(0.0, costs, gradient, H, u, d, q)
-
-
-def few_waves(x: Reals, field: FieldModel) -> FewWaves | None:
-    """Return the waves of which the covariance consists, and their number r; None unless fewer than the microphones.
-
-    The waves are a callable: of a slice of modes, and whether derivatives are wanted, W (M, r, N) and dW (2, M, r, N).
-    """
-    powers = field.powers(x)
-    if field.dimension == 3 or powers is None or powers.shape[1] >= len(x):
-        return None
-    offsets, k = field.offsets(x), field.wavenumbers
-    return lambda m, slope: kernels.plane_waves(offsets, k[m], powers[m], slope), powers.shape[1]
-
-
-def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
-    """Modes factorised by their waves."""
-    N, weight = q.shape[1], 1 / np.sqrt(field.channel_noise)
-    s, v = field.power, np.maximum(field.noise, MIN_WEIGHT * field.power)
-    jacobian = N * np.log(v) + np.sum(np.log(field.channel_noise))
-
-    def rule(m: slice, derivatives: bool) -> _Block:
-        W, dW = waves(m, derivatives)
-        W, p, mu, columns = W * weight, q[m] * weight, v[m] / s[m], np.arange(int(W.shape[1]))
-        WH = np.conj(W) if np.iscomplexobj(W) else W
-        A = WH @ W.swapaxes(1, 2)
-        A[:, columns, columns] += mu[:, None]
-        G = np.linalg.cholesky(A)
-        log_det = np.sum(2 * np.log(np.real(G[:, columns, columns])), axis=1) - len(columns) * np.log(mu)
-        X = kernels.triangular_inverses(G)
-        XH = np.conj(X.swapaxes(1, 2)) if np.iscomplexobj(X) else X.swapaxes(1, 2)
-        parts, F = XH @ (X @ (WH @ kernels.as_columns(p, W.dtype))), X @ WH
-        alpha, left = kernels.joined_columns(parts), p - kernels.joined_columns(W.swapaxes(1, 2) @ parts)
-        misfit = np.sum(np.abs(left) ** 2, axis=1) + mu * np.sum(np.abs(alpha) ** 2, axis=1)  # errors of alpha cancel
-        d = (1 - np.sum(np.abs(F) ** 2, axis=1)) * weight**2 / v[m, None]
-        FH = np.conj(F).swapaxes(1, 2) / -v[m, None, None]
-
-        def slopes():
-            assert dW is not None  # `derivatives`
-            T, along = np.conj(XH @ F), dW * weight
-            g = np.array([kernels.joined_columns(slope.swapaxes(1, 2) @ parts) for slope in along])
-            return g, np.array([_real_products(slope, T) for slope in along])
-
-        def rows(n: slice, i: slice) -> np.ndarray:
-            return FH[n, i] @ F[n]
-
-        costs = misfit / v[m] + log_det + jacobian[m]
-        return _Block(costs, left / v[m, None], d, weight, rows, 1 / v[m], slopes)
-
-    return rule
-
-
-def _real_products(A: Numbers, B: Numbers) -> np.ndarray:
-    """Re sum_q A_qn conj(B_qn) of every mode : (M, N)."""
-    if np.iscomplexobj(A):
-        products = np.einsum("mqn,mqn->mn", A.view(float), np.ascontiguousarray(B).view(float))
-        return products.reshape(*products.shape[:1], -1, 2).sum(axis=2)
-    return np.einsum("mqn,mqn->mn", A, B)
 
 
 def field_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool) -> tuple[np.ndarray, Slopes]:
@@ -268,8 +192,8 @@ def field_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool) -
     return K, lambda u, P: _dense_slopes(x, u, P, D)
 
 
-def _dense_rule(x: Reals, q: Complexes, field: FieldModel) -> Rule:
-    """Modes factorised by the covariance itself."""
+def _rule(x: Reals, q: Complexes, field: FieldModel) -> Rule:
+    """Return the function that factorises the covariance of some modes."""
     if field.directions is not None and np.isrealobj(field.wavenumbers):  # kept for the blocks of all threads
         kernels.cosines_and_sines(field.offsets(x), field.wavenumbers, field.directions.shape[1], field.dimension)
     diagonal = np.arange(len(x))
@@ -286,7 +210,7 @@ def _dense_rule(x: Reals, q: Complexes, field: FieldModel) -> Rule:
             g, logs = sloped(u, P)
             return g * field.power[m, None], logs * field.power[m, None]
 
-        return _Block(costs, u, d, 1.0, lambda n, i: P[n, i], None, slopes)
+        return _Block(costs, u, d, P, slopes)
 
     return rule
 
@@ -305,35 +229,12 @@ def _dense_slopes(x: Reals, u: Complexes, traced: Numbers, D: Any) -> tuple[np.n
 def spectra(positions: Reals, corrected: Numbers, field: FieldModel) -> tuple[np.ndarray, np.ndarray]:
     """Return eigenvalues of T^-1/2 K T^-1/2 and |e^H T^-1/2 q|^2 along its eigenvectors e : (M, N)."""
     x, weight = np.asarray(positions, float), 1 / np.sqrt(field.channel_noise)
-    waves = few_waves(x, field)
 
     def of_block(m: slice) -> tuple[np.ndarray, np.ndarray]:
         p = np.asarray(corrected, complex)[m] * weight
-        if waves is not None:
-            return _low_rank_spectra(waves[0](m, False)[0] * weight, p)
         values, vectors = np.linalg.eigh(field_covariance(x, field, m, False)[0] * np.multiply.outer(weight, weight))
         along = np.conj(vectors.swapaxes(1, 2)) @ kernels.as_columns(p, vectors.dtype)
         return np.maximum(values, 0.0), np.sum(np.abs(along) ** 2, axis=2)
 
-    parts = kernels.over_blocks(of_block, len(corrected), len(x) * (len(x) if waves is None else 2 * waves[1]))
-    found = [one for part in parts for one in part]
+    found = [one for part in kernels.over_blocks(of_block, len(corrected), _largest(x, field)) for one in part]
     return np.concatenate([values for values, _ in found]), np.concatenate([along for _, along in found])
-
-
-def _low_rank_spectra(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues of W W^H and the power of p along its eigenvectors, from the small W^H W; W is (M, r, N), r < N.
-
-    Where eigenvalues are zero, the rest of |p|^2 is spread evenly over them.
-    """
-    M, r, N = W.shape
-    WH = np.conj(W)
-    values, vectors = np.linalg.eigh(WH @ W.swapaxes(1, 2))
-    fits = values > ZERO * values[:, -1:]
-    found = np.matmul(vectors.conj().swapaxes(1, 2), WH @ p[..., None])[..., 0]
-    along = np.where(fits, np.abs(found) ** 2 / np.where(fits, values, 1.0), 0.0)
-    rest = np.maximum(np.sum(np.abs(p) ** 2, axis=1) - along.sum(axis=1), 0.0)
-    spread = (rest / (N - fits.sum(axis=1)))[:, None]
-    out = np.zeros((2, M, N))
-    out[1] = spread
-    out[0, :, :r], out[1, :, :r] = np.where(fits, values, 0.0), np.where(fits, along, spread)
-    return out[0], out[1]

@@ -32,7 +32,6 @@ resolve little (Sun, Babu and Palomar, IEEE Trans. Signal Process. 65 (2017) 794
 c is an inverse gamma prior of mode 1: without it ever sharper spectra explain ever smaller arrays. Then
 S <- (S + count A) / (1 + count): `count` observations that a row is like its take. Both have the mean 1.
 
-(Of fewer directions than microphones: alpha = A^-1 W^H p, 1 - r_q = mu (A^-1)_qq, A = W^H W + mu I, mu = v / s.)
 """
 
 from dataclasses import dataclass
@@ -163,8 +162,8 @@ def learned_powers(
     if np.isrealobj(k) and len(w) > len(x):
         waves, explained = cosines_and_sines(x, k, len(w), dimension) * weight[:, None], _by_pairs
     else:
-        waves = plane_waves(x, k, np.ones_like(S), False, dimension)[0] * weight
-        explained = _by_few if len(w) <= len(x) else _by_many
+        waves = plane_waves(x, k, np.ones_like(S), dimension) * weight
+        explained = _by_waves
     strength, resolved, rows = np.empty_like(S), np.empty_like(S), [takes == take for take in np.unique(takes)]
     for _ in range(iterations):
         for m in blocks(len(k), 2 * len(x) * len(w)):
@@ -179,22 +178,11 @@ def learned_powers(
     return S
 
 
-def _by_few(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return |alpha|^2 / s and r, (M, Q) each, at S (M, Q), for fewer waves than microphones.
+def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return |alpha|^2 / s and r, (M, Q) each, at S (M, Q).
 
     waves : (M, Q, N) over the square root of the channels' noise; p : (M, N) over sqrt(s), likewise; mu : (M, 1), v / s
     """
-    W, q = waves * np.sqrt(S)[..., None], np.arange(int(waves.shape[1]))
-    WH = np.conj(W)
-    A = WH @ W.swapaxes(1, 2)
-    A[:, q, q] += mu
-    X = triangular_inverses(np.linalg.cholesky(A))
-    alpha = (np.conj(X.swapaxes(1, 2)) @ (X @ (WH @ p[..., None])))[..., 0]
-    return np.abs(alpha) ** 2, 1 - mu * np.sum(np.abs(X) ** 2, axis=1)
-
-
-def _by_many(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same of more waves than microphones."""
     W, n = waves * np.sqrt(S)[..., None], np.arange(int(waves.shape[2]))
     C = W.swapaxes(1, 2) @ np.conj(W)
     C[:, n, n] += mu

@@ -71,7 +71,7 @@ def test_the_covariance_of_plane_waves_is_theirs(dimension, D, damping):
     x, k = array(D) - array(D).mean(axis=0), K - 1j * damping if damping else K
     powers = lopsided(x, dimension)
     found, _ = plane_wave_covariance(x, k, powers, dimension, slice(None))
-    W, _ = plane_waves(x, k, powers, False, dimension)
+    W = plane_waves(x, k, powers, dimension)
     np.testing.assert_allclose(found, W.swapaxes(1, 2) @ W.conj(), atol=1e-10 * np.abs(found).max())
     some, _ = plane_wave_covariance(x, k, powers, dimension, slice(1, 3))
     np.testing.assert_allclose(some, found[1:], rtol=1e-12)
@@ -99,7 +99,7 @@ def test_the_blocks_that_are_not_computed_are_zero(monkeypatch):
         return made
 
     monkeypatch.setattr(np, "empty", filled)
-    H = weighted_curvature(g, lambda m, rows: matrices[m, rows])
+    H = weighted_curvature(g, matrices)
     assert np.isfinite(H).all() and not H[1, 0].any() and H[0, 1].any()
 
 
@@ -111,7 +111,7 @@ def test_the_blocks_that_are_not_computed_are_zero(monkeypatch):
 def test_the_directions_needed_resolve_a_diffuse_field_over_the_array(dimension, D, size):
     x = size * array(D, count=20)
     Q = directions_needed(x, K, dimension)
-    W, _ = plane_waves(x - x.mean(axis=0), K, np.ones((len(K), Q)), False, dimension)
+    W = plane_waves(x - x.mean(axis=0), K, np.ones((len(K), Q)), dimension)
     distance = np.linalg.norm(x[:, None] - x, axis=-1)
     for k, one in zip(K, W, strict=True):
         np.testing.assert_allclose(one.T @ one.conj(), diffuse_correlation(k * distance, dimension), atol=2e-4)
@@ -124,6 +124,6 @@ def test_a_plane_wave_has_its_power_and_weight_and_falls_along_its_direction(dim
     x, k = array(D) - array(D).mean(axis=0), K - 1j * damping if damping else K
     u, w = wave_directions(dimension, direction_count(dimension, 5))
     powers = np.random.default_rng(1).uniform(0.1, 2, (len(K), len(w)))
-    W, _ = plane_waves(x, k, powers, False, dimension)
+    W = plane_waves(x, k, powers, dimension)
     phase = np.exp(-1j * np.multiply.outer(k, u[:D].T @ x.T))
     np.testing.assert_allclose(W, np.sqrt(w * powers)[..., None] * phase, rtol=1e-10)

@@ -10,7 +10,6 @@ from fdcal.cost import kernels
 from fdcal.cost.kernels import directions_needed
 from fdcal.cost.likelihood import (
     FieldModel,
-    few_waves,
     field_covariance,
     isotropic_field,
     likelihood_terms,
@@ -23,7 +22,7 @@ M = len(K)
 POWER, NOISE = np.array([1.0, 0.7, 1.6]), np.array([0.03, 0.05, 0.02])
 ARRAYS = [(2, 2), (3, 3), (3, 2)]  # dimensions of the field and of the array
 KERNELS = ["diffuse", "damped", "directional", "damped directional"]
-MANY = 48  # microphones: more than the waves in the plane
+MANY = 48  # microphones
 CASES = [(kernel, *array, 9) for kernel in KERNELS for array in ARRAYS] + [(kernel, 2, 2, MANY) for kernel in KERNELS]
 
 
@@ -51,7 +50,9 @@ def covariances(x, field):
     """C (M, N, N) and the slope of s K by every coordinate of its first microphone (D, M, N, N)."""
     powers, offsets, k = field.powers(x), field.offsets(x), field.wavenumbers
     if powers is not None:
-        W, dW = kernels.plane_waves(offsets, k, powers, True, field.dimension)
+        W = kernels.plane_waves(offsets, k, powers, field.dimension)
+        u = kernels.wave_directions(field.dimension, powers.shape[1])[0][: x.shape[1], None, :, None]
+        dW = -1j * np.asarray(k)[:, None, None] * u * W
         matrices, D = W.swapaxes(1, 2) @ W.conj(), dW.swapaxes(2, 3) @ W.conj()
     elif np.iscomplexobj(k):
         matrices, D = kernels.damped_matrices(offsets, k, True)
@@ -65,10 +66,8 @@ def covariances(x, field):
 @pytest.mark.parametrize("parameters", [0, 4])
 @pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)
 def test_the_terms_are_those_of_the_explicit_covariance_and_of_differences(kernel, dimension, D, count, parameters):
-    """Whether the covariance itself is factorised or, of many microphones in the plane, its waves."""
     x, p, channels = drawn(D, count)
     field, channels = assumed(kernel, x, dimension), channels[:, :parameters] if parameters else None
-    assert (few_waves(x, field) is not None) == (count == MANY and kernel != "diffuse")
     found = likelihood_terms(x, p, field, channels)
     log_gain, by_parameter = log_response(channels, K)
     q = p * np.exp(-log_gain)
@@ -153,17 +152,6 @@ def test_positions_that_are_not_finite_are_refused(kernel):
             likelihood_terms(y, p, field)
 
 
-@pytest.mark.parametrize("kernel", KERNELS[1:])
-def test_few_waves_without_noise_have_a_cost(kernel):
-    """There the covariance is singular, and a least share of noise stands in."""
-    x, _, _ = drawn(2, MANY)
-    field = assumed(kernel, x, 2)
-    field = replace(field, channel_noise=np.ones(MANY))
-    p = np.exp(-1j * np.real(field.wavenumbers)[:, None] * (x @ [0.6, 0.8]))
-    none = likelihood_terms(x, p, replace(field, noise=0.0 * POWER))
-    assert np.all(np.isfinite(none.costs)) and np.all(np.isfinite(none.gradient))
-
-
 # Channels.
 
 
@@ -205,14 +193,6 @@ def test_the_spectra_give_the_likelihood(kernel, dimension, D, count):
     matrices = field_covariance(x, field, slice(None), False)[0]
     whole = np.linalg.eigvalsh(matrices / np.sqrt(np.multiply.outer(field.channel_noise, field.channel_noise)))
     np.testing.assert_allclose(np.sort(values, axis=1), whole, atol=1e-7 * whole.max())
-
-
-def test_an_array_of_many_wavelengths_and_one_in_space_have_no_few_waves():
-    x = drawn(2, MANY)[0]
-    field = assumed("damped", x, 2)
-    assert few_waves(x, field)[1] < MANY
-    assert few_waves(20 * x, field) is None
-    assert few_waves(drawn(3, MANY)[0], replace(field, dimension=3)) is None
 
 
 @pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)

@@ -200,7 +200,7 @@ def test_an_iteration_is_that_of_the_formula(dimension, D, microphones, damping,
     about, w = x + 0.05, wave_directions(dimension, powers.shape[1])[1]
     powers /= (powers @ w)[:, None]
     assert (powers.shape[1] <= microphones) == (microphones == 40)
-    W, _ = plane_waves(x - about.mean(axis=0), k, powers, False, dimension)
+    W = plane_waves(x - about.mean(axis=0), k, powers, dimension)
     strength, resolved = np.empty_like(powers), np.empty_like(powers)
     for m in range(MODES):
         A = W[m].T  # (N, Q)
