@@ -1,4 +1,4 @@
 """Pictures without a browser: primitives, composition, off-screen drawing, replay, ParaView.
 
-May import: every package below it, from model to session.
+May import: the packages from model to recordings.
 """
