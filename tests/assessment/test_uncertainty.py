@@ -26,19 +26,14 @@ from fdcal.assessment.uncertainty import (
     search_spread_of,
 )
 from fdcal.graphics.reports import enlarged_ellipses
-from fdcal.model.arrays import positions_of
 from fdcal.model.gauge import align, rigid_motions
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import load_scene
 from fdcal.model.settings import SolverSettings
-from fdcal.session.plan import make_plan
 from fdcal.solvers import load
 from fdcal.solvers.interface import Estimate, TriedOptimum
 from fdcal.solvers.robust.result import estimate_at
 from fdcal.solvers.robust.spread import sandwich
 from fdcal.viewer.session_view import uncertainty_of
-from fdcal.viewer.state import PlanChoices
-from fdcal.viewer.tabs.plan import plan_request, planned_array
 
 TRUTH = np.random.default_rng(5).uniform(-0.5, 0.5, (9, 2)) + [2.6, 2.3]
 KNOWN, NONE = np.array([0, 4, 7]), np.zeros(0, int)
@@ -265,9 +260,9 @@ def assert_holds_95_percent(axes: np.ndarray, covariance: np.ndarray) -> None:
     np.testing.assert_allclose(axes.T @ axes, chi2.ppf(0.95, len(axes)) * covariance, rtol=1e-9, atol=1e-15)
 
 
-@pytest.mark.parametrize(("dimension", "name"), [(1, ""), (2, "tiny"), (3, "ball3d")])
-def test_every_ellipse_holds_95_percent(dimension, name):
-    """By the formula, on the page, in a plan and in a figure."""
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_every_ellipse_holds_95_percent(dimension):
+    """By the formula, on the page and in a figure."""
     maps = np.random.default_rng(dimension).normal(size=(3, dimension, dimension)) * 0.003
     blocks = maps @ maps.swapaxes(1, 2)
     for axes, block in zip(ellipse_axes(blocks, confidence_factor(0.95, dimension)), blocks, strict=True):
@@ -282,16 +277,6 @@ def test_every_ellipse_holds_95_percent(dimension, name):
     )
     for axes, block in zip(uncertainty_of(found).axes, blocks, strict=True):
         assert_holds_95_percent(axes, block)
-    scene = load_scene(name)
-    places = positions_of(scene)
-    measurement = SimpleNamespace(
-        positions=places, names=tuple(map(str, range(len(places)))), sound_speed=scene.room.sound_speed
-    )
-    run = SimpleNamespace(measurement=measurement, scene=scene, known_scene=scene)
-    choices = PlanChoices(known=(0, 1, 2, 3), frequencies=12)
-    bound, drawn = make_plan(plan_request(run, choices)).bound, planned_array(run, choices)
-    for n in np.flatnonzero(bound.free)[:3]:
-        assert_holds_95_percent(drawn.axes[n], bound.covariance[n])
     if dimension == 2:
         outlines = []
         panel = SimpleNamespace(plot=lambda x, y, *_, **__: outlines.append(np.stack([x, y], axis=1)))
