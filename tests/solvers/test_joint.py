@@ -199,11 +199,11 @@ def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
 
 
 def test_a_random_start_in_a_wrong_basin_is_followed_by_every_start_of_the_plan():
-    """It takes no place in the plan, of which two starts agree."""
+    """It takes no place in the plan: the first start of that explains this array without noise."""
     measurement = simulated_square()
     settings = SolverSettings(name="joint", modes=57, start="random")
     states = list(solvers.run(measurement.problem(), settings, 1))
-    assert {state.progress.restart for state in states} == {-1, 0, 1}
+    assert {state.progress.restart for state in states} == {-1, 0}
     assert states[-1].converged and position_errors(states[-1].positions, measurement.positions).max() < 5e-4
 
 

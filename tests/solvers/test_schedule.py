@@ -10,6 +10,7 @@ from solving import run_from
 
 from fdcal import solvers
 from fdcal.model.settings import SolverSettings
+from fdcal.solvers.robust import schedule
 from fdcal.solvers.robust.objective import in_unit_power
 from fdcal.solvers.robust.schedule import TRANSITIONS, begin_final, likeliest, optima_agree
 from fdcal.solvers.robust.state import STAGES, LocalOptimum
@@ -108,3 +109,13 @@ def test_the_order_of_the_stages_is_that_of_the_table(run):
         assert STAGES[mine[-1]].name in ("free", "gains")
     last = [stage for _, stage in stages]
     assert STAGES[last[-1]].name == "final" and last.index(last[-1]) == len(last) - last.count(last[-1])
+
+
+@pytest.mark.parametrize(("noisier", "explained"), [(1.0, True), (50.0, True), (1e6, False)])
+def test_without_noise_an_array_with_a_channel_that_fits_nowhere_explains_nothing(run, noisier, explained):
+    """Even where what is left of all channels is rounding: the channel's own noise is far more than that."""
+    problem, states = run
+    quiet = replace(problem, noise_power=np.zeros(len(problem.pressures)))
+    loud = np.where(np.arange(24) == 3, noisier, 1.0)
+    model = replace(states[-1].model, directional=True, noise_fraction=1e-8, channel_noise=loud)
+    assert schedule.explains_all(quiet, replace(states[-1], model=model)) == explained
