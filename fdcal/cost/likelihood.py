@@ -18,7 +18,6 @@ determinant microphones diverge outward: far away the kernel tends to the identi
 The parameters of a microphone are x, (x, a, b) or (x, a, b, d, kappa). With J = (D_1 u, .., D_D u, q dlog g / da, ..),
 D_a the slope of s K, the gradient is -2 Re[conj(u) J] and what the log-determinants and log g add, the curvature
 2 Re sum_m conj(J_mi) (C_m^-1)_ij J_mj.
-
 """
 
 from collections.abc import Callable, Sequence

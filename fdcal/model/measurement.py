@@ -143,7 +143,7 @@ class Measurement:
         rows = len(self.frequencies)
         put("pressures", _checked_pressures(self.pressures, rows, self.names))
         N, k, derived = self.count, self.wavenumbers, self.wavenumbers is None
-        if self.origin is not None and k is self.origin[0]:  # handed on, and not given anew
+        if self.origin is not None and k is self.origin[0]:  # handed on by `dataclasses.replace`
             _, of_speed, derived = self.origin
             if not derived and of_speed != self.sound_speed:
                 speeds = f"sound_speed = {self.sound_speed:g} m/s, and the wavenumbers belong to {of_speed:g} m/s"

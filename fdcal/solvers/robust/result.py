@@ -47,9 +47,6 @@ from .state import (
     State,
 )
 
-# blocks of rows: neighbours are not independent, and with 20 blocks J comes out a tenth lower; fewest that count
-BLOCKS, MIN_BLOCKS = 10, 4
-LEVERAGE = 0.95  # part of H_b that is taken off H, so that what one block alone determines stays finite
 FIELD_ROUNDS = 3  # of learning the field at given positions: a faulty channel is found in the second
 
 

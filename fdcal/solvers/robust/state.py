@@ -5,9 +5,10 @@ without them on the field suite (482 cases, or those of the families that the nu
 these are DAMPED and GROSS_GAIN_SIGMA. Without NOISE_TOLERANCE, that is with one round, a simulated array of 48
 microphones is left 2 mm away, with the verdict "model_mismatch".
 
-MAX_ROUNDS bounds the time: with 3 instead of 8, 55 of 73 cases are the same, three better and two worse. MAX_RESTARTS,
-SAME_PLACE, SUSPICIOUS and MAX_SIGMA were not ablated alone. What else has no figure bounds memory or steps, or sets
-units.
+MAX_ROUNDS bounds the time: with 3 instead of 8, 55 of 73 cases are the same, three better and two worse. With
+MAX_RESTARTS 3 one of 65 is worse and two good ones become ambiguous; with SAME_PLACE 0.3 an array 278 mm off is good;
+with SUSPICIOUS 12 two of 62 are better and three worse. MAX_SIGMA has no effect on 49 cases. What else has no figure
+bounds memory or steps, or sets units.
 """
 
 from dataclasses import dataclass

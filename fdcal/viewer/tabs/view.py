@@ -268,7 +268,7 @@ class ExportTab(Tab):
             self.button = binding.on(save, lambda client, _: self.save(client), of_client=True)
 
     def save(self, client: viser.ClientHandle) -> None:
-        """Request a file of what is shown for a page, which is told at once that it is in progress, or refused."""
+        """Request a file of what is shown; the page says at once that it is in progress, or why it is refused."""
         if self.worker.full:
             client.add_notification("Too many files are waiting", "Try again in a moment.", color="red")
             return
