@@ -264,8 +264,8 @@ def test_workers_of_a_lane_take_turns_and_a_long_computation_gives_way_between_i
     long = LatestWorker(parts, lane=lane, notify=lambda: told.append(long.latest.request))
     quick = LatestWorker(done.append, lane=lane)
     long.request("a")
+    quick.request("quick")  # before the first part ends
     gate.release()
-    quick.request("quick")
     assert quick.wait_for(lambda latest: latest is not None, WAIT) and done == ["a0", "quick"] and long.busy
     gate.release(2)
     assert long.wait_for(lambda latest: latest is not None, WAIT)
