@@ -1,7 +1,6 @@
 """Serve the page until Ctrl-C."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from ..session.lesson import Lesson
 from ..session.process import Interrupt
@@ -53,7 +52,7 @@ def serve(
                 nodes.show_cached(request)
             from .page import Page
 
-            page = Page(server, nodes, lessons, on_progress, Path.cwd() if is_loopback(host) else None)
+            page = Page(server, nodes, lessons, on_progress, is_loopback(host))
             if begin is not None:
                 page.lessons.start(begin.title)
             else:

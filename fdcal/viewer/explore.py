@@ -21,6 +21,7 @@ from ..model.validation import InputError, StorageError, modes_text, require_cho
 from ..session.session import SessionView
 from ..session.sources import OpenRequest
 from .html import error_message, whole
+from .own_files import OwnFiles
 from .session_view import Viewer
 from .tabs.help import KEYS
 from .tabs.lessons import LessonsTab
@@ -32,8 +33,6 @@ CURVE_POINTS, CURVE_HEIGHT = 120, 20  # at most, of the curve along a run, and i
 LECTURE = "Lecture mode: larger type, no panels (key H)"
 INVITATION = "Drag the red ball away, and let it go."
 ONE_LINE = 40  # characters of a status that leave room for the whole title of the scene
-# The drawing of a recording of one's own: a plus.
-OWN = f"<svg viewBox='0 0 {THUMB} {THUMB}' aria-hidden='true'><path d='M20 10h4v10h10v4H24v10h-4V24H10v-4h10z'/></svg>"
 PLAY, PAUSE = "&#9654;", "&#10074;&#10074;"
 
 
@@ -94,16 +93,18 @@ def shown_modes(viewer: Viewer) -> tuple[int, ...]:
 class Explore:
     """Fills the regions `bar` and `sheet`, and carries out what is pressed there.
 
-    `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: whether the tab Open opens files.
+    `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: what takes files, or None.
     """
 
-    def __init__(self, page: Any, lessons: LessonsTab, own_files: bool):
+    def __init__(self, page: Any, lessons: LessonsTab, own_files: OwnFiles | None):
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
         self._names = scene_names()  # the bar is written with every turn of the main loop
         self._own: tuple[OpenRequest, str] | None = None  # the file that was shown last, and the drawing of its array
         overlay.on("scene", self._open)
         overlay.on("opened", lambda client, _: self._open(client, ""))
         overlay.on("look", self._look)
+        if own_files is not None:
+            overlay.on("own", own_files.open)
         commands = {
             "play": lambda viewer, _: self._play(viewer),
             "state": lambda viewer, value: viewer.binding.session.seek(whole(value, 0, viewer.view.count - 1)),
@@ -236,8 +237,7 @@ class Explore:
             (request, dots), pressed = self._own, str(self._own[0].scene.name == shown).lower()
             title = escape(request.scene.title)
             scenes += f"<button data-do='opened' aria-pressed='{pressed}'>{dots}<span>{title}</span></button>"
-        if self._own_files:
-            scenes += f"<button data-local='tab:Open'>{OWN}<span>Your own recording ...</span></button>"
+        scenes += "" if self._own_files is None else self._own_files.html()
         lessons = self._lessons.list_html()
         if not viewer.binding.choices.lecture:
             lessons += f"<button data-do='lecture'>{LECTURE}</button>"

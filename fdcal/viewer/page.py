@@ -11,7 +11,6 @@ import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import viser
 
@@ -19,9 +18,9 @@ from ..session.lesson import Lesson
 from ..session.process import Interrupt
 from ..session.sources import OpenRequest
 from ..session.worker import Flag
-from . import html
 from .address import AddressBar
 from .explore import Explore
+from .own_files import OwnFiles
 from .panels import Panels, SessionFolders, StatusBar
 from .prepare import PreparedRun, SessionSwitcher
 from .scene3d import SceneNodes
@@ -31,14 +30,13 @@ from .server.process import release_memory
 from .session_view import Viewer
 from .tabs import help
 from .tabs.lessons import LessonsTab
-from .tabs.open_file import REMOTE, OpenFile
 
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
 COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
 RATE = 25.0  # looks per second at whether anything has changed, and updates of the screen then
 MAX_RATE = 50.0  # updates per second while the user waits for something
 SETTLING = 5.0  # s for which the screen is updated after the last change: longer than anything is shown later
-CANVAS_INTERVAL = 1.0  # s between two looks at the sizes of all canvases, and at the files of the folder
+CANVAS_INTERVAL = 1.0  # s between two looks at the sizes of all canvases
 RELEASE_DELAY = 1.5  # s from the end of a session, when its threads have ended, until its memory is released
 
 log = logging.getLogger(__name__)
@@ -48,8 +46,8 @@ class Page:
     """Owns the panels, the scene, and the session that is shown.
 
     `lessons`: offered in this order; `on_progress`: called with the progress of the first session in words, and with ""
-    when it is ready or refused; `folder`: whose files it opens; None where other machines can reach the page. `viewer`:
-    Viewer of the session that is shown, or None.
+    when it is ready or refused; `takes_files`: whether it opens files of its users, because no other machine can reach
+    it. `viewer`: Viewer of the session that is shown, or None.
     """
 
     def __init__(
@@ -58,7 +56,7 @@ class Page:
         nodes: SceneNodes,
         lessons: Sequence[Lesson] = (),
         on_progress: Callable[[str], None] = lambda text: None,
-        folder: Path | None = None,
+        takes_files: bool = False,
     ):
         self._server, self.nodes, self.switcher, self.wake = server, nodes, SessionSwitcher(), Flag()
         self.panels = Panels(server.gui, self.wake.set)
@@ -67,12 +65,9 @@ class Page:
         self.lessons = LessonsTab(self, lessons)
         with self.panels.tabs["Help"]:
             server.gui.add_html(help.text())
-        with self.panels.tabs["Open"]:
-            self.open_file = None if folder is None else OpenFile(server.gui, folder, self.open)
-            if folder is None:
-                server.gui.add_html(html.remark(REMOTE))
         help.add_keys(server.gui, self)
-        self.explore = Explore(self, self.lessons, self.open_file is not None)
+        self.own_files = OwnFiles(server, self.open, self.wake.set) if takes_files else None
+        self.explore = Explore(self, self.lessons, self.own_files)
         self.address, self._dark = AddressBar(self, self.lessons), False
         self._first: viser.ClientHandle | None = None  # the browser whose preference the page follows
         self.panels.overlay.on("dark", lambda client, value: self._prefer(client, value == "on"))
@@ -95,6 +90,8 @@ class Page:
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
             self.nodes.cameras.forget(client)
+            if self.own_files is not None:
+                self.own_files.forget(client.client_id)
             if self.viewer is not None:
                 self.viewer.picker.forget(client.client_id)
 
@@ -128,7 +125,7 @@ class Page:
             if now < settled:
                 self.tick(now)
             elif now - self._checked > CANVAS_INTERVAL:
-                self._look_around(now)
+                self._follow_canvases(now)
             next_look = max(next_look + 1 / RATE, time.perf_counter())
             if self.wake.wait(next_look - time.perf_counter()):
                 next_look = now + 1 / MAX_RATE
@@ -171,18 +168,16 @@ class Page:
         self._guarded("canvas", self.explore.show)
         self.nodes.cameras.process_requests(self._server.get_clients().values())
         if now - self._checked > CANVAS_INTERVAL:
-            self._look_around(now)
+            self._follow_canvases(now)
         if self._releases and now > self._releases[0]:
             while self._releases and now > self._releases[0]:
                 self._releases.popleft()
             release_memory(self._server)
 
-    def _look_around(self, now: float) -> None:
-        """Look at what changes without notice: the sizes of the canvases, and the files of the folder."""
+    def _follow_canvases(self, now: float) -> None:
+        """Look at the sizes of the canvases, which change without notice."""
         self._checked = now
         self.nodes.cameras.follow_all(self._server.get_clients().values())
-        if (opener := self.open_file) is not None:
-            self._guarded("list of files", opener.list_folder)
 
     def _guarded(self, part: str, update: Callable[[], None]) -> None:
         """Update a part of the page; an exception is logged once, and the page continues, as after one of a session."""
@@ -235,6 +230,8 @@ class Page:
     def close(self) -> None:
         """End all threads except those of the server."""
         self._report_progress(COMPILING if self.switcher.compiling else "")
+        if self.own_files is not None:
+            self.own_files.close()
         if self.viewer is not None:
             self.viewer.close(CLOSE_TIME)
         self.switcher.close(CLOSE_TIME)

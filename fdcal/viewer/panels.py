@@ -34,7 +34,7 @@ from .tabs.sweep import SweepTab
 from .tabs.view import ExportTab, ViewTab
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
-RIGHT = ("Curves", "Scene", "View", "Open", "Help")  # without icons, which would take too much room
+RIGHT = ("Curves", "Scene", "View", "Help")  # without icons, which would take too much room
 RUN_BAR = "run bar"
 LEFT = ("Map", "Mics")  # those of a session are made by `Tabs`
 

@@ -364,7 +364,7 @@ def test_what_was_opened_from_a_file_stays_among_the_scenes(page_of, scene, meas
     sheet = overlay._regions["sheet"]
     turn_until(lambda: "data-do='opened' aria-pressed='false'" in sheet.content)
     assert sheet.content.count("data-do='opened'") == 1 and "scene=tiny" in sheet.content
-    assert "recording" not in sheet.content and page.open_file is None, "which only a page of this machine offers"
+    assert "recording" not in sheet.content and page.own_files is None, "which only a page of this machine offers"
     overlay.receive(None, "stamp opened")
     turn_until(lambda: page.viewer.run.measurement is measurement)
     turn_until(lambda: "data-do='opened' aria-pressed='true'" in sheet.content)

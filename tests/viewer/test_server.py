@@ -221,6 +221,9 @@ CLICK = {"type": "SceneNodeClickMessage", "ray_origin": [0, 0, 5], "ray_directio
 DRAG = {
     "type": "SceneNodeDragMessage", "start_position": [0, 0, 0], "end_position": [1.5, 0, 0], "instance_index": 4,
 }  # fmt: skip
+PART = {
+    "type": "FileTransferPart", "source_component_uuid": "", "transfer_uuid": "", "part_index": 0, "content": b"raw",
+}  # fmt: skip
 NOT_PLAIN = (1e400, float("nan"), 2**53 + 1, -(2**63), "x" * 201, [0] * 99, [[[[[[0]]]]]], {1: 2}, b"raw")
 NO_NAME = ({"value": 1}, [0, 0], 1.5, None)
 NO_POINT = ({"value": 1}, True, "abc", [], [0, 0], [0, 0, [0]], [1e308] * 3, 0.5)
@@ -236,9 +239,11 @@ NO_POINT = ({"value": 1}, True, "abc", [], [0, 0], [0, 0, [0]], [1e308] * 3, 0.5
         (CLICK, [{"name": name} for name in NO_NAME]),
         (CLICK, [{key: value} for key in ("ray_origin", "ray_direction") for value in NO_POINT]),
         (DRAG, [{key: value} for key in ("start_position", "end_position", "instance_index") for value in NO_POINT]),
-        (UPDATE, [{"type": kind} for kind in ("FileTransferStartUpload", "ShareUrlRequest", "RunJavascriptMessage")]),
+        (UPDATE, [{"type": kind} for kind in ("GuiFormSubmitMessage", "ShareUrlRequest", "RunJavascriptMessage")]),
+        (PART, [{"content": value} for value in ("text", None, [1])]),
+        (PART, [{key: value} for key in ("transfer_uuid", "source_component_uuid", "name") for value in NO_NAME]),
     ],
-    ids=["camera", "value", "control", "command", "node", "click", "drag", "kind"],
+    ids=["camera", "value", "control", "command", "node", "click", "drag", "kind", "part", "transfer"],
 )
 def test_a_message_that_the_page_does_not_send_is_refused(message, changes):
     assert client_values.is_acceptable(message)

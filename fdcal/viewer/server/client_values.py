@@ -67,6 +67,8 @@ COSTS = {  # of one message of each kind, in units of a control's update; other 
     "SceneNodeClickMessage": 5.0,
     "CommandTriggerMessage": 5.0,
     "GuiButtonHoldMessage": 5.0,
+    "FileTransferStartUpload": 1.0,
+    "FileTransferPart": 0.25,
 }
 DRAG_START_COST = 40.0  # each drag adds a state to the history
 
@@ -86,6 +88,9 @@ def decoded_message(raw) -> dict[str, Any]:
 
 def is_acceptable(message: dict[str, Any]) -> bool:
     """Return whether a message is of a kind that the page sends, plain, finite, and a camera that can be used."""
+    if message["type"] == "FileTransferPart":  # the only one with bytes, as many as the size of a message allows
+        texts = (message.get("source_component_uuid"), message.get("transfer_uuid"))
+        return isinstance(message.get("content"), bytes) and texts == ("", "") and len(message) == 5
     if message["type"] not in COSTS or not _is_plain(message, 0, itertools.count(1)):
         return False
     if not all(isinstance(message.get(key, ""), str) for key in NAMES):  # viser looks them up in a dictionary

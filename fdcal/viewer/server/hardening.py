@@ -233,7 +233,8 @@ def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
 
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 MAX_MESSAGE_BYTES = 100_000  # of one message of a browser: a camera, a value, a click
-BLOCKED_MESSAGES = (  # messages that the page of fdcal never sends: public tunnel, uploads, forms, transform controls
+BLOCKED_MESSAGES = (  # messages that the page of fdcal never sends: public tunnel, forms, transform controls, and
+    # uploads, which `own_files` takes itself
     _messages.ShareUrlRequest,
     _messages.ShareUrlDisconnect,
     _messages.FileTransferStartUpload,

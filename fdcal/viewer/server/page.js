@@ -15,11 +15,12 @@
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
 const MAX_COMMAND = 190;  // characters
-const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000, UNFOLDED = 600;  // ms
+const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000;  // ms
+const PART = 65536, AHEAD = 16 * PART;  // bytes of a part of a file, and how many may be on their way
 const LEVEL = 1.54;  // rad from the zenith, just above the floor
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
 let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
-let lastRetry = -RETRY, count = 0;
+let lastRetry = -RETRY, count = 0, uploaded = 0, resume = () => {};  // bytes that have arrived, and who waits for them
 let shared = "", camera = null, moved = false, writing = 0, touched = -RETRY, placed = 0, server = "";
 const written = history.state?.fdcal ?? {};  // what this page has written before, and for which start of the server
 let asked = location.hash.slice(1) || written.address || "";
@@ -127,6 +128,7 @@ function show(uuid, content) {
   if (name == "greeting") { [greeted, server] = [true, html]; introduce(); return; }
   if (name == "address") { shared = html.replaceAll("&amp;", "&"); root.toggleAttribute("data-shown", Boolean(shared)); write(); return; }
   if (name == "labels") { setLabels(html); return; }
+  if (name == "upload") { uploaded = Number(html); resume(); return; }
   if (name == "lecture") {
     root.toggleAttribute("data-lecture", Boolean(html));
     for (const label of labels) label.size = null;  // in larger type
@@ -156,7 +158,7 @@ function morph(old, wanted) {
     if (node.nodeType != Node.ELEMENT_NODE) { if (one.data != node.data) one.data = node.data; continue; }
     for (const {name} of [...one.attributes]) if (!node.hasAttribute(name) && name != "open") one.removeAttribute(name);
     for (const {name, value} of node.attributes) if (one.getAttribute(name) != value) one.setAttribute(name, value);
-    if (one.matches("input") && !one.matches(":active") && !waiting.has(one.dataset.do)) one.value = node.getAttribute("value");
+    if (one.matches("input[data-do]") && !one.matches(":active") && !waiting.has(one.dataset.do)) one.value = node.getAttribute("value");
     morph(one, node);
   }
   rest.forEach(other => other.remove());
@@ -259,15 +261,32 @@ function unfold() {
     section.dispatchEvent(new TransitionEvent("transitionend", {propertyName: "height", bubbles: true}));
 }
 
-// viser has no message for this. A panel takes a key, because a click begins with a drag; a section of a phone takes a
-// click, may be folded, and would be folded by the key.
-function openTab(name) {
-  face("expert");
-  const tab = [...document.querySelectorAll("[role=tab]")].find(one => one.textContent.trim() == name);
-  if (!tab?.matches("button")) { tab?.dispatchEvent(new KeyboardEvent("keydown", {key: "Enter", bubbles: true})); return; }
-  tab.click();
-  tab.closest("[role=tablist]")?.parentElement.querySelector("[aria-label^='Expand panel']")?.click();
-  setTimeout(() => tab.scrollIntoView({block: "start"}), UNFOLDED);
+// Files of the user, in parts; the server says how much has arrived, or NaN where it takes no more.
+let uploading = false;
+async function upload(form) {
+  const {recording, positions, kind, celsius} = form.elements, button = form.querySelector("button");
+  const files = [recording, positions].flatMap(input => [...input.files].map(file => [input.name, file]));
+  const total = files.reduce((sum, [, file]) => sum + file.size, 0), post = message => worker.postMessage({type: "send", message});
+  if (uploading) return;
+  if (!recording.files.length) { recording.click(); return; }
+  if (total > form.dataset.limit) { note(`These files are too large: ${Math.ceil(total / 1e6)} MB. Use fdcal view FILE.`); return; }
+  let sent = uploaded = 0;
+  uploading = true;
+  for (const [name, file] of files) {
+    const of = {source_component_uuid: "", transfer_uuid: ""};
+    post({type: "FileTransferStartUpload", ...of, source_component_uuid: name, filename: file.name.slice(-150), mime_type: "",
+      part_count: Math.ceil(file.size / PART), size_bytes: file.size});
+    for (let at = 0; at < file.size && connected && !isNaN(uploaded); at += PART) {
+      const content = new Uint8Array(await file.slice(at, at + PART).arrayBuffer());
+      post({type: "FileTransferPart", ...of, part_index: at / PART, content});
+      sent += content.length;
+      button.textContent = `Sending, ${Math.round(100 * uploaded / total)} %`;
+      while (sent - uploaded > AHEAD && connected) await new Promise(next => { resume = next; setTimeout(next, POLL); });
+    }
+  }
+  button.textContent = "Open";
+  uploading = false;
+  if (!isNaN(uploaded)) send(`own=${kind.value} ${celsius.value}`);
 }
 
 overlay.insertAdjacentHTML("beforeend", '<div id="fdcal-back"><button data-local="sheet:lessons">Lessons</button> '
@@ -278,7 +297,7 @@ overlay.addEventListener("click", event => {
   if (act && !input) send(act);
   const [what, value] = (local ?? "").split(":");
   if (what == "face") face(value);
-  if (what == "tab") openTab(value);
+  if (what == "upload") { upload(event.target.closest("form")); return; }
   if (what == "sheet" && root.dataset.sheet != value) root.dataset.sheet = value;
   else if (event.target.closest("button")) delete root.dataset.sheet;
 });

@@ -303,7 +303,7 @@ def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_
         answers_in_sight(page, step)
     page.get_by_role("button", name="Choose a scene").click()
     page.locator(".scenes button").first.wait_for()
-    page.locator("[data-local='tab:Open']").wait_for(state="hidden")  # there are no panels that it could lead to
+    page.locator("[data-local=upload]").wait_for(state="hidden")
     page.keyboard.press("Escape")
     uncut(page)
     press(page, "End lecture mode")
@@ -354,14 +354,18 @@ CUT_NAMES = """() => [...document.querySelectorAll("#root label")].filter(label 
 }).map(label => label.innerText)"""
 
 
-def test_ones_own_recording_is_the_last_of_the_scenes_on_a_phone_too(page):
-    for size in (DESKTOP, PHONE):
+def test_a_file_of_ones_own_is_sent_from_below_the_scenes_on_a_phone_too(page, tmp_path):
+    (tmp_path / "broken.wav").write_bytes(b"RIFF" + bytes(3_000_000))
+    for size, celsius in ((DESKTOP, "21"), (PHONE, "22")):
         sized(page, size)
         page.get_by_role("button", name="Choose a scene").click()
-        page.locator(".scenes button").last.get_by_text("Your own recording").click()
-        page.get_by_role("tab", name="Open", selected=True).wait_for()
-        page.wait_for_function(BUTTON_SEEN, arg="Open file")
-        press(page, "Explore")
+        form = page.locator("#fdcal form")
+        form.get_by_label("Recordings").set_input_files(tmp_path / "broken.wav")
+        form.get_by_label("Temperature").fill(celsius)
+        form.get_by_role("button", name="Open").click()
+        form.get_by_text("broken.wav is not a sound file").wait_for()
+        assert form.get_by_label("Temperature").input_value() == celsius, "what is filled in stays"
+        page.keyboard.press("Escape")
     sized(page, DESKTOP)
     fills_the_window(page)
 

@@ -1,0 +1,169 @@
+"""Files from a user's own computer, which the control at the end of the sheet of scenes sends: `server/page.js`.
+
+They come in parts, as the messages by which viser sends files, and are kept in a private temporary folder until the
+server ends. Only a page that this machine alone can reach takes files.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import viser
+from viser import _messages
+
+from ..model.validation import InputError, require_choice
+from ..recordings.recording import ImportOptions, number_in
+from ..session import session_file
+from ..session.sources import (
+    OpenRequest,
+    compared_with_file,
+    is_recording,
+    load_input,
+    measurement_input,
+    measurement_request,
+)
+from ..session.worker import LatestWorker
+from . import html
+from .server import content
+
+MAX_BYTES = 500_000_000  # of all files that a page takes
+MAX_FILES, MAX_NAME = 1000, 100  # of one request, and characters of a name
+NO_ROOM = f"a page takes {MAX_BYTES // 1_000_000} MB and {MAX_FILES} files at most: use fdcal view FILE"
+RECORDING, LIST = "recording", "positions"  # what a file is for, as the form calls its fields
+KIND_NAMES = {
+    "auto": "found automatically",
+    "impulse": "impulse or sweep response",
+    "stationary": "noise, or another continuous sound",
+}
+
+
+@dataclass
+class Delivered:
+    """What one browser has sent of a request: its files by what they are for; `uploaded`: bytes, shown to it."""
+
+    folder: Path
+    uploaded: viser.GuiHtmlHandle
+    files: list[tuple[str, Path]] = field(default_factory=list)
+    open: BinaryIO | None = None
+    count: int = 0  # bytes
+
+
+class OwnFiles:
+    """Owns the folder and what reads its files; `show`: function that shows a session, `wake`: updates the page."""
+
+    def __init__(self, server: viser.ViserServer, show: Callable[[OpenRequest], None], wake: Callable[[], None]):
+        self._server, self._show, self._delivered, self._bytes = server, show, dict[int, Delivered](), 0
+        self._wake, self._folder = wake, tempfile.TemporaryDirectory(prefix="fdcal-")
+        self.worker, self._complaint = LatestWorker(self._open, "fdcal-open", notify=wake), ""
+        server._websock_server.register_handler(_messages.FileTransferStartUpload, self._begin)
+        server._websock_server.register_handler(_messages.FileTransferPart, self._take)
+
+    def close(self) -> None:
+        """End the thread, and delete the files."""
+        self.worker.close(0.5)
+        for client in list(self._delivered):
+            self.forget(client)
+        self._folder.cleanup()
+
+    def forget(self, client: int) -> None:
+        """Forget what a browser has sent without opening it."""
+        if (delivered := self._delivered.pop(client, None)) is not None and delivered.open is not None:
+            delivered.open.close()
+
+    def _begin(self, client: int, message: Any) -> None:
+        """Take the name and the size of the next file, on viser's event loop."""
+        handle, delivered = self._server.get_clients().get(client), self._delivered.get(client)
+        if handle is None or message.source_component_uuid not in (RECORDING, LIST):
+            return
+        if delivered is None:
+            delivered = Delivered(
+                Path(tempfile.mkdtemp(dir=self._folder.name)), handle.gui.add_html(content("upload"), visible=False)
+            )
+            self._delivered[client] = delivered
+        if self._bytes + message.size_bytes > MAX_BYTES or len(delivered.files) == MAX_FILES:
+            self._refuse(client, delivered)
+            return
+        if delivered.open is not None:
+            delivered.open.close()
+        name = re.sub(r"[^\w .()+-]", "_", re.split(r"[/\\]", message.filename)[-1])[-MAX_NAME:].lstrip(". ") or "file"
+        place = delivered.folder / message.source_component_uuid
+        place.mkdir(exist_ok=True)
+        delivered.files.append((message.source_component_uuid, place / name))
+        delivered.open = (place / name).open("wb")
+
+    def _take(self, client: int, message: Any) -> None:
+        """Write a part of the file that has begun last, on viser's event loop."""
+        delivered, size = self._delivered.get(client), len(message.content)
+        if delivered is None or delivered.open is None:
+            return
+        if self._bytes + size > MAX_BYTES:  # more than was announced
+            self._refuse(client, delivered)
+            return
+        delivered.open.write(message.content)
+        delivered.count += size
+        self._bytes += size
+        delivered.uploaded.content = content("upload", str(delivered.count))
+
+    def _refuse(self, client: int, delivered: Delivered) -> None:
+        self.forget(client)
+        self._complaint, delivered.uploaded.content = NO_ROOM, content("upload", "refused")
+        self._wake()
+
+    def open(self, client: viser.ClientHandle, value: str) -> None:
+        """Open what a browser has sent; `value`: kind and temperature, degrees Celsius, as in "auto 20"."""
+        delivered = self._delivered.get(client.client_id)
+        if delivered is None:
+            return
+        self.forget(client.client_id)
+        kind, _, celsius = value.partition(" ")
+        require_choice("kind", kind, KIND_NAMES)
+        self._complaint = ""
+        self.worker.request(delivered.files, kind, number_in(celsius))
+
+    def html(self) -> str:
+        """Return the form, with the report on the file that was opened last, or why it could not be opened."""
+        latest, megabytes = self.worker.latest, MAX_BYTES // 1_000_000
+        kinds = "".join(f"<option value='{kind}'>{name}</option>" for kind, name in KIND_NAMES.items())
+        report = f"<pre>{escape(latest.result or '')}</pre>" if latest is not None else ""
+        report += html.complaint(self._complaint or (html.error_message(latest.cause) if latest is not None else ""))
+        report = "<p>Reading ...</p>" if self.worker.busy else report
+        return (
+            f"<form data-limit='{MAX_BYTES}'><b>Your own recording</b>"
+            f"<label>Recordings, measurement or session <input type='file' name='{RECORDING}' multiple></label>"
+            f"<label>Kind of a recording <select name='kind'>{kinds}</select></label>"
+            f"<label>List of positions, to compare with <input type='file' name='{LIST}'></label>"
+            "<label>Temperature (°C) <input type='number' name='celsius' value='20' min='-60' max='80' step='0.5'>"
+            "</label><button type='button' data-local='upload'>Open</button>"
+            f"<small>Up to {megabytes} MB, kept in a private folder until fdcal ends.</small>"
+            + re.sub(rf"{re.escape(self._folder.name)}/\w+/\w+/", "", report)  # names as the user knows them
+            + "</form>"
+        )
+
+    def _open(self, files: list[tuple[str, Path]], kind: Any, temperature: float) -> str:
+        """On the thread: show files as a session, and return the report of their import."""
+        from ..recordings.importer import import_recording, import_summary
+
+        paths, lists = ([path for role, path in files if role == wanted] for wanted in (RECORDING, LIST))
+        if not paths:
+            raise InputError("no recording was chosen", "choose a file")
+        first, report, left_out = paths[0], "", ()
+        if first.suffix.lower() == ".zip":
+            self._show(session_file.read(str(first)))
+            return f"{first.name} is shown."
+        if first.suffix.lower() == ".npz" and not is_recording(str(first)):
+            inputs, report = load_input([str(path) for path in paths]), f"{first.name} is shown."
+        else:
+            options = ImportOptions(leave_out="bad", kind=kind, temperature=temperature)
+            measurement, found = import_recording(paths, options)
+            inputs, left_out = measurement_input(measurement, first.stem), tuple(found.left_out)
+            report = import_summary(measurement, found, html.CONTROLS)
+        if lists:
+            inputs = compared_with_file(inputs, str(lists[0]), left_out)
+        self._show(measurement_request(inputs))
+        return report
