@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def import_(sources, output, force, **recorded):
     """Turn recordings or impulse responses into a measurement.
 
-    INPUT is a WAV or FLAC file, a SOFA file, a folder of them or of MeshRIR, an HDF5 file of Acoular, or an .npz file.
+    INPUT is a sound or SOFA file, a folder of them or of MeshRIR, or arrays of samples: .npz, .npy, .mat, .h5, .csv.
 
     Several files are takes, of the same channels with the source at other places; files of one channel each are the
     channels of one take.

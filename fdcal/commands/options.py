@@ -369,7 +369,7 @@ def solver_options(command):
 
 
 # The options of recordings that `calibrate` and `doctor` have; `import` has all.
-RECORDED = ("frequencies", "kind", "reference", "temperature", "array_dimension")
+RECORDED = ("frequencies", "kind", "reference", "temperature", "rate", "array_dimension")
 
 
 def recording_options(*names: str) -> Callable[[Any], Any]:

@@ -340,7 +340,6 @@ def _rows(values: Any) -> tuple[tuple[float, ...], ...]:
 OTHER_FILES = {
     ".csv": ("a table", "give positions as <positions>"),
     ".xml": ("a table of positions", "give it as <positions>"),
-    ".mat": ("an impulse response with directions", "name it as the room of a scene"),
     ".json": ("a result or a session", "use `fdcal export` or `fdcal view`"),
 }
 

@@ -212,7 +212,7 @@ def frequency_band(
             low = max(low, IMPORT_LIMITS.min_phase * speed / radian)
             wide = max(high, IMPORT_LIMITS.phase * speed / radian)
             high = found.limit if options.array_radius is not None else min(found.limit, wide)
-        low, high = max(low, IMPORT_LIMITS.min_periods / recording.duration), min(high, top)
+        low, high = max(low, recording.lowest, IMPORT_LIMITS.min_periods / recording.duration), min(high, top)
     else:
         try:
             low, high = (float(part) for part in options.frequencies.split(":"))

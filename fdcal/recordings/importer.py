@@ -95,13 +95,18 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
     for path in paths:
         number = options.source
         numbers = range(formats.source_count(path)) if isinstance(number, str) else [number]
-        found = [formats.read(path, number) for number in numbers]
+        found = [formats.read(path, number, options.rate) for number in numbers]
         read += [replace(one, path=f"{path}, source {n}") for n, one in enumerate(found)] if len(found) > 1 else found
     if len(read) == 1:
         return read
     if options.files == "channels" or (options.files == "auto" and {one.count for one in read} == {1}):
         return [join_channels(read)]
-    first, placed = read[0], [(one.path, one.positions) for one in read if one.positions is not None]
+    first, few = read[0], min_microphones(options.dimension)
+    if options.files == "auto" and 1 < first.count < few and {one.count for one in read} == {first.count}:
+        problem = f"{len(read)} files of {first.count} channels each are channels of one take, or takes of an array of"
+        remedy = "give <channels> if they were recorded at the same time, by several recorders"
+        raise InputError(f"{problem} {first.count} microphones, which is too small to be found", remedy, key="files")
+    placed = [(one.path, one.positions) for one in read if one.positions is not None]
     for one in read:  # takes are of one array
         if one.count != first.count:
             has, others = (f"{count} channel{'s' * (count > 1)}" for count in (first.count, one.count))
@@ -212,7 +217,7 @@ def _measurement_of_take(
     if kind == "impulse":
         if options.reference is not None:  # in its whole band: an onset is as sharp as the band is wide
             whole = IMPORT_LIMITS.low, ARRIVAL_BAND * recording.sample_rate
-            responses, _ = deconvolve(taken, formats.read(options.reference), whole)
+            responses, _ = deconvolve(taken, formats.read(options.reference, rate=options.rate), whole)
         found_arrivals = first_arrivals(responses)
         if found_arrivals is not None:
             times, sigma = found_arrivals
@@ -276,7 +281,7 @@ def _classified(
 ) -> tuple[Recording, str, Noise | None]:
     """Return the recording, deconvolved where a reference is given, its kind, and its noise power where known."""
     if options.reference is not None:
-        responses, noise = deconvolve(recording, formats.read(options.reference), band)
+        responses, noise = deconvolve(recording, formats.read(options.reference, rate=options.rate), band)
         return responses, "impulse", noise
     kind = recording.kind if options.kind == "auto" or options.split is not None else options.kind
     if kind is None:  # of an impulse response the sound is gone, or nearly so, at the end

@@ -60,6 +60,7 @@ class Recording:
     positions: np.ndarray | None = None  # (N, D) float64 or None, of the microphones according to the file, metres
     sound_speed: MetresPerSecond | None = None  # according to the file
     full_scale: float | None = None  # greatest value that a sample can take
+    lowest: float = 0.0  # Hz, below which it holds nothing
 
     def __post_init__(self):
         check(
@@ -285,6 +286,8 @@ class ImportOptions:
         Of a random `subset`.
     reference : str or None
         File with the signal that the source emitted.
+    rate : float or None
+        Sampling rate, Hz, of a file that has none.
     array_radius : float or None, metres
     """
 
@@ -315,6 +318,9 @@ class ImportOptions:
     leave_out: str | None = option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
     known: str | None = option(None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|none|FILE")
     reference: str | None = option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")
+    rate: Annotated[float, within(100.0, 1e7, "Hz")] | None = option(
+        None, "Sampling rate of a file that has none, Hz.", "HZ"
+    )
     array_radius: Annotated[float, positive("m")] | None = option(
         None, "Metres; determines the highest usable frequency.", "R"
     )

@@ -155,7 +155,7 @@ def is_recording(text: str) -> bool:
 
     path = Path(text)
     if path.suffix.lower() == ".npz":
-        return "recordings" in keys_of(path)
+        return bool(keys := keys_of(path)) and not {"pressures", "frequencies"} & set(keys)
     return formats.reader_of(path) is not None or bool(formats.sound_files(path))
 
 

@@ -113,7 +113,7 @@ def test_bad_results_exit_2(made, tmp_path, refused):
 @pytest.mark.parametrize(
     ("name", "content", "arguments", "words"),
     [
-        ("g.csv", b"name,x,y\n0,1,2\n", ["calibrate", "g.csv"], "is a table; give positions as --positions"),
+        ("g.csv", b"name,x,y\n0,1,2\n", ["calibrate", "g.csv"], "is a table of positions; give it as --positions"),
         ("result.json", b"{}", ["calibrate", "result.json"], "fdcal export"),
         ("notes.md", b"", ["calibrate", "."], "is a folder in which no recordings were found"),
         (

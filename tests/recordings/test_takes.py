@@ -83,6 +83,9 @@ def test_files_of_the_same_channels_are_takes(folder, tmp_path, monkeypatch, cap
 
 def test_files_of_one_channel_are_the_channels_of_one_take(folder):
     files = sorted((folder / "single").iterdir())
+    for file in files[:2]:  # as a Mac adds to each file on a disk of another system
+        (folder / "single" / f"._{file.name}").write_bytes(b"\0\5\x16\7")
+    same(fdcal.load(folder / "single", **GIVEN), fdcal.load(files, **GIVEN))
     joined, whole = fdcal.load(files, **GIVEN), fdcal.load(folder / "take0.wav", **GIVEN)
     assert joined.names == tuple(f"mic{n:02d}" for n in range(COUNT))
     assert joined.take_count == 1
@@ -141,12 +144,15 @@ def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
         (["single/mic00.wav", "single/mic01.wav", "--takes"], "gives one channel"),
         (["take0.wav", "slow.wav"], "convert one of them"),
         (["single/mic00.wav", "short.wav"], "not channels of one take"),
+        (["left.wav", "right.wav"], "give --channels if they were recorded at the same time, by several recorders"),
     ],
 )
 def test_files_that_do_not_fit_are_refused_in_one_line(options, words, folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "slow.wav", noisy(responses(1), 50), FS // 2)
     write(tmp_path / "short.wav", noisy(responses(1), 50)[0, :1800])
+    for name, row in (("left.wav", 0), ("right.wav", 2)):
+        write(tmp_path / name, noisy(responses(1), 50)[row : row + 2])
     before = sorted(tmp_path.iterdir())
     paths = [
         one if one.startswith("--") or not one.endswith(".wav") or (tmp_path / one).exists() else str(folder / one)

@@ -26,7 +26,7 @@ NUMBERS = re.compile(r"([0-9]+)")  # in the name of a file
 MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this: a header that announces more is damaged
 
 
-Read = Callable[[Path, int | None], Recording]
+Read = Callable[[Path, int | None, float | None], Recording]
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Format:
     """A file format: its suffixes and the functions that read or write it; None for what it cannot hold."""
 
     suffixes: tuple[str, ...]
-    # recording of a file; of several sources one, counted from 0, the first for None
+    # recording of a file; of several sources one, counted from 0, the first for None; with a rate, Hz, if it has none
     read: Read | None = None
     write: Callable[[Path, MicrophonePositions], None] | None = None  # writes positions to a file
     source_count: Callable[[Path], int] | None = None  # of a format that may hold several sources
@@ -79,13 +79,18 @@ def sound_files(path: str | Path) -> list[Path]:
     if not path.is_dir() or reader_of(path) is not None:
         return []
     sound = next(one.suffixes for one in all_formats() if ".wav" in one.suffixes)
-    found = [one for one in path.iterdir() if one.suffix.lower() in sound and one.is_file()]
+    # Not what is hidden: a Mac adds a companion "._NAME" to each file on a disk of another system.
+    files = (one for one in path.iterdir() if not one.name.startswith(".") and one.is_file())
+    found = [one for one in files if one.suffix.lower() in sound]
     # By the stem: a track without a number, as of Audacity, stands before "Audio Track-2".
     return sorted(found, key=lambda one: [int(part) if part.isdigit() else part for part in NUMBERS.split(one.stem)])
 
 
-def read(path: str | Path, source: int | None = None) -> Recording:
-    """Return the recording in a file or folder; `source`: which of several sources, from 0."""
+def read(path: str | Path, source: int | None = None, rate: float | None = None) -> Recording:
+    """Return the recording in a file or folder.
+
+    `source`: which of several sources, from 0; `rate`: sampling rate, Hz, of a file that has none.
+    """
     path = Path(path)
     try:
         if not path.exists():
@@ -101,7 +106,10 @@ def read(path: str | Path, source: int | None = None) -> Recording:
         if path.is_file():
             with open(path, "rb"):  # a missing permission is reported here: libraries raise anything for it
                 pass
-        recording = found.read(path, source)
+        recording = found.read(path, source, rate)
+        if rate is not None and recording.sample_rate != rate:
+            problem = f"{path} has a sampling rate of {recording.sample_rate:g} Hz itself"
+            raise InputError(problem, "leave out <rate>", key="rate", value=rate)
         if path.is_file() and recording.count * recording.samples > MAX_SAMPLES_PER_BYTE * path.stat().st_size:
             raise InputError(
                 f"{path} announces {recording.count} channels of {recording.samples} samples and holds"
@@ -166,17 +174,17 @@ def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: An
 def isolated(read: Read) -> Read:
     """Return a reader that does what `read` does, a function of a module, in a process of its own."""
 
-    def read_apart(path: Path, source: int | None = None) -> Recording:
-        found, values = isolated_call(path, _content, read, path, source, MAX_HELD)
-        by_call = partial(isolated_call, path, _content, read, path, source, MAX_HELD)
+    def read_apart(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
+        by_call = partial(isolated_call, path, _content, partial(read, path, source, rate), MAX_HELD)
+        found, values = by_call()
         return Recording(**found, block=by_call if values is None else block_of(values))
 
     return read_apart
 
 
-def _content(read: Read, path: Path, source: int | None, max_held: int, *part: Any) -> Any:
+def _content(read: Callable[[], Recording], max_held: int, *part: Any) -> Any:
     """Return the fields of a recording but its block, and its samples if they are at most `max_held`; or its `part`."""
-    found = read(path, source)
+    found = read()
     if part:
         return found.block(*part)
     held = found.count * found.samples <= max_held

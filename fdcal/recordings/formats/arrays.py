@@ -1,15 +1,24 @@
-"""Recordings in files of arrays: of NumPy and HDF5.
+"""Recordings in files of arrays: of NumPy, MATLAB and HDF5, and tables of samples.
 
-.npz      `recordings` (N, T) and `sample_rate`, Hz; optionally `kind`, `names`, `positions`, `sound_speed`. A
-          measurement, which has pressures instead, is read by `fdcal.model.measurement`.
-folder    of MeshRIR: impulse responses of one microphone moved over a mesh, with several sources, 48 kHz: pos_mic.npy
-          (M, 3) and pos_src.npy (S, 3), metres; ir_<i>.npy (S, T), one for each of the M places
-.h5       of Acoular: `time_data` (T, N), one channel per microphone, with the attribute `sample_freq`, Hz
+Samples are the only array of real numbers with one long axis, that of time, and at most one other, that of channels;
+or the one that is called `recordings` (N, T), or `time_data` (T, N) as Acoular calls it. Beside them may stand `kind`,
+`names`, `positions`, `sound_speed` and the sampling rate, under one of the names of RATES, as a number, an attribute or
+a text. Without a rate, that of `fdcal.recordings.recording.ImportOptions` counts.
+
+.npz, .npy       of NumPy; an .npz file with `pressures` is a measurement (`fdcal.model.measurement`)
+.mat             of MATLAB, structures included, of any version
+.h5, .hdf5       HDF5, groups included
+.csv, .tsv, .txt one line for each time, one column for each channel; a column of times gives the rate
+folder           of MeshRIR: impulse responses of one microphone moved over a mesh, with several sources, 48 kHz:
+                 pos_mic.npy (M, 3) and pos_src.npy (S, 3), metres; ir_<i>.npy (S, T), one for each of the M places
 
 S. Koyama, T. Nishida, K. Kimura, T. Abe, N. Ueno, J. Brunnström, "MeshRIR: A dataset of room impulse responses on
 meshed grid points for evaluating sound field analysis and synthesis methods", WASPAA 2021.
 """
 
+import contextlib
+import re
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +27,23 @@ import numpy as np
 from ...model.libraries import needs
 from ...model.storage import load_archive
 from ...model.validation import InputError, StorageError, require_array, require_choice, shown
-from ..recording import KINDS, RANGE_SAMPLES, Recording, ranges, recording_of
-from . import Format, damaged, isolated, wanted_source
+from ..recording import KINDS, MIN_SAMPLES, RANGE_SAMPLES, Recording, ranges
+from . import Format, damaged, isolated, isolated_call, wanted_source
 
 MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
-KEYS = {
-    "recordings": ("real", (None, None)),
-    "sample_rate": ("real", ()),
-    "kind": ("text", ()),
-    "names": ("text", (None,)),
-    "positions": ("real", (None, None)),
-    "sound_speed": ("real", ()),
-}
+# Names in lower case, letters alone, without a unit.
+RATES = "samplerate samplingrate samplefreq samplingfreq samplefrequency samplingfrequency fs sr rate srate".split()
+TIMES = ("t", "time", "times", "zeit")
+PLACES = "positions micpositions microphonepositions microphonepositionsm micpos posmic receiverpositions".split()
+ORDERS = {"recordings": (0, 1), "timedata": (1, 0)}  # axes of channels and samples where their lengths do not tell
+LONGER = 2  # how many times as long as the other axis that of time is, so that it tells itself
+UNEVEN = 0.01  # of a step, by which times that are rounded may differ from even ones
+MAX_LISTED = 6  # arrays that a message lists
+OTHERS = {"kind": ("text", ()), "names": ("text", (None,)), "sound_speed": ("real", ())}
+DIRECTIONS = {"azi_rad", "ele_rad"}  # of a measured room: `fdcal.model.sdm_response`
+
+Arrays = Mapping[str, Any]  # by name, NumPy's or what has shape, ndim and dtype alike
+Opened = Callable[[], contextlib.AbstractContextManager[Any]]  # gives the array of the samples while it is read
 
 
 def keys_of(path: Path) -> list[str]:
@@ -41,34 +55,189 @@ def keys_of(path: Path) -> list[str]:
         return []
 
 
-def _read_npz(path: Path, source: int | None = None) -> Recording:
-    """Return the recording of an archive; raise InputError for one that is damaged or has no recordings."""
-    table = load_archive(path, KEYS.__contains__)
-    if "pressures" in keys_of(path):
-        raise InputError(f"{path} is a measurement already", "give it to `fdcal calibrate`")
-    for key in ("recordings", "sample_rate"):
-        if key not in table:
-            problem = f'{path} has no "{key}"'
-            raise InputError(problem, "give recordings (N, T) and sample_rate, or a measurement", key=key)
-    value = {key: require_array(f"{path}: {key}", table[key], *KEYS[key]) for key in table if key != "recordings"}
-    data = table["recordings"]
-    if data.ndim != 2 or data.dtype.kind not in "fiu":
-        raise InputError(f"{path}: recordings is {data.dtype} of shape {data.shape}", "give real numbers (N, T)")
-    kind = value["kind"].item() if "kind" in value else None
+def _word(name: str) -> str:
+    return re.sub("[^a-z]", "", re.split(r"[/.]", name)[-1].lower())
+
+
+def _rate(path: Path, arrays: Arrays, given: float | None) -> float | None:
+    """Return the sampling rate, Hz, that the arrays or their attributes hold, or the one given."""
+    rates = dict[str, float]()
+    for name, value in arrays.items():
+        word, unit = re.fullmatch("(.*?)(khz|hz)?", _word(name)).groups()  # type: ignore
+        if word not in RATES:
+            continue
+        single = np.ravel(value[()])[0] if value.shape in ((), (1,), (1, 1)) else f"an array {value.shape}"
+        text = single.decode(errors="replace") if isinstance(single, bytes) else str(single)
+        number = re.fullmatch(r"\s*([\d.]+(?:e\+?\d+)?)\s*(k?hz)?\s*", text, re.IGNORECASE)
+        if number is None:
+            problem = f'{path}: "{shown(name)}" is {shown(text, 80)}'
+            raise InputError(problem, "give one number, the sampling rate in Hz", key="rate")
+        rates[name] = float(number[1]) * (1000 if "khz" in (unit, (number[2] or "").lower()) else 1)
+    if len(set(rates.values())) > 1:
+        problem = f"{path} has several sampling rates: {', '.join(f'{shown(n)} = {hz:g}' for n, hz in rates.items())}"
+        raise InputError(problem, "keep one", key="rate")
+    return next(iter(rates.values()), given)
+
+
+def _rate_of_times(times: np.ndarray) -> float | None:
+    """Return the rate of times (T,), s, that increase evenly; None for others, as those that are numbers of samples."""
+    if len(times) < MIN_SAMPLES or not np.all(np.isfinite(times)) or times[-1] <= times[0]:
+        return None
+    step = (times[-1] - times[0]) / (len(times) - 1)
+    even = np.abs(times - times[0] - step * np.arange(len(times))).max() <= UNEVEN * step + 1e-6 * abs(times[-1])
+    return float(1 / step) if even and step != 1 else None
+
+
+def recording_in(path: Path, arrays: Arrays, rate: float | None, opened: Callable[[str], Opened]) -> Recording:
+    """Return the recording in arrays; InputError, which lists them, where it is not clear which one holds the samples.
+
+    `rate`: Hz, where there is none among them; `opened`: of the name of an array, what opens it to be read.
+    """
+
+    def long(array: Any) -> list[int]:
+        return [axis for axis, length in enumerate(array.shape) if length > 1]
+
+    others = {*RATES, *TIMES, *PLACES}
+    real = {
+        name: array for name, array in arrays.items()
+        if array.dtype.kind in "fiu" and 1 <= len(long(array)) <= 2 and max(array.shape) >= MIN_SAMPLES
+        and re.sub("k?hz$", "", _word(name)) not in others
+    }  # fmt: skip
+    found = [name for name in real if len(long(real[name])) == 2] or list(real)
+    named = [name for name in found if _word(name) in ORDERS]
+    found = named if len(named) == 1 else found
+    if len(found) != 1:
+        if set(arrays) >= DIRECTIONS:
+            raise InputError(f"{path} holds an impulse response with directions", "name it as the room of a scene")
+        which, listed = "several arrays that may be the samples", found
+        if not found:
+            which, listed = "no array of real samples", list(arrays)
+        names = ", ".join(f'"{shown(one, 60)}" {arrays[one].shape}' for one in listed[:MAX_LISTED])
+        raise InputError(f"{path} holds {which}: {names}", 'call the one that is meant "recordings"', key="recordings")
+    name, array = found[0], real[found[0]]
+    axes = sorted(long(array), key=lambda axis: array.shape[axis])
+    if len(axes) == 2 and array.shape[axes[1]] < LONGER * array.shape[axes[0]]:
+        if _word(name) not in ORDERS:
+            problem = f'{path}: it is not clear which axis of "{shown(name)}" {array.shape} is that of time'
+            remedy = 'call it "recordings" and give it the shape (channels, samples)'
+            raise InputError(problem, remedy, key="recordings")
+        axes = [sorted(axes)[n] for n in ORDERS[_word(name)]]
+    time, channel, dimensions = axes[-1], axes[0] if len(axes) == 2 else None, array.ndim
+    count, samples = 1 if channel is None else array.shape[channel], array.shape[time]
+    hertz = _rate(path, arrays, None)
+    for key, times in arrays.items() if hertz is None else ():
+        if _word(key) in TIMES and times.dtype.kind in "fiu" and times.size == samples:
+            hertz = _rate_of_times(np.ravel(times[()]))
+    hertz = rate if hertz is None else hertz
+    if hertz is None:
+        problem = f'{path} has no sampling rate beside "{shown(name)}" ({count} channels, {samples} samples)'
+        raise InputError(problem, "give <rate> in Hz", key="rate")
+    open_array = opened(name)
+
+    def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
+        values = np.empty((len(chosen), stop - start))
+        with open_array() as data:
+            for first, last in ranges(stop - start, max(1, RANGE_SAMPLES // count)):
+                index: list[Any] = [0] * dimensions
+                index[time] = slice(start + first, start + last)
+                if channel is not None:
+                    index[channel] = slice(None)
+                part = np.asarray(data[tuple(index)])
+                part = part[None] if channel is None else part.T if channel > time else part
+                values[:, first:last] = part[chosen]
+        return values
+
+    known = {
+        key: require_array(f"{path}: {key}", np.asarray(arrays[key]), *OTHERS[key]) for key in OTHERS if key in arrays
+    }
+    kind = known["kind"].item() if "kind" in known else None
     if kind is not None:
         require_choice(f"{path}: kind", kind, KINDS)
-    return recording_of(
-        str(path),
-        kind,
-        value["sample_rate"].item(),
-        data,
-        names=tuple(value["names"].tolist()) if "names" in value else (),
-        positions=value.get("positions"),
-        sound_speed=value["sound_speed"].item() if "sound_speed" in value else None,
-    )
+    places = [array for key, array in arrays.items() if _word(key) in PLACES and array.ndim == 2]
+    positions = None
+    if len(places) == 1:
+        positions = np.asarray(places[0][()])
+        positions = positions.T if positions.shape[1] not in (2, 3) or positions.shape[0] != count else positions
+    return Recording(
+        str(path), kind, hertz, count, samples, block,
+        names=tuple(known["names"].tolist()) if "names" in known else (),
+        positions=positions,
+        sound_speed=known["sound_speed"].item() if "sound_speed" in known else None,
+    )  # fmt: skip
 
 
-def _read_meshrir(path: Path, source: int | None = None) -> Recording:
+def _in_memory(path: Path, arrays: Arrays, rate: float | None) -> Recording:
+    return recording_in(path, arrays, rate, lambda name: lambda: contextlib.nullcontext(arrays[name]))
+
+
+def _read_npz(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
+    if "pressures" in keys_of(path):
+        raise InputError(f"{path} is a measurement already", "give it to `fdcal calibrate`")
+    return _in_memory(path, load_archive(path, lambda key: True), rate)
+
+
+def _read_npy(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
+    return _in_memory(path, {path.stem: _mapped(path)}, rate)
+
+
+def _read_mat(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
+    with open(path, "rb") as file:
+        if file.read(19) == b"MATLAB 7.3 MAT-file":
+            return isolated(_read_hdf5)(path, source, rate)
+    return _in_memory(path, isolated_call(path, _of_matlab, path), rate)
+
+
+def _of_matlab(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays in a file of MATLAB, those of a structure as "name.field"."""
+    from scipy.io import loadmat
+
+    def flat(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
+        if isinstance(value, dict):
+            for key, inner in value.items():
+                yield from flat(f"{name}.{key}", inner)
+        elif not name.startswith(".__") and np.asarray(value).dtype.kind in "fiuUS":
+            yield name[1:], np.asarray(value)
+
+    with damaged(f"{path} is not a file of MATLAB that can be read", "save it again"):
+        return dict(flat("", loadmat(path, simplify_cells=True)))
+
+
+def _read_table(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
+    """Return the recording in a table: lines of numbers below a header or none, with a column of times or none."""
+    from .positions import is_header  # which reads SOFA, which imports this module
+
+    def is_data(line: str) -> bool:
+        with contextlib.suppress(ValueError):
+            return bool([float(cell) for cell in line.split(delimiter)])
+        return False
+
+    wanted = "give one line for each time, one column for each channel"
+    with damaged(f"{path} is no table of samples", wanted):
+        lines = [one for one in path.read_text(encoding="utf-8-sig").splitlines() if one.strip() and one[0] not in "#%"]
+        delimiter = next((one for one in ";\t," if one in "".join(lines[-1:])), None)
+        if delimiter != ",":
+            lines = [line.replace(",", ".") for line in lines]
+        begins = next((n for n, line in enumerate(lines) if is_data(line)), len(lines))
+        head = [cell.strip(' "') for cell in lines[begins - 1].split(delimiter)] if begins else []
+        if is_header(head):
+            raise InputError(f"{path} is a table of positions", "give it as <positions>", key="positions")
+        if begins == len(lines):
+            raise InputError(f"{path} is no table of samples", wanted)
+        table = np.loadtxt(lines[begins:], delimiter=delimiter, ndmin=2)
+    first, wide = table[:, 0], table.shape[1] > 1
+    counting = wide and np.array_equal(first - first[0], np.arange(len(first)))
+    hertz = _rate_of_times(first) if wide and not counting else None
+    arrays = {"recordings": table[:, 1:].T if counting or hertz else table.T}
+    names = head[-len(arrays["recordings"]) :]
+    if len(names) == len(arrays["recordings"]) == len(set(names)):
+        arrays["names"] = np.array(names)
+    if hertz is not None:
+        scale = 1000 if head and re.search(r"\bms\b", head[0].lower()) else 1
+        arrays["sample_rate"] = np.array(round(hertz * scale, 6))
+    return _in_memory(path, arrays, rate)
+
+
+def _read_meshrir(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
     """Return the responses to one source, the first by default; raise InputError for a damaged folder."""
     places, sources = (_positions(path / name) for name in ("pos_mic.npy", "pos_src.npy"))
     source = wanted_source(path, source, len(sources))
@@ -137,35 +306,41 @@ def require_whole_file(path: Path) -> None:
         raise InputError(f"{path}: {reason}, and no other file is read", "write the values into the file itself")
 
 
-def _read_hdf5(path: Path, source: int | None = None) -> Recording:
-    """Return the recording of an Acoular time data file, read in pieces; raise InputError for another kind of file."""
+def _read_hdf5(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
+    """Return the recording of an HDF5 file, read in pieces."""
     h5py = needs("h5py")
     require_whole_file(path)
+
+    def opened(name: str) -> Opened:
+        @contextlib.contextmanager
+        def open_array() -> Iterator[Any]:
+            with damaged(f"{path} cannot be read", "copy the file again"), h5py.File(path, "r") as file:
+                yield file[name]
+
+        return open_array
+
     with damaged(f"{path} is not an HDF5 file that can be read"), h5py.File(path, "r") as file:
-        data = file.get("time_data")
-        if not isinstance(data, h5py.Dataset):
-            raise InputError(f'{path} has no "time_data"', "write the samples (T, N) there, as Acoular does")
-        if data.ndim != 2 or data.dtype.kind not in "fiu":
-            raise InputError(f'{path}: "time_data" is {data.dtype}, {data.shape}', "give real samples (T, N)")
-        if "sample_freq" not in data.attrs:
-            raise InputError(f'{path}: "time_data" has no attribute "sample_freq", the sampling rate in Hz', "add it")
-        rate = np.asarray(data.attrs["sample_freq"])
-        if rate.size != 1 or rate.dtype.kind not in "fiu":
-            raise InputError(f'{path}: "sample_freq" is {shown(rate.tolist(), 80)}', "give one number, the rate in Hz")
-        samples, channels = data.shape
+        arrays = dict[str, Any]()
 
-    def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
-        values = np.empty((len(chosen), stop - start))
-        with damaged(f"{path} cannot be read at sample {start}", "copy the file again"), h5py.File(path, "r") as file:
-            for first, last in ranges(stop - start, RANGE_SAMPLES // channels):
-                values[:, first:last] = file["time_data"][start + first : start + last].T[chosen]
-        return values
+        def note(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and item.attrs.get("MATLAB_class") not in (b"char", b"cell"):
+                arrays[name] = item
+            arrays.update({f"{name}.{key}": np.asarray(value) for key, value in item.attrs.items()})
 
-    return Recording(str(path), None, float(rate.item()), int(channels), int(samples), block)
+        note("", file)
+        file.visititems(note)
+        if isinstance(names := arrays.get("names"), h5py.Dataset) and names.dtype.kind == "O":
+            arrays["names"] = names.asstr()[()].astype(str)
+        if isinstance(kind := arrays.get("kind"), h5py.Dataset) and kind.dtype.kind == "O":
+            arrays["kind"] = np.array(str(kind.asstr()[()]))
+        return recording_in(path, arrays, rate, opened)
 
 
 FORMATS = (
     Format((".npz",), read=_read_npz),
+    Format((".npy",), read=_read_npy),
+    Format((".mat",), read=_read_mat),
+    Format((".csv", ".tsv", ".txt"), read=_read_table),
     Format(
         (),
         _read_meshrir,

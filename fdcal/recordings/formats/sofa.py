@@ -1,7 +1,8 @@
-"""SOFA (AES69): impulse responses of several receivers, or of one that was moved.
+"""SOFA (AES69): impulse responses or transfer functions of several receivers, or of one that was moved.
 
 Data.IR is (M, R, N) or, with several emitters, (M, R, N, E) or (M, R, E, N), as its dimensions are named: M
-measurements with R receivers each, N samples, which begin Data.Delay later. A measurement gives the position of the
+measurements with R receivers each, N samples, which begin Data.Delay later. Data.Real and Data.Imag hold the same at
+the frequencies N, which are evenly spaced: their impulse responses are read. A measurement gives the position of the
 listener; a receiver has a position relative to it and turns with it. Microphones are all pairs of measurement and
 receiver that recorded the same source; sources are counted in the order of the file. Positions are written as
 receivers, in the order of the microphones, whose names are not kept.
@@ -25,6 +26,7 @@ AXES = "MRNE"  # measurements, receivers, samples, emitters
 
 SAME_POSITION = 1e-6  # distance of two sources that are one, metres
 WHOLE_DELAY = 1e-3  # distance of a delay from a whole number, samples
+EVEN = 0.01  # distance of a frequency from a multiple of the spacing, spacings
 MAX_DELAY = 10_000_000  # samples
 
 
@@ -57,6 +59,8 @@ def cartesian(file, path: Path, name: str, count: int | None = None) -> np.ndarr
         raise InputError(f'{path}: "{name}" has shape {values.shape}', "give each position three coordinates", key=name)
     variable = file.variables[name]
     kind, units = (str(getattr(variable, key, "")).strip().lower() for key in ("Type", "Units"))
+    prefix = {"milli": 1e-3, "mm": 1e-3, "centi": 1e-2, "cm": 1e-2}
+    values = values * next((scale for unit, scale in prefix.items() if units.startswith(unit)), 1.0)
     if kind in ("", "cartesian"):
         if "deg" in units:
             raise InputError(f'{path}: "{name}" is cartesian but in degrees', 'make its Type "spherical"', key=name)
@@ -93,7 +97,7 @@ def receiver_positions(file, path: Path, measurements: int, receivers: int) -> n
 def placed_receivers(path: Path) -> np.ndarray:
     """Return the positions (N, 3), metres, of the channels of the first source, without what they recorded."""
     with open_sofa(path) as file:
-        _, shape, _ = impulse_responses(file, path)
+        _, shape, _ = responses(file, path)
         first = sources_of(file, path, shape["M"]) == 0
         return receiver_positions(file, path, shape["M"], shape["R"])[first].reshape(-1, 3)
 
@@ -116,16 +120,35 @@ def sources_of(file, path: Path, measurements: int) -> np.ndarray:
     return np.array(member)
 
 
-def impulse_responses(file, path: Path):
-    """Return the variable Data.IR, its shape as a dict of AXES, and the order of its axes."""
-    ir = file.variables.get("Data.IR")
-    if ir is None or ir.ndim not in (3, 4) or not all(ir.shape):
+def responses(file, path: Path) -> tuple[list[str], dict[str, int], tuple[str, ...]]:
+    """Return the names of the variables, Data.IR, or Data.Real and Data.Imag, their shape by AXES, and their axes."""
+    names = ["Data.Real", "Data.Imag"] if "Data.Real" in file.variables else ["Data.IR"]
+    found = [file.variables.get(name) for name in names]
+    if any(one is None or one.ndim not in (3, 4) or not all(one.shape) or one.shape != found[0].shape for one in found):
         kind = getattr(file, "DataType", "unknown")
-        raise InputError(f'{path} (DataType {kind}) has no impulse responses in "Data.IR"', "give one of type FIR")
-    named = tuple(ir.dimensions)
-    if sorted(named) != sorted(AXES[: ir.ndim]):  # other names: the order of the format is assumed
-        named = tuple(AXES[: ir.ndim])
-    return ir, {"E": 1} | dict(zip(named, ir.shape, strict=True)), named
+        problem = f'{path} (DataType {kind}) has no impulse responses in "Data.IR", nor transfer functions'
+        raise InputError(problem, "give one of type FIR or TF")
+    named = tuple(found[0].dimensions)
+    if sorted(named) != sorted(AXES[: found[0].ndim]):  # other names: the order of the format is assumed
+        named = tuple(AXES[: found[0].ndim])
+    return names, {"E": 1} | dict(zip(named, found[0].shape, strict=True)), named
+
+
+def frequencies_of(file, path: Path, count: int) -> tuple[float, int]:
+    """Return the spacing, Hz, of the frequencies of transfer functions, and how many of them are below the first."""
+    f = values_of(file, path, "N").ravel() * _kilo(file, "N")
+    step = (f[-1] - f[0]) / max(len(f) - 1, 1)
+    if len(f) != count or len(f) < 2 or not 0 < step <= 1e7 or f[0] < 0 or f[-1] > MAX_DELAY * step:
+        raise InputError(f'{path}: "N" holds no {count} ascending frequencies', "write them in Hz", key="N")
+    below = round(f[0] / step)
+    if np.abs(f - step * (below + np.arange(count))).max() > EVEN * step:
+        problem = f'{path}: the frequencies "N" are not multiples of one, so that no impulse responses follow'
+        raise InputError(problem, "write evenly spaced ones, or impulse responses", key="N")
+    return float(step), below
+
+
+def _kilo(file, name: str) -> float:
+    return 1000.0 if str(getattr(file.variables[name], "Units", "")).lower().startswith("k") else 1.0
 
 
 def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarray:
@@ -147,11 +170,20 @@ def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarr
     return np.round(delay).astype(np.int64)
 
 
-def _read(path: Path, source: int | None = None) -> Recording:
+def _read(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
     """Return the recording of a SOFA file, read in pieces."""
     with open_sofa(path) as file:
-        _, shape, axes = impulse_responses(file, path)
-        rates = np.unique(values_of(file, path, "Data.SamplingRate"))
+        names, shape, axes = responses(file, path)
+        step, below, odd = 0.0, 0, False
+        if len(names) > 1:
+            step, below = frequencies_of(file, path, shape["N"])
+            bins = below + shape["N"]
+            last = [file.variables[name][tuple(-1 if axis == "N" else slice(None) for axis in axes)] for name in names]
+            odd = bool(np.any(np.abs(last[1]) > 1e-6 * np.max(np.abs(last))))  # the highest is no Nyquist frequency
+            shape |= {"N": 2 * bins - 2 + odd}
+            rates = [round(step * shape["N"], 6)]
+        else:
+            rates = np.unique(values_of(file, path, "Data.SamplingRate")) * _kilo(file, "Data.SamplingRate")
         if len(rates) > 1:
             problem = f'{path}: "Data.SamplingRate" has different values, {rates[0]:g} and {rates[-1]:g}'
             raise InputError(problem, "use one for all", key="Data.SamplingRate")
@@ -174,23 +206,29 @@ def _read(path: Path, source: int | None = None) -> Recording:
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
         values = np.zeros((len(chosen), stop - start))
         with open_sofa(path) as file:
-            data = file.variables["Data.IR"]
+            data = [file.variables[name] for name in names]
             for row, (m, r), begin in zip(values, pairs[chosen], delays[chosen].tolist(), strict=True):
                 first, last = (min(max(sample - begin, 0), shape["N"]) for sample in (start, stop))
-                index = {"M": int(m), "R": int(r), "N": slice(first, last), "E": emitter}
-                part = data[tuple(index[axis] for axis in axes)]
-                row[first + begin - start : last + begin - start] = np.ma.filled(part.astype(float), np.nan)
+                index = {"M": int(m), "R": int(r), "N": slice(first, last) if step == 0 else slice(None), "E": emitter}
+                parts = [np.ma.filled(one[tuple(index[axis] for axis in axes)].astype(float), np.nan) for one in data]
+                part = parts[0]
+                if step:
+                    spectrum = np.pad(parts[0] + 1j * parts[1], (below, 0))
+                    part = np.fft.irfft(spectrum, shape["N"])[first:last]
+                row[first + begin - start : last + begin - start] = part
         return values
 
     positions = positions[pairs[:, 0], pairs[:, 1]]
-    rate = float(rates[0])
-    return Recording(str(path), "impulse", rate, len(pairs), samples, block, positions=positions, sound_speed=speed)
+    return Recording(
+        str(path), "impulse", float(rates[0]), len(pairs), samples, block,
+        positions=positions, sound_speed=speed, lowest=step * below,
+    )  # fmt: skip
 
 
 def _source_count(path: Path) -> int:
     """Return the number of sources: places of the source, times its emitters."""
     with open_sofa(path) as file:
-        _, shape, _ = impulse_responses(file, path)
+        _, shape, _ = responses(file, path)
         return len(np.unique(sources_of(file, path, shape["M"]))) * shape["E"]
 
 
