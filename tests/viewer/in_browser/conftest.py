@@ -4,7 +4,7 @@ import contextlib
 from types import SimpleNamespace
 
 import pytest
-from browsing import COARSE, begin_anew, opened_page, serving_here
+from browsing import COARSE, begin_anew, opened_page, serving_here, tab, until
 
 from fdcal.model.scene import load_scene
 from fdcal.session.lesson import load_lesson
@@ -34,12 +34,25 @@ def shared(served, browser):
     page.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def opened(shared):
-    """The page as one finds it in Expert, whatever the tests of other files have left."""
+    """The page as one finds it in Expert, whatever another test has left."""
     shared.set_viewport_size({"width": 1280, "height": 720})
     shared.emulate_media(color_scheme="light")
-    shared.evaluate("location.hash = 'scene=tiny&microphone=9&modes=solver&map=flat&face=expert'")
-    shared.wait_for_function("/microphone=9.*map=flat.*face=expert/.test(location.hash)")
+    shared.keyboard.press("Escape")
+    shared.evaluate("document.activeElement.blur(); delete document.documentElement.dataset.sheet")
+    for name in ("End lecture mode", "End lesson"):
+        if (button := shared.get_by_role("button", name=name, exact=True)).is_visible():
+            button.click()
+            button.wait_for(state="hidden")
+
+    def as_wanted():  # asked for again where an answer to what was done before has changed it meanwhile
+        shared.evaluate("location.hash = 'scene=tiny&microphone=9&modes=solver&map=flat&face=expert'")
+        shared.wait_for_timeout(100)
+        assert shared.get_by_role("button", name="Reset", exact=True).is_visible()
+        assert shared.evaluate("/scene=tiny&microphone=9.*map=flat.*face=expert/.test(location.hash)")
+
+    until(shared, as_wanted)
     begin_anew(shared)
+    tab(shared, "Curves")
     return shared

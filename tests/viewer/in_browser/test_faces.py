@@ -69,7 +69,7 @@ def sized(page, size):
     page.wait_for_function(f"innerWidth == {size[0]} && innerHeight == {size[1]}")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def expert(opened):
     legend_of(opened).get_by_text("dB").wait_for()
     return opened
@@ -205,7 +205,7 @@ def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_t
     narrow.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def page(opened):
     sized(opened, DESKTOP)
     press(opened, "Explore")
@@ -371,7 +371,6 @@ def test_a_file_of_ones_own_is_sent_from_below_the_scenes_on_a_phone_too(page, t
 
 
 def test_expert_has_the_panels_and_can_be_left(page):
-    page.evaluate("delete document.documentElement.dataset.sheet")
     press(page, "Expert")
     page.get_by_role("tab", name="Map").wait_for()
     page.wait_for_function("location.hash.includes('face=expert')")

@@ -4,12 +4,13 @@ import logging
 import re
 
 import pytest
-from browsing import COARSE, begin_anew, choose, opened_page, press, slider, tab, until
+from browsing import COARSE, begin_anew, choose, opened_page, press, serving_here, slider, tab, until
 
+from fdcal.model.scene import load_scene
 from fdcal.viewer.server import hardening
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def page(opened):
     return opened
 
@@ -130,20 +131,22 @@ BOX = """name => {
 }"""
 
 
-@pytest.fixture(scope="module")
-def ball(opened):
-    """The page of `ball3d`, which is chosen in Explore, in the tab Map."""
-    press(opened, "Explore")
-    opened.get_by_role("button", name="Choose a scene").click()
-    opened.locator("[data-do='scene=ball3d']").click()
-    opened.get_by_role("button", name="Choose a scene").get_by_text("ball").wait_for()
-    opened.wait_for_function("location.hash.includes('scene=ball3d')")
-    press(opened, "Expert")
-    opened.get_by_text("fdcal · ball3d").wait_for()
-    opened.evaluate("location.hash = 'microphone=9&modes=1-3&map=flat&face=expert'")  # whose volume is made at once
-    opened.wait_for_function("/microphone=9&modes=1-3/.test(location.hash)")
-    tab(opened, "Map")
-    return opened
+@pytest.fixture
+def ball(browser):
+    """A page of `ball3d`, which is chosen in Explore, in the tab Map; its server has no other client."""
+    with serving_here(load_scene("tiny")) as url:
+        page = opened_page(browser, url, COARSE.partition("#")[0])
+        page.get_by_role("button", name="Choose a scene").click()
+        page.locator("[data-do='scene=ball3d']").click()
+        page.get_by_role("button", name="Choose a scene").get_by_text("ball").wait_for()
+        page.wait_for_function("location.hash.includes('scene=ball3d')")
+        press(page, "Expert")
+        page.get_by_text("fdcal · ball3d").wait_for()
+        page.evaluate("location.hash = 'microphone=9&modes=1-3&map=flat&face=expert'")  # whose volume is made at once
+        page.wait_for_function("/microphone=9&modes=1-3/.test(location.hash)")
+        tab(page, "Map")
+        yield page
+        page.close()
 
 
 def box(page, name):
