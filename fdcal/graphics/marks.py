@@ -25,7 +25,7 @@ from .primitives import Colour, Floor, Lines, Mesh, Theme, fractions
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
 LOWEST = (255, 132, 0)
 TRAIL, ELLIPSE, FAULTY = (240, 130, 200), (255, 110, 60), (128, 0, 255)
-CUT = (0, 95, 95)
+CUT, POINTED = (0, 95, 95), (0, 130, 100)
 LOW_COST = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
 CIRCLE_SIDES = 24
 Curve = tuple[tuple[float, float], ...]
@@ -103,6 +103,7 @@ MARKS = {
         Mark("trails", "trail", "line", TRAIL, line_halo=0.0),
         Mark("ellipses", "error ellipse (95 %)", "ellipse", ELLIPSE, size=0.8, line_halo=0.0),
         Mark("cut", "cut from A to B", "line", CUT, 1.3, 0.3, 0.3, line_halo=0.0),
+        Mark("microphones/pointed", "named in the text", "ring", POINTED, 2.6, 0.3, size=0.8, line=0.16),
         Mark("microphones/faulty", "faulty channel", "barred ring", FAULTY, 2.4, 0.34, size=0.66, line=0.2),
     )
 }  # fmt: skip

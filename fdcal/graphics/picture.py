@@ -5,6 +5,7 @@ microphones and the map; last the texts of a title. Lengths are metres, colours 
 `fdcal.graphics.marks` says what the marks look like.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.scene import Scene
-from ..model.validation import Reals
+from ..model.validation import Reals, length_text
 from . import glyphs
 from .heatmap import relief_sides
 from .marks import ESTIMATE, MARKS, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes, true_microphones
@@ -259,6 +260,7 @@ def with_estimate(
     microphone: int | None = None,
     floor: Floor | None = None,
     truth: Reals | None = None,
+    pointed: Sequence[int] = (),
 ) -> Picture:
     """Return the picture with the estimated positions and the selected microphone.
 
@@ -266,16 +268,17 @@ def with_estimate(
     the user has moved it, has a cross there, too. The true positions of an array without known microphones are moved as
     a whole to the estimate, for its gauge is free, unless `truth` (N, D), metres, says where they are drawn.
 
-    `microphone`: the selected one.
+    `microphone`: the selected one; `pointed`: those that have a ring around them, and a name with their error.
     """
     truth = measurement.aligned_truth(positions) if truth is None else truth
     radius, base, known = picture.marker_radius, picture.z_range[0], measurement.known
-    estimates, errors = np.asarray(positions, float), None
+    estimates, errors, away = np.asarray(positions, float), None, None
     crossed = np.ones(len(estimates), bool)  # not the known ones whose square hides the cross
     if len(known):
         crossed[known] = np.linalg.norm(estimates[known] - measurement.known_positions, axis=1) > radius
     if truth is not None:  # lines from each true position to its estimate, unless the marks hide them
-        far = np.linalg.norm(estimates - truth, axis=1) > radius
+        away = np.linalg.norm(estimates - truth, axis=1)
+        far = away > radius
         on_relief = floor is not None and floor.heights is not None and estimates.shape[1] == 2
         way = np.linspace(truth[far], estimates[far], ERROR_PIECES + 1 if on_relief else 2)  # (P, F, D)
         points = drape(way.reshape(-1, way.shape[2]), floor, radius / 2)
@@ -294,13 +297,31 @@ def with_estimate(
         picture = picture.plus(*strokes("microphones/error", errors, radius))
     places = on_layer(positions[crossed], base, radius, Layer.ESTIMATE)
     picture = picture.plus(*marked("microphones/estimate", places, radius))
+    minima = np.empty((0, 2)) if floor is None or not floor.show_minima else np.array([*floor.lowest, *floor.minima])
+    marks = np.concatenate([positions[:, :2], minima] if truth is None else [positions[:, :2], minima, truth[:, :2]])
+
+    def named(n: int, words: str, name: str) -> Label:
+        """The name of a microphone, which hides as few of the marks as it can."""
+        text = f"microphone {measurement.names[n]}{words}"
+        (x, y), anchor = name_place(text, positions[n, :2], np.delete(marks, n, axis=0), picture.focus, radius)
+        z = float(on_layer(positions[[n]], base, radius, Layer.SELECTED)[0, 2])
+        return Label(name, text, (x, y, z), picture.theme.foreground, anchor)
+
+    errors_of = {n: "" if away is None else f": {length_text(away[n], 2)} off" for n in pointed}
+    if errors_of:
+        rings = on_layer(positions[list(errors_of)], base, radius, Layer.FAULTY)
+        labels = [named(n, words, f"pointed/{n}") for n, words in errors_of.items() if n != microphone]
+        picture = picture.plus(*marked("microphones/pointed", rings, radius), *labels)
     if microphone is None or not 0 <= microphone < len(positions):
         return picture
-    name = f"microphone {measurement.names[microphone]}"
-    others = np.delete(positions, microphone, axis=0)[:, :2]
-    minima = np.empty((0, 2)) if floor is None or not floor.show_minima else np.array([*floor.lowest, *floor.minima])
-    marks = np.concatenate([others, minima] if truth is None else [others, minima, truth[:, :2]])
-    return _with_selected(picture, name, positions[microphone], None if truth is None else truth[microphone], marks)
+    cross = on_layer(positions[[microphone]], base, radius, Layer.SELECTED)
+    if truth is not None:
+        circle = on_layer(truth[[microphone]], base, radius, Layer.SELECTED_TRUE)
+        picture = picture.plus(*marked("selected/true", circle, radius))
+    picture = picture.plus(*marked("selected/estimate", cross, radius))
+    if picture.z_range[1] > base:  # ties the microphone to the map below it
+        picture = picture.plus(lines("selected/stem", glyphs.stems(cross, base), ESTIMATE, 2.0))
+    return picture.plus(named(microphone, errors_of.get(microphone, ""), "selected/name"))
 
 
 ERROR_PIECES = 40  # of an error line over a relief, on which it lies: straight, it would go through hills
@@ -310,25 +331,6 @@ def _without(picture: Picture, *names: str) -> Picture:
     """The picture without the parts whose names begin so."""
     meshes = tuple(part for part in picture.meshes if not part.name.startswith(names))
     return replace(picture, meshes=meshes, lines=tuple(p for p in picture.lines if not p.name.startswith(names)))
-
-
-def _with_selected(
-    picture: Picture, name: str, position: np.ndarray, truth: np.ndarray | None, marks: np.ndarray
-) -> Picture:
-    """The picture with a larger cross at `position` (D,), a larger circle at the truth (D,), metres, and a name.
-
-    The name hides as few of the other `marks` (P, 2), metres, as it can.
-    """
-    radius, base = picture.marker_radius, picture.z_range[0]
-    cross = on_layer(position[None], base, radius, Layer.SELECTED)
-    if truth is not None:
-        circle = on_layer(truth[None], base, radius, Layer.SELECTED_TRUE)
-        picture = picture.plus(*marked("selected/true", circle, radius))
-    picture = picture.plus(*marked("selected/estimate", cross, radius))
-    if picture.z_range[1] > base:  # ties the microphone to the map below it
-        picture = picture.plus(lines("selected/stem", glyphs.stems(cross, base), ESTIMATE, 2.0))
-    (x, y), anchor = name_place(name, position[:2], marks, picture.focus, radius)
-    return picture.plus(Label("selected/name", name, (x, y, float(cross[0, 2])), picture.theme.foreground, anchor))
 
 
 def row_word(measurement: Measurement) -> str:

@@ -29,6 +29,7 @@ from .scene_edits import edited
 
 Scale = Literal["log", "linear"]
 Quantity = Literal["eq7", "objective"]
+Panel = Literal["none", "distance", "prediction", "channels"]
 MAX_ORDER_OFFSET = 4  # of a map
 MAX_CHOICES = 6  # of one question
 MAX_MODE = 9999  # highest number of a mode, counted from 1
@@ -63,6 +64,9 @@ class LessonSetting:
     # trails, ellipses: drawn or not
     trails: bool | None = None
     ellipses: bool | None = None
+    verdict: bool | None = None  # whether the result is assessed, and faulty channels are marked
+    panel: Panel | None = None  # what stands below the text: a plot or a list
+    marks: tuple[int, ...] = ()  # microphones that are pointed out, with their errors, once the run has ended
     view: View | None = None
 
     @property
@@ -87,7 +91,9 @@ class LessonSetting:
         if (numbers := parts.get("view", "").count(",")) < 9 and "view" in parts:  # a camera is of a window alone
             values["view"] = "3d" if numbers else parts["view"]
         values |= {name: parts[key] for key, name in (("map", "map"), ("modes", "map_modes")) if key in parts}
-        return LessonSetting(**(values | {name: value for name, value in vars(self).items() if value is not None}))
+        return LessonSetting(
+            **(values | {name: value for name, value in vars(self).items() if value not in (None, ())})
+        )
 
 
 @dataclass(frozen=True)
@@ -283,13 +289,13 @@ def _check_setting(place: str, setting: LessonSetting, scene: Scene) -> None:
             raise error.within(f'{place}{name} = "{shown(text)}"') from error
         gaps = name == "modes" and modes != tuple(range(modes[0], modes[-1] + 1))
         _refuse(place, [(gaps, "modes", f'= "{text}" has gaps', "give one range, as 1-20")])
-    positions, n = positions_of(scene), setting.microphone
-    count, run = len(positions), setting.run
+    positions, run = positions_of(scene), setting.run
+    count, named = len(positions), {"microphone": () if setting.microphone is None else (setting.microphone,)}
     _refuse(place, [
         (setting.map == "volume" and positions.shape[1] != 3, "map", '= "volume" needs an array in space',
          "name a scene whose array is in space, as ball3d, or another map"),
         (run not in (None, "end") and not RUN.fullmatch(run or ""), "run", f'= "{run}" is unknown',
          'write "end", or as "3 sweeps", "1 step", "2 stages"'),
-        (n is not None and not 0 <= n < count, "microphone", f"= {n} is not there",
-         f"{scene.name} has 0 to {count - 1}"),
+        *((not 0 <= n < count, key, f"= {n} is not there", f"{scene.name} has 0 to {count - 1}")
+          for key, numbers in (named | {"marks": setting.marks}).items() for n in numbers),
     ])  # fmt: skip

@@ -170,7 +170,7 @@ class Explore:
         if not comes_with_fdcal and (self._own is None or self._own[0] is not request):
             self._own = request, self._drawn(viewer)  # so that it can be opened again
         bar = self._bar(viewer, title, waiting)
-        overlay.show("bar", bar if current is None else f"{bar}<span class='preparing'></span>")
+        overlay.show("bar", bar if current is None else f"{bar}<span class='preparing'>{escape(waiting)}</span>")
         overlay.show("sheet", self._sheet(viewer))
         overlay.show("invitation", INVITATION if viewer.drop.inviting and self._lessons.progress.lesson is None else "")
         overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")

@@ -200,6 +200,11 @@ class RunBar:
         session = self._binding.session
         (session.pause if session.view.running else session.play)()
 
+    def hurry(self) -> None:
+        """Let the run in progress, or one that was paused, go on as fast as the machine can."""
+        self._since = 0.0
+        self._binding.session.play()
+
     def press(self, label: str) -> None:
         """Act on a button of STEPS."""
         units: dict[str, Unit] = {"Step": "step", "Sweep": "sweep", "Stage": "stage"}

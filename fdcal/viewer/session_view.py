@@ -148,7 +148,8 @@ class SessionPicture:
             if key not in self._static:
                 self._static[key] = static_picture(scene, measurement, dark, None, lecture, take)
             static = self._static[key]
-        drawn = with_estimate(static, self._measurement, positions, microphone, floor, self._run.drawn_truth(positions))
+        truth = self._run.drawn_truth(positions)
+        drawn = with_estimate(static, self._measurement, positions, microphone, floor, truth, choices.marks)
         picture = with_floor(drawn, floor)
         picture = overlays.with_volume(picture, volume)
         if dropped is not None and dropped.microphone == microphone:
@@ -287,7 +288,7 @@ class Viewer:
         if not (running and 0 < now - self._viewed < RUN_INTERVAL):  # a run needs the processor itself
             self.view, self._viewed, self._costs = newest, now, newest.costs.count
         newest = self.view
-        found, assessing = self._verdict.of(newest.state, newest.running, now)
+        found, assessing = self._verdict.of(newest.state, newest.running, now) if choices.verdict else (None, False)
         sought = self._verdict.sought(newest, found)
         if not np.array_equal(sought, frame.by):
             frame.by = sought

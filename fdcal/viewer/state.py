@@ -74,6 +74,10 @@ class Choices(MapStyle):
     rate: int | None = None  # steps per second that the user has chosen; None before that
     cut: Line | None = None  # the line along which the cost is drawn; None for no line
     take: int | None = None  # whose rows and spectrum are shown; None for those of all takes
+    # verdict: whether the result is assessed; panel, marks: as of `fdcal.session.lesson.LessonSetting`
+    verdict: bool = True
+    panel: str = "none"
+    marks: tuple[int, ...] = ()
 
     @property
     def style(self) -> MapStyle:
@@ -106,7 +110,9 @@ class Choices(MapStyle):
 
 
 # Those that are saved and are true or false.
-SWITCHES = tuple(one.name for one in fields(Choices) if one.type == "bool" and one.name not in ("lecture", "themed"))
+SWITCHES = tuple(
+    one.name for one in fields(Choices) if one.type == "bool" and one.name not in ("lecture", "themed", "verdict")
+)
 
 
 def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Choices:

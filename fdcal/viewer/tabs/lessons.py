@@ -75,12 +75,28 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
         "quantity": lambda name: tabs.binding.choose(objective=name == "objective"),
         "scale": lambda name: tabs.binding.choose(log=name == "log"),
     }
-    for name in ("order_offset", "minima", "trails", "ellipses"):
+    for name in ("order_offset", "minima", "trails", "ellipses", "verdict", "panel"):
         effects[name] = lambda value, name=name: tabs.binding.choose(**{name: value})
     effects["view"] = place_all
     for name, act in effects.items():
         if getattr(setting, name) is not None:
             act(getattr(setting, name))
+
+
+def end_of_run(setting: LessonSetting, view: SessionView, restarts: bool) -> Callable[[SessionView], bool]:
+    """Return what tells of a later view of a session whether the run of a setting has ended.
+
+    `view`: before the commands of the setting; `restarts`: whether a reset is one of them.
+    """
+    (what, count), first = run_target(setting.run or "0 steps"), view.history[0] if restarts else view.state
+
+    def ended(now: SessionView) -> bool:
+        if now.running or (restarts and now is view):
+            return False
+        reached = what != "end" and getattr(now.state, what) >= getattr(first, what) + count
+        return reached or now.state.finished or bool(now.error)
+
+    return ended
 
 
 def show_frame(session: Session, address: Mapping[str, str], states: Sequence) -> None:
@@ -150,15 +166,23 @@ WAITS = 'Your session waits, paused. "End lesson" brings it back, with all contr
 
 BACK, RESTORE, NEXT = "Back", "Restore settings", "Next"
 COMMANDS = {"back": BACK, "restore": RESTORE, "next": NEXT}
-NEXT_STEP, NEXT_LESSON = "Next step", "Next lesson: {}"
+NEXT_STEP, NEXT_LESSON, HURRY = "Next step", "Next lesson: {}", "Run to the end"
+PREPARED, RUNS = "The scene of this step is being prepared", "The solver is running"
 
 
-def caption_html(progress: LessonProgress, ready: bool, waits: str = "", error: str = "", following: str = "") -> str:
+def caption_html(
+    progress: LessonProgress,
+    awaited: str = "",
+    waits: str = "",
+    error: str = "",
+    following: str = "",
+    panel: str = "",
+) -> str:
     """Return a step as it stands on the canvas, with its answers as buttons or, once one is chosen, the right one.
 
-    `ready`: whether the page shows what the step asks about; the question is left out until then; `waits`: what waits
-    for the end of the lesson, in words; `error`: why the step could not be set; `following`: what comes next, once the
-    question is answered. Returns "" without a lesson.
+    `awaited`: PREPARED or RUNS, what the step asks about or explains; question or explanation are left out until then;
+    `waits`: what waits for the end of the lesson, in words; `error`: why the step could not be set; `following`: what
+    comes next, once the question is answered; `panel`: HTML below the text. Returns "" without a lesson.
     """
     lesson, step, number, choice = progress.lesson, progress.step, progress.number, progress.choice
     if lesson is None or step is None:
@@ -169,20 +193,28 @@ def caption_html(progress: LessonProgress, ready: bool, waits: str = "", error: 
         parts.append(f"<div class='dim'>{escape(waits)}</div>")
     if not answered:
         parts.append(f"<div class='text'>{_paragraphs(step.text)}</div>")
-    if not ready:
-        parts.append("<b>The map of this step is being prepared&nbsp;...</b>")
-    elif step.question:
+    if step.question and (answered or not awaited):
         parts.append(f"<b>{escape(step.question)}</b>")
+    if awaited and answered:
+        parts.append(f"<div>Your answer: <b>{escape(step.choices[choice])}</b></div>")
+    if awaited:
+        words = awaited + (
+            ". The explanation follows when it has ended." if answered and awaited == RUNS else "&nbsp;..."
+        )
+        parts.append(f"<div class='awaited'>{words}</div>{panel}")
+    elif step.question:
         right = step.answer - 1
         for i in sorted({choice, right} if answered else ()):  # the other answers are left out
             parts.append(f"<div>{'&#10003;' if i == right else '&#10007;'} <b>{escape(step.choices[i])}</b></div>")
         if answered:
             parts.append(f"<b>{'Right.' if choice == right else 'Not quite.'}</b>")
             parts.append(f"<div class='text'>{_paragraphs(step.reveal)}</div>")
-    if ready and not answered and step.choices:
+        parts.append(panel)
+    if not awaited and not answered and step.choices:
         buttons = "".join(_button(f"answer={i}", text) for i, text in enumerate(step.choices))
         parts.append(f"<div class='choices'>{buttons}</div>")
     steps = _button("follow", following, "first") if following else ""
+    steps += _button("hurry", HURRY) if awaited == RUNS else ""
     steps += _button("back", BACK) if number else ""
     steps += _button("restore", RESTORE) + (_button("next", NEXT) if number < last and not following else "")
     steps += _button("end", "End lesson")
@@ -217,12 +249,15 @@ class LessonsTab:
         self._requests: list[OpenRequest] = []  # of the lessons since the first
         # What waits for the scene of a request.
         self._pending: tuple[OpenRequest, Callable[[Viewer], None]] | None = None
+        self._ended: Callable[[SessionView], bool] | None = None  # tells whether the run of the step has ended
+        self._panel = ""  # HTML of what stands below the text
         self._left_at: dict[str, int] = {}  # by title: the step, from 0, at which a lesson was left
         overlay = page.panels.overlay
         overlay.on("lesson", lambda client, name: self.open(name))
         overlay.on("answer", lambda client, number: self.answer(whole(number, 0, MAX_CHOICES - 1)))
         overlay.on("follow", lambda client, value: self.follow())
         overlay.on("end", lambda client, value: self.end())
+        overlay.on("hurry", lambda client, value: page.viewer is not None and page.viewer.tabs.run_bar.hurry())
         for command, where in COMMANDS.items():
             overlay.on(command, lambda client, value, where=where: self.go(where))
         self._redraw()
@@ -231,6 +266,11 @@ class LessonsTab:
     def ready(self) -> bool:
         """Whether nothing waits for a scene."""
         return self._pending is None
+
+    @property
+    def _awaited(self) -> str:
+        """What the step waits for, in words; "" for nothing."""
+        return PREPARED if self._pending is not None else RUNS if self._ended is not None else ""
 
     @property
     def _next_lesson(self) -> str:
@@ -243,9 +283,11 @@ class LessonsTab:
     def caption(self) -> str:
         """What stands on the canvas, as HTML; "" without a lesson."""
         progress, title, following = self.progress, self._next_lesson, ""
-        if progress.answered and self.ready:
+        if progress.answered and not self._awaited:
             following = NEXT_STEP if progress.moved(1) is not None else title and NEXT_LESSON.format(title)
-        return caption_html(progress, self.ready, "" if self._before is None else WAITS, self._error, following)
+        waits = "" if self._before is None else WAITS
+        panel = self._panel if self.ready else ""
+        return caption_html(progress, self._awaited, waits, self._error, following, panel)
 
     def list_html(self) -> str:
         """Return the lessons as buttons."""
@@ -312,7 +354,7 @@ class LessonsTab:
         if progress.lesson is not None:  # where it is left, it goes on; at its end it begins again
             finished = progress.moved(1) is None and progress.answered
             self._left_at[progress.lesson.title] = 0 if finished else progress.number
-        self.progress, self._before, self._pending = LessonProgress(), None, None
+        self.progress, self._before, self._pending, self._ended = LessonProgress(), None, None, None
         self._error, self._requests = "", []
         self._redraw()
 
@@ -342,7 +384,7 @@ class LessonsTab:
 
     def _set_up(self, fresh: bool = False) -> None:
         """Set the page as the present step requires, the scene first; a `fresh` lesson may begin at any step."""
-        progress, self._pending, self._error = self.progress, None, ""
+        progress, self._pending, self._ended, self._error = self.progress, None, None, ""
         self._redraw()
         lesson, step = progress.lesson, progress.step
         if lesson is None or step is None:
@@ -367,16 +409,20 @@ class LessonsTab:
         own = viewer is not None and (self._before is None or viewer.binding.run is not self._before.run)
         if viewer is not None and own and not first and viewer.binding.run.scene == scene:
             restarted = setting.begins or bool(setting.reset)
+            before = viewer.binding.session.view
             if restarted:
                 viewer.binding.session.reset(seed)
             apply_setting(setting, viewer.tabs, place_all, restarted)
+            self._await(setting, viewer, before, restarted)
             return
         waiting = [setting] if setting.begins else settings
 
         def apply_all(shown: Viewer) -> None:
             shown.tabs.run_bar.watch()  # a lesson does not depend on the speed chosen before
+            before = shown.binding.session.view
             for one in waiting:
                 apply_setting(one, shown.tabs, place_all, restarted=one is waiting[0])
+            self._await(next((one for one in waiting[::-1] if one.run), setting), shown, before, False)
 
         # With the controls that a page begins with, so that a lesson depends on nothing before it.
         request = OpenRequest(scene, start_seed=seed, choices=plain_choices())
@@ -385,12 +431,32 @@ class LessonsTab:
         self._pending = request, apply_all
         self._redraw()
 
+    def _await(self, setting: LessonSetting, viewer: Viewer, before: SessionView, restarts: bool) -> None:
+        """Wait for the end of the run of a setting, if there is one, before anything is asked, said or pointed out."""
+        self._ended = end_of_run(setting, before, restarts) if setting.run else None
+        self._rest(viewer)
+
+    def _rest(self, viewer: Viewer) -> None:
+        """Point out the microphones that the step names, once nothing is awaited."""
+        step, choice = self.progress.step, self.progress.choice
+        marks = () if step is None or self._awaited else (step.page if choice < 0 else step.then).marks
+        viewer.binding.choose(marks=marks)
+        self._redraw()
+
     def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
         """Do what waits for a scene once it is shown; called by the main loop.
 
         `call`: runs a function on viser's event loop.
         """
         pending, viewer = self._pending, self._page.viewer
+        if pending is None and viewer is not None and self.progress.lesson is not None:
+            if self._ended is not None and self._ended(viewer.binding.session.view):
+                self._ended = None
+                call(lambda: self._rest(viewer))
+            panel = viewer.tabs.microphones.panel(viewer.binding.choices.panel)
+            if panel != self._panel:
+                self._panel = panel
+                call(self._redraw)
         if pending is None:
             return
         request, act = pending

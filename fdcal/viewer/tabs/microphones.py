@@ -12,12 +12,13 @@ import viser
 from viser import uplot
 
 from ...assessment.words import fault_words
+from ...graphics.glyphs import round_ticks, tick_texts
 from ...model.gauge import position_errors
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
 from ...session.session import SessionView
 from ..binding import Binding, Tab
-from ..html import CARD
+from ..html import CARD, remark
 from ..plots import BLUE, RED, Plot, decades_of, dots
 from ..scheduler import Memo
 from ..state import PageState, PositionUncertainty
@@ -48,15 +49,18 @@ def _named(name: str, faulty: bool) -> str:
     return ("&#9888; " if faulty else "") + escape(name)
 
 
-def channel_table(measurement: Measurement, found: PositionUncertainty | None) -> str:
-    """Return the verdict and a table of the channels, the faulty ones first; "" where there are none."""
+def channel_table(measurement: Measurement, found: PositionUncertainty | None, most: int = MAX_ROWS) -> str:
+    """Return a table of the channels, the faulty ones first, with the verdict above all of them; "" without channels.
+
+    `most`: rows at most.
+    """
     if found is None or found.channels is None:
         return ""
     channels, sought = found.channels, found.channels.gains_sought
     faults = {fault.name: fault_words(fault) for fault in channels.faults}
     names = [str(name) for name in measurement.names]
     rows = []
-    for n in sorted(range(len(names)), key=lambda n: (names[n] not in faults, n))[:MAX_ROWS]:
+    for n in sorted(range(len(names)), key=lambda n: (names[n] not in faults, n))[:most]:
         fault = faults.get(names[n], "")
         style = FAULTY if fault else ""
         cells = (
@@ -68,7 +72,8 @@ def channel_table(measurement: Measurement, found: PositionUncertainty | None) -
         rows.append(_row(cells, style))
         if fault:  # in a row of its own, for the panel is narrow
             rows.append(f"<tr{style}><td colspan='{len(HEAD)}' style='white-space: normal'>{escape(fault)}</td></tr>")
-    return _card(f"<b>Verdict: {escape(found.verdict.replace('_', ' '))}</b><br>{escape(found.text)}", HEAD, rows)
+    verdict = f"<b>Verdict: {escape(found.verdict.replace('_', ' '))}</b><br>{escape(found.text)}"
+    return _card(verdict if most == MAX_ROWS else "", HEAD, rows)
 
 
 def given_table(found: PositionUncertainty | None) -> str:
@@ -122,6 +127,45 @@ def _millimetres(length: float) -> str:
     return text if length >= FINEST or text == "0" else f"&lt; {mm_text(FINEST)}"
 
 
+WIDE, HIGH, EDGES = 330, 135, (38, 16, 8, 32)  # of a chart, its own units; left, top, right, bottom
+FEW = 4  # rows of a list on the canvas
+
+
+def chart(
+    x: np.ndarray, y: np.ndarray, labels: tuple[str, str], means: Sequence[tuple] = (), red: Sequence[int] = ()
+) -> str:
+    """Return points (P,) as SVG with both axes.
+
+    `labels`: of both axes, with their units; `means`: horizontal lines, each from where to where, how high, and a word;
+    `red`: the points that are red.
+    """
+    left, top, right, bottom = EDGES
+    low, high = min(0.0, float(y.min())), max(0.0, 1.15 * float(y.max()), *(1.15 * level for *_, level, _ in means))
+    first, last = float(x.min()), float(x.max())
+
+    def across(value: float) -> float:
+        return left + 8 + (WIDE - left - right - 16) * (value - first) / max(last - first, 1e-9)
+
+    def down(value: float) -> float:
+        return HIGH - bottom - (HIGH - top - bottom) * (value - low) / max(high - low, 1e-9)
+
+    parts = [f"<path class='axes' d='M{left} {top}V{HIGH - bottom}H{WIDE - right}'/>"]
+    for value, text in zip(ticks := round_ticks(low, high, 4), tick_texts(ticks), strict=True):
+        parts.append(f"<text x='{left - 5}' y='{down(value) + 4:.1f}' text-anchor='end'>{text}</text>")
+    for value, text in zip(ticks := round_ticks(first, last, 5), tick_texts(ticks), strict=True):
+        parts.append(f"<text x='{across(value):.1f}' y='{HIGH - bottom + 14}' text-anchor='middle'>{text}</text>")
+    parts.append(f"<text x='{left}' y='10'>{labels[1]}</text>")
+    parts.append(f"<text x='{WIDE - right}' y='{HIGH - 3}' text-anchor='end'>{labels[0]}</text>")
+    for a, b, level, word in means:
+        parts.append(f"<path class='mean' d='M{across(a):.1f} {down(level):.1f}H{across(b):.1f}'/>")
+        at, end = (a, "start") if a - first < last - b else (b, "end")
+        place = f"x='{across(at):.1f}' y='{down(level) - 5:.1f}' text-anchor='{end}'"
+        parts.append(f"<text class='mean' {place}>{word}</text>")
+    for i, (a, b) in enumerate(zip(x, y, strict=True)):
+        parts.append(f"<circle class='{'wrong' if i in red else ''}' cx='{across(a):.1f}' cy='{down(b):.1f}' r='3.6'/>")
+    return f"<svg class='chart' viewBox='0 0 {WIDE} {HIGH}' role='img' aria-label='{labels[1]}'>{''.join(parts)}</svg>"
+
+
 class MicrophonesTab(Tab):
     """Owns the plot and the tables."""
 
@@ -131,6 +175,32 @@ class MicrophonesTab(Tab):
         self._binding, gui = binding, binding.gui
         self.error_by_distance = ErrorByDistance(gui, binding.measurement)
         self.table, self.channels, self.given = gui.add_html(""), gui.add_html(""), gui.add_html("")
+
+    def panel(self, name: str) -> str:
+        """Return what a lesson shows below its text, as `LessonSetting.panel` calls it; "" while it is not known."""
+        state, measurement = self._binding.state, self._binding.measurement
+        if name == "distance" and (drawn := self.error_by_distance.data(state.view)) is not None:
+            x, mean, _ = drawn
+            near = x <= np.median(x)
+            halves = []
+            for word, half in (("nearer", near), ("farther", ~near)):
+                level = float(mean[half].mean())
+                halves.append((x[half].min(), x[half].max(), level, f"{word} half {mm_text(level / 1e3, 2)} mm"))
+            return chart(
+                x, mean, ("distance from the first known microphone (m)", "mean error over the run (mm)"), halves
+            )
+        if state.found is None or state.uncertainty is None:
+            return ""
+        channels = state.uncertainty.channels
+        if name == "channels":
+            more = remark(f"and {measurement.count - FEW} more") if measurement.count > FEW else ""
+            return f"<div class='list'>{STYLE}{channel_table(measurement, state.uncertainty, FEW)}{more}</div>"
+        if name == "prediction":
+            y, faults = np.array(state.found.evidence.microphones_db), () if channels is None else channels.faults
+            faulty = [list(measurement.names).index(fault.name) for fault in faults]
+            labels = "microphone", "error of what the others predict (dB re its power)"
+            return chart(np.arange(len(y)), y, labels, red=faulty)
+        return ""
 
     def inputs(self, state: PageState) -> tuple:
         """Return what plot and tables show."""
@@ -172,10 +242,15 @@ class ErrorByDistance:
         self.plot = Plot(gui, f"Error (mm) against distance from known microphone {first}", series, "distance (m)")
 
     def show(self, view: SessionView) -> None:
-        """Bring the plot up to date. The run ends with the state that is shown."""
-        if self.plot is None or self._drawn.get(view.state, view.index):
-            return
-        self._drawn(lambda: True, view.state, view.index)
+        """Bring the plot up to date."""
+        if (drawn := self.data(view)) is not None and self.plot is not None:
+            self.plot.show(drawn, decades_of(*drawn[1:]))
+
+    def data(self, view: SessionView) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Return distances, m, mean errors over the run up to the state that is shown, and its errors, mm; or None."""
+        return None if self.plot is None else self._drawn(lambda: self._compute(view), view.state, view.index)
+
+    def _compute(self, view: SessionView) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         history, kept = view.history, min(len(self._states), len(view.history))
         while kept and self._states[kept - 1] is not history[kept - 1]:
             kept -= 1
@@ -189,4 +264,4 @@ class ErrorByDistance:
         errors = [  # finite, as uPlot needs them
             np.clip(np.nan_to_num(values[self._order], nan=MAX_ERROR), MIN_ERROR, MAX_ERROR) for values in (mean, here)
         ]
-        self.plot.show((self._x, *errors), decades_of(*errors))
+        return self._x, errors[0], errors[1]
