@@ -8,7 +8,7 @@ of one replay, one after the other; each part of a step, before and after its an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..acoustics.measure import cached_measurement
 from ..assessment.words import state_error_words
@@ -129,9 +129,12 @@ MAX_LESSON_BYTES = 2_000_000
 def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | None = None) -> tuple[str, str]:
     """Return the page of a lesson and a picture of its first map; `following`: address of the next lesson's page.
 
+    Steps that show a standing wave are left out: the browser computes maps of the cost alone.
+
     `measurement`: of the lesson's scene, which is simulated unless it is given.
     Raises InputError: the lesson has several scenes.
     """
+    lesson = replace(lesson, steps=tuple(step for step in lesson.steps if step.page.map != "shape"))
     start = lesson.start(0)
     settings = [setting for step in lesson.steps for setting in (step.page, step.then)]
     if start is None or any(setting.begins for setting in settings[1:]):

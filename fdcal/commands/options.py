@@ -325,6 +325,12 @@ basins_option = click.option(
     is_flag=True,
     help="Colour the basins of attraction instead of the cost: at which minimum descent from each place ends.",
 )
+wave_option = click.option(
+    "--wave",
+    metavar="NUMBERS",
+    help="Instead of the cost draw a standing wave, as of mode 38, and where the microphone would measure the same;"
+    " of up to three modes, as 22,38, also where their lines cross.",
+)
 result_option = click.option("--result", metavar="RESULT.json", help="Positions found by `fdcal calibrate -o`.")
 modes_option = click.option(
     "--modes",

@@ -110,6 +110,7 @@ def field(source, result, frequencies, step, output, force):
     help="Draw the cost landscape of this one: on the floor, or isosurfaces of an array in space.",
 )
 @opt.basins_option
+@opt.wave_option
 @click.option(
     "--slice",
     "plane",
@@ -125,7 +126,7 @@ def field(source, result, frequencies, step, output, force):
 @click.option("--size", type=opt.picture_size, default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
 @opt.output_option("FILE.png")
 @opt.force_option
-def snapshot(scene, result, microphone, basins, plane, view, size, output, force):
+def snapshot(scene, result, microphone, basins, wave, plane, view, size, output, force):
     """Draw a room, its microphones and a result, without a browser."""
     path = opt.output_path(output, ".png", force)
     inputs, found = opt.scene_of(scene), opt.result_of(result)
@@ -144,7 +145,7 @@ def snapshot(scene, result, microphone, basins, plane, view, size, output, force
     if microphone is not None:
         n = microphone_number(microphone, measurement.count)
         modes = inputs.settings.modes if found is None else len(found.frequencies)
-        shown = map_of(inputs, shown_positions(measurement, found), n, modes, plane, basins)
+        shown = map_of(inputs, shown_positions(measurement, found), n, modes, plane, basins, wave)
         if "volume" in shown:
             title += f"\n{'Basins of attraction' if basins else 'Cost'} of moving microphone {measurement.names[n]}"
     picture = compose(scene_shown, measurement, positions, microphone, shown.get("floor"), title)

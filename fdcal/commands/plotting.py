@@ -13,7 +13,7 @@ from ..graphics.heatmap import basin_floor, cost_floor
 from ..graphics.volume import SampledVolume, basin_slice, sampled_volume, sliced, volume_of
 from ..model.measurement import Measurement
 from ..model.storage import write_atomically
-from ..model.validation import InputError
+from ..model.validation import InputError, parse_modes
 from ..session.calibration_run import assess_state, healthy_microphones, problem_of
 from ..session.sources import CalibrationInput
 
@@ -61,17 +61,36 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
 
 
 def map_of(
-    inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int, plane: tuple[str, float | None], basins: bool
+    inputs: CalibrationInput,
+    positions: np.ndarray,
+    n: int,
+    modes: int,
+    plane: tuple[str, float | None],
+    basins: bool,
+    wave: str | None = None,
 ) -> dict[str, Any]:
     """Return what a snapshot shows of the cost of a microphone: {"floor": Floor} or, in space, {"volume": Volume}.
 
     `plane`: axis across the slice through a volume, and its place along it, metres, None for that of the microphone;
-    `basins`: whether the colours are those of basins, that of the true position first, or of the estimate.
+    `basins`: whether the colours are those of basins, that of the true position first, or of the estimate; `wave`:
+    modes, as "22, 38", the standing waves of which are drawn instead.
     """
     measurement = inputs.measurement
     if measurement.search is None:
         problem = f"{inputs.name} has no search domain to draw a landscape on"
         raise InputError(problem, "leave out <microphone>", key="microphone")
+
+    if wave is not None:
+        from ..graphics.waves import MAX_WAVES, wave_floor
+
+        numbers = parse_modes(wave, len(measurement.frequencies))
+        if len(numbers) > MAX_WAVES:
+            raise InputError(
+                f"{len(numbers)} waves are too many", f"name 1 to {MAX_WAVES} modes", key="wave", value=wave
+            )
+        names = [(mode, f"mode {mode}, {measurement.frequencies[mode - 1]:.1f} Hz") for mode in numbers]
+        problem, offset = measurement.problem(inputs.settings.weights), inputs.settings.order_offset
+        return {"floor": wave_floor(problem, positions, n, names, offset)}
 
     from ..cost.basins import basins_of  # compiled code, which other commands do not need
 

@@ -520,27 +520,38 @@ def minima_of(cost: Reals, search: Search) -> Minima:
 
 
 def mode_shape(
-    problem: Problem, positions: Reals, mode: int, order_offset: int, channels: ChannelCorrection | None = None
-) -> np.ndarray:
-    """Return the pressure of one mode over the search lattice, reconstructed from the microphones : (ny, nx).
+    problem: Problem,
+    positions: Reals,
+    mode: int,
+    order_offset: int,
+    channels: ChannelCorrection | None = None,
+    n: int | None = None,
+    search: Search | None = None,
+) -> tuple[np.ndarray, float]:
+    """Return the pressure of one mode over a lattice (ny, nx), reconstructed from the microphones but `n`, and at `n`.
 
     It is the real part of W alpha (Eq. 6) at the phase with most pressure, scaled to a largest magnitude of 1. It
-    matches the room among the microphones and where the positions are right.
+    matches the room among the microphones and where the positions are right. At microphone `n`, counted from 0, it is
+    what was measured; NaN for None. `search`: the lattice; the solver's unless given.
     """
-    search = problem.search
+    search = problem.search if search is None else search
     if problem.dimension != 2 or search is None:
         fault = "the shape of a mode needs a two-dimensional field and a search domain"
         raise InputError(fault, "give <search> and <radius>", key="search")
     positions, k = np.asarray(positions, float), complex(problem.wavenumbers[mode - 1])
+    others = np.flatnonzero(np.arange(len(positions)) != n)
     # 2L + 1 functions (Eq. 8) for fewer than N microphones
-    L = min(int(max_order(k, search.radius, order_offset)), (len(positions) - 2) // 2)
-    centre = positions.mean(axis=0)
+    L = min(int(max_order(k, search.radius, order_offset)), (len(others) - 2) // 2)
+    centre = positions[others].mean(axis=0)
     p, scale = equalised(problem.pressures[mode - 1], channels)
-    alpha = coefficients(scale[:, None] * fourier_bessel(positions, k, L, centre), p)
+    alpha = coefficients(scale[others, None] * fourier_bessel(positions[others], k, L, centre), p[others])
     points = search.layer()
     field = fourier_bessel(points.reshape(-1, 2), k, L, centre) @ alpha
-    field = np.real(field * np.exp(-0.5j * np.angle(np.sum(field**2))))
-    return (field / field[np.abs(field).argmax()]).reshape(points.shape[:2])
+    turn = np.exp(-0.5j * np.angle(np.sum(field**2)))
+    field = np.real(field * turn)
+    peak = field[np.abs(field).argmax()]
+    level = np.nan if n is None else float(np.real(p[n] / scale[n] * turn) / peak)
+    return (field / peak).reshape(points.shape[:2]), level
 
 
 def refined(search: Search, count: int = FINE) -> Search:

@@ -16,7 +16,7 @@ import numpy as np
 from ..cost.scale import DECADES, LEAST_RANGE, OUTSIDE, Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array, length_text
-from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, Area, Colour, ColourBar, Floor, Mesh, Theme, mixed
+from .primitives import COLOUR_MAP, Area, Colour, ColourBar, Floor, Mesh, Theme, mixed
 
 if TYPE_CHECKING:
     from ..cost.basins import Basins  # with compiled code, which a map of costs does not need
@@ -154,21 +154,6 @@ def to_rgb(fractions: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
 def _colour_table(name: str) -> np.ndarray:
     """Return the colours (256, 3) uint8 of a map of matplotlib.colormaps."""
     return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
-
-
-def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor:
-    """Return a map of a sound field (ny, nx), -1 to 1, row 0 at low y, white where the pressure is zero."""
-    field, half = np.asarray(field, float), search.step / 2
-    row, column = np.unravel_index(np.abs(field).argmin(), field.shape)
-    return Floor(
-        rgb=frozen_array(to_rgb((1 + np.clip(field, -1, 1)) / 2, DIVERGING_COLOUR_MAP), np.uint8),
-        origin=(search.origin[0] - half, search.origin[1] - half),
-        size=(field.shape[1] * search.step, field.shape[0] * search.step),
-        bar=ColourBar(-1.0, 1.0, label, DIVERGING_COLOUR_MAP),
-        lowest=((float(search.origin[0] + column * search.step), float(search.origin[1] + row * search.step)),),
-        height=height,
-        show_minima=False,
-    )
 
 
 # Colours of basins of attraction, with a legend of areas in place of a colour bar: the basin of one place, such as the

@@ -26,6 +26,7 @@ TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255,
 LOWEST = (255, 132, 0)
 TRAIL, ELLIPSE, FAULTY = (240, 130, 200), (255, 110, 60), (128, 0, 255)
 CUT, POINTED = (0, 95, 95), (0, 130, 100)
+SAME = (0, 0, 0), (0, 130, 60), (140, 0, 140)  # of lines of equal pressure
 LOW_COST = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
 CIRCLE_SIDES = 24
 Curve = tuple[tuple[float, float], ...]
@@ -102,8 +103,12 @@ MARKS = {
         Mark("slice", "slice", "square", LOW_COST, size=0.6, line=0.1, filled=True),
         Mark("trails", "trail", "line", TRAIL, line_halo=0.0),
         Mark("ellipses", "error ellipse (95 %)", "ellipse", ELLIPSE, size=0.8, line_halo=0.0),
+        *(
+            Mark(f"same/{i}", "same pressure", "line", colour, width=0.34, halo=0.2, line=0.2)
+            for i, colour in enumerate(SAME)
+        ),
         Mark("cut", "cut from A to B", "line", CUT, 1.3, 0.3, 0.3, line_halo=0.0),
-        Mark("microphones/pointed", "named in the text", "ring", POINTED, 2.6, 0.3, size=0.8, line=0.16),
+        Mark("microphones/pointed", "named in the text", "ring", POINTED, 2.6, 0.3, size=0.66, line=0.14),
         Mark("microphones/faulty", "faulty channel", "barred ring", FAULTY, 2.4, 0.34, size=0.66, line=0.2),
     )
 }  # fmt: skip

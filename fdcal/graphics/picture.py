@@ -238,10 +238,14 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
         return replace(picture, floor=None)
     if floor.heights is not None:
         picture = picture.plus(*relief_sides(floor, picture.theme))
-    picture = replace(picture, floor=floor)
+    radius, curves = picture.marker_radius, {f"same/{i}": curve for i, curve in enumerate(floor.curves[::-1])}
+    captions = (*picture.captions, *floor.captions, *((name, curve.text) for name, curve in curves.items()))
+    picture = replace(picture, floor=floor, captions=captions)
+    for name, curve in curves.items():
+        along = glyphs.lift(curve.segments.reshape(-1, 2), floor.height + layer_height(Layer.TRAIL, radius))
+        picture = picture.plus(*strokes(name, along.reshape(-1, 2, 3), radius))
     if not floor.show_minima:
         return picture
-    radius = picture.marker_radius
     for name, places in (("minima", floor.minima), ("lowest", floor.lowest)):
         if places:
             spots, heights = np.array(places), np.full(len(places), floor.height)

@@ -209,6 +209,14 @@ class Area:
 
 
 @dataclass(frozen=True)
+class Curve:
+    """A line on a map."""
+
+    text: str  # in the legend
+    segments: np.ndarray  # (S, 2, 2) float32, metres
+
+
+@dataclass(frozen=True)
 class Floor:
     """A map on the floor."""
 
@@ -224,6 +232,8 @@ class Floor:
     show_minima: bool = True  # whether diamonds mark the minima
     heights: np.ndarray | None = None  # (ny, nx) float32, metres above `height`, of a map in relief; None of a flat one
     areas: tuple[Area, ...] = ()  # what the colours of a map without a bar stand for
+    curves: tuple[Curve, ...] = ()  # on a flat map, three at most
+    captions: tuple[tuple[str, str], ...] = ()  # as of a Picture
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from ..cost import maps
 from ..cost.basins import basins_of
 from ..cost.eq7 import ORDER_OFFSET, expansion_of
 from ..cost.scale import Minima
-from ..graphics.heatmap import basin_floor, cost_floor, descent_text, field_floor
+from ..graphics.heatmap import basin_floor, cost_floor, descent_text
 from ..graphics.picture import row_word, z_range_of
 from ..graphics.primitives import Floor
 from ..graphics.volume import (
@@ -33,6 +33,7 @@ from ..graphics.volume import (
     sliced,
     volume_of,
 )
+from ..graphics.waves import MAX_WAVES, wave_floor
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.settings import Search
@@ -400,11 +401,15 @@ class CostMapWorker:
         if search is None:
             raise ValueError("a map needs a search domain")  # the page requests none without
         if request.style.shape:
-            mode, state = request.modes[-1], request.state
-            shape = maps.mode_shape(self._run.problem, state.positions, mode, state.order_offset, state.channels)
-            label = f"pressure of {row_label(self._run.measurement, mode)} (normalised to a peak of 1)"
+            state, modes = request.state, request.modes
+            shown = modes if len(modes) <= MAX_WAVES else modes[-1:]
+            names = [(mode, row_label(self._run.measurement, mode)) for mode in shown]
             height = z_range_of(self._run.known_scene, self._run.measurement)[0]
-            return CostMap(request, field_floor(shape, search, label, height), None, None, 0.0, 0.0)
+            floor = wave_floor(
+                self._run.problem, state.positions, request.microphone, names,
+                state.order_offset, state.channels, height, request.style.minima,
+            )  # fmt: skip
+            return CostMap(request, floor, None, None, 0.0, 0.0)
         run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
         if request.style.basins:
             search = maps.lattice_of(run.problem, modes)  # a lattice without false minima

@@ -10,11 +10,12 @@ from PIL import ImageColor
 from fdcal.acoustics.dictionary import max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
-from fdcal.cost.maps import landscape_panels
-from fdcal.graphics.heatmap import colour_limits, cost_floor, field_floor, normalise, relief_grid, shaded, to_rgb
+from fdcal.cost.maps import interpolate, landscape_panels, mode_shape, refined
+from fdcal.graphics.heatmap import colour_limits, cost_floor, normalise, relief_grid, shaded, to_rgb
 from fdcal.graphics.landscape import CAPTION, CELL, GAP, draw_landscape, mosaic
 from fdcal.graphics.marks import LOWEST, drape
 from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT
+from fdcal.graphics.waves import POINTS, wave_floor
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 
@@ -156,12 +157,22 @@ def test_a_dark_page_gets_dark_ground():
     np.testing.assert_array_equal(image[-1, -1], ImageColor.getrgb("#242424"))
 
 
-def test_a_field_is_white_where_it_is_nothing_and_has_its_own_scale():
-    field = np.add.outer(np.zeros(21), np.linspace(-1, 1, 21))
-    floor = field_floor(field, SEARCH, "pressure")
-    assert floor.rgb[5, 10].min() > 235 and not floor.show_minima and floor.bar.colour_map == DIVERGING_COLOUR_MAP
-    red, blue = floor.rgb[5, 20].astype(int), floor.rgb[5, 0].astype(int)
-    assert red[0] > red[2] + 40 and blue[2] > blue[0] + 40
+def test_a_standing_wave_is_white_where_it_is_nothing_and_its_line_joins_what_a_microphone_measures(measured):
+    measurement, problem = measured
+    truth, n, lattice = measurement.positions, 8, refined(problem.search, POINTS)
+    floor = wave_floor(problem, truth, n, [(12, "mode 12, x"), (15, "mode 15, x")], 2)
+    field, level = mode_shape(problem, truth, 15, 2, None, n, lattice)
+    warm = floor.rgb[..., 0].astype(int) - floor.rgb[..., 2]
+    assert floor.rgb[np.abs(field) < 0.01].min() > 235 and floor.bar.colour_map == DIVERGING_COLOUR_MAP
+    assert warm[field > 0.5].min() > 40 and warm[field < -0.5].max() < -40
+    assert interpolate(field, lattice, truth[n]) == pytest.approx(level, abs=0.02), (
+        "the others foretell what it measures"
+    )
+    line = floor.curves[1].segments.reshape(-1, 2)[::20]
+    assert [interpolate(field, lattice, point) for point in line] == pytest.approx([level] * len(line), abs=0.01)
+    assert np.linalg.norm(floor.lowest - truth[n], axis=1).min() < 0.01 and floor.show_minima, "the lines cross there"
+    plain = wave_floor(problem, truth, n, [(15, "mode 15, x")], 2, marked=False)
+    assert not plain.curves and not plain.show_minima
 
 
 def test_the_shading_of_a_relief_makes_one_side_of_a_hole_dark_and_leaves_level_ground_as_it_is():

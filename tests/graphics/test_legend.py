@@ -21,7 +21,8 @@ from fdcal.graphics.overlays import (
     with_trails,
     with_volume,
 )
-from fdcal.graphics.picture import compose
+from fdcal.graphics.picture import compose, static_picture, with_estimate, with_floor
+from fdcal.graphics.primitives import Curve
 from fdcal.graphics.snapshot import camera_of
 from fdcal.graphics.volume import slice_of, volume_of
 from fdcal.model.measurement import Measurement
@@ -72,8 +73,11 @@ def floor(scene):
 @pytest.fixture(scope="module")
 def full(scene, measurement, estimate, floor):
     """A picture with every mark."""
-    picture = with_ball(compose(scene, measurement, estimate, 5, floor), estimate[5], floor)
-    picture = with_trails(picture, np.stack([estimate, estimate + 0.05]))
+    line = np.array([[[0.5, 0.4], [0.9, 0.5]]], np.float32)
+    floor = replace(floor, curves=tuple(Curve(f"same in mode {mode}", line) for mode in (1, 2, 3)))
+    picture = with_estimate(static_picture(scene, measurement), measurement, estimate, 5, floor, None, [4])
+    picture = with_floor(picture, floor)
+    picture = with_trails(with_ball(picture, estimate[5], floor), np.stack([estimate, estimate + 0.05]))
     picture = with_ellipses(picture, estimate, np.tile(0.02 * np.eye(2), (8, 1, 1)))
     picture = with_cut(picture, [[0.5, 0.4], [0.9, 0.8]], floor)
     return with_faulty_channels(picture, estimate, [4])

@@ -44,6 +44,12 @@ def written(tmp_path):
     return write
 
 
+def test_the_right_answers_stand_in_varying_places():
+    asked = [[step.answer for step in load_lesson(name).steps if step.question] for name in lesson_names()]
+    every, first = [answer for answers in asked for answer in answers], [answers[0] for answers in asked]
+    assert all(0.25 <= every.count(place) / len(every) <= 0.4 and first.count(place) <= 3 for place in (1, 2, 3))
+
+
 @pytest.mark.parametrize("name", lesson_names())
 def test_a_built_in_lesson_is_plain_text_that_asks_something_and_says_nothing_twice(name):
     lesson = load_lesson(name)
@@ -102,6 +108,7 @@ def test_a_step_stands_on_the_last_scene_named(written, edited):
         ('modes = "1-5"', 'view = "up"', 'steps[1].page.view = "up" is unknown'),
         ('modes = "1-5"', "start_seed = -1", "steps[1].page.start_seed = -1"),
         ("microphone = 3", "microphone = 16", "steps[1].page.microphone = 16 is not there; tiny has 0 to 15"),
+        ("microphone = 3", "marks = [3, 16]", "steps[1].page.marks = 16 is not there; tiny has 0 to 15"),
         ("microphone = 3", "trails = 1", "steps[1].page.trails = 1 must be true or false"),
         ('modes = "1-5"', 'frame = "step=1&stage=2"', 'steps[1].page.frame: the address has "stage=2"'),
         ('modes = "1-5"', 'frame = "modes=x"', 'steps[1].page.frame: the address has "modes=x"'),

@@ -21,26 +21,28 @@ from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.panels import LESSON_MOVES, LESSON_RATE, Panels, watched_rate
 from fdcal.viewer.state import MAP_KINDS, Choices
-from fdcal.viewer.tabs.lessons import NEXT, LessonsTab, apply_setting, caption_html, show_frame
+from fdcal.viewer.tabs.lessons import NEXT, LessonsTab, apply_setting, caption_html, end_of_run, show_frame
 
 EVIL = "<script>alert(1)</script>"
 
 
-def state(first=1, last=3, automatic=True):
-    return SimpleNamespace(first=first, last=last, automatic=automatic)
+def state(first=1, last=3, automatic=True, **more):
+    return SimpleNamespace(first=first, last=last, automatic=automatic, **{"finished": False, "sweep": 0} | more)
 
 
 @pytest.fixture
 def controls():
     """Controls that record what is done to them, and the records."""
     calls = []
-    session = CallRecorder(calls, view=SimpleNamespace(state=state(4, 9, False), history=[state()]))
+    view = SimpleNamespace(state=state(4, 9, False), history=[state()], running=False, error="")
+    session = CallRecorder(calls, view=view)
     binding = CallRecorder(
         calls, session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None)
     )
     return SimpleNamespace(
-        binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view"), run_bar=CallRecorder([])
-    ), calls
+        binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view"), run_bar=CallRecorder([]),
+        microphones=SimpleNamespace(panel=lambda name: ""),
+    ), calls  # fmt: skip
 
 
 def test_every_map_of_a_lesson_is_one_of_the_page(controls):
@@ -123,6 +125,12 @@ def steps_of(lessons):
     return re.findall(r"data-do='(back|restore|next)'", text_of(lessons))
 
 
+def run_ends(page, lessons):
+    end = SimpleNamespace(state=state(finished=True), history=[state()], running=False, error="")
+    page.viewer.binding.session.view = end
+    lessons.show()
+
+
 def begun(page, *lessons):
     """The tab with some lessons, the first of which is begun, with its scene on the page."""
     made = LessonsTab(page, list(lessons))
@@ -148,8 +156,15 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     assert "being prepared" not in text_of(lessons)
     page.calls.clear()
     lessons.answer(0)
-    assert "Not quite." in text_of(lessons) and "After 7 sweeps" in text_of(lessons) and not answers_of(lessons)
     assert ("play",) in page.calls and len(page.opened) == 1, "the scene is there"
+    session = page.viewer.binding.session
+    for running, finished in ((False, False), (True, False), (True, True), (False, True)):  # it has not begun at first
+        session.view = SimpleNamespace(state=state(finished=finished), history=[state()], running=running, error="")
+        lessons.show()
+        explained = finished and not running
+        assert ("After 7 sweeps" in text_of(lessons), "has ended" in text_of(lessons)) == (explained, not explained)
+        assert (("choose", ("marks", (1, 10))) in page.calls) == explained, "what the text names is pointed out with it"
+    assert "Not quite." in text_of(lessons) and not answers_of(lessons)
     lessons.answer(1)
     assert "Not quite." in text_of(lessons), "the first answer counts"
     page.calls.clear()
@@ -172,12 +187,14 @@ def test_a_lesson_ends_with_the_next_one(page):
     for _ in first.steps[1:]:
         assert not following()
         lessons.answer(0)
+        run_ends(page, lessons)
         assert following() == "Next step"
         lessons.follow()
     page.ready()
     lessons.show()
     assert not following(), "the last question has no answer yet"
     lessons.answer(2)
+    run_ends(page, lessons)
     assert following() == f"Next lesson: {second.title}"
     lessons.follow()
     assert lessons.progress.lesson is second and not following()
@@ -241,11 +258,29 @@ def test_a_caption_escapes_its_texts_and_shows_the_answer_given_and_the_right_on
     """On a small screen the button below has no place beside all choices."""
     lesson = Lesson(EVIL, (LessonStep(EVIL, EVIL, ("one", f"{EVIL}two", "three"), 2, EVIL),))
     for choice, shown in ((1, {"two"}), (0, {"one", "two"}), (2, {"two", "three"})):
-        text = caption_html(LessonProgress(lesson, 0, choice), True, EVIL, EVIL, EVIL)
+        text = caption_html(LessonProgress(lesson, 0, choice), "", EVIL, EVIL, EVIL)
         assert "<script" not in text and "&lt;script" in text
         assert {word for word in ("one", "two", "three") if f"{word}<" in text} == shown
         assert ("&#10007;" in text) == (choice != 1) and text.count("&#10003;") == 1
         assert ("Right." in text, "Not quite." in text) == (choice == 1, choice != 1)
+
+
+def test_a_run_of_a_lesson_ends_where_it_is_to():
+    def view(running=False, error="", **of):
+        return SimpleNamespace(state=state(**of), history=[state()], running=running, error=error)
+
+    before = view(sweep=2, finished=True)
+    for run, restarts, now, ended in (
+        ("end", False, before, True),
+        ("end", True, before, False),  # the reset waits
+        ("end", True, view(), False),
+        ("end", False, view(running=True, finished=True), False),
+        ("end", False, view(error="fault"), True),
+        ("3 sweeps", False, view(sweep=4), False),
+        ("3 sweeps", False, view(sweep=5), True),
+        ("3 sweeps", True, view(sweep=3), True),
+    ):
+        assert end_of_run(LessonSetting(run=run), before, restarts)(now) is ended, (run, restarts, now)
 
 
 SMALL = "tiny"

@@ -2,6 +2,8 @@
 // out what the parts before it have set; `range`: the states that it shows, which play if there are several.
 const lesson = data.lesson, SECONDS = 6;  // of a run that plays
 let stepAt = 0, answer = -1;  // of the lesson, from 0; the answer chosen, -1 before one is
+let veiled = false;  // whether the explanation waits for the end of the run
+function unveil() { if (veiled && at >= range[1]) caption(); }
 
 function enterStep(number, choice = -1) {
   const {steps} = lesson, parts = steps.slice(0, number).flatMap(one => one.parts).concat(steps[number].parts.slice(0, choice < 0 ? 1 : 2));
@@ -17,6 +19,7 @@ function enterStep(number, choice = -1) {
   play(count > 0);
 }
 function caption() {
+  veiled = false;
   const step = lesson.steps[stepAt], last = stepAt == lesson.steps.length - 1, box = document.createElement("div");
   const add = (tag, text, kind = "") => { const one = document.createElement(tag); one.textContent = text; one.className = kind; box.append(one); return one; };
   const button = (parent, text, act, kind) => { const one = document.createElement("button"); one.textContent = text; one.className = kind ?? ""; one.onclick = act; parent.append(one); };
@@ -26,6 +29,9 @@ function caption() {
   if (step.question && answer < 0) {
     const choices = add("div", "", "choices");
     step.choices.forEach((text, i) => button(choices, text, () => enterStep(stepAt, i)));
+  } else if (veiled = step.question && at < range[1]) {
+    add("div", `Your answer: ${step.choices[answer]}`);
+    add("p", "The explanation follows when the run has ended.", "dim");
   } else if (step.question) {
     step.choices.forEach((text, i) => { if (i == answer || i == step.answer) add("div", `${i == step.answer ? "✓" : "✗"} ${text}`); });
     add("b", answer == step.answer ? "Right." : "Not quite.");

@@ -260,6 +260,7 @@ function show() {
   if (cost) span = curve("costs", [[cost, BLUE, 2]], false);
   Object.assign($("time"), {min: range[0], max: range[1], value: at});
   $("play").textContent = playing ? "Pause" : "Play";
+  if (lesson) unveil();
 }
 function go(t) { giveBack(); at = Math.min(Math.max(t, range[0]), range[1]); show(); }
 

@@ -187,8 +187,8 @@ class MapTab(Tab):
                 visible=of_kind(FLOOR, RELIEF, VOLUME),
             )  # fmt: skip
             self.minima = binding.checkbox(
-                "Mark minima", lambda choices: choices.minima, lambda value: choose(minima=value), visible=of_cost,
-                hint="Mark and count the local minima",
+                "Mark minima", lambda choices: choices.minima, lambda value: choose(minima=value), visible=mapped,
+                hint="Mark and count the local minima; of a mode shape, where the microphone would measure the same",
             )  # fmt: skip
 
     def _ends(self, choices: Choices) -> tuple[float, float]:
