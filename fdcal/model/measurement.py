@@ -310,10 +310,6 @@ class Measurement:
                 problem = f"measurement {number} gives other known positions than another take"
                 raise InputError(problem, "give them once, or alike", key="known")
         # the number of takes of each, counted to the last that has a row or arrivals
-        for (a, one), (b, other) in itertools.combinations(enumerate(each, 1), 2):
-            if _is_same_field(one, other):
-                problem = f"measurements {a} and {b} are copies: their pressures differ by a factor at each frequency"
-                raise InputError(problem, "give each take once", key="takes")
         numbers = [max(int(m.takes.max()) + 1, 0 if m.arrivals is None else len(m.arrivals)) for m in each]
         f = np.concatenate([one.frequencies for one in each])
         firsts = np.cumsum([0, *numbers[:-1]])
@@ -332,7 +328,7 @@ class Measurement:
                 times.append(np.full((rows, one.count), np.nan) if one.arrivals is None else one.arrivals)
                 sigmas.append(usual if one.arrival_sigma is None else one.arrival_sigma)
             arrivals, sigma = np.concatenate(times), np.concatenate(sigmas)
-        return cls(
+        merged = cls(
             f[order],
             np.concatenate([one.pressures for one in each])[order],
             each[0].sound_speed,
@@ -352,6 +348,7 @@ class Measurement:
             arrival_sigma=sigma,
             windows=joined_windows([one.windows for one in each], firsts.tolist()),
         )
+        return with_different_takes(merged)
 
     def __repr__(self) -> str:
         f = self.frequencies
@@ -705,13 +702,18 @@ def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
             raise InputError(f"{problem}: one recording, or one place", remedy, key="pressures")
 
 
-def _is_same_field(one: Measurement, other: Measurement) -> bool:
-    """Return whether two measurements have the same pressures up to a factor at each frequency."""
-    if one.pressures.shape != other.pressures.shape or not np.allclose(one.frequencies, other.frequencies):
-        return False
-    unit = [m.pressures / np.abs(m.pressures).max(axis=1)[:, None] for m in (one, other)]  # no square overflows
-    unit = [p / np.linalg.norm(p, axis=1)[:, None] for p in unit]
-    return bool(np.all(np.abs(np.sum(unit[0].conj() * unit[1], axis=1)) > 1 - DUPLICATE))
+def with_different_takes(measurement: Measurement) -> Measurement:
+    """Return a measurement; raise InputError if two of its takes have the same pressures up to a factor at each row."""
+    unit = measurement.pressures / np.abs(measurement.pressures).max(axis=1)[:, None]  # no square overflows
+    unit = unit / np.linalg.norm(unit, axis=1)[:, None]
+    rows = [np.flatnonzero(measurement.takes == take) for take in np.unique(measurement.takes)]
+    for (a, one), (b, other) in itertools.combinations(enumerate(rows, 1), 2):
+        if len(one) != len(other) or not np.allclose(measurement.frequencies[one], measurement.frequencies[other]):
+            continue
+        if np.all(np.abs(np.sum(unit[one].conj() * unit[other], axis=1)) > 1 - DUPLICATE):
+            problem = f"takes {a} and {b} are copies: their pressures differ by a factor at each frequency"
+            raise InputError(problem, "give each take once", key="takes")
+    return measurement
 
 
 @dataclass(frozen=True)
@@ -870,6 +872,6 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
             windows = ShortWindows(table[SHORT[0]], table[SHORT[1]], table[SHORT[2]], length)
         table = {key: table[key] for key in OPTIONAL + REQUIRED if key in table} | {"windows": windows}
         table = exclude_microphones(table, excluded)
-        return Measurement(**table, search=search)
+        return with_different_takes(Measurement(**table, search=search))
     except InputError as error:
         raise error.within(path) from None

@@ -222,11 +222,18 @@ def test_a_copy_of_a_take_is_no_take(tmp_path, copied):
     assert import_recording([one, moved], ImportOptions(files="takes", most=40, **GIVEN))[0].take_count == 2
 
 
-def test_copies_of_measurements_are_no_takes():
+def test_copies_of_measurements_are_no_takes(tmp_path):
     one = fdcal.load("tiny")
     copy = dataclasses.replace(one, pressures=one.pressures * np.exp(1j * np.arange(len(one.frequencies)))[:, None])
-    with pytest.raises(InputError, match="measurements 1 and 2 are copies"):
+    with pytest.raises(InputError, match="takes 1 and 2 are copies"):
         fdcal.Measurement.from_takes([one, copy])
+    again = dataclasses.replace(
+        one, **{key: np.repeat(getattr(one, key), 2, axis=0) for key in ("frequencies", "pressures")},
+        noise_power=None, wavenumbers=None, takes=np.tile([0, 1], len(one.frequencies)), spectrum=None,
+    )  # fmt: skip
+    save_measurement(again, tmp_path / "again.npz")
+    with pytest.raises(InputError, match=r"again\.npz: takes 1 and 2 are copies"):
+        fdcal.load(tmp_path / "again.npz")
 
 
 @pytest.mark.parametrize("silent", [False, True])

@@ -97,11 +97,11 @@ def recording_in(path: Path, arrays: Arrays, rate: float | None, opened: Callabl
     def long(array: Any) -> list[int]:
         return [axis for axis, length in enumerate(array.shape) if length > 1]
 
-    others = {*RATES, *TIMES, *PLACES}
+    beside = {*RATES, *TIMES, *PLACES}
     real = {
         name: array for name, array in arrays.items()
         if array.dtype.kind in "fiu" and 1 <= len(long(array)) <= 2 and max(array.shape) >= MIN_SAMPLES
-        and re.sub("k?hz$", "", _word(name)) not in others
+        and re.sub("k?hz$", "", _word(name)) not in beside
     }  # fmt: skip
     found = [name for name in real if len(long(real[name])) == 2] or list(real)
     named = [name for name in found if _word(name) in ORDERS]
@@ -147,23 +147,16 @@ def recording_in(path: Path, arrays: Arrays, rate: float | None, opened: Callabl
                 values[:, first:last] = part[chosen]
         return values
 
-    known = {
-        key: require_array(f"{path}: {key}", np.asarray(arrays[key]), *OTHERS[key]) for key in OTHERS if key in arrays
-    }
-    kind = known["kind"].item() if "kind" in known else None
-    if kind is not None:
+    others: dict[str, Any] = {
+        key: require_array(f"{path}: {key}", np.asarray(arrays[key]), *OTHERS[key]).tolist()
+        for key in OTHERS if key in arrays and arrays[key].dtype.kind != "O"
+    }  # fmt: skip
+    if (kind := others.pop("kind", None)) is not None:
         require_choice(f"{path}: kind", kind, KINDS)
-    places = [array for key, array in arrays.items() if _word(key) in PLACES and array.ndim == 2]
-    positions = None
+    places = [np.asarray(array[()]) for key, array in arrays.items() if _word(key) in PLACES and array.ndim == 2]
     if len(places) == 1:
-        positions = np.asarray(places[0][()])
-        positions = positions.T if positions.shape[1] not in (2, 3) or positions.shape[0] != count else positions
-    return Recording(
-        str(path), kind, hertz, count, samples, block,
-        names=tuple(known["names"].tolist()) if "names" in known else (),
-        positions=positions,
-        sound_speed=known["sound_speed"].item() if "sound_speed" in known else None,
-    )  # fmt: skip
+        others["positions"] = places[0].T if places[0].shape[0] != count else places[0]
+    return Recording(str(path), kind, hertz, count, samples, block, **others)
 
 
 def _in_memory(path: Path, arrays: Arrays, rate: float | None) -> Recording:
@@ -329,10 +322,6 @@ def _read_hdf5(path: Path, source: int | None = None, rate: float | None = None)
 
         note("", file)
         file.visititems(note)
-        if isinstance(names := arrays.get("names"), h5py.Dataset) and names.dtype.kind == "O":
-            arrays["names"] = names.asstr()[()].astype(str)
-        if isinstance(kind := arrays.get("kind"), h5py.Dataset) and kind.dtype.kind == "O":
-            arrays["kind"] = np.array(str(kind.asstr()[()]))
         return recording_in(path, arrays, rate, opened)
 
 
