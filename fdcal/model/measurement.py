@@ -741,6 +741,7 @@ class MicrophonePositions:
 
 
 FLAT = 1e-6  # metres: heights that differ less are one height
+NEARLY_FLAT = 0.1  # of the width of an array that is sought in a plane, by which the heights of a list may differ
 
 
 def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any]) -> Measurement:
@@ -772,7 +773,7 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
     rows = _rows(measurement.names, placed.names, excluded)
     positions = np.asarray(placed.positions)[rows]
     D = measurement.array_dimension
-    if D == 2 and np.ptp(positions[:, 2]) > FLAT:
+    if D == 2 and np.ptp(positions[:, 2]) > max(FLAT, NEARLY_FLAT * np.ptp(positions[:, :2], axis=0).max()):
         problem = "the positions given have different heights, and this array is in the plane"
         raise InputError(problem, "give <positions> of one height", key="positions")
     return replace(

@@ -321,6 +321,9 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
             f"taken by     {report.pressures.how}",
             f"frequencies  {_band_words(report.pressures)}",
         ]
+    names = takes[0].recording.names
+    if len(names) > 2 and names != tuple(map(str, range(len(names)))):
+        lines.insert(1, f"order        {', '.join(names[:3])} ... {names[-1]}")
     lines += [f"skipped      {', '.join(report.skipped)}: no sound above the noise"] if report.skipped else []
     lines += [
         f"sound speed  {report.speed:.1f} m/s {report.speed_from}",

@@ -11,10 +11,12 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..model.measurement import Measurement, exclude_microphones, load_measurement
 from ..model.scene import MeasuredScene, placeholder_scene
 from ..model.settings import ALL_MODES, SolverSettings
-from ..model.validation import Count, InputError, Seed, convert, declaration, refusal
+from ..model.validation import Count, InputError, Seed, convert, declaration, length_text, refusal
 from ..solvers import load, with_mode_count
 
 if TYPE_CHECKING:
@@ -127,13 +129,16 @@ def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str,
 
     `left_out`: channels that the import has left out, which the file may have.
     """
-    from ..model.measurement import list_labels, with_positions
+    from ..model.measurement import FLAT, list_labels, with_positions
     from ..recordings.formats.positions import read_positions
 
     placed, name = read_positions(path), Path(path).name
     missing = len({*inputs.excluded, *left_out})
     measurement = with_positions(inputs.measurement, placed, missing)
     labels, remark = list_labels(measurement.names, placed.names, missing)
+    differ = np.ptp(placed.positions[:, 2])
+    if measurement.array_dimension == 2 and differ > FLAT:
+        remark += f"{remark and '; '}its heights, which differ by {length_text(float(differ))}, do not count in a plane"
     called = f"the positions in {name}"
     return replace(inputs, measurement=measurement, compared_with=called, remark=remark, labels=labels)
 
