@@ -27,7 +27,7 @@ import click
 from ..model.libraries import missing_library
 from ..model.settings import KNOWN_ROOM_SOLVERS
 from ..model.validation import InputError
-from ..session.process import one_blas_thread_for_command
+from ..session.process import ended_as_interrupted, one_blas_thread_for_command
 from . import file_commands, plan_commands, plot_commands
 from . import options as opt
 
@@ -91,7 +91,7 @@ def _described(error: BaseException) -> tuple[str, int]:
 def main(args: list[str] | None = None) -> None:
     """Run a command and exit with its code."""
     given, debug = without_debug(sys.argv[1:] if args is None else args)
-    with guarded(debug) as end, one_blas_thread_for_command():
+    with guarded(debug) as end, ended_as_interrupted(), one_blas_thread_for_command():
         end.code = commands.main(args=given, prog_name="fdcal", standalone_mode=False) or 0
         try:
             sys.stdout.flush()

@@ -40,7 +40,8 @@ def import_(sources, output, force, **recorded):
     from ..recordings.importer import import_recording, import_summary
 
     given = {key: value for key, value in recorded.items() if value is not None}
-    measurement, report = import_recording(sources, ImportOptions(**given))
+    with opt.progress_bar("importing") as progress:
+        measurement, report = import_recording(sources, ImportOptions(**given), progress)
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
     print(import_summary(measurement, report, opt.OPTIONS))
     print(path)

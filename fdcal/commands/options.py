@@ -284,17 +284,26 @@ OPTIONS = {
 OPTIONS |= {key: option_name(key) for key in (*NAMED_ALIKE.split(), *SOLVER_OPTIONS)}
 
 
+BAR = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfix}"
+
+
 @contextmanager
 def progress_bar(title: str) -> Iterator[ProgressReport]:
-    """Give a function that shows a bar on standard error; it appears with the first call."""
+    """Give a function that shows a bar on standard error; it appears with the first call.
+
+    Where 0 is done nobody knows how much is left: the bar is a clock. Into a file goes one line.
+    """
     from tqdm import tqdm
 
     bars: list[tqdm] = []
 
     def progress(done: float, note: str = "") -> None:
         if not bars:
-            layout = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfix}"
-            bars.append(tqdm(total=1.0, desc=title, bar_format=layout, mininterval=0.2, file=sys.stderr))
+            terminal = sys.stderr.isatty()
+            bars.append(tqdm(total=1.0, desc=title, mininterval=0.2, file=sys.stderr, disable=not terminal))
+            if not terminal:
+                print(f"{title} ...", file=sys.stderr, flush=True)
+        bars[0].bar_format = BAR if done else "{desc} {elapsed}{postfix}"
         bars[0].set_postfix_str(note, refresh=False)
         if done < bars[0].n:  # another run, or a restart; `update` would show nothing for a long time
             bars[0].n = bars[0].last_print_n = done
@@ -452,10 +461,11 @@ def input_of(
     `positions`: file of the positions of all microphones, to compare with; `recorded`: of recordings, fields of
     `fdcal.recordings.recording.ImportOptions`; None leaves one out.
     """
-    from ..session.sources import compared_with_file, load_input
+    from ..session.sources import compared_with_file, is_recording, load_input
 
+    first = source if isinstance(source, str) else source[0]
     options = import_options([source] if isinstance(source, str) else source, recorded)
-    with progress_bar("simulating") as progress:
+    with progress_bar("simulating" if options is None and not is_recording(first) else "importing") as progress:
         inputs = load_input(source, progress, excluded, options)
     if positions is not None:
         inputs = compared_with_file(inputs, positions)

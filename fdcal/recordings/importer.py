@@ -75,11 +75,16 @@ class ImportReport:
 
 
 def import_recording(
-    path: str | Path | Sequence[str | Path], options: ImportOptions = DEFAULTS
+    path: str | Path | Sequence[str | Path],
+    options: ImportOptions = DEFAULTS,
+    progress: Callable[[float, str], None] | None = None,
 ) -> tuple[Measurement, ImportReport]:
-    """Return the measurement in a file or folder, or several, as of `ImportOptions.files`, and how it was taken."""
+    """Return the measurement in a file or folder, or several, as of `ImportOptions.files`, and how it was taken.
+
+    `progress`: called with the fraction done, 0 to 1, and a note before each take.
+    """
     paths = [path] if isinstance(path, (str, Path)) else list(path)
-    return measurement_of_takes(read_takes(paths, options), options)
+    return measurement_of_takes(read_takes(paths, options), options, progress)
 
 
 def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Recording]:
@@ -128,7 +133,9 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
 
 
 def measurement_of_takes(
-    recordings: Sequence[Recording], options: ImportOptions = DEFAULTS
+    recordings: Sequence[Recording],
+    options: ImportOptions = DEFAULTS,
+    progress: Callable[[float, str], None] | None = None,
 ) -> tuple[Measurement, ImportReport]:
     """Return the measurement of recordings of the same channels, each a take, and a report on how it was taken."""
     recordings, left_out = _selected(recordings, options)
@@ -155,6 +162,8 @@ def measurement_of_takes(
     max_rows = max(1, options.most // len(takes)) if options.most else default_max_rows(takes[0].count, len(takes))
     done, skipped = [], []
     for number, one in enumerate(takes):
+        if progress is not None:
+            progress(number / len(takes), f"take {number + 1} of {len(takes)}")
         try:
             done.append(_measurement_of_take(one, options, max_rows, left_out, number, len(takes)))
         except NothingAboveNoise as error:

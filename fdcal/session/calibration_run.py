@@ -23,7 +23,7 @@ from ..model.validation import InputError, Metres, Seconds, convert, frozen_arra
 from ..solvers import load, run
 from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
 from ..solvers.requirements import check_solvable, needed_modes
-from .process import one_blas_thread
+from .process import Interrupt, one_blas_thread
 from .sources import CalibrationInput, ProgressReport
 
 
@@ -123,14 +123,17 @@ def states_of(
 ) -> Iterator:
     """Check the inputs and return an iterator over every state of the solver, from the start to the end.
 
-    `progress`: called with the fraction done, 0 to 1, and a note; what it raises ends the run.
+    `progress`: called with the fraction done, 0 to 1, which is 0 where it is unknown, and a note; what it raises ends
+    the run.
     """
     problem, last = problem_of(inputs) if problem is None else problem, inputs.settings.modes
+    adds_modes = load(inputs.settings.name).TRAITS.adds_modes
     require_possible(inputs, problem)
 
     def shown(state: RunState) -> RunState:
-        if progress is not None:
-            progress(state.last / last, f"{state.last} modes, sweep {state.sweep}")
+        if progress is not None:  # no solver knows how many sweeps are left
+            done = (state.last - 1) / last if adds_modes else 0.0
+            progress(done, f"{state.last} modes, sweep {state.sweep}")
         return state
 
     return map(shown, run(problem, inputs.settings, inputs.seed))
@@ -165,10 +168,12 @@ def solve(
         while True:
             limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
             state, stopped, end = last_state(inputs, progress, problem, clock)
-            found = assess_state(inputs, problem, state, wording)
+            with Interrupt() as interrupt:  # what the solver has found is not lost
+                found = assess_state(inputs, problem, state, wording)
             if stopped:
                 found = replace(found, verdict="not_converged", message=stopped)
-            left = end - clock() if inputs.all_modes and found.verdict == "undersampled" else -np.inf
+            rerun = inputs.all_modes and found.verdict == "undersampled" and not interrupt.received
+            left = end - clock() if rerun else -np.inf
             faulty = found.channels.faulty if found.channels else ()  # a dead one may stand anywhere
             healthy = found.positions[[name not in faulty for name in inputs.measurement.names]]
             fewer = modes_below_limit(problem, healthy) if left >= limit / 2 else 0

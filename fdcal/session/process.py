@@ -44,6 +44,19 @@ class Interrupt:
             signal.signal(number, handler)
 
 
+@contextlib.contextmanager
+def ended_as_interrupted() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C does, unless they are ignored."""
+    numbers = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
+    for number in numbers:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
+
+
 VARIABLE = "OPENBLAS_NUM_THREADS"
 _lock = threading.Lock()
 _computations: list[int] = []  # one entry for each computation that runs

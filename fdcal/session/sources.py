@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..recordings.recording import ImportOptions
 
 
-ProgressReport = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
+ProgressReport = Callable[[float, str], None]  # fraction done, 0 to 1, 0 where it is unknown, and a note
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def load_input(
     if all(recorded):
         from ..recordings import importer  # brings the signal library, which a measurement does not need
 
-        measurement = _without(importer.import_recording(texts, options or importer.DEFAULTS)[0], excluded)
+        measurement = _without(importer.import_recording(texts, options or importer.DEFAULTS, progress)[0], excluded)
     elif any(recorded):
         other = texts[recorded.index(False)]
         problem = f"{other} holds no recordings, and other files do"

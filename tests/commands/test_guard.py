@@ -1,14 +1,17 @@
 """What the command line does with what nobody foresaw: one line, an exit code, no traceback."""
 
+import contextlib
 import os
 import resource
+import signal
 import subprocess
 import sys
 
 import pytest
 from running import FDCAL
 
-from fdcal.commands import cli
+from fdcal.assessment.result_file import load_result
+from fdcal.commands import cli, options
 from fdcal.model import scene as scenes
 
 
@@ -86,6 +89,18 @@ def test_an_interrupt_while_a_command_loads_a_library_is_one_line(tmp_path):
         [sys.executable, "-c", script, "slow"], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
     assert (run.returncode, run.stderr) == (130, "error: interrupted; nothing is left half-written\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_calibration_that_is_ended_writes_its_best(number, tmp_path, monkeypatch):
+    @contextlib.contextmanager
+    def bar(title):
+        yield lambda done, note="": os.kill(os.getpid(), number) if "sweep 2" in note else None
+
+    monkeypatch.setattr(options, "progress_bar", bar)
+    assert ended("calibrate", "tiny", "-o", str(tmp_path / "result.json")) == 4
+    assert load_result(tmp_path / "result.json").verdict == "not_converged"
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
 def test_closed_streams_are_no_fault(tmp_path):
