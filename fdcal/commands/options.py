@@ -95,14 +95,6 @@ def _picture_size(value: str) -> tuple[int, int]:
     return width, height
 
 
-def _slice_plane(value: str) -> tuple[str, float | None]:
-    axis, equals, place = value.partition("=")
-    position = float(place) if equals else None
-    if axis not in ("x", "y", "z", "none") or (axis == "none" and equals) or not math.isfinite(position or 0.0):
-        raise ValueError
-    return axis, position
-
-
 def _noise_level(value: str) -> str:
     if value not in ("auto", "reported") and not abs(float(value)) <= LIMITS.decibels:
         raise ValueError
@@ -131,7 +123,6 @@ picture_size = ValueOf(
     _picture_size,
     f"is no picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each",
 )
-slice_plane = ValueOf(_slice_plane, "is no slice; write x, y, z, x=1.5 for a place in metres, or none")
 noise_level = ValueOf(
     _noise_level,
     f'is unknown; use "auto", "reported" or a number of decibels from -{LIMITS.decibels:g} to {LIMITS.decibels:g}',

@@ -112,21 +112,12 @@ def field(source, result, frequencies, step, output, force):
 @opt.basins_option
 @opt.wave_option
 @click.option(
-    "--slice",
-    "plane",
-    type=opt.slice_plane,
-    default="z",
-    show_default=True,
-    metavar="x|y|z[=METRES]|none",
-    help="Of an array in space: the axis across the slice, which goes through the microphone unless a place is given.",
-)
-@click.option(
     "--view", type=click.Choice(["top", "3d", "close"]), default="top", show_default=True, help="Camera position."
 )
 @click.option("--size", type=opt.picture_size, default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
 @opt.output_option("FILE.png")
 @opt.force_option
-def snapshot(scene, result, microphone, basins, wave, plane, view, size, output, force):
+def snapshot(scene, result, microphone, basins, wave, view, size, output, force):
     """Draw a room, its microphones and a result, without a browser."""
     path = opt.output_path(output, ".png", force)
     inputs, found = opt.scene_of(scene), opt.result_of(result)
@@ -145,7 +136,7 @@ def snapshot(scene, result, microphone, basins, wave, plane, view, size, output,
     if microphone is not None:
         n = microphone_number(microphone, measurement.count)
         modes = inputs.settings.modes if found is None else len(found.frequencies)
-        shown = map_of(inputs, shown_positions(measurement, found), n, modes, plane, basins, wave)
+        shown = map_of(inputs, shown_positions(measurement, found), n, modes, basins, wave)
         if "volume" in shown:
             title += f"\n{'Basins of attraction' if basins else 'Cost'} of moving microphone {measurement.names[n]}"
     picture = compose(scene_shown, measurement, positions, microphone, shown.get("floor"), title)

@@ -10,7 +10,8 @@ from ..assessment.words import error_line
 from ..cost.eq7 import ORDER_OFFSET, expansion_of, require_modes, require_plane_field
 from ..cost.maps import cost_volume, descent_maps, minima_of
 from ..graphics.heatmap import basin_floor, cost_floor
-from ..graphics.volume import SampledVolume, basin_slice, sampled_volume, sliced, volume_of
+from ..graphics.picture import z_range_of
+from ..graphics.volume import SampledVolume, Volume, basin_layer, layer_floor, sampled_volume, volume_of
 from ..model.measurement import Measurement
 from ..model.storage import write_atomically
 from ..model.validation import InputError, parse_modes
@@ -65,13 +66,11 @@ def map_of(
     positions: np.ndarray,
     n: int,
     modes: int,
-    plane: tuple[str, float | None],
     basins: bool,
     wave: str | None = None,
 ) -> dict[str, Any]:
-    """Return what a snapshot shows of the cost of a microphone: {"floor": Floor} or, in space, {"volume": Volume}.
+    """Return what a snapshot shows of the cost of a microphone: {"floor": Floor} and, in space, {"volume": Volume}.
 
-    `plane`: axis across the slice through a volume, and its place along it, metres, None for that of the microphone;
     `basins`: whether the colours are those of basins, that of the true position first, or of the estimate; `wave`:
     modes, as "22, 38", the standing waves of which are drawn instead.
     """
@@ -97,13 +96,13 @@ def map_of(
     truth = measurement.positions
     place = (positions[n], "estimate") if truth is None else (truth[n], f"{measurement.reference} position")
     if measurement.array_dimension == 3:
-        axis, position = plane
-        sampled = volume_around(inputs, positions, n, modes)
-        through = float(positions[n]["xyz".find(axis)]) if position is None else position
-        if not basins:
-            drawn = volume_of(sampled.cost, sampled.search, True, sampled.minima)
-            return {"volume": sliced(drawn, sampled, axis, through)}
-        return {"volume": basin_slice(basins_of(sampled.cost), sampled.search, axis, through, sampled.minima, *place)}
+        sampled, z = volume_around(inputs, positions, n, modes), float(positions[n, 2])
+        height = z_range_of(inputs.scene, measurement)[0]
+        if basins:
+            layer = basin_layer(basins_of(sampled.cost), sampled.search, z, height, *place)
+            return {"volume": Volume(None, None, (), sampled.minima), "floor": layer}
+        volume = volume_of(sampled.cost, sampled.search, True, sampled.minima)
+        return {"volume": volume, "floor": layer_floor(volume, sampled, z, height, True)}
     from ..solvers.descent import order_offset_of  # compiled code, which other commands do not need
 
     problem, settings = inputs.measurement.problem(inputs.settings.weights), inputs.settings

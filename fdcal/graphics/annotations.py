@@ -25,12 +25,11 @@ def legend_of(picture: Picture) -> tuple[Mark, ...]:
     seen = {part.name for part in picture.lines if len(part.segments)}
     seen |= {part.name for part in picture.meshes if len(part.faces)}
     seen |= {"isosurfaces"} if picture.surfaces else set()
-    seen |= {plate.name for plate in picture.plates}
     captions, circle = dict(picture.captions), MARKS["microphones/true"]
     marks = [
         replace(mark, text=captions.get(name, mark.text)) for name, mark in MARKS.items() if name in seen and mark.text
     ]
-    changes: dict[str, dict] = {"slice": {"filled": False}} if picture.areas else {}  # it has the colours of the areas
+    changes = dict[str, dict]()
     if circle.name in seen:  # a known microphone has its square in the circle
         changes["microphones/known"] = {"size": 0.29, "below": circle}
     areas = (  # which have a colour and no mark
@@ -157,5 +156,5 @@ def _draw_bar(draw, picture: Picture, bar: ColourBar, camera: Camera, letters) -
         row = bottom + fraction * (top - bottom)
         draw.line([(right, row), (right + 6 * scale, row)], fill=theme.foreground, width=stroke)
         _write(draw, (right + 10 * scale, row), text, letters, theme.foreground, "lm", theme.background, scale)
-    label = bar.label.replace(" (", "\n(")
-    draw.multiline_text((left - scale, top - 42 * scale), label, fill=theme.foreground, font=font(14 * scale))
+    label = bar.label.replace(" (", "\n(").replace("), ", "),\n").replace(" at z", "\nat z")
+    draw.multiline_text((left - scale, top - 8 * scale), label, theme.foreground, font(14 * scale), anchor="ld")

@@ -100,7 +100,6 @@ MARKS = {
         ),
         # their halo shows on a dark page
         Mark("isosurfaces", "isosurface", "rings", LOW_COST, size=0.66, line=0.2),
-        Mark("slice", "slice", "square", LOW_COST, size=0.6, line=0.1, filled=True),
         Mark("trails", "trail", "line", TRAIL, line_halo=0.0),
         Mark("ellipses", "error ellipse (95 %)", "ellipse", ELLIPSE, size=0.8, line_halo=0.0),
         *(

@@ -26,7 +26,7 @@ from .marks import (
     strokes,
 )
 from .primitives import Colour, Floor, Label, Lines, Mesh, Picture
-from .volume import AXES, Volume
+from .volume import Volume
 
 _DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
 ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
@@ -112,7 +112,7 @@ def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | Non
 
 
 def with_volume(picture: Picture, volume: Volume | None) -> Picture:
-    """Return the picture with isosurfaces, slice and minima of the cost of a microphone in space; None adds nothing.
+    """Return the picture with isosurfaces and minima of the cost of a microphone in space; None adds nothing.
 
     The minima are diamonds, upright and level, so that they show from every side; the lowest are the largest.
     """
@@ -126,12 +126,9 @@ def with_volume(picture: Picture, volume: Volume | None) -> Picture:
             shape = MARKS[name].reach * radius * np.concatenate(loops)
             segments = (np.array(places)[:, None, None, :] + shape).reshape(-1, 2, 3)
             picture = picture.plus(*strokes(name, segments, radius))
-    plates = () if volume.plate is None else (volume.plate,)
-    surfaces = (volume.surface,) if len(volume.surface.faces) else ()
-    places = [("slice", f"slice at {AXES[plate.axis]} = {plate.position:z.2f} m") for plate in plates]
-    captions = (*picture.captions, ("isosurfaces", volume.text), *places)
-    shown = {"surfaces": surfaces, "plates": plates, "space_bar": volume.bar, "space_areas": volume.areas}
-    return replace(picture, captions=captions, **shown)
+    if volume.surface is None:
+        return picture
+    return replace(picture, captions=(*picture.captions, ("isosurfaces", volume.text)), surfaces=(volume.surface,))
 
 
 def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:

@@ -123,33 +123,6 @@ class Surface:
     texture: np.ndarray  # (h, w, 4) uint8, RGB and opacity
 
 
-@dataclass(frozen=True)
-class Plate:
-    """An image in space, parallel to two axes."""
-
-    name: str  # unique in a picture
-    rgb: np.ndarray  # (h, w, 3) uint8, or (h, w, 4) with opacities
-    axis: int  # 0, 1 or 2, of x, y and z: across the image
-    position: float  # along that axis, metres
-    # origin, size: lowest corner and extent along the other axes, in their order, metres; row 0 is at the low end
-    origin: tuple[float, float]
-    size: tuple[float, float]
-    opacity: float = 1.0  # 0 to 1
-
-    @property
-    def corners(self) -> np.ndarray:
-        """The corners at (low, low), (high, low), (high, high), (low, high) : (4, 3) float64, metres."""
-        (a, b), (width, height) = self.origin, self.size
-        corners = np.full((4, 3), self.position)
-        corners[:, self.across] = [(a, b), (a + width, b), (a + width, b + height), (a, b + height)]
-        return corners
-
-    @property
-    def across(self) -> list[int]:
-        """The axes of columns and rows."""
-        return [axis for axis in range(3) if axis != self.axis]
-
-
 Anchor = Literal[
     "top-left", "top-center", "top-right", "center-left", "center-center", "center-right",
     "bottom-left", "bottom-center", "bottom-right",
@@ -252,13 +225,9 @@ class Picture:
     title: str = ""
     # lowest and highest z, metres, which differ where the microphones are in space; the map lies at the lowest
     z_range: tuple[float, float] = (0.0, 0.0)
-    # surfaces, plates: isosurfaces and slices in space
-    surfaces: tuple[Surface, ...] = ()
-    plates: tuple[Plate, ...] = ()
-    space_bar: ColourBar | None = None  # of surfaces and plates, or None
+    surfaces: tuple[Surface, ...] = ()  # in space
     # pairs of the name of a part and the words for it in the legend, where they differ from the usual ones
     captions: tuple[tuple[str, str], ...] = ()
-    space_areas: tuple[Area, ...] = ()  # what the colours of a slice without a bar stand for
 
     def plus(self, *parts: Lines | Mesh | Label) -> Picture:
         """Return the picture with more parts, each after those of its kind."""
@@ -271,10 +240,10 @@ class Picture:
 
     @property
     def bar(self) -> ColourBar | None:
-        """The scale of the colours of the map, or of what is in space; None where there is neither."""
-        return self.space_bar if self.floor is None else self.floor.bar
+        """The scale of the colours of the map; None without one."""
+        return None if self.floor is None else self.floor.bar
 
     @property
     def areas(self) -> tuple[Area, ...]:
-        """What the colours of a map or slice without a scale stand for."""
-        return self.space_areas if self.floor is None else self.floor.areas
+        """What the colours of a map without a scale stand for."""
+        return () if self.floor is None else self.floor.areas

@@ -105,8 +105,6 @@ def draw(picture: Picture, size: tuple[int, int], view: str, camera: Camera | No
             plotter.add_mesh(polylines, color=lines.colour, line_width=width, lighting=False)
     for surface in picture.surfaces:
         _add_textured(plotter, surface.vertices, surface.faces, surface.places, surface.texture)
-    for plate in picture.plates:
-        _add_textured(plotter, plate.corners, RECTANGLE, UNIT_SQUARE, plate.rgb, plate.opacity)
     eye = plotter.camera
     eye.position, eye.focal_point, eye.up = camera.position, camera.look_at, camera.up
     if camera.fov:

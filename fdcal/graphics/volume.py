@@ -1,14 +1,13 @@
-"""The cost of one microphone in space: nested isosurfaces and a slice, independent of a renderer.
+"""The cost of one microphone in space: isosurfaces over the layer of its height, independent of a renderer.
 
     isosurface      where values on a lattice equal a level, by VTK's flying edges
-    Volume          isosurfaces and slice, with the scale of their colours and the minima
+    Volume          isosurfaces, with the scale of their colours and the minima
     levels_of       round levels of cost for the isosurfaces
-    volume_of       a Volume of costs on a lattice, still without a slice
-    slice_of        a slice in the colours of a Volume
+    volume_of       a Volume of costs on a lattice
     brightened      a Volume for a dark page
     sampled_volume  values and minima on a lattice of the whole domain
-    sliced          these with a slice across an axis
-    basin_slice     a slice through the basins of attraction, without isosurfaces
+    layer_floor     the layer at one height, in the colours of a Volume, as a map on the floor: it hides no microphone
+    basin_layer     likewise the basins of attraction
 
 The colours hold the shading of the surfaces, so that they look alike in any renderer, which adds no light.
 """
@@ -26,8 +25,8 @@ from ..cost.scale import OUTSIDE, Minima
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .glyphs import round_ticks
-from .heatmap import TABLE, WHOLE, basin_image, colour_limits, normalise, to_rgb
-from .primitives import Area, ColourBar, Plate, Surface
+from .heatmap import SHOWN, TABLE, WHOLE, basin_image, colour_limits, normalise, to_rgb
+from .primitives import ColourBar, Floor, Surface
 
 if TYPE_CHECKING:
     from ..cost.basins import Basins  # with compiled code, which a volume of costs does not need
@@ -69,13 +68,10 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
     return vertices, faces, -normals  # VTK's point towards lower values
 
 
-AXES = "xyz"
-MAX_LEVELS = 4  # isosurfaces; more of them hide each other
-LARGEST, SMALLEST = 0.13, 2e-4  # fractions of the domain that the outermost and the innermost isosurface enclose
-COLOURED = 0.4  # fraction of the domain whose costs the scale tells apart: the isosurfaces are in its lower half
+MAX_LEVELS = 3  # isosurfaces; more of them hide each other
+LARGEST, SMALLEST = 0.06, 2e-4  # fractions of the domain that the outermost and the innermost isosurface enclose
 BEYOND = 1e3  # by how much the cost is higher beyond the lattice
-OPACITY = (0.14, 0.95)  # of the outermost and of the innermost isosurface
-SLICE_OPACITY = 0.42  # so that the array is seen through it
+OPACITY = (0.14, 0.6)  # of the outermost and of the innermost isosurface
 TOWARDS_LIGHT = np.array([-0.42, -0.55, 0.72])  # over the viewer's left shoulder in the oblique views
 DARKEST = 0.6  # brightness of a surface that faces away from the light
 ON_DARK = 0.15  # fraction of white in a surface on a dark page, and by how much more opaque it is
@@ -86,17 +82,15 @@ SHADES = 32  # columns of a texture
 class Volume:
     """The cost of one microphone in space."""
 
-    surface: Surface  # of all isosurfaces
-    plate: Plate | None  # the slice, or None
-    bar: ColourBar | None  # of both; None where the colours of the slice stand for areas
-    levels: tuple[float, ...]  # of the isosurfaces, in the unit of `bar`, ascending
+    surface: Surface | None  # of all isosurfaces; None where there are none
+    bar: ColourBar | None  # of isosurfaces and layer; None of basins
+    levels: tuple[float, ...] = ()  # of the isosurfaces, dB, ascending
     minima: Minima | None = None  # to be marked, or None
-    areas: tuple[Area, ...] = ()  # what the colours of a slice without a bar stand for
 
     @property
     def text(self) -> str:
-        """The levels in words, as "isosurfaces at -26, -24 and -22 dB"; "" of a volume of areas."""
-        if self.areas:
+        """The levels in words, as "isosurfaces at -26, -24 and -22 dB"; "" of basins."""
+        if self.bar is None:
             return ""
         if not self.levels:
             return "no isosurface"
@@ -118,7 +112,7 @@ def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
 
 def volume_of(cost: np.ndarray, search: Search, log: bool, minima: Minima | None = None) -> Volume:
     """Return the isosurfaces of costs (nz, ny, nx), relative to the power; `log`: whether colours follow decibels."""
-    low, high = colour_limits(np.minimum(cost, np.quantile(cost, COLOURED)), log, WHOLE)
+    low, high = colour_limits(cost, log, (WHOLE[0], SHOWN[1]))
     decibels = 10 * np.log10(np.maximum(cost, 1e-16))
     levels = levels_of(np.maximum(decibels, 10 * np.log10(max(low, 1e-16))))
     # the innermost first: an outer surface is drawn over the inner ones
@@ -151,29 +145,13 @@ def volume_of(cost: np.ndarray, search: Search, log: bool, minima: Minima | None
         frozen_array(np.concatenate(places), np.float32),
         frozen_array(texture, np.uint8),
     )
-    return Volume(surface, None, bar, levels, minima)
-
-
-def slice_of(cost: np.ndarray, axis: int, position: float, domain: np.ndarray, bar: ColourBar, log: bool) -> Plate:
-    """Return a slice through a volume, in the colours of its `bar`, across an axis (0, 1, 2) at a position, metres.
-
-    `cost` (h, w), in the middle of each pixel, rows along the later of the two axes; `domain` (2, 3), its corners.
-    """
-    low, high = (10 ** (bar.low / 10), 10 ** (bar.high / 10)) if log else (bar.low, bar.high)
-    rgb = to_rgb(normalise(cost, low, high, log))
-    return plate_of(rgb, axis, position, domain)
-
-
-def plate_of(rgb: np.ndarray, axis: int, position: float, domain: np.ndarray) -> Plate:
-    """Return an image (h, w, 3) uint8 as a slice; the other parameters as of `slice_of`."""
-    others = [other for other in range(3) if other != axis]
-    (a, b), (width, height) = domain[0][others], np.ptp(domain, axis=0)[others]
-    origin, size = (float(a), float(b)), (float(width), float(height))
-    return Plate("slice", frozen_array(rgb, np.uint8), axis, position, origin, size, SLICE_OPACITY)
+    return Volume(surface if levels else None, bar, levels, minima)
 
 
 def brightened(volume: Volume) -> Volume:
     """Return a volume for a dark page: brighter and less translucent, for the low costs have dark colours."""
+    if volume.surface is None:
+        return volume
     texture = volume.surface.texture.astype(float)
     texture[..., :3] += ON_DARK * (255 - texture[..., :3])
     texture[..., 3] *= 1 + ON_DARK
@@ -182,7 +160,7 @@ def brightened(volume: Volume) -> Volume:
 
 
 POINTS = 61  # along the longest edge of a volume that is finished
-PIXELS = 240  # along the longer edge of its slice
+PIXELS = 240  # along the longer edge of a layer
 
 
 @dataclass(frozen=True)
@@ -208,57 +186,48 @@ def sampled_volume(
     return None if cost is None else SampledVolume(terms, search, cost, minima_of(cost, search))
 
 
-def sliced(
-    volume: Volume, sampled: SampledVolume, axis: str, position: float, log: bool = True, pixels: int = PIXELS
-) -> Volume:
-    """Return a volume with a slice across "x", "y" or "z", any other word for none, at a position, metres.
+def layer_floor(
+    volume: Volume, sampled: SampledVolume, z: float, height: float, log: bool, pixels: int = PIXELS
+) -> Floor:
+    """Return the layer at `z`, metres, as a map at `height`, metres, `pixels` along its longer edge.
 
-    Beyond the domain it is at its edge; `pixels`: along the longer edge of the slice.
+    Beyond the domain it is that at its edge.
     """
-    if axis not in AXES or volume.bar is None:
-        return replace(volume, plate=None)
-    number, terms = AXES.index(axis), sampled.terms
-    domain, lattice = area(terms.domain, 3), terms.domain
-    low, high = domain[0], domain[1]
-    place = float(np.clip(position, lattice.origin[number], lattice.origin[number] + lattice.size[number]))
-    step = float(np.delete(high - low, number).max()) / pixels
-    counts = np.maximum(np.rint((high - low) / step).astype(int), 2)
-    places = [a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(low, high, counts, strict=True)]
-    places[number] = np.array([place])
-    x, y, z = places
-    cost = terms.on(x, y, z)
+    bar, terms = volume.bar, sampled.terms
+    if bar is None:
+        raise ValueError("basins have a layer of their own")
+    domain, lattice = area(terms.domain, 2), terms.domain
+    z = float(np.clip(z, lattice.origin[2], lattice.origin[2] + lattice.size[2]))
+    counts = np.maximum(np.rint(np.ptp(domain, axis=0) * pixels / np.ptp(domain, axis=0).max()).astype(int), 2)
+    x, y = (a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(*domain, counts, strict=True))
+    cost = terms.on(x, y, np.array([z]))
     if cost is None:
-        raise ValueError("a slice that nobody cancels is complete")
-    return replace(volume, plate=slice_of(np.squeeze(cost, axis=2 - number), number, place, domain, volume.bar, log))
+        raise ValueError("a layer that nobody cancels is complete")
+    low, high = (10 ** (bar.low / 10), 10 ** (bar.high / 10)) if log else (bar.low, bar.high)
+    return _floor(to_rgb(normalise(cost[0], low, high, log)), domain, height, replace(bar, label=_at(bar.label, z)))
 
 
-NO_SURFACE = Surface(
-    "isosurfaces", np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 2), np.float32),
-    np.zeros((1, 1, 4), np.uint8),
-)  # fmt: skip
+def _at(text: str, z: float) -> str:
+    return f"{text}, on the floor at z = {z:z.2f} m"
 
 
-def basin_slice(
-    basins: Basins,
-    search: Search,
-    axis: str,
-    position: float,
-    minima: Minima,
-    place=None,
-    name: str = "true position",
-) -> Volume:
-    """Return a slice through the basins of attraction in space, without isosurfaces.
+def _floor(rgb: np.ndarray, corners: np.ndarray, height: float, bar: ColourBar | None, **more) -> Floor:
+    (x, y), (width, depth) = corners[0].tolist(), np.ptp(corners, axis=0).tolist()
+    rgb = frozen_array(rgb, np.uint8)
+    return Floor(rgb, (x, y), (width, depth), bar, (), height, show_minima=False, **more)
 
-    `basins`: of the volume; `search`: lattice of the volume; `axis`: "x", "y" or "z", across the slice; any other word
-    for no slice; `position`: along that axis, metres; beyond the lattice, its edge; `minima`: to be marked; `place`
-    (3,) float64, metres, whose basin has the first colour; None for no such basin; `name`: of that place.
+
+def basin_layer(
+    basins: Basins, search: Search, z: float, height: float, place=None, name: str = "true position"
+) -> Floor:
+    """Return the layer at `z`, metres, of basins of attraction in space, as a map at `height`, metres.
+
+    `search`: lattice of the volume; beyond it the layer is that at its edge; `place` (3,) float64, metres, whose basin
+    has the first colour; None for no such basin; `name`: of that place.
     """
-    if axis not in AXES:
-        return Volume(NO_SURFACE, None, None, (), minima)
-    number, domain = AXES.index(axis), np.stack([search.origin, np.add(search.origin, search.size)])
-    at = int(np.clip(np.rint((position - domain[0][number]) / search.step), 0, basins.labels.shape[2 - number] - 1))
-    labels = basins.labels.take(at, axis=2 - number)
-    numbers, areas = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name, labels)
-    edges = domain + np.multiply([[-0.5], [0.5]], search.step)
-    plate = plate_of(TABLE[numbers], number, domain[0][number] + at * search.step, edges)
-    return Volume(NO_SURFACE, plate, None, (), minima, areas)
+    at = int(np.clip(np.rint((z - search.origin[2]) / search.step), 0, len(basins.labels) - 1))
+    here = OUTSIDE if place is None else basins.at(search, place)
+    numbers, areas = basin_image(basins, here, name, basins.labels[at])
+    corners = np.stack([search.origin, np.add(search.origin, search.size)])[:, :2]
+    edges = corners + np.multiply([[-0.5], [0.5]], search.step)
+    return _floor(TABLE[numbers], edges, height, None, areas=areas)

@@ -4,8 +4,8 @@ A fast thread computes the map over the solver's own lattice, many times a secon
 slow one then computes the same map on a finer lattice once nothing changes, and stops as soon as another is requested.
 
 A volume, the cost of one microphone in space, takes most of its time for the terms of the cost at its nodes
-(`fdcal.cost.maps`). They are kept until microphone, modes or positions change, so that another slice or scale
-is drawn from what there is.
+(`fdcal.cost.maps`). They are kept until microphone, modes or positions change, so that another scale is drawn from
+what there is.
 """
 
 from __future__ import annotations
@@ -22,17 +22,7 @@ from ..cost.scale import Minima
 from ..graphics.heatmap import basin_floor, cost_floor, descent_text
 from ..graphics.picture import row_word, z_range_of
 from ..graphics.primitives import Floor
-from ..graphics.volume import (
-    AXES,
-    PIXELS,
-    POINTS,
-    SampledVolume,
-    Volume,
-    basin_slice,
-    sampled_volume,
-    sliced,
-    volume_of,
-)
+from ..graphics.volume import PIXELS, POINTS, SampledVolume, Volume, basin_layer, layer_floor, sampled_volume, volume_of
 from ..graphics.waves import MAX_WAVES, wave_floor
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -55,8 +45,6 @@ class MapStyle:
     minima: bool = True  # whether its local minima are marked and counted
     volume: bool = False  # the cost in space instead of on the floor
     basins: bool = False  # the basins of attraction instead of the cost
-    slice_axis: str = "z"  # "x", "y" or "z", across the slice through the volume; "none" for no slice
-    slice_position: float | None = None  # of the slice along that axis, metres; None for the estimate of the microphone
 
 
 @dataclass(frozen=True)
@@ -85,9 +73,8 @@ class CostMapRequest:
         return mine == theirs and self.lineage is wanted.lineage
 
     def differs_by_a_drag(self, wanted: CostMapRequest) -> bool:
-        """Whether `wanted` is this map with another slice, height of the relief or position of one microphone."""
-        moved = {name: getattr(wanted.style, name) for name in ("slice_axis", "slice_position", "relief_height")}
-        if replace(self, style=replace(self.style, **moved)) == wanted:
+        """Whether `wanted` is this map with another height of the relief or position of one microphone."""
+        if replace(self, style=replace(self.style, relief_height=wanted.style.relief_height)) == wanted:
             return True
         if replace(self, revision=wanted.revision) != wanted:
             return False
@@ -220,13 +207,13 @@ class CostMap:
     """A finished map: the floor or the volume, the costs it shows, and the figures of its caption."""
 
     request: CostMapRequest
-    floor: Floor | None  # or None of a volume
+    floor: Floor | None
     panels: ModePanels | None  # ModePanels of some of the single modes and of the sum, which the floor shows; or None
     minima: Minima | None  # of the map; None of the shape of a mode
     cost_here: float  # cost at the estimated position of the microphone
     lowest: float  # lowest cost of the map
     fine: bool = False  # whether its lattice is finer than the solver's
-    volume: Volume | None = None  # or None of a map on the floor
+    volume: Volume | None = None  # over the floor, or None of a map on the floor alone
     note: str = ""  # on the basins of attraction, in words; "" of other maps
     sampled: SampledVolume | None = None  # values of a volume; None of a map on the floor
 
@@ -267,7 +254,7 @@ def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarra
 
 COARSE_POINTS = 26  # along the longest edge
 COARSE_NEGLIGIBLE = 1e-3  # of the nodes of a coarse volume
-COARSE_PIXELS = 80  # of a slice, along its longer edge
+COARSE_PIXELS = 80  # of a layer, along its longer edge
 
 
 class VolumeMaps:
@@ -275,11 +262,11 @@ class VolumeMaps:
 
     def __init__(self, run: PreparedRun):
         self._run = run
-        # by whether fine: the values, what is drawn of them without a slice, and their basins
+        # by whether fine: the values, what is drawn of them without the layer, and their basins
         self._sampled, self._drawn, self._found = ({False: Memo(), True: Memo()} for _ in range(3))
 
     def map(self, request: CostMapRequest, fine: bool, cancelled: Callable[[], bool] = lambda: False) -> CostMap | None:
-        """Return the volume on a fine or a coarse lattice, with such a slice; None once cancelled.
+        """Return the volume on a fine or a coarse lattice, with the layer of the estimate; None once cancelled.
 
         In place of a coarse one it is the fine one where that is there already.
         """
@@ -296,27 +283,24 @@ class VolumeMaps:
 
         if sampled is None and (sampled := self._sampled[fine](sample, key)) is None:
             return None
-        place, note = 0.0, ""  # where along its axis the slice lies: through the estimate unless it was moved
-        if style.slice_axis in AXES:
-            estimate = float(position[AXES.index(style.slice_axis)])
-            place = estimate if style.slice_position is None else style.slice_position
-        if style.basins:  # a slice through them; another slice needs no new ones
+        z, note = float(position[2]), ""
+        height = z_range_of(self._run.known_scene, self._run.measurement)[0]
+        minima = sampled.minima if style.minima else None
+        if style.basins:
             basins = self._found[fine](lambda: basins_of(sampled.cost), key)
             home, name = place_of_basin(self._run, request)
-            volume = basin_slice(basins, sampled.search, style.slice_axis, place, sampled.minima, home, name)
-            volume = volume if style.minima else replace(volume, minima=None)
+            floor, volume = basin_layer(basins, sampled.search, z, height, home, name), Volume(None, None, (), minima)
             note = descent_text(basins, sampled.search, home, name)
         else:
-            minima = sampled.minima if style.minima else None
-            drawn = self._drawn[fine](
+            volume = self._drawn[fine](
                 lambda: volume_of(sampled.cost, sampled.search, style.log, minima), key, style.log, style.minima
             )
-            volume = sliced(drawn, sampled, style.slice_axis, place, style.log, pixels)
+            floor = layer_floor(volume, sampled, z, height, style.log, pixels)
             fine = fine and pixels == PIXELS
         found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
         here = float("nan") if found is None else float(found[0, 0, 0])
         lowest = float(np.nanmin([lowest, here]))  # a minimum may lie between lattice points
-        return CostMap(request, None, None, sampled.minima, here, lowest, fine, volume, note, sampled)
+        return CostMap(request, floor, None, sampled.minima, here, lowest, fine, volume, note, sampled)
 
 
 def terms_of(
@@ -339,7 +323,7 @@ def _key(request: CostMapRequest) -> tuple:
 PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor, too
 LOAD = 4  # times as long as a map takes: a running solver needs the processor, too
 FOLLOW_TIME = 0.6  # s at least that the map of a microphone stays while the page follows a running solver
-DRAG_TIME = 1.0  # s at most that a map stays while a microphone or a slice is dragged and the next map is in progress
+DRAG_TIME = 1.0  # s at most that a map stays while a microphone is dragged and the next map is in progress
 IDLE_TIME = 0.35  # s without a change before a finer map is requested
 
 

@@ -69,7 +69,7 @@ class MicrophonePicker:
         place: Move,
         name: str = "/picking",
     ):
-        self._binding, self._picture, self._across = binding, picture, 2
+        self._binding, self._picture = binding, picture
         self._count, self._marker = binding.measurement.count, picture.marker_radius
         self._gestures = itertools.count()
         self._gesture: dict[int, int] = {}  # number of the gesture of each page that drags
@@ -115,8 +115,7 @@ class MicrophonePicker:
         if line is None if is_end else not self._movable(index):
             return
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
-        across = 2 if is_end else self._across
-        place = plane_point(eye, point, float(self._shown[index, across]), across)
+        place = plane_point(eye, point, float(self._shown[index, 2]))
         if place is not None:
             place = np.clip(place, self._low[: len(place)], self._high[: len(place)])
             if line is not None and is_end:
@@ -136,13 +135,13 @@ class MicrophonePicker:
             move, index, place = last
             move(index, place, gesture, True)
 
-    def show(self, positions, floor: Floor | None, across: int = 2, ball: int | None = None) -> None:
+    def show(self, positions, floor: Floor | None, ball: int | None = None) -> None:
         """Move the handles to the estimated positions and the ends of the line; called by the main loop.
 
-        `positions` (N, D) float64, metres; `floor`: the map, on the relief of which they stand, or None; `across`: axis
-        across the plane in which microphones are dragged; `ball`: the one that is drawn as a ball, or None.
+        `positions` (N, D) float64, metres; `floor`: the map, on the relief of which they stand, or None; `ball`: the
+        one that is drawn as a ball, or None.
         """
-        self._across, places, sizes = across, self._shown.copy(), np.full(len(self._shown), SPECK)
+        places, sizes = self._shown.copy(), np.full(len(self._shown), SPECK)
         places[: self._count] = self._over(drape(positions, floor, self._marker), 1)
         sizes[: self._count] = [1.0 if self._movable(n) else FIXED for n in range(self._count)]
         if ball is not None:
@@ -163,24 +162,18 @@ class MicrophonePicker:
         return points + [0.0, 0.0, layer * HANDLE_HEIGHT * self._marker]
 
 
-def plane_point(eye: np.ndarray, point: np.ndarray, level: float, axis: int = 2) -> np.ndarray | None:
-    """Return where the ray from the eye through `point` meets the plane at `level` across an axis, metres; or None.
-
-    On level ground, on which the eye looks down, (2,); in an upright plane (3,).
-    """
+def plane_point(eye: np.ndarray, point: np.ndarray, level: float) -> np.ndarray | None:
+    """Return where the ray from the eye through `point` meets the ground at z = `level` : (2,), metres; or None."""
     if point.shape != (3,) or not np.isfinite(point).all():
         return None
     along = point - eye
     length = np.linalg.norm(along)
-    if along[2] >= -1e-9 * length if axis == 2 else abs(along[axis]) < GRAZING * length:
+    if along[2] >= -1e-9 * length:
         return None
-    place = eye + along * ((level - eye[axis]) / along[axis])
-    place[axis] = level
-    ahead = (level - eye[axis]) * along[axis] > 0 and np.isfinite(place).all()
-    return (place[:2] if axis == 2 else place) if ahead else None
+    place = eye + along * ((level - eye[2]) / along[2])
+    return place[:2] if level < eye[2] and np.isfinite(place).all() else None
 
 
-GRAZING = 0.05  # sine of the angle to a plane below which a pointer meets it nowhere in particular
 ROLL_TIME = 1.4  # s from where the microphone is let go to its minimum
 PATIENCE = 4.0  # s that a microphone waits for its path; after that it stays where it was let go
 CONTINUE = "Continue from here"

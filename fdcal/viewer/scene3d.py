@@ -24,13 +24,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
-import viser.transforms
 
 from ..acoustics.measure import load_cached_measurement
 from ..graphics.camera import Camera, camera_for
 from ..graphics.heatmap import relief_grid
 from ..graphics.picture import static_picture
-from ..graphics.primitives import Floor, Label, Lines, Mesh, Picture, Plate, Surface, Theme, by_rank, halo_of
+from ..graphics.primitives import Floor, Label, Lines, Mesh, Picture, Surface, Theme, by_rank, halo_of
 from ..model.measurement import Measurement
 from ..model.scene import MeasuredScene
 from ..session.sources import OpenRequest, as_given
@@ -294,8 +293,8 @@ def labels_html(labels: Iterable[Label], theme: Theme) -> str:
     return "".join(elements)
 
 
-def image_of(part: Floor | Plate) -> np.ndarray:
-    """Return the image of a map or slice, (ny, nx, 3) uint8, with its opacity as a fourth channel if not opaque."""
+def image_of(part: Floor) -> np.ndarray:
+    """Return the image of a map, (ny, nx, 3) uint8, with its opacity as a fourth channel if not opaque."""
     if part.opacity >= 1:
         return part.rgb
     alpha = np.full((*part.rgb.shape[:2], 1), round(255 * part.opacity), np.uint8)
@@ -336,7 +335,7 @@ def textured(vertices, faces, places, image: np.ndarray, **material: Any) -> tri
 
 REPLACING_TIME = 3.0  # s that a surface stays beside the one that replaces it; `server/page.js` shows one of them
 
-Part = Lines | Mesh | Floor | Surface | Plate
+Part = Lines | Mesh | Floor | Surface
 
 
 class SceneNodes:
@@ -361,7 +360,7 @@ class SceneNodes:
     def show(self, picture: Picture) -> None:
         """Make the scene look like `picture`."""
         parts: dict[str, Part] = {part.name: part for part in (*picture.lines, *picture.meshes)}
-        parts |= {part.name: part for part in (*picture.surfaces, *picture.plates)}
+        parts |= {part.name: part for part in picture.surfaces}
         if picture.floor is not None:
             # No other name may lie below it: viser would move that node along. And a page keeps the position of a name
             # for the next node of that name, so a relief, which has none, needs a name of its own.
@@ -416,17 +415,10 @@ class SceneNodes:
                 handle.image = image_of(part)
                 return handle
             middle = np.add(part.origin, np.divide(part.size, 2))
-            return self._send_image(name, part, (*middle.tolist(), part.height), (1.0, 0.0, 0.0, 0.0))
-        if isinstance(part, Plate):
-            middle = tuple(part.corners.mean(axis=0).tolist())
-            if isinstance(old, Plate) and (old.axis, old.origin, old.size) == (part.axis, part.origin, part.size):
-                if old.rgb is not part.rgb:
-                    handle.image = image_of(part)
-                handle.position = middle
-                return handle
-            columns, rows = np.eye(3)[part.across]
-            turned = viser.transforms.SO3.from_matrix(np.column_stack([columns, rows, np.cross(columns, rows)]))
-            return self._send_image(name, part, middle, tuple(turned.wxyz.tolist()))
+            return scene.add_image(
+                name, image_of(part), *part.size, format="png", cast_shadow=False, receive_shadow=False,
+                wxyz=(1.0, 0.0, 0.0, 0.0), position=(*middle.tolist(), part.height),
+            )  # fmt: skip
         same_style = isinstance(old, Mesh) and (old.colour, old.opacity) == (part.colour, part.opacity)
         if isinstance(old, Mesh) and same_style and np.array_equal(old.faces, part.faces):
             if not np.array_equal(old.vertices, part.vertices):
@@ -435,13 +427,6 @@ class SceneNodes:
         return scene.add_mesh_simple(
             name, part.vertices, part.faces, color=part.colour, opacity=part.opacity if part.opacity < 1 else None,
             side="double", cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
-
-    def _send_image(self, name: str, part: Floor | Plate, middle: Any, turned: Any) -> Any:
-        """Create the node of a map or a slice, around `middle`, metres, and rotated by the quaternion `turned`."""
-        return self._server.scene.add_image(
-            name, image_of(part), *part.size, format="png", cast_shadow=False, receive_shadow=False,
-            wxyz=turned, position=middle,
         )  # fmt: skip
 
     def _send_late(self, name: str, handle: Any, surface: trimesh.Trimesh) -> Any:

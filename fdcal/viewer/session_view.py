@@ -323,8 +323,7 @@ class Viewer:
             self.nodes.show(picture)
             legend = canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
             self._folders.overlay.show("legend", legend)
-            across = "xyz".find(choices.slice_axis) if choices.volume else 2
-            self.picker.show(self._picture.places, picture.floor, across if across >= 0 else 2, self._picture.ball)
+            self.picker.show(self._picture.places, picture.floor, self._picture.ball)
             return picture
 
         picture = self.drawn(draw, state.revision, choices, state.microphone, dropped, awaited, *parts)

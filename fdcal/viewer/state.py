@@ -13,6 +13,7 @@ import numpy as np
 
 from ..assessment.calibration import Channels
 from ..cost.eq7 import ORDER_OFFSET
+from ..graphics.picture import z_range_of
 from ..model.measurement import Measurement
 from ..model.validation import InputError
 from ..session.calibration_run import Assessment
@@ -24,13 +25,12 @@ from .prepare import PreparedRun
 FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Mode shape (last mode)", "No map"  # kinds of map
 BASINS = "Basins of attraction"
 VOLUME = "Isosurfaces (3-D)"  # of an array in space
-SLICES = {"None": "none", "x": "x", "y": "y", "z": "z"}  # label to axis across the slice through a volume
 PICTURE = "Picture (PNG)"  # the first kind of file to save
 ELLIPSE_SCALES = {"Automatic": 0, "True": 1, "10 times": 10, "100 times": 100, "1000 times": 1000}  # label to factor
 VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
 
 Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
-BOUNDS = {"relief_height": (0.05, 1.0), "slice_position": (-math.inf, math.inf)}
+BOUNDS = {"relief_height": (0.05, 1.0)}
 # Choices that another scene keeps.
 KEPT = (
     "trails",
@@ -97,6 +97,11 @@ class Choices(MapStyle):
         `revision`: counts the states on the screen; `follow`: whether the map of any microphone will do.
         """
         state, order = view.state, self.map_order
+        if has_volume(run.measurement):  # in space the map is the layer of the estimate, or the nearest in the domain
+            low, high = z_range_of(None, run.measurement)
+            positions = np.array(state.positions)
+            positions[microphone, 2] = np.clip(positions[microphone, 2], low, high)
+            state = replace(state, positions=positions)
         return CostMapRequest(
             revision, microphone, map_modes(run, state, self.modes, order, self.take), order, self.modes is not None,
             self.style, follow, state, view.lineage, self.take,
@@ -104,7 +109,7 @@ class Choices(MapStyle):
 
     def to_save(self) -> dict[str, Any]:
         """Return the values that an OpenRequest needs to restore these choices."""
-        keys = ("microphone", "modes", "order_offset", "relief_height", "slice_axis", "slice_position")
+        keys = ("microphone", "modes", "order_offset", "relief_height")
         keys += ("ellipse_scale", "take", *SWITCHES)
         return {key: getattr(self, key) for key in keys}
 
@@ -129,7 +134,7 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     if before is not None:
         kept = {name: getattr(before, name) for name in KEPT}
         volume = (before.volume or before.basins) and has_volume(measurement)
-        kept |= {**vars(before.style), "shape": False, "volume": volume, "slice_position": None}
+        kept |= {**vars(before.style), "shape": False, "volume": volume}
         choices = replace(choices, **kept)
     wanted, takes = run.opening.choices.items(), set(measurement.takes.tolist())
     values = {key: _checked(key, value, measurement.count, modes, takes) for key, value in wanted}
@@ -154,8 +159,6 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
         "take": value is None or (whole and value in takes),
         "order_offset": whole and 0 <= x <= MAX_ORDER_OFFSET,
         "ellipse_scale": whole and value in ELLIPSE_SCALES.values(),
-        "slice_axis": value in SLICES.values(),
-        "slice_position": value is None or number,
         "modes": value is None or (bool(numbers) and all(isinstance(n, int) and 1 <= n <= modes for n in numbers)),
     }
     if possible.get(key):
@@ -163,10 +166,8 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
         f"use microphone (0 to {count - 1}), take (0 to {max(takes)}), modes (from 1 to {modes}),"
-        f" order_offset (0 to {MAX_ORDER_OFFSET}),"
-        f" relief_height (0.05 to 1), slice_axis ({', '.join(SLICES.values())}), slice_position"
-        f" (metres), ellipse_scale ({', '.join(map(str, ELLIPSE_SCALES.values()))}) or, true or false,"
-        f" {', '.join(SWITCHES)}",
+        f" order_offset (0 to {MAX_ORDER_OFFSET}), relief_height (0.05 to 1),"
+        f" ellipse_scale ({', '.join(map(str, ELLIPSE_SCALES.values()))}) or, true or false, {', '.join(SWITCHES)}",
         key=f"choices.{key}",
         value=value,
     )

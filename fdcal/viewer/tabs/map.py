@@ -12,7 +12,6 @@ from ...cost.eq7 import decibels
 from ...graphics.landscape import mosaic
 from ...graphics.picture import row_word
 from ...graphics.primitives import DARK, LIGHT, format_number
-from ...graphics.volume import AXES
 from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
 from .. import html
@@ -28,7 +27,6 @@ from ..state import (
     NOTHING,
     RELIEF,
     SHAPE,
-    SLICES,
     VOLUME,
     Choices,
     PageState,
@@ -83,7 +81,6 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
     return f"<div style='{html.CARD}'>{what}<br>cost at the estimate <b>{here}</b>{lowest}{orders}</div>"
 
 
-AXIS_LABELS = {axis: label for label, axis in SLICES.items()}
 SAME_AS_SOLVER, CUSTOM = "Of the solver", "Custom"
 LINEAR, LOG = "Linear", "Logarithmic"
 EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
@@ -102,7 +99,6 @@ class MapTab(Tab):
     def __init__(self, binding: Binding):
         self._binding, self._possible = binding, binding.run.problem.search is not None
         self._caption, self._risen = Memo(), ""  # and the kind of map that `rise` has chosen
-        self._sliced: tuple[int, float] | None = None  # axis and place that the slider of the slice was set to last
         self.kinds = tuple(kind for kind in MAP_KINDS if kind != VOLUME or has_volume(binding.measurement))
         choices, row, choose = binding.choices, binding.row, binding.choose
 
@@ -122,21 +118,6 @@ class MapTab(Tab):
             lambda value: choose(relief_height=value / 100), visible=of_kind(RELIEF),
             hint="Of the highest cost, of the longer side of the map",
         )  # fmt: skip
-        self.axis = binding.dropdown(
-            "Slice across", tuple(SLICES), lambda choices: AXIS_LABELS[choices.slice_axis],
-            lambda label: choose(slice_axis=SLICES[label], slice_position=None), visible=in_space,
-            hint="A plane through the isosurfaces, coloured by the cost; it begins at the estimate of the"
-            " microphone",
-        )  # fmt: skip
-        low, high = self._ends(choices)
-        place = low if choices.slice_position is None else min(max(choices.slice_position, low), high)
-        self.position = binding.slider(
-            "Slice at (m)", low, high, 0.01, place, lambda value: choose(slice_position=value),
-            visible=lambda choices: in_space(choices) and choices.slice_axis in AXES, hint="Along that axis",
-        )  # fmt: skip
-        binding.follow(
-            self.position, min=lambda choices: self._ends(choices)[0], max=lambda choices: self._ends(choices)[1]
-        )
         self.microphone = binding.slider(
             "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone, self.choose_microphone,
             hint="Or click a microphone in the scene; drag it to move its estimate",
@@ -190,13 +171,6 @@ class MapTab(Tab):
                 "Mark minima", lambda choices: choices.minima, lambda value: choose(minima=value), visible=mapped,
                 hint="Mark and count the local minima; of a mode shape, where the microphone would measure the same",
             )  # fmt: skip
-
-    def _ends(self, choices: Choices) -> tuple[float, float]:
-        """The lowest and the highest place of the slice, metres."""
-        search, axis = self._binding.run.problem.search, AXES.find(choices.slice_axis)
-        if search is None or not 0 <= axis < len(search.origin):
-            return 0.0, 1.0
-        return float(search.origin[axis]), float(search.origin[axis] + search.size[axis])
 
     def choose_microphone(self, number: int) -> None:
         """Show the map of a microphone, and stop following the solver."""
@@ -255,17 +229,11 @@ class MapTab(Tab):
         self._risen = ""
 
     def show(self, tick: PageState) -> None:
-        """Let the microphone, the slice through its estimate, and the caption follow what is drawn."""
+        """Let the microphone and the caption follow what is drawn."""
         binding, choices, drawn = self._binding, self._binding.choices, tick.drawn
         if not choices.follow and choices.microphone == tick.microphone:
             binding.sent[id(self.microphone)] = tick.microphone  # set by the user, who may still be dragging the slider
         binding.send(self.microphone, tick.microphone)
-        plate = None if drawn is None or drawn.volume is None else drawn.volume.plate
-        if plate is not None and choices.slice_position is None:
-            low, high = self._ends(choices)
-            place = min(max(round(plate.position, 2), low), high)
-            if self._sliced != (plate.axis, place):  # else the user may be dragging the slider
-                self._sliced, self.position.value = (plate.axis, place), place
         reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map"
         words = drawn and self._caption(
             lambda: caption(drawn, binding.measurement, orders_text(binding.run, drawn)), drawn
