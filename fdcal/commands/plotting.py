@@ -82,6 +82,8 @@ def map_of(
     if wave is not None:
         from ..graphics.waves import MAX_WAVES, wave_floor
 
+        if measurement.array_dimension == 3:
+            raise InputError(f"{inputs.name} is an array in space", "give an array in a plane", key="wave", value=wave)
         numbers = parse_modes(wave, len(measurement.frequencies))
         if len(numbers) > MAX_WAVES:
             raise InputError(

@@ -103,7 +103,7 @@ MARKS = {
         Mark("trails", "trail", "line", TRAIL, line_halo=0.0),
         Mark("ellipses", "error ellipse (95 %)", "ellipse", ELLIPSE, size=0.8, line_halo=0.0),
         *(
-            Mark(f"same/{i}", "same pressure", "line", colour, width=0.34, halo=0.2, line=0.2)
+            Mark(f"same/{i}", "same pressure", "line", colour, width=0.34, halo=0.2, line=0.2, line_halo=0.0)
             for i, colour in enumerate(SAME)
         ),
         Mark("cut", "cut from A to B", "line", CUT, 1.3, 0.3, 0.3, line_halo=0.0),

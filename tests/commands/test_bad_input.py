@@ -55,7 +55,6 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["landscape", "tiny", "--microphone", "0", "--mode-numbers", "0", "-o", "f.png"], ["mode 0", "1 to"]),
         (["landscape", "tiny", "--microphone", "0", "--radius", "4", "-o", "f.png"], ["2L + 1 ="]),
         (["snapshot", "tiny", "--size", "big", "-o", "f.png"], ["'--size'", '"big"', "1280x800"]),
-        (["snapshot", "ball3d", "--slice", "w=1", "-o", "f.png"], ["--slice", "w=1", "x=1.5"]),
         (["snapshot", "tiny", "--view", "side", "-o", "f.png"], ["side", "top"]),
         (["snapshot", "tiny", "-o", "."], [".png"]),
         (["calibrate", "tiny", "--solver", "joint", "--gains", "fixed"], ["--solver robust"]),

@@ -162,7 +162,7 @@ def test_a_snapshot_shows_the_basin_of_the_true_position(made, tmp_path, one_pai
 
 
 def test_the_cost_of_an_array_in_space_is_drawn_and_written(tmp_path, one_painter):
-    scene, size = tmp_path / "ball.toml", ["--size", "400x300", "--slice", "x=1.6"]
+    scene, size = tmp_path / "ball.toml", ["--size", "400x300"]
     scene.write_text((folder_of("scenes") / "ball3d.toml").read_text().replace("[solver]", "[solver]\nmodes = 6"))
     done("snapshot", scene, "--microphone", 10, *size, "-o", "ball.png", folder=tmp_path)
     image = np.asarray(Image.open(tmp_path / "ball.png"), int)

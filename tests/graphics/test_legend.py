@@ -24,16 +24,14 @@ from fdcal.graphics.overlays import (
 from fdcal.graphics.picture import compose, static_picture, with_estimate, with_floor
 from fdcal.graphics.primitives import Curve
 from fdcal.graphics.snapshot import camera_of
-from fdcal.graphics.volume import slice_of, volume_of
+from fdcal.graphics.volume import volume_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 from fdcal.viewer.html import canvas_legend
 
 SIZE = (1280, 800)
-PLANE = [
-    name for name, mark in MARKS.items() if mark.text and name not in ("isosurfaces", "slice")
-]  # marks of a plane array
+PLANE = [name for name, mark in MARKS.items() if mark.text and name != "isosurfaces"]  # marks of a plane array
 SCENERY = (
     "room/",
     "frame",
@@ -119,16 +117,13 @@ def test_a_mark_that_is_not_drawn_has_no_entry(full):
         assert names_of(without) == [other for other in names_of(full) if other != name]
 
 
-def test_isosurfaces_and_slice_are_named_with_their_levels(scene, measurement, estimate):
+def test_isosurfaces_are_named_with_their_levels(scene, measurement, estimate):
     decibels = 10 * np.linalg.norm(np.stack(np.meshgrid(*3 * [np.linspace(-1, 1, 17)])), axis=0) - 20
     cost, search = 10 ** (decibels / 10), Search((0.0, 0.0, 0.0), (1.6, 1.6, 1.6), 0.1, 0.8)
     volume = volume_of(cost, search, True)
     picture = with_volume(compose(scene, measurement, estimate), volume)
     texts = [entry.text for entry in legend_of(picture)]
-    assert volume.text in texts and not any(text.startswith("slice") for text in texts)
-    plate = slice_of(cost[8], 2, 0.8, np.array([[0.0] * 3, [1.6] * 3]), volume.bar, True)
-    cut = with_volume(compose(scene, measurement, estimate), replace(volume, plate=plate))
-    assert any(entry.text.startswith("slice") for entry in legend_of(cut))
+    assert volume.text in texts
 
 
 def test_errors_too_short_to_be_seen_have_no_entry(scene, measurement, estimate):

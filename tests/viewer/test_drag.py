@@ -138,15 +138,6 @@ def test_a_drag_is_one_gesture_and_the_next_or_that_of_another_page_is_another(p
     assert first == again != other
 
 
-def test_a_microphone_in_space_is_dragged_in_the_plane_of_an_upright_slice(picker):
-    picker.made.show(np.array([[1.2, 2.2, 0.3]] * 5), None, across=1)
-    picker.drag(event("start", 1, (1.3, 2.1, 0.45), eye=(1.3, 0.2, 0.5)))
-    (_, place, *_), *_ = picker.placed
-    np.testing.assert_allclose(place, [1.3, 2.2, 0.5 - 0.05 * 2.0 / 1.9], atol=1e-9)
-    picker.drag(event("start", 1, (1.3, 2.2, 0.0), eye=(1.3, 2.2, 5.0)))
-    assert len(picker.placed) == 1, "seen from above, the pointer is nowhere in particular on it"
-
-
 def test_no_microphone_that_is_not_there_and_no_pointer_beside_the_floor_moves_anything(picker):
     nowhere = [(np.nan, 0, 0), (np.inf, 0, 0), (1.2, 2.2, 5.0), (1.2, 2.2, 9.0), (1.0, 2.0)]
     strangers = (None, -1, 5, 10**9, 1.5, "1")

@@ -23,7 +23,7 @@ from fdcal.cost.maps import map_positions, minima_of
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.marks import ESTIMATE, LOWEST
 from fdcal.graphics.overlays import with_volume
-from fdcal.graphics.picture import compose
+from fdcal.graphics.picture import compose, with_floor
 from fdcal.graphics.primitives import Floor
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
@@ -250,7 +250,7 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, spa
     worker = CostMapWorker(run, threads)  # of its own: one that has the fine volume already shows no coarse one
     coarse = first(worker, space.map_request, False)
     fine = first(worker, space.map_request, True)
-    assert coarse.floor is None and fine.floor is None
+    assert fine.floor.rgb.shape > coarse.floor.rgb.shape
     assert len(fine.volume.surface.faces) > 2 * len(coarse.volume.surface.faces)
     assert fine.cost_here == pytest.approx(coarse.cost_here, rel=0.05)
     assert fine.lowest <= fine.cost_here and coarse.lowest <= coarse.cost_here
@@ -260,52 +260,30 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, spa
     assert fine.volume.text in caption(fine, space.run.measurement) and "dB" in fine.volume.text
 
 
-def test_the_slice_goes_through_the_estimate_until_it_is_moved(worker, space):
+def test_the_floor_below_the_isosurfaces_is_the_layer_of_the_estimate(worker, space):
     wanted = space.map_request
-    place = wanted.state.positions[MICROPHONE]
-    for changes, plate in (
-        *(({"slice_axis": axis}, (number, place[number])) for number, axis in enumerate("xyz")),
-        ({"slice_position": 1.0}, (2, 1.0)),
-        ({"slice_position": 99.0}, (2, pytest.approx(1.8))),  # the highest number of the ruler
-    ):
-        drawn = first(worker, styled(wanted, **changes), False).volume.plate
-        assert (drawn.axis, drawn.position) == plate
-    for basins in (False, True):
-        assert first(worker, styled(wanted, slice_axis="none", basins=basins), False).volume.plate is None
+    drawn = first(worker, wanted, True)
+    assert f"at z = {wanted.state.positions[MICROPHONE][2]:.2f} m" in drawn.floor.bar.label
     costs = {
         first(worker, dataclasses.replace(wanted, **change), False).lowest
         for change in ({}, {"microphone": 11}, {"modes": (2, 6)})
     }
     assert len(costs) == 3, "another microphone or other modes make another volume"
+    out = np.array(space.view.state.positions)
+    out[MICROPHONE, 2] = 9.0
+    state = dataclasses.replace(space.view.state, positions=out)
+    request = space.choices.map_request(space.run, dataclasses.replace(space.view, state=state), MICROPHONE)
+    assert request.state.positions[MICROPHONE][2] == pytest.approx(1.8), "the highest number of the ruler"
 
 
-def test_a_moved_slice_is_drawn_from_the_same_volume_and_the_last_one_stays_meanwhile(worker, space):
-    wanted = space.map_request
-    drawn = first(worker, wanted, True)
-    moved = styled(wanted, slice_position=1.1)
-    elsewhere = dataclasses.replace(moved, microphone=3)
-    assert drawn.request.differs_by_a_drag(moved) and not drawn.request.differs_by_a_drag(elsewhere)
-    quick = first(worker, moved, False)
-    assert quick.volume.surface is drawn.volume.surface, "no new volume"
-    again = first(worker, moved, True)
-    assert again.volume.plate.rgb.shape > quick.volume.plate.rgb.shape or quick.fine, "a finer slice follows"
-    assert again.volume.surface is drawn.volume.surface and again.volume.plate.position == 1.1
-
-
-def test_basins_in_space_are_a_slice_without_isosurfaces_that_follows_its_slider(worker, space):
-    wanted = space.map_request
-    basins = styled(wanted, basins=True)
-    drawn = first(worker, basins, True)
-    assert drawn.volume.bar is None and not len(drawn.volume.surface.faces) and drawn.volume.minima
-    assert drawn.volume.areas[0].text.startswith("basin of the true position") and "ends within" in drawn.note
-    moved = first(worker, styled(basins, slice_position=0.9), False)
-    assert moved.volume.areas == drawn.volume.areas and moved.volume.plate.position == pytest.approx(0.9, abs=0.02)
-    assert not np.array_equal(moved.volume.plate.rgb, drawn.volume.plate.rgb)
-    picture = with_volume(compose(space.run.scene, space.run.measurement), drawn.volume)
-    assert picture.bar is None and picture.areas == drawn.volume.areas
-    same = dataclasses.replace(drawn.volume.plate, position=0.0)
-    middle = same.rgb[same.rgb.shape[0] // 2, same.rgb.shape[1] // 2]
-    assert any(tuple(middle) == area.colour for area in drawn.volume.areas)
+def test_basins_in_space_are_a_layer_without_isosurfaces(worker, space):
+    drawn = first(worker, styled(space.map_request, basins=True), True)
+    assert drawn.volume.bar is None and drawn.volume.surface is None and drawn.volume.minima
+    assert drawn.floor.areas[0].text.startswith("basin of the true position") and "ends within" in drawn.note
+    picture = with_floor(with_volume(compose(space.run.scene, space.run.measurement), drawn.volume), drawn.floor)
+    assert picture.bar is None and picture.areas == drawn.floor.areas
+    middle = drawn.floor.rgb[drawn.floor.rgb.shape[0] // 2, drawn.floor.rgb.shape[1] // 2]
+    assert any(tuple(middle) == area.colour for area in drawn.floor.areas)
 
 
 def test_the_vti_file_has_the_volume(space, tmp_path):
@@ -325,47 +303,34 @@ def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_pl
     assert VOLUME not in controls[0].map.kinds
     binding = Binding(server.gui, run, 20)
     tab = MapTab(binding)
-    assert VOLUME in tab.kinds and not tab.axis.visible
+    assert VOLUME in tab.kinds
     set_by_client(tab.kind, VOLUME)
-    assert kind_of(binding.choices) == VOLUME and tab.position.visible and not tab.quantity.visible
-    set_by_client(tab.axis, "x")
-    assert (tab.position.min, tab.position.max) == (1.4, 2.4)
-    set_by_client(tab.position, 2.0)
-    assert binding.choices.slice_position == 2.0
-    set_by_client(tab.axis, "None")
-    assert not tab.position.visible and binding.choices.slice_position is None
-    choices = Choices(microphone=3, volume=True, slice_axis="y", slice_position=1.5)
+    assert kind_of(binding.choices) == VOLUME and not tab.quantity.visible
+    choices = Choices(microphone=3, volume=True)
     kept = initial_choices(
         dataclasses.replace(run, opening=OpenRequest(run.scene, choices=choices.to_save())), 20, None
     )
-    assert kept.style.volume and (kept.style.slice_axis, kept.style.slice_position) == ("y", 1.5), "as it was saved"
+    assert kept.style.volume, "as it was saved"
     assert not initial_choices(work, 5, choices).style.volume, "another array gets none that it cannot have"
-    assert initial_choices(run, 20, choices).style.slice_position is None
-    wrong = OpenRequest(run.scene, choices={"slice_axis": "w"})
-    with pytest.raises(InputError, match="slice_axis"):
+    wrong = OpenRequest(run.scene, choices={"relief_height": "w"})
+    with pytest.raises(InputError, match="relief_height"):
         initial_choices(dataclasses.replace(run, opening=wrong), 20, None)
 
 
 def test_surfaces_stay_until_every_page_has_drawn_those_that_replace_them(server, worker, space, monkeypatch):
-    """A page takes a moment to read a surface, and showed none meanwhile; a slice is moved without a new node."""
-    there, slices, add_image = [], [], server.scene.add_image
+    """A page takes a moment to read a surface, and showed none meanwhile."""
+    there = []
 
     def adding(name, *_, **__):
         there.append(name)
         return SimpleNamespace(remove=lambda: there.remove(name))
 
-    def adding_image(*arguments, **named):
-        slices.append(add_image(*arguments, **named))
-        return slices[-1]
-
     monkeypatch.setattr(server.scene, "add_mesh_trimesh", adding)
-    monkeypatch.setattr(server.scene, "add_image", adding_image)
     run, nodes, wanted = space.run, SceneNodes(server), space.map_request
     picture = compose(run.scene, run.measurement, space.view.state.positions, MICROPHONE)
-    for change in ({"modes": (1, 2, 3)}, {"modes": (1, 2, 3, 4), "style": styled(wanted, slice_position=1.2).style}):
+    for change in ({"modes": (1, 2, 3)}, {"modes": (1, 2, 3, 4)}):
         nodes.show(with_volume(picture, first(worker, dataclasses.replace(wanted, **change), True).volume))
-    assert {"isosurfaces", "slice", "lowest"} <= set(nodes.parts)
-    assert len(slices) == 1 and slices[0].position[2] == pytest.approx(1.2)
+    assert {"isosurfaces", "lowest"} <= set(nodes.parts)
     assert len(set(there)) == 2 and all(re.fullmatch(r"/isosurfaces/\d+", name) for name in there)
     newest = there[-1]
     for now, count in ((0.0, 2), (2.9, 2), (3.1, 1)):
@@ -381,4 +346,4 @@ def test_surfaces_stay_until_every_page_has_drawn_those_that_replace_them(server
     nodes.show(volume)
     assert [name[:13] for name in there] == ["/isosurfaces/"]
     nodes.show(picture)
-    assert not there and not {"isosurfaces", "slice"} & set(nodes.parts)
+    assert not there and "isosurfaces" not in nodes.parts

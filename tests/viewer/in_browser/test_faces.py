@@ -325,7 +325,7 @@ def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_
     page.keyboard.press("Shift+J")
     page.get_by_text(f"{lesson.title}, step 1 of 3").wait_for()
     sized(page, DESKTOP)
-    press(page, step.choices[1])
+    press(page, step.choices[step.answer - 1])
     caption.get_by_text("Right.", exact=True).wait_for()
     press(page, "Next step")
     page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
