@@ -26,12 +26,17 @@ def run():
 
 
 @pytest.fixture(scope="module")
-def page(browser, run, tmp_path_factory):
+def path(run, tmp_path_factory):
     scene, measurement, problem, _, states = run
     path = tmp_path_factory.mktemp("play") / "play.html"
     path.write_text(
         replay_html(scene, measurement, states, "Play", reference_cost_of(problem), problem=problem), encoding="utf-8"
     )
+    return path
+
+
+@pytest.fixture
+def page(browser, path):
     address, ready = f"#step=0&microphone={MICROPHONE}&modes=1-3&view=top", f"window.replay?.map?.n == {MICROPHONE}"
     with offline_page(browser, path, address, ready) as page:
         page.set_default_timeout(WAIT * 1e3)

@@ -41,9 +41,9 @@ LEVELS = """time => {  // share of the canvas that the relief covers, and the me
 }"""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def url(kernels):
-    """Where the opening is served."""
+    """Where the opening is served, to nobody before."""
     with serving_here() as address:
         yield address
 
