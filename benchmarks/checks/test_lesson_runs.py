@@ -4,7 +4,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import parse_modes
 from fdcal.session.lesson import lesson_names, load_lesson
-from fdcal.viewer.panels import LESSON_MOVES, LESSON_RATE, watched_rate
+from fdcal.viewer.panels import LESSON_RATE, WATCHED_MOVES, watched_rate
 
 
 def runs_to_the_end(lessons):
@@ -39,7 +39,7 @@ def test_a_run_of_a_lesson_can_be_followed_and_takes_ten_seconds_at_most():
     runs = list(runs_to_the_end(map(load_lesson, lesson_names())))
     assert {moves_all for _, moves_all in runs} == {False, True}
     for steps, moves_all in runs:
-        rate, done, duration = LESSON_RATE if moves_all else LESSON_MOVES, 0.0, 0.0
+        rate, done, duration = LESSON_RATE if moves_all else WATCHED_MOVES, 0.0, 0.0
         while done < steps:
             done, duration = done + 0.01 * watched_rate(rate, duration), duration + 0.01
         assert 5.0 <= duration <= 10.0, (steps, duration)

@@ -27,6 +27,8 @@ def end_word(converged: bool, trusted: bool) -> str:
 
 def state_word(state: RunState, running: bool, error: str = "", verdict: str = TRUSTED) -> str:
     """Return what the solver is doing, or how it ended; until there is a `verdict`, nothing is said against the end."""
+    if not error and not state.finished and state.best_positions is not state.positions:
+        return f"{'Trying' if running else 'Paused at'} another start; the best so far is kept"
     if error or running:
         return "Stopped by an error" if error else "Running"
     return end_word(state.converged, verdict == TRUSTED) if state.finished else "Paused"

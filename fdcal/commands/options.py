@@ -481,14 +481,14 @@ def open_request_of(text: str) -> OpenRequest:
 
         return read(text)
     from ..model.scene import load_scene, scene_names
-    from ..session.sources import OpenRequest, measurement_request
+    from ..session.sources import measurement_request, scene_request
 
     if text in scene_names():  # every one of these is tested
-        return OpenRequest(load_scene(text))
+        return scene_request(load_scene(text))
     from ..session.sources import check_scene, is_recording, load_input
 
     if text.lower().endswith(".npz") or is_recording(text):
         return measurement_request(load_input(text))
     scene = load_scene(text)
     check_scene(scene)  # a scene that cannot be simulated is refused before a page opens
-    return OpenRequest(scene)
+    return scene_request(scene)

@@ -430,6 +430,9 @@ def _node_rows(problem: Problem, mode: int, k: float, order: int) -> np.ndarray:
 class HasLandscape(Protocol):
     """A solver, of which maps need the cost that it minimises."""
 
+    @property
+    def TRAITS(self) -> Any: ...
+
     def landscape(self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None, /) -> np.ndarray: ...
 
 
@@ -439,19 +442,28 @@ def cost_maps(
 ) -> np.ndarray:  # fmt: skip
     """Return the cost of each of `modes`, counted from 1, with microphone `n` moved : (P, ny, nx).
 
-    It is Eq. 7 at a fixed order, `order_offset` added to ceil(k R), or, without one, what the solver minimises.
+    It is Eq. 7 at a fixed order, `order_offset` added to ceil(k R), or, without one, what the solver minimises. Eq. 7
+    is relative to the power of all `modes`.
     """
     if order_offset is not None:
         return eq7_maps(problem, state.positions, n, modes, order_offset, search, state.channels)
-    low = min(modes)
-    return solver.landscape(problem, state, n, slice(low - 1, max(modes)), search)[np.asarray(modes) - low]
+    low, power = min(modes), mode_powers(problem, solver, state, modes, order_offset)
+    cost = solver.landscape(problem, state, n, slice(low - 1, max(modes)), search)[np.asarray(modes) - low]
+    return cost if power is None else cost / power.sum()
 
 
-def power_shares(problem: Problem, state: SolverState, modes: Sequence[int]) -> np.ndarray:
-    """Return the power of `modes`, counted from 1, as a fraction of all of them : (P,), weights of maps that add up."""
+def mode_powers(
+    problem: Problem, solver: HasLandscape, state: Any, modes: Sequence[int], order_offset: int | None
+) -> Reals | None:
+    """Return the power of each of `modes` (P,), to which a map of Eq. 7 is relative; None of another quantity.
+
+    A method that moves single microphones minimises Eq. 7, too, with weights of the known ones.
+    """
+    if order_offset is None and solver.TRAITS.moves_all:
+        return None
     pressures, _ = equalised(problem.pressures[np.asarray(modes) - 1], state.channels)
-    power = np.sum(np.abs(pressures) ** 2, axis=1)
-    return power / power.sum()
+    weights = 1.0 if order_offset is not None else known_weights(problem, state.settings.known_weight)
+    return np.sum(weights * np.abs(pressures) ** 2, axis=1)
 
 
 @dataclass(frozen=True)
@@ -474,13 +486,14 @@ def partial_sums(
     """
     search = search_domain(problem) if search is None else search
     modes, counts = tuple(modes), range(1, len(modes) + 1) if counts is None else counts
-    share = np.ones(len(modes)) if order_offset is None else power_shares(problem, state, modes)
+    powers = mode_powers(problem, solver, state, modes, order_offset)
+    share = np.ones(len(modes)) if powers is None else powers / powers.sum()
     total, power = np.zeros(1), 0.0
     for i, mode in enumerate(modes):
         total = total + share[i] * cost_maps(problem, solver, state, n, (mode,), order_offset, search)[0]
         power += share[i]
         if i + 1 in counts:
-            cost = total if order_offset is None else total / power
+            cost = total if powers is None else total / power
             yield PartialSum(modes[: i + 1], cost, minima_of(cost, search))
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..model.measurement import Measurement, exclude_microphones, load_measurement
-from ..model.scene import MeasuredScene, placeholder_scene
+from ..model.scene import Faults, MeasuredScene, placeholder_scene
 from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import Count, InputError, Seed, convert, declaration, length_text, refusal
 from ..solvers import load, with_mode_count
@@ -252,6 +252,24 @@ def measurement_request(inputs: CalibrationInput) -> OpenRequest:
     settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
     scene = placeholder_scene(inputs.measurement, inputs.name, settings, inputs.seed)
     return OpenRequest(scene, measurement=inputs.measurement, fewer_modes=True)
+
+
+def scene_request(scene: Scene) -> OpenRequest:
+    """Return the request for a page that shows a scene.
+
+    Where a scene is as in the paper, a plate with one source whose known microphones fix the frame and whose channels
+    have no faults, the page begins with the paper's method: microphones anywhere, moved one at a time.
+    """
+    if not isinstance(scene, MeasuredScene) and scene.room.dimension == 2 and scene.search is not None:
+        from ..model.arrays import positions_of
+        from ..model.gauge import fixes_gauge
+
+        known = positions_of(scene)[list(scene.gauge.known or ())]
+        one_source = scene.source is not None and len(scene.source.places) == 1
+        as_in_the_paper = one_source and scene.faults == Faults() and fixes_gauge(known)
+        if as_in_the_paper and (scene.solver.known, scene.solver.name) == ("all", SolverSettings().name):
+            scene = replace(scene, solver=replace(scene.solver, name="descent", start="random"))
+    return OpenRequest(scene, fewer_modes=True)
 
 
 def as_given(scene: Scene, measurement: Measurement) -> Measurement:

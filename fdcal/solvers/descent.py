@@ -66,6 +66,10 @@ class State(RunState):
         """The number added to ceil(kR) with the modes in use (`order_offset_of`)."""
         return order_offset_of(self.settings, self.last)
 
+    def next_microphone(self, problem: Problem) -> int:
+        """Return the microphone that the next step moves; -1 at the end."""
+        return -1 if self.finished else int(_order(problem, self.seed, self.sweep)[self.turn])
+
 
 def order_offset_of(settings: SolverSettings, modes: int) -> int:
     """Return the number added to ceil(kR) (Eq. 3): 0 for few modes, which more functions fit at any positions."""
@@ -103,7 +107,7 @@ def step(problem: Problem, state: State) -> State:
 
     if state.finished:
         return state
-    n = int(_order(problem, state.seed, state.sweep)[state.turn])
+    n = state.next_microphone(problem)
     lattice, modes = _lattice(problem, state.order_offset), state.modes
     positions = state.positions.copy()
     if isinstance(lattice, LatticeDictionary):

@@ -234,6 +234,10 @@ class RunState:
         """The number added to ceil(kR) in the order rule of the paper; 0 if the solver expands no field."""
         return 0
 
+    def next_microphone(self, problem: Problem) -> int:
+        """Return the microphone that the next step moves; -1 if it moves all of them, or there is none."""
+        return -1
+
     @property
     def channels(self) -> ChannelCorrection | None:
         """Gain and noise of every channel as estimated so far; None if the solver takes the pressures as recorded."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 from urllib.parse import quote, urlencode
 
@@ -19,7 +20,7 @@ from ..model.address import ADDRESS, SOLVER, parse_address
 from ..model.scene import load_scene, scene_names
 from ..model.validation import InputError, modes_text, parse_modes, shown
 from ..session.lesson import LessonSetting
-from ..session.sources import OpenRequest
+from ..session.sources import OpenRequest, scene_request
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 from .session_view import Viewer
 from .state import kind_of
@@ -89,7 +90,7 @@ class AddressBar:
         if scene not in scene_names():
             problem = f'the address names the scene "{shown(scene)}"'
             raise InputError(problem, f"use {', '.join(scene_names())}", key="scene")
-        request = OpenRequest(load_scene(scene), choices=plain_choices())
+        request = replace(scene_request(load_scene(scene)), choices=plain_choices())
         self._page.open(request)
         self._pending = request, client, asked
 

@@ -1,6 +1,7 @@
 """The controls of the panels, bound to a session.
 
-A control, its bounds and its effect are declared together: `binding.slider("SNR (dB)", 1, 60, 1, 30, act)`.
+A control, its bounds and its effect are declared together: `binding.slider("SNR (dB)", 1, 60, 1, 30, act)`. With
+`command="snr"` the bar of the face Explore and the keys do the same, by that name (`Binding.carry_out`).
 A value that the control cannot have never arrives; `server.hardening` drops it. Callbacks are `async`, so that viser
 runs them in order on its own event loop. None of them blocks. viser sends a property only where it differs from what
 the browsers have.
@@ -16,8 +17,9 @@ from typing import Any, TypeVar
 import viser
 
 from ..graphics.picture import row_word
-from ..model.validation import Reals
+from ..model.validation import Reals, require_choice
 from ..session.sources import OpenRequest
+from .html import whole
 from .prepare import DisplayFrame, PreparedRun
 from .scheduler import Memo, Scheduler
 from .state import Choices, PageState, initial_choices
@@ -66,7 +68,8 @@ class Binding:
     as soon as that is ready; `before`: Choices of the session that was shown before, or None; `wake`: function that
     makes the main loop update the page at once; `call`: runs a function on viser's event loop. `row`: what the page
     calls a row of the measurement: "mode", or "row" where there are several takes; `sent`: the values that `send` has
-    sent last, by the identity of the control; `frame`: in which the page draws; `state`: what the page shows.
+    sent last, by the identity of the control; `frame`: in which the page draws; `state`: what the page shows;
+    `commands`: controls and what they do, by name; `tabs`: Tabs of the session, once they are made.
     """
 
     def __init__(
@@ -87,37 +90,65 @@ class Binding:
         self.sent: dict[int, object] = {}
         self._followers: list[tuple[Any, str, Callable[[Choices], Any]]] = []  # control, property, and what it is
         self.closed = False  # the session is being replaced
+        self.commands: dict[str, tuple[Any, Callable[[Any, Any], None]]] = {}
+        self.tabs: Any = None
         self.state = PageState(run.session.view, microphone=self.choices.microphone, run=run, choices=self.choices)
 
-    def on(self, handle: Control, act: Callable[..., object], of_client: bool = False) -> Control:
+    def on(self, handle: Control, act: Callable[..., object], of_client: bool = False, command: str = "") -> Control:
         """Call `act(value)` when a client, and not this program, has changed a control; return the control.
 
-        `of_client`: whether `act(client, value)` is called instead.
+        `of_client`: whether `act(client, value)` is called instead; `command`: its name in `commands`, if it has one.
         """
 
-        async def respond(event) -> None:
-            if event.client is None:
-                return
+        def answer(client: Any, value: Any) -> None:
             self.session.yield_to_ui()
             try:
-                act(*([event.client] if of_client else []), event.target.value)
+                act(*([client] if of_client else []), value)
             except RuntimeError:
                 if not self.closed:  # else the session has given way to another one, with all of its controls
                     raise
 
+        async def respond(event) -> None:
+            if event.client is not None:
+                answer(event.client, event.target.value)
+
         control: Any = handle
+        if command:
+            self.commands[command] = control, answer
         (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)
         return handle
 
+    def carry_out(self, client: Any, command: str, text: str = "") -> None:
+        """Do what the control of a command does for the value that a text names; a checkbox changes.
+
+        Raises InputError: the control cannot have that value.
+        """
+        handle, answer = self.commands[command]
+        options, value = getattr(handle, "options", None), getattr(handle, "value", None)
+        if options is not None:
+            require_choice(command, text, options)
+            value = text
+        elif isinstance(value, bool) and not hasattr(handle, "on_click"):
+            value = not value
+        elif hasattr(handle, "max"):
+            value = whole(text, handle.min, handle.max)
+        else:
+            value = text
+        if not hasattr(handle, "on_click"):
+            self.sent[id(handle)] = handle.value = value
+        answer(client, value)
+
     # Controls of viser, with their bounds and their effect. Value and visibility may be functions of the choices.
 
-    def _control(self, add: Callable, label: str, *bounds, value, act, visible: Any = True, **options: Any):
+    def _control(
+        self, add: Callable, label: str, *bounds, value, act, visible: Any = True, command: str = "", **options: Any
+    ):
         now = self.choices
         first, seen = (one(now) if callable(one) else one for one in (value, visible))
         handle = add(label, *bounds, initial_value=first, visible=seen, **options)
         followed = {"value": value, "visible": visible}
         self._followers += [(handle, name, of) for name, of in followed.items() if callable(of)]
-        return self.on(handle, act)
+        return self.on(handle, act, command=command)
 
     def slider(self, label: str, low, high, step, value, act: Callable[[Any], object], **options: Any):
         return self._control(self.gui.add_slider, label, low, high, step, value=value, act=act, **options)
@@ -128,8 +159,8 @@ class Binding:
     def dropdown(self, label: str, names: tuple[str, ...], value, act: Callable[[Any], object], **options: Any):
         return self._control(self.gui.add_dropdown, label, names, value=value, act=act, **options)
 
-    def button(self, label: str, act: Callable[[Any], object], **options: Any):
-        return self.on(self.gui.add_button(label, **options), act)
+    def button(self, label: str, act: Callable[[Any], object], command: str = "", **options: Any):
+        return self.on(self.gui.add_button(label, **options), act, command=command)
 
     def follow(self, handle: Any, **properties: Callable[[Choices], Any]) -> None:
         """Let properties of a control be functions of the choices from now on."""

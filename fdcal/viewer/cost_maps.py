@@ -96,18 +96,21 @@ class ModePanels:
 
 
 def map_label(run: PreparedRun, request: CostMapRequest) -> str:
-    """Return name and unit of what a map shows."""
+    """Return name and unit of what a map shows: what the method minimises, or another quantity, which is said."""
+    traits = run.solver.TRAITS
+    name = "cost of the method" if traits.moves_all else "cost, Eq. 7"
     if request.order_offset is not None:
-        return "cost, Eq. 7 (dB)" if request.style.log else "cost, Eq. 7 (relative to the power)"
-    if run.solver.TRAITS.uses_likelihood:
-        return "negative log-likelihood of the solver"
-    unit = "dimensionless" if run.scene.solver.weights == "unit" else "pressure squared"  # of the pressures as they are
-    return f"cost of the solver ({unit})"
+        name = "Eq. 7, for comparison" if traits.moves_all else name
+        return f"{name} (dB)" if request.style.log else f"{name} (relative to the power)"
+    if traits.uses_likelihood:
+        return "negative log-likelihood"
+    # of the pressures as they are
+    return f"{name} ({'dimensionless' if run.scene.solver.weights == 'unit' else 'pressure squared'})"
 
 
-def log_scale(run: PreparedRun, request: CostMapRequest) -> bool:
-    """Return whether the scale of a map has decibels: of a log-likelihood a difference counts, and no ratio."""
-    return request.style.log and (request.order_offset is not None or not run.solver.TRAITS.uses_likelihood)
+def has_decibels(run: PreparedRun, request: CostMapRequest) -> bool:
+    """Return whether the cost of a map can have decibels: of a log-likelihood a difference counts, and no ratio."""
+    return request.order_offset is not None or not run.solver.TRAITS.uses_likelihood
 
 
 def row_label(measurement: Measurement, mode: int) -> str:
@@ -190,7 +193,8 @@ def fine_panels(
     if problem.search is None:
         raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
     search, shown = maps.refined(problem.search), set(shown_modes(len(modes), max_count).tolist())
-    fraction = np.ones(len(modes)) if offset is None else maps.power_shares(problem, request.state, modes)
+    powers = maps.mode_powers(problem, run.solver, request.state, modes, offset)
+    fraction = np.ones(len(modes)) if powers is None else powers / powers.sum()
     total, kept = np.zeros(1), []
     for i, mode in enumerate(modes):
         if cancelled():
@@ -216,6 +220,7 @@ class CostMap:
     volume: Volume | None = None  # over the floor, or None of a map on the floor alone
     note: str = ""  # on the basins of attraction, in words; "" of other maps
     sampled: SampledVolume | None = None  # values of a volume; None of a map on the floor
+    decibels: bool = True  # whether its costs can have them
 
 
 def cost_map(
@@ -226,22 +231,23 @@ def cost_map(
     `request`: what the map is of, and how it is drawn; `total` (ny, nx) float64, the cost; `search`: lattice of
     `total`; `minima`: to be marked; `panels`: maps of single modes, or None.
     """
-    style, n = request.style, request.microphone
+    style, n, decibels = request.style, request.microphone, has_decibels(run, request)
     here = maps.interpolate(total, search, request.state.positions[n])
     figures = minima, here, min(here, float(total.min()))  # the lowest cost may lie between lattice points
     height = z_range_of(run.known_scene, run.measurement)[0]
     if style.basins:
         basins, (place, name) = basins_of(total), place_of_basin(run, request)
         floor = replace(basin_floor(basins, search, minima, place, name, height), show_minima=style.minima)
-        return CostMap(request, floor, panels, *figures, note=descent_text(basins, search, place, name))
+        note = descent_text(basins, search, place, name)
+        return CostMap(request, floor, panels, *figures, note=note, decibels=decibels)
     label = f"{map_label(run, request)}, {modes_label(run.measurement, request.modes)}"
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:z.2f} m"
     floor = cost_floor(
-        total, search, log_scale(run, request), label, minima=minima,
+        total, search, style.log and decibels, label, minima=minima,
         relief=style.relief, relief_height=style.relief_height, height=height,
     )  # fmt: skip
-    return CostMap(request, replace(floor, show_minima=style.minima), panels, *figures)
+    return CostMap(request, replace(floor, show_minima=style.minima), panels, *figures, decibels=decibels)
 
 
 def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarray, str]:

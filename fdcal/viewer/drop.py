@@ -369,11 +369,10 @@ class Drop:
 
         cost, search, basins = self._cost(on_lattice, request, drawn.fine)
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
-        decibels = request.order_offset is not None
         truth = run.drawn_truth(request.state.positions)
         if truth is None or run.measurement.nominal:
-            return Fall(path, decibels)
+            return Fall(path, drawn.decibels)
         place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])
         home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
         home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # at its height in a layer
-        return Fall(path, decibels, bool(home), float(np.linalg.norm(end - place)))
+        return Fall(path, drawn.decibels, bool(home), float(np.linalg.norm(end - place)))

@@ -1,7 +1,8 @@
-"""The face Explore: one bar on the canvas with scene, Play, modes and microphone, and sheets of scenes and lessons.
+"""The face Explore: one bar on the canvas with scene, method, Play, frequencies and microphone, and two sheets.
 
 It is what a browser opens; "Expert" shows the panels in its place. Each browser chooses for itself (`server/page.js`),
-so that a lecturer may use the panels while all others see the canvas.
+so that a lecturer may use the panels while all others see the canvas. What the bar does is declared with the controls
+of the panels (`Binding.commands`). What Expert calls a mode is a frequency here.
 """
 
 from __future__ import annotations
@@ -14,26 +15,29 @@ import numpy as np
 import viser
 
 from ..assessment.words import state_error_words, state_word
-from ..graphics.camera import VIEWS
 from ..model.arrays import positions_of
 from ..model.scene import MeasuredScene, load_scene, scene_names
 from ..model.validation import InputError, StorageError, modes_text, require_choice
 from ..session.session import SessionView
-from ..session.sources import OpenRequest
-from .html import error_message, whole
+from ..session.sources import OpenRequest, scene_request
+from .binding import Binding
+from .html import error_message
 from .own_files import OwnFiles
 from .session_view import Viewer
-from .tabs.help import KEYS
+from .state import PICTURE, VIEWS
 from .tabs.lessons import LessonsTab
+from .tabs.view import KINDS
 
 THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
 DOT = 8.5  # pixels, radius of a single microphone; of several it falls with the square root of their number
 CURVE_POINTS, CURVE_HEIGHT = 120, 20  # at most, of the curve along a run, and in its own units
 LECTURE = "Lecture mode: larger type, no panels (key H)"
+SHARED = ("Replay (HTML)", PICTURE)  # kinds of file
+LINK = "The address of this page opens the same view for whoever has the same scene or file: copy it."
 INVITATION = "Drag the red ball away, and let it go."
-ONE_LINE = 40  # characters of a status that leave room for the whole title of the scene
-PLAY, PAUSE = "&#9654;", "&#10074;&#10074;"
+PLAY, PAUSE = "&#9654; Play", "&#10074;&#10074; Pause"
+ONE, ALL = "One at a time (the paper)", "All together"  # methods
 
 
 def drawing(points: np.ndarray) -> str:
@@ -59,11 +63,11 @@ def run_curve(view: SessionView) -> tuple[str, str]:
     x, cost = 100 * at[known] / (view.count - 1), cost[known]
     y = 1 + (CURVE_HEIGHT - 2) * (cost.max() - cost) / max(float(np.ptp(cost)), 1e-9)
     path = "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
-    return path, f"cost along the run, {cost.max():z.1f} to {cost.min():z.1f} dB"
+    return path, f"misfit along the run, {cost.max():z.1f} to {cost.min():z.1f} dB"
 
 
 def summed_text(modes: tuple[int, ...]) -> str:
-    """Return the modes of a map: "1 to 92", or "92" where a button beside it says "alone"."""
+    """Return the modes of a map: "1 to 92", or "92" where it is one."""
     if len(modes) == 1:
         return str(modes[0])
     return f"{modes[0]} to {modes[-1]}" if len(modes) == modes[-1] - modes[0] + 1 else modes_text(modes)
@@ -90,8 +94,18 @@ def shown_modes(viewer: Viewer) -> tuple[int, ...]:
     return choices.modes or (wanted and wanted.modes) or tuple(range(state.first, state.last + 1))
 
 
+def _slider(binding: Binding, command: str, label: str) -> str:
+    """Return the slider of a command, as it stands in the panels."""
+    handle = binding.commands[command][0]
+    disabled = " disabled" if handle.disabled else ""
+    return (
+        f"<input type='range' data-do='{command}' aria-label='{label}' min='{handle.min}' max='{handle.max}'"
+        f" value='{handle.value}'{disabled}>"
+    )
+
+
 class Explore:
-    """Fills the regions `bar` and `sheet`, and carries out what is pressed there.
+    """Fills the regions `bar` and `sheet`.
 
     `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: what takes files, or None.
     """
@@ -102,59 +116,18 @@ class Explore:
         self._own: tuple[OpenRequest, str] | None = None  # the file that was shown last, and the drawing of its array
         overlay.on("scene", self._open)
         overlay.on("opened", lambda client, _: self._open(client, ""))
-        overlay.on("look", self._look)
         if own_files is not None:
             overlay.on("own", own_files.open)
-        commands = {
-            "play": lambda viewer, _: self._play(viewer),
-            "state": lambda viewer, value: viewer.binding.session.seek(whole(value, 0, viewer.view.count - 1)),
-            "microphone": lambda viewer, value: viewer.tabs.map.pick(
-                whole(value, 0, viewer.binding.measurement.count - 1)
-            ),
-            "modes": lambda viewer, value: viewer.tabs.sweep.sum_up_to(
-                whole(value, 1, viewer.binding.modes), viewer.tabs.sweep.alone
-            ),
-            "alone": lambda viewer, _: viewer.tabs.sweep.sum_up_to(
-                shown_modes(viewer)[-1], not viewer.tabs.sweep.alone
-            ),
-        }
-        commands |= {key.command: lambda viewer, _, act=key.act: act(viewer.tabs) for key in KEYS if key.command}
-        for name, act in commands.items():
-
-            def carry_out(client: viser.ClientHandle, value: str, act=act) -> None:
-                if page.viewer is not None:
-                    page.viewer.binding.session.yield_to_ui()
-                    act(page.viewer, value)
-
-            overlay.on(name, carry_out)
 
     def _open(self, client: viser.ClientHandle, name: str) -> None:
         """Open a scene that comes with fdcal or, for "", the file again that was shown last; a lesson ends."""
         if name or self._own is None:
             require_choice("scene", name, self._names)
-            request = OpenRequest(load_scene(name), fewer_modes=True)
+            request = scene_request(load_scene(name))
         else:
             request = self._own[0]
         self._lessons.leave()
         self._page.open(request)
-
-    def _look(self, client: viser.ClientHandle, view: str) -> None:
-        """Place the camera of the browser that asks."""
-        require_choice("view", view, VIEWS)
-        if self._page.viewer is not None:
-            self._page.viewer.tabs.look(client, view)
-
-    @staticmethod
-    def _play(viewer: Viewer) -> None:
-        """Run the solver or pause it; from its start where it has finished. The map is that of the modes it uses."""
-        session = viewer.binding.session
-        if not session.view.running:
-            viewer.tabs.follow_solver()
-        if session.view.state.finished and not session.view.running:
-            session.reset(viewer.binding.choices.seed)
-            session.play()
-        else:
-            viewer.tabs.run_bar.toggle()
 
     def show(self) -> None:
         """Bring bar and sheet up to date; called by the main loop."""
@@ -176,39 +149,56 @@ class Explore:
         overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")
 
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
-        binding, state = viewer.binding, viewer.view.state
-        running = viewer.view.running
-        modes = shown_modes(viewer)
-        label = f"{PAUSE} Pause" if running else f"{PLAY} Play again" if state.finished else f"{PLAY} Play"
-        sweeps, alone = viewer.tabs.sweep.playing, str(viewer.tabs.sweep.alone).lower()
-        row = binding.row.capitalize()
+        binding, view = viewer.binding, viewer.view
+        running, done = view.running, view.state.finished and not view.running
+        row = binding.row.replace("mode", "frequency")
+        rows = row.replace("frequency", "frequencie").capitalize() + "s"
         shown = title or viewer.run.scene.title
         head, colon, rest = shown.partition(":")
-        end = "<button data-do='lecture'>End lecture mode</button>" if binding.choices.lecture else ""
         status = escape(waiting) or self._status(viewer)
-        count, done = viewer.view.count, state.finished and not running
-        curve, costs = run_curve(viewer.view)
-        again = "<button data-do='restart'>Start again</button>" if count > 1 else ""
+        curve, costs = run_curve(view)
+        sweep, lecture = viewer.tabs.sweep, binding.choices.lecture
+        again = "<button data-do='step=Restart'>Restart</button>" if view.count > 1 else ""
+        end = "<button data-do='lecture'>End lecture mode</button>" if lecture else ""
+        views = "".join(f"<button class='view' data-do='look={name}'>{name}</button>" for name in VIEWS)
         return (
-            f"<div class='run'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none' aria-hidden='true'>"
-            f"<path d='{curve}'/></svg>{costs and f'<small>{costs}</small>'}"
-            f"<input type='range' data-do='state' aria-label='State of the run' min='0' max='{max(count - 1, 1)}'"
-            f" value='{viewer.view.index}'{'' if count > 1 else ' disabled'}></div>"
-            "<button class='view' data-do='look=top'>Top</button><button class='view' data-do='look=close'>3-D</button>"
             f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'"
             f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(head)}<i>{escape(colon + rest)}</i></b>"
-            f"<small class='{'long' if len(status) > ONE_LINE else ''}'>{status}</small></span></button>"
-            f"<button class='first' data-do='play'>{label}</button>"
-            f"<button data-do='onestep'{' disabled' if done else ''}>Step</button>{again}"
-            f"<label>{row}s <input type='range' data-do='modes' min='1' max='{binding.modes}' value='{modes[-1]}'>"
-            f"<output>{escape(summed_text(modes))}</output><button data-do='alone' aria-pressed='{alone}'"
-            f" title='This {binding.row} alone, or the sum from {binding.row} 1 to it'>alone</button></label>"
-            f"<button data-do='sweep' title='Add {binding.row}s one by one'>{'Stop' if sweeps else 'Add up'}</button>"
-            f"<label>Microphone <input type='range' data-do='microphone' min='0' max='{binding.measurement.count - 1}'"
-            f" value='{viewer.snapshot.microphone}'><output>{viewer.snapshot.microphone}</output></label>"
-            f"<button data-local='sheet:lessons'>Lessons</button>{end}"
-            "<button data-local='face:expert'>Expert</button>"
+            f"<small>{status}</small></span></button>"
+            f"{self._methods(viewer)}<button class='first' data-do='play'>{PAUSE if running else PLAY}</button>"
+            f"<button data-do='step=Step'{' disabled' if done else ''}>{self._step(viewer)}</button>"
+            "<button data-local='sheet:lessons'>Lessons</button><button data-local='sheet:share'>Share</button>"
+            f"{end}<button data-local='face:expert'>Expert</button><hr>"
+            f"{again}<div class='run' title='{costs}'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none'"
+            f" aria-hidden='true'><path d='{curve}'/></svg>{costs and f'<small>{costs}</small>'}"
+            f"{_slider(binding, 'state', 'State of the run')}</div>"
+            f"<label>{rows} {_slider(binding, 'modes', rows)}<output>{summed_text(shown_modes(viewer))}</output>"
+            f"</label><button data-do='alone' aria-pressed='{str(sweep.alone).lower()}'>this {row} only</button>"
+            f"<button data-do='sweep'>{'Stop' if sweep.playing else f'Add {rows.lower()} one by one'}</button>"
+            f"<label>Microphone {_slider(binding, 'microphone', 'Microphone')}"
+            f"<output>{viewer.snapshot.microphone}</output></label>{views}"
         )
+
+    @staticmethod
+    def _methods(viewer: Viewer) -> str:
+        """Return the switch between the methods, with that of the run pressed."""
+        own, names = viewer.run.scene.solver.name, viewer.tabs.solver.name.options
+        together = viewer.run.solver.TRAITS.moves_all
+        buttons = ""
+        for text, name, pressed in ((ONE, "descent", not together), (ALL, own if together else "robust", together)):
+            state = f"aria-pressed='{str(pressed).lower()}'" + " disabled" * (name not in names)
+            buttons += f"<button data-do='method={name}' {state}>{text}</button>"
+        return f"<span class='switch' role='group' aria-label='Method'>{buttons}</span>"
+
+    @staticmethod
+    def _step(viewer: Viewer) -> str:
+        """Return what the next step will do."""
+        view = viewer.view
+        if view.running or view.state.finished:
+            return "Step"
+        n = view.state.next_microphone(viewer.run.problem)
+        names = viewer.run.measurement.names
+        return "Move all microphones a step" if n < 0 else f"Move microphone {escape(names[n])} to its lowest point"
 
     def _drawn(self, viewer: Viewer) -> str:
         name = viewer.run.scene.name
@@ -218,13 +208,14 @@ class Explore:
 
     @staticmethod
     def _status(viewer: Viewer) -> str:
-        """Return what the solver does, and the error that is left."""
+        """Return what the solver does, and the error that is left; of a run that starts again that of the best."""
         view, measurement, sought = viewer.view, viewer.run.measurement, viewer.snapshot.counted
-        errors = measurement.errors(view.state.positions, sought)
+        errors = measurement.errors(view.state.best_positions, sought)
         faulty = len(viewer.run.sought) - len(sought)
         error = state_error_words(measurement, None if errors is None else errors[sought], faulty)
         verdict = [] if viewer.found is None else [viewer.found.verdict]
-        return escape(", ".join(filter(None, (state_word(view.state, view.running, view.error, *verdict), error))))
+        word = state_word(view.state, view.running, view.error, *verdict)
+        return escape((": " if ";" in word else ", ").join(filter(None, (word, error))))
 
     def _sheet(self, viewer: Viewer) -> str:
         shown = viewer.run.scene.name
@@ -241,4 +232,12 @@ class Explore:
         lessons = self._lessons.list_html()
         if not viewer.binding.choices.lecture:
             lessons += f"<button data-do='lecture'>{LECTURE}</button>"
-        return f"<div class='scenes'>{scenes}</div><div class='lessons'>{lessons}</div>"
+        share = "".join(
+            f"<button data-do='save={kind}'><b>{escape(kind)}</b><br><small>{KINDS[kind].description}</small></button>"
+            for kind in SHARED
+        )
+        share += f"<div class='dim'>{LINK}</div>"
+        return "".join(
+            f"<div class='{name}'>{part}</div>"
+            for name, part in (("scenes", scenes), ("lessons", lessons), ("share", share))
+        )

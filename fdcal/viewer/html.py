@@ -107,15 +107,16 @@ def status(
     `found`: the assessment of the state, or None; `left_out`: names of microphones with faulty channels, which
     are not among them. Returns HTML.
     """
-    state, errors = view.state, measurement.errors(view.state.positions, sought)
+    state, errors = view.state, measurement.errors(view.state.best_positions, sought)
     found_errors = None if errors is None else errors[sought]
     error, figures, compared = error_parts(found_errors, measurement.blind, measurement.nominal)
     error, (mean, comma, largest) = error.capitalize(), figures.partition(", ")
     if left_out:  # in the place of the other word: a line more would move the buttons as the verdict comes
         why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
         error = f"<span title='{escape(why)}'>Healthy</span>"
+    kept = state.best_positions is not state.positions  # the run tries another start
     rows = {
-        "Progress": f"step {state.step}, sweep {state.sweep}",
+        "Progress": f"step {state.step}, " + ("the best start is kept" if kept else f"sweep {state.sweep}"),
         "In use": escape(modes_words(measurement, state.first, state.last)),
         error: f"<b>{mean}</b>"
         + f"{comma}<span style='white-space: nowrap'>{largest}</span>" * bool(largest)
@@ -133,7 +134,7 @@ def status(
         f"<div style='color: {RED}; overflow-wrap: anywhere'>{escape(f'{text}; details in {log_location()}')}</div>"
         for text in faults
     )
-    word = state_word(state, view.running, view.error, *([] if found is None else [found.verdict]))
+    word = state_word(state, view.running, view.error, *([] if found is None else [found.verdict])).partition(";")[0]
     note = note or (f"{STEP_LEFT.capitalize()}." if word == "Ended" and found is not None else "")
     lines += f"<div style='opacity: 0.65'>{escape(note)}</div>" if note else ""
     head = f"<div style='font-size: var(--head); font-weight: 600'>{word}</div>"
@@ -199,6 +200,13 @@ def drawings_html(marks: dict[str, str]) -> str:
     )
 
 
+# What Explore calls what a map shows, and its modes.
+EXPLORE = {
+    "cost, Eq. 7": "misfit", "Eq. 7, for comparison": "misfit, for comparison", "cost of the method": "misfit",
+    "negative log-likelihood": "misfit", "modes": "frequencies", "mode": "frequency",
+}  # fmt: skip
+
+
 def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = "") -> str:
     """Return what stands on the canvas: how to read the map, its colour bar, if there is one, and the marks drawn."""
     scale, words = "", f"<p>{escape(hint)}</p>" if hint else ""
@@ -210,13 +218,17 @@ def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = ""
             f" background: currentColor'></div>{text}</div>"
             for share, text in bar.ticks
         )
-        label = re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(bar.label))
+        label, plain = (
+            re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(text))
+            for text in (bar.label, re.sub("|".join(EXPLORE), lambda found: EXPLORE[found[0]], bar.label))
+        )
         layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
         scale = (
             f"<div style='{CARD} {layout}'><div style='margin: 0.3em 1em 0 1em; flex: 1; min-width: 150px'>"
             f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
             f"<div style='position: relative; height: 1.7em'>{ticks}</div></div>"
-            f"<div style='opacity: 0.85; text-align: center'>{label}</div></div>"
+            f"<div style='opacity: 0.85; text-align: center'><span class='expert'>{label}</span>"
+            f"<span class='explore'>{plain}</span></div></div>"
         )
     return f"<div class='fdcal-legend'>{words}{scale}{legend(entries)}</div>"
 
@@ -241,6 +253,7 @@ class Overlay:
         self._wake = wake
         self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self._acts: dict[str, Act] = {}
+        self.otherwise: Callable[[viser.ClientHandle, str, str], object] = lambda client, name, value: None
         self._buttons = NO_BUTTONS
         # a button that has been removed does nothing
         self.on("words", lambda client, label: self._buttons.get(label, lambda: None)())
@@ -272,10 +285,10 @@ class Overlay:
         self._acts[name] = act
 
     def receive(self, client: viser.ClientHandle, text: str) -> None:
-        """Carry out what a browser has sent: a stamp, a name and a value; an unknown command does nothing."""
+        """Carry out what a browser has sent: a stamp, a name and a value; `otherwise` gets what has no act here."""
         name, _, value = text.partition(" ")[2].partition("=")
-        if name in self._acts:
-            self.guarded(client, lambda: self._acts[name](client, value))
+        act = self._acts.get(name, lambda client, value: self.otherwise(client, name, value))
+        self.guarded(client, lambda: act(client, value))
 
     def guarded(self, client: viser.ClientHandle, act: Callable[[], object]) -> None:
         """Call `act`; an error that it raises is shown to one browser in one line."""

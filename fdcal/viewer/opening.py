@@ -28,5 +28,5 @@ def film_html() -> str:
 def opening_request() -> OpenRequest:
     """Return the request for the session of the opening: one mode in relief, with its many minima."""
     choices = {"relief": True, "relief_height": RELIEF_HEIGHT, "microphone": MICROPHONE, "follow": False}
-    choices["modes"] = (MODE,)
+    choices |= {"modes": (MODE,), "descending": True, "objective": False}  # the maps of the film, in its order
     return OpenRequest(load_scene(SCENE), measurement=load_measurement(MEASUREMENT), choices=choices)

@@ -70,6 +70,7 @@ class Page:
         self.explore = Explore(self, self.lessons, self.own_files)
         self.address, self._dark = AddressBar(self, self.lessons), False
         self._first: viser.ClientHandle | None = None  # the browser whose preference the page follows
+        self.panels.overlay.otherwise = self.carry_out
         self.panels.overlay.on("dark", lambda client, value: self._prefer(client, value == "on"))
         self.panels.overlay.on("face", lambda client, value: nodes.cameras.show_face(client, value == "expert"))
         self._progress, self._on_progress, self._faults = "", on_progress, dict[str, str]()
@@ -98,6 +99,11 @@ class Page:
     def open(self, request: OpenRequest) -> None:
         """Show something else as soon as it is ready. Any thread; the last request counts."""
         self.switcher.open(request)
+
+    def carry_out(self, client: viser.ClientHandle, command: str, value: str = "") -> None:
+        """Do what a control of the session does (`Binding.commands`); without it, nothing; on viser's event loop."""
+        if self.viewer is not None and command in self.viewer.binding.commands:
+            self.viewer.binding.carry_out(client, command, value)
 
     def _prefer(self, client: viser.ClientHandle | None, dark: bool) -> None:
         """Follow a browser's preference for a dark page, unless a user has chosen; on viser's event loop.

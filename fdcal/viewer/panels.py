@@ -121,14 +121,13 @@ class SessionFolders:
 
 
 MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
-WATCHED_RATE = 5  # steps per second that can be followed, of a solver whose steps move all microphones
-# The same of a lesson, and of steps that move single microphones: a run takes at least 5 s, and 10 s at most where the
-# machine keeps up.
-LESSON_RATE, LESSON_MOVES = 1, 3
+# Steps per second with which a run begins that can be followed: of a method that moves all microphones, in a lesson and
+# otherwise, and of one that moves single ones.
+LESSON_RATE, WATCHED_RATE, WATCHED_MOVES = 1, 5, 3
 DOUBLING_TIME = 1.2  # s in which a run that is watched becomes twice as fast
 MAX_DOUBLINGS = 12.0
 QUICK_STEP = 0.004  # s; a run whose steps take longer is slow enough to follow, and begins faster by as much
-STEPS = ("Step", "Sweep", "Stage", "Reset")
+STEPS = ("Step", "Sweep", "Stage", "Restart")
 
 
 def watched_rate(first: float, elapsed: float) -> float:
@@ -137,42 +136,37 @@ def watched_rate(first: float, elapsed: float) -> float:
 
 
 class RunBar:
-    """Owns the controls above the tabs: status, verdict, Run or Pause, single steps, the history and the speed.
+    """Owns the controls above the tabs: status, verdict, Play or Pause, single steps, the history and the speed."""
 
-    `restart`: function that starts the solver again, with the settings below.
-    """
-
-    def __init__(self, binding: Binding, restart: Callable[[], None]):
-        self._binding, self._restart, gui = binding, restart, binding.gui
+    def __init__(self, binding: Binding):
+        self._binding, gui = binding, binding.gui
         self._lesson = False  # whether a lesson is shown: each of its runs begins slowly
         self._since, self._paced = -1.0, float(self._rate)  # when the run began, s, or below 0; its steps per second
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
         self.run = binding.button(
-            "Run", lambda _: self.toggle(), icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused"
-        )
+            "Play", lambda _: self.toggle(), icon=viser.Icon.PLAYER_PLAY, command="play",
+            hint="Run until paused; from the start where it has ended",
+        )  # fmt: skip
         hint = (
             "Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
-            " until a mode is added or the objective changes. Reset: return to the start"
+            " until a mode is added or the objective changes. Restart: return to the start"
         )
-        self.steps = binding.on(gui.add_button_group("Solve", STEPS, hint=hint), self.press)
+        self.steps = binding.on(gui.add_button_group("Solve", STEPS, hint=hint), self.press, command="step")
         self.time = binding.slider(
             "State", 0, 1, 1, 0, binding.session.seek, disabled=True,
-            hint="Rewind to an earlier state; the solver continues from there",
+            hint="Rewind to an earlier state; the run continues from there", command="state",
         )  # fmt: skip
         self.speed = binding.slider(
             "Steps per second", 1, MAX_RATE, 1, self._rate, self.limit_rate,
-            hint=f"Of Run; {MAX_RATE}: as fast as the machine can",
+            hint=f"Of Play; {MAX_RATE}: as fast as the machine can",
         )  # fmt: skip
 
     @property
     def _rate(self) -> int:
-        """Steps per second with which a run begins, MAX_RATE for no limit.
-
-        A solver whose steps move all microphones has few of them; a run of a lesson is to be followed in any case.
-        """
-        moves_all = self._binding.run.solver.TRAITS.moves_all
-        usual, followed = (WATCHED_RATE, LESSON_RATE) if moves_all else (MAX_RATE, LESSON_MOVES)
-        return self._binding.choices.rate or (followed if self._lesson else usual)
+        """Steps per second with which a run begins, MAX_RATE for no limit."""
+        watched = LESSON_RATE if self._lesson else WATCHED_RATE
+        usual = watched if self._binding.run.solver.TRAITS.moves_all else WATCHED_MOVES
+        return self._binding.choices.rate or usual
 
     def limit_rate(self, rate: int) -> None:
         """Limit the solver to so many steps per second; MAX_RATE removes the limit."""
@@ -196,9 +190,15 @@ class RunBar:
         self._binding.session.pace(rate)
 
     def toggle(self) -> None:
-        """Run the solver, or pause it."""
+        """Run the solver, from its start where it has finished, or pause it. The map is that of what it minimises."""
         session = self._binding.session
-        (session.pause if session.view.running else session.play)()
+        if session.view.running:
+            session.pause()
+            return
+        self._binding.tabs.follow_solver()
+        if session.view.state.finished:
+            session.reset(self._binding.choices.seed)
+        session.play()
 
     def hurry(self) -> None:
         """Let the run in progress, or one that was paused, go on as fast as the machine can."""
@@ -206,15 +206,17 @@ class RunBar:
         self._binding.session.play()
 
     def press(self, label: str) -> None:
-        """Act on a button of STEPS."""
+        """Act on a button of STEPS. A step goes on to the microphone that is moved."""
         units: dict[str, Unit] = {"Step": "step", "Sweep": "sweep", "Stage": "stage"}
-        if label in units:
-            self._binding.session.step(1, units[label])
-        else:
-            self._restart()
+        if label not in units:
+            self._binding.tabs.solver.restart()
+            return
+        self._binding.tabs.follow_solver()
+        self._binding.choose(follow=not self._binding.run.solver.TRAITS.moves_all)
+        self._binding.session.step(1, units[label])
 
     def show(self, tick: PageState) -> None:
-        """Bring the bar up to date; called by the main loop. A finished solver offers nothing but Reset."""
+        """Bring the bar up to date; called by the main loop. A finished solver takes no single step."""
         view, send = tick.view, self._binding.send
         done = view.state.finished and not view.running
         self.show_status(tick)
@@ -222,8 +224,7 @@ class RunBar:
         self.verdict.visible = tick.found is not None or tick.assessing
         self.time.max, self.time.disabled = max(view.count - 1, 1), view.count < 2
         send(self.time, view.index)
-        watched = self._lesson or self._binding.run.solver.TRAITS.moves_all
-        if view.running and watched and self._binding.choices.rate is None:
+        if view.running and self._binding.choices.rate is None:
             # A run whose speed nobody has chosen goes on faster: a short one can be followed, a long one ends soon.
             self._since = tick.now if self._since < 0 else self._since
             slow = 1.0 if self._lesson else max(self._binding.session.step_time / QUICK_STEP, 1.0)
@@ -233,11 +234,11 @@ class RunBar:
         elif self._since >= 0:
             self.apply_rate()
         send(self.speed, self._rate if self._since < 0 else min(round(self._paced), MAX_RATE))
-        label = "Pause" if view.running else "Run"
+        label = "Pause" if view.running else "Play"
         if self.run.label != label:
             self.run.label = label
             self.run.icon = viser.Icon.PLAYER_PAUSE if view.running else viser.Icon.PLAYER_PLAY
-        self.run.disabled, self.steps.options = bool(done), ("Reset",) if done else STEPS
+        self.steps.options = STEPS[-1:] if done else STEPS
 
     def show_status(self, tick: PageState) -> None:
         """Bring the status lines up to date."""
@@ -250,7 +251,7 @@ class RunBar:
 
 MAX_SEED = 2**31 - 1
 STARTS = ("affine", "random")
-KEPT_BY_SOLVER = ("microphone", "follow", "shown", "modes", "take")  # choices that a change of the solver keeps
+KEPT_BY_METHOD = ("microphone", "follow", "shown", "take")  # choices that a change of the method keeps
 
 
 def default_start(solver: str) -> str:
@@ -290,7 +291,7 @@ class SolverTab(Tab):
             )  # fmt: skip
             self.refusal, self._refused = binding.gui.add_html(""), None
             self.name = binding.dropdown(
-                "Method", names, settings.name, self._choose_solver, disabled=len(names) == 1,
+                "Method", names, settings.name, self._choose_method, disabled=len(names) == 1, command="method",
                 hint="robust: all microphones at once, with their gains; joint: for matched channels; descent: one at a"
                 " time; room: shoebox room and sources together with the microphones",
             )  # fmt: skip
@@ -301,12 +302,14 @@ class SolverTab(Tab):
             hint = "Of the random start, and of the order in which descent moves the microphones"
             seed = binding.gui.add_number("Seed", binding.choices.seed, min=0, max=MAX_SEED, step=1, hint=hint)
             self.seed = binding.on(seed, lambda value: binding.choose(seed=value))
-            binding.gui.add_html(html.remark("The modes apply at once, the rest with Reset."))
+            binding.gui.add_html(html.remark("Modes and method apply at once, start and seed with Restart."))
         self.refresh()
 
-    def _choose_solver(self, name: str) -> None:
+    def _choose_method(self, name: str) -> None:
         self.start.value = default_start(name)
         self.refresh()
+        if name != self._binding.run.scene.solver.name:
+            self.restart()
 
     def refresh(self) -> None:
         """Hide the controls that have no effect on the chosen solver."""
@@ -322,7 +325,7 @@ class SolverTab(Tab):
             binding.session.reset(binding.choices.seed)
             return
         scene = replace(binding.run.scene, solver=replace(own, name=name, start=start))
-        choices = {key: getattr(binding.choices, key) for key in KEPT_BY_SOLVER}
+        choices = {key: getattr(binding.choices, key) for key in KEPT_BY_METHOD}
         binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, choices=choices, fewer_modes=True))
 
     def use_modes(self, first: int, last: int, automatic: bool | None = None) -> None:
@@ -355,8 +358,9 @@ class Tabs:
         place: Callable[[viser.ClientHandle, str], None],
     ):
         self.binding, self._place = binding, place
+        binding.tabs = self
         with folders.tab(RUN_BAR):
-            self.run_bar = RunBar(binding, lambda: self.solver.restart())
+            self.run_bar = RunBar(binding)
             self.solver = SolverTab(binding)
         with folders.tab("Scene"):
             self.scene = SceneTab(binding)
@@ -384,8 +388,9 @@ class Tabs:
         self._place(client, view)
 
     def follow_solver(self) -> None:
-        """Show the map of the modes that the solver uses: a run on the map of others would seem to use those."""
+        """Show the map of what the method minimises, of the modes in use: on another one a run would look wrong."""
         self.sweep.pause()
+        self.binding.choose(objective=True)
         if self.binding.choices.modes is not None:
             self.map.choose_modes(None)
 

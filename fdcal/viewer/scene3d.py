@@ -99,7 +99,7 @@ BROAD, BROAD_RATIO = 1000, 1.4
 BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 188, 290, 44), (400, 240, 200, 56)
 EXPERT_MARGINS, BROAD_EXPERT_MARGINS = (76, 152, 34, 66), (290, 76, 290, 66)  # beside the panels, without a bar
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
-PHONE_PANEL, PHONE_CAPTION = 0.45, 0.53  # of the height of its canvas, which a panel or a caption covers
+PHONE_PANEL, PHONE_CAPTION = 0.56, 0.53  # of the height of its canvas, which a panel or a caption covers
 PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top there
 # Likewise beside the panel: of the height of the legend above it and of the rulers, and of the buttons at the top.
 PHONE_LEGEND, PHONE_BUTTONS = 168, 56

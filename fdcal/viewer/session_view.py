@@ -185,6 +185,7 @@ class SessionPicture:
 
 LEVEL = 1.0  # dB, of the scale of a map below which all places fit about as well
 RUN_INTERVAL = 0.15  # s at least between two states that are shown while the solver runs
+MOVE_TIME = 0.8  # s for which the move of one microphone is drawn
 FAULT_TIME = 10.0  # s at least that a fault of the page stays in the status lines
 
 log = logging.getLogger(__name__)
@@ -220,6 +221,7 @@ class Viewer:
         self.view, self._viewed, self._costs = run.session.view, 0.0, -1  # when, and how many costs it had
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
+        self._moved: tuple[np.ndarray, float] | None = None  # whence the last step has moved a microphone, and when
         self.drawn, self._volume, self._uncertainty = Memo(), Memo(), Memo()
         self.wanted: CostMapRequest | None = None
         self.found: Assessment | None = None
@@ -294,8 +296,11 @@ class Viewer:
             frame.by = sought
         view = frame.view(newest)
         if view.state is not self._state:
+            one_moved = view.state.moved >= 0 and view.state.step == self._state.step + 1
+            self._moved = (np.asarray(self._state.positions)[view.state.moved], now) if one_moved else None
             self._revision, self._state = self._revision + 1, view.state
-        drawn, reason = self._select_map(view, choices, now)
+        move = self._move(view, now)
+        drawn, reason = self._select_map(view, choices, now, move is not None)
         if drawn is not None and drawn.volume is not None and choices.dark:
             drawn = self._volume(lambda: replace(drawn, volume=brightened(drawn.volume)), drawn)
         self.found = found
@@ -306,7 +311,7 @@ class Viewer:
             uncertainty, assessing, sought, self.run, choices,
         )  # fmt: skip
         with self._server.atomic():  # the cost in the headline and at the ball, which the picture has, are one number
-            self.snapshot = self._draw(state, self.drop.tick(newest, drawn, now))
+            self.snapshot = self._draw(state, self.drop.tick(newest, drawn, now) or move)
         tabs.show(self.snapshot)
 
     def _draw(self, state: PageState, dropped: Dropped | None) -> PageState:
@@ -333,24 +338,41 @@ class Viewer:
         """Return how to read the map of a cost, in words, or why there can be none; "" for anything else."""
         if self.run.problem.search is None:
             return "No map: the file of this measurement has no search domain."
-        if picture.bar is None or not picture.bar.label.startswith("cost"):
+        if picture.bar is None or picture.bar.label.startswith("pressure"):
             return ""
         if "(dB)" in picture.bar.label and picture.bar.high - picture.bar.low < LEVEL:
             return "The map is all but level: all places fit this microphone's recording about as well."
         low = "low and dark" if picture.floor is not None and picture.floor.heights is not None else "dark"
         return f"Where the map is {low}, the recording of this microphone fits."
 
-    def _select_map(self, view: SessionView, choices: Choices, now: float) -> tuple[CostMap | None, str]:
+    def _move(self, view: SessionView, now: float) -> Dropped | None:
+        """Return what is shown of the microphone that the last step has moved, on its way; None once it is there."""
+        if self._moved is None:
+            return None
+        (start, since), end, n = self._moved, np.asarray(view.state.positions)[view.state.moved], view.state.moved
+        share = (now - since) / (RUN_INTERVAL if view.running else MOVE_TIME)
+        if share >= 1:
+            self._moved = None
+            return None
+        at, moved = start + share * (end - start), length_text(float(np.linalg.norm(end - start)), 2)
+        return Dropped(n, tuple(at.tolist()), f"moves by {moved}", np.stack([start, end]))
+
+    def _select_map(
+        self, view: SessionView, choices: Choices, now: float, moving: bool = False
+    ) -> tuple[CostMap | None, str]:
         """Select the microphone of the map; return the map, or None and the reason why there is none.
 
-        The map follows the solver, if the user wants it to. A running solver is faster than its maps: then the
-        microphone is that of the newest map.
+        The map follows the solver, if the user wants it to: it is that of the microphone that the next step moves, and
+        of the last one while its move is drawn. A running solver is faster than its maps: then the microphone is that
+        of the newest map.
         """
         following = choices.follow and view.running and choices.shown
         if not choices.follow:
             self._selected = choices.microphone
-        elif not following and view.state.moved >= 0:
-            self._selected = view.state.moved
+        elif not following:
+            upcoming = -1 if moving else view.state.next_microphone(self.run.problem)
+            upcoming = view.state.moved if upcoming < 0 else upcoming
+            self._selected = self._selected if upcoming < 0 else upcoming
         if not choices.shown or self.run.problem.search is None:
             self.wanted = None
             return None, ""

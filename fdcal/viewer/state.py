@@ -57,7 +57,7 @@ class Choices(MapStyle):
     modes: tuple[int, ...] | None = None  # of the map, counted from 1; None for those that the solver uses
     # of the map, added to ceil(k R) in the order of every mode; that of the cost in the status at first
     order_offset: int = ORDER_OFFSET
-    objective: bool = False  # whether the map shows what the solver minimises, in place of Eq. 7
+    objective: bool = True  # whether the map shows what the method minimises; else Eq. 7, whatever the method
     dark: bool = False  # whether the page is
     shared: bool = False  # one scale for all the maps side by side
     trails: bool = False  # whether the path of each estimate is drawn
@@ -66,6 +66,7 @@ class Choices(MapStyle):
     lecture: bool = False  # whether the page is shown by a projector
     themed: bool = False  # whether a user has chosen a dark or a light page; else it follows the browser
     release: bool = False  # whether known microphones can be dragged
+    descending: bool = False  # whether modes are added to the map from the highest down; else from the lowest up
     modes_error: str = ""  # why the text in the field "Mode numbers" was refused, "" if it was not
     export_kind: str = PICTURE  # kind of file to save, a key of `tabs.view.KINDS`
     export_view: str = "top"  # view of a picture to save, a value of VIEWS
@@ -86,7 +87,7 @@ class Choices(MapStyle):
 
     @property
     def map_order(self) -> int | None:
-        """What is added to ceil(k R) in the map; None for the solver's objective, which no volume shows."""
+        """What is added to ceil(k R) in the map; None for what the method minimises, which no volume shows."""
         return None if self.objective and not self.volume else self.order_offset
 
     def map_request(

@@ -53,6 +53,13 @@ class State:
     restart: int = 0
     channels: None = None
 
+    @property
+    def best_positions(self):
+        return self.positions
+
+    def next_microphone(self, problem):
+        return -1
+
 
 def assessment(verdict, text, **changes) -> Assessment:
     """What the page receives at the end of a run with three microphones, the first one known."""

@@ -194,7 +194,7 @@ def opened_with(page_of, monkeypatch, scene, **choices):
     monkeypatch.setattr(drop_module, "ROLL_TIME", 0.3)
     monkeypatch.setattr(drop_module, "PATIENCE", WAIT)  # no path comes too late
     page, turn_until = page_of
-    page.open(OpenRequest(scene, choices={"microphone": 9, "follow": False, **choices}))
+    page.open(OpenRequest(scene, choices={"microphone": 9, "follow": False, "objective": False, **choices}))
     turn_until(lambda: page.viewer is not None and drawn_map(page.viewer.snapshot.picture))
     return page, turn_until
 

@@ -19,7 +19,7 @@ from fdcal.session.lesson import Lesson, LessonProgress, LessonSetting, LessonSt
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
-from fdcal.viewer.panels import LESSON_MOVES, LESSON_RATE, Panels, watched_rate
+from fdcal.viewer.panels import LESSON_RATE, WATCHED_MOVES, Panels, watched_rate
 from fdcal.viewer.state import MAP_KINDS, Choices
 from fdcal.viewer.tabs.lessons import NEXT, LessonsTab, apply_setting, caption_html, end_of_run, show_frame
 
@@ -247,7 +247,7 @@ def test_a_frame_is_shown_or_run_to(kernels):
 
 def test_a_run_of_a_lesson_can_be_followed_and_takes_ten_seconds_at_most():
     """The shortest and the longest; `python -m benchmarks documents` looks at all of them."""
-    for rate, steps in ((LESSON_RATE, 66), (LESSON_MOVES, 91), (LESSON_MOVES, 728)):
+    for rate, steps in ((LESSON_RATE, 66), (WATCHED_MOVES, 91), (WATCHED_MOVES, 728)):
         done, duration = 0.0, 0.0
         while done < steps:
             done, duration = done + 0.01 * watched_rate(rate, duration), duration + 0.01
@@ -352,7 +352,7 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     turn_until(lambda: prepared(page))
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
     kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "themed")}
-    assert odd == replace(plain, dark=True, **kept)
+    assert odd == replace(plain, dark=True, objective=False, **kept)
     turn_until(lambda: page.viewer.tabs.run_bar.speed.value < 60)  # so that it can be watched
     page.viewer.binding.choose(minima=False)
     lessons.start("Mine")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from fdcal.cost.basins import basins_of, local_minima
 from fdcal.cost.eq7 import ReferenceCost
-from fdcal.cost.maps import cost_maps, eq7_maps, minima_of, power_shares, refined
+from fdcal.cost.maps import cost_maps, eq7_maps, minima_of, mode_powers, refined
 from fdcal.cost.scale import Minima
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.heatmap import (
@@ -159,7 +159,7 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
 
 def test_the_legend_names_what_is_drawn(opened):
     viewer, turn_until = opened
-    turn_until(lambda: "dB" in legend(viewer))
+    turn_until(lambda: "negative log-likelihood" in legend(viewer))
     viewer.run.session.step()
     turn_until(lambda: viewer.snapshot.view.index == 1)
     assert "trail" not in legend(viewer)
@@ -171,7 +171,13 @@ def test_the_legend_names_what_is_drawn(opened):
     assert viewer.snapshot.picture.floor.bar.colour_map == DIVERGING_COLOUR_MAP
     turn_until(lambda: "highest in the map: mode 5" in viewer.tabs.spectrum.text.content)
     set_by_client(viewer.tabs.map.kind, NOTHING)
-    turn_until(lambda: "dB" not in legend(viewer))
+    turn_until(lambda: "pressure" not in legend(viewer))
+
+
+def ask(sweep):
+    """Have the maps of a sweep made: Play, and pause."""
+    set_by_client(sweep.play, True)
+    set_by_client(sweep.play, True)
 
 
 def test_a_sweep_shows_the_basins_of_each_sum_and_the_controls_of_a_scale_are_hidden(basins_shown):
@@ -179,6 +185,7 @@ def test_a_sweep_shows_the_basins_of_each_sum_and_the_controls_of_a_scale_are_hi
     sweep, tab = viewer.tabs.sweep, viewer.tabs.map
     assert not tab.scale.visible and tab.order.visible and tab.minima.visible
     set_by_client(sweep.highest, 5)
+    ask(sweep)
     set_by_client(sweep.summed, 3)
     turn_until(lambda: (made := sweep.made) is not None and len(made.frames) == 5)
     turn_until(lambda: "sum of 3 modes" in tab.caption.content and viewer.snapshot.picture.areas)
@@ -244,9 +251,10 @@ def shown_basins(viewer, turn_until, n, modes):
 def expected(viewer, n, modes):
     """Basins and minima of the cost of the page on its fine lattice."""
     run, state = viewer.run, viewer.binding.session.view.state
-    search, offset = refined(run.problem.search), viewer.binding.choices.order_offset
+    search, offset = refined(run.problem.search), viewer.binding.choices.map_order
     maps = [cost_maps(run.problem, run.solver, state, n, (mode,), offset, search)[0] for mode in modes]
-    share = power_shares(run.problem, state, modes)
+    powers = mode_powers(run.problem, run.solver, state, modes, offset)
+    share = np.ones(len(modes)) if powers is None else powers / powers.sum()
     cost = sum(a * one for a, one in zip(share, maps, strict=True))
     lowest, others = marks_of(minima_of(cost, search))
     return basins_of(cost), lowest + others, search
@@ -320,14 +328,15 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
     turn_until(lambda: sweep.summed.value == state.last)  # where nobody has chosen any, they are the solver's
     set_by_client(sweep.play, True)
     turn_until(lambda: viewer.binding.choices.modes == (1,))  # and Play begins with the first one
-    assert sweep.play.label == "Pause"
+    turn_until(lambda: sweep.play.label == "Stop")
     set_by_client(sweep.play, True)
-    turn_until(lambda: sweep.play.label == "Play")
+    turn_until(lambda: sweep.play.label == "Add modes one by one")
 
 
 def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monkeypatch):
     viewer, turn_until = opened
     sweep, slow = viewer.tabs.sweep, sweeping.cost_map
+    ask(sweep)
     set_by_client(sweep.summed, 3)
     turn_until(lambda: "sum of 3 modes" in sweep.text.content and sweep._plot.folder.visible)
     monkeypatch.setattr(sweeping, "cost_map", lambda *args: (time.sleep(0.2), slow(*args))[1])
@@ -338,7 +347,7 @@ def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monk
     viewer.run.session.step()
     turn_until(lambda: sweep._wanted is None and not sweep.worker.busy)
     assert len(made.frames) < 19
-    turn_until(lambda: "Play adds" in sweep.text.content and not sweep._plot.folder.visible)
+    turn_until(lambda: "which all modes share" in sweep.text.content and not sweep._plot.folder.visible)
 
 
 def map_on_page(viewer):
@@ -367,7 +376,7 @@ def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opene
     run, search = viewer.run, refined(viewer.run.problem.search)
     for m, count in enumerate([frame.minima.count for frame in made.frames], start=1):
         modes, state = range(1, m + 1), binding.session.view.state
-        n, offset = binding.choices.microphone, binding.choices.order_offset
+        n, offset = viewer.snapshot.microphone, binding.choices.map_order
         maps = cost_maps(run.problem, run.solver, state, n, modes, offset, search)
         assert count == len(local_minima(maps.sum(axis=0))), m
     turn_until(lambda: "sum of 6 modes, 1 to 6" in sweep.text.content)
@@ -379,6 +388,7 @@ def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
     sweep, tab = viewer.tabs.sweep, viewer.tabs.map
     set_by_client(sweep.order, DOWN)
     set_by_client(sweep.highest, 9)
+    ask(sweep)
     set_by_client(sweep.summed, 4)
     assert viewer.binding.choices.modes == (6, 7, 8, 9)
     turn_until(lambda: computed(sweep) == 9)

@@ -104,7 +104,7 @@ def test_an_error_of_the_solver_is_shown_as_text_and_the_page_works_on(page_of, 
     turn_until(lambda: page.viewer is not None)
     status = page.viewer.tabs.run_bar.status
     turn_until(lambda: "ZeroDivisionError: the floor &lt;b&gt;opens&lt;/b&gt;; details in" in status.content)
-    assert "step 4, sweep 0" in status.content and page.viewer.tabs.run_bar.run.label == "Run"
+    assert "step 4, sweep 0" in status.content and page.viewer.tabs.run_bar.run.label == "Play"
     page.viewer.binding.session.reset()
     turn_until(lambda: "ZeroDivisionError" not in status.content)
     page.viewer.binding.session.step()

@@ -24,10 +24,9 @@ class Key:
 
     key: HotkeyKey  # as viser names it
     label: str  # what it does
-    act: Callable  # function of the tabs of the session, or with `of_page` of the page and the client that pressed it
+    # a command of the controls, as "step=Sweep", or a function of the page and the client that pressed the key
+    act: str | Callable
     modifier: KeyModifier | None = None  # "shift" or None
-    command: str = ""  # of the button in Explore that does the same, or ""
-    of_page: bool = False
 
     @property
     def name(self) -> str:
@@ -35,66 +34,57 @@ class Key:
         return f"{self.modifier.capitalize()}+{self.key}" if self.modifier else self.key
 
 
-def _seek(tabs, shift: int) -> None:
+def _seek(shift: int, page, _) -> None:
     """Show another state of the history."""
-    tabs.binding.session.seek(tabs.binding.session.view.index + shift)
+    session = page.viewer.binding.session
+    session.seek(session.view.index + shift)
 
 
-def _next_microphone(tabs, shift: int) -> None:
+def _next_microphone(shift: int, page, _) -> None:
+    tabs = page.viewer.tabs
     tabs.map.pick((int(tabs.map.microphone.value) + shift) % tabs.binding.measurement.count)
 
 
-def _more_modes(tabs, shift: int) -> None:
-    """Show the map of the modes from the lowest to one more, or one less."""
-    binding = tabs.binding
-    highest = (binding.choices.modes or (binding.session.view.state.last,))[-1]
-    tabs.map.choose_modes(range(1, min(max(highest + shift, 1), binding.modes) + 1))
+def _more_modes(shift: int, page, _) -> None:
+    """Show the map of one mode more, or one less."""
+    sweep = page.viewer.tabs.sweep
+    sweep.sum_modes(min(max(int(sweep.summed.value) + shift, 1), sweep.summed.max))
 
 
-def _next_kind(tabs) -> None:
-    kinds = tabs.map.kinds
-    tabs.map.show_as(kinds[(kinds.index(tabs.map.kind.value) + 1) % len(kinds)])
+def _next_kind(page, _) -> None:
+    tab = page.viewer.tabs.map
+    tab.show_as(tab.kinds[(tab.kinds.index(tab.kind.value) + 1) % len(tab.kinds)])
 
 
-def _look(page, client: viser.ClientHandle, view: str) -> None:
-    """Place the camera, and let the map rise or lie down."""
-    if page.viewer is not None:
-        page.viewer.tabs.look(client, view)
+def _other_scale(page, _) -> None:
+    binding = page.viewer.binding
+    binding.choose(log=not binding.choices.log)
 
 
 KEYS = (
-    Key("R", "Run or pause", lambda tabs: tabs.run_bar.toggle()),
-    Key("N", "One step", lambda tabs: tabs.run_bar.press("Step"), command="onestep"),
-    Key("G", "One sweep", lambda tabs: tabs.run_bar.press("Sweep")),
-    Key("T", "One stage", lambda tabs: tabs.run_bar.press("Stage")),
-    Key("X", "Reset", lambda tabs: tabs.run_bar.press("Reset"), command="restart"),
-    Key("B", "Previous state", lambda tabs: _seek(tabs, -1)),
-    Key("F", "Next state", lambda tabs: _seek(tabs, 1)),
-    Key("M", "Map of the next microphone", lambda tabs: _next_microphone(tabs, 1)),
-    Key("M", "Map of the previous microphone", lambda tabs: _next_microphone(tabs, -1), "shift"),
-    Key("O", "One more mode in the map", lambda tabs: _more_modes(tabs, 1)),
-    Key("I", "One mode less in the map", lambda tabs: _more_modes(tabs, -1)),
-    Key("P", "Play or pause the sweep of modes", lambda tabs: tabs.sweep.toggle(), command="sweep"),
-    Key("U", "Map of the modes in use", lambda tabs: tabs.map.choose_modes(None)),
+    Key("R", "Play or pause", "play"),
+    Key("N", "One step", "step=Step"),
+    Key("G", "One sweep", "step=Sweep"),
+    Key("T", "One stage", "step=Stage"),
+    Key("X", "Restart", "step=Restart"),
+    Key("B", "Previous state", partial(_seek, -1)),
+    Key("F", "Next state", partial(_seek, 1)),
+    Key("M", "Map of the next microphone", partial(_next_microphone, 1)),
+    Key("M", "Map of the previous microphone", partial(_next_microphone, -1), "shift"),
+    Key("O", "One more mode in the map", partial(_more_modes, 1)),
+    Key("I", "One mode less in the map", partial(_more_modes, -1)),
+    Key("P", "Add modes one by one, or stop", "sweep"),
+    Key("U", "Map of the modes in use", lambda page, _: page.viewer.tabs.map.choose_modes(None)),
     Key("V", "Flat map, relief, mode shape, basins, isosurfaces, no map", _next_kind),
-    Key(
-        "L",
-        "Logarithmic or linear scale",
-        lambda tabs: tabs.binding.choose(log=not tabs.binding.choices.log),
-    ),
-    Key("Y", "Trails", lambda tabs: tabs.binding.choose(trails=not tabs.binding.choices.trails)),
-    Key("K", "Dark or light page", lambda tabs: tabs.view.darken(not tabs.binding.choices.dark)),
-    Key(
-        "H",
-        "Lecture mode: large type, panels folded away",
-        lambda tabs: tabs.binding.choose(lecture=not tabs.binding.choices.lecture),
-        command="lecture",
-    ),
-    Key("1", "Plan view", lambda page, client: _look(page, client, "top"), of_page=True),
-    Key("2", "Whole room", lambda page, client: page.nodes.cameras.request(client, "3d"), of_page=True),
-    Key("3", "3-D view of the array", lambda page, client: _look(page, client, "close"), of_page=True),
-    Key("J", "Next step of the lesson", lambda page, client: page.lessons.go(NEXT), of_page=True),
-    Key("J", "Previous step of the lesson", lambda page, client: page.lessons.go(BACK), "shift", of_page=True),
+    Key("L", "Logarithmic or linear scale", _other_scale),
+    Key("Y", "Trails", "trails"),
+    Key("K", "Dark or light page", "dark_page"),
+    Key("H", "Lecture mode: large type, panels folded away", "lecture"),
+    Key("1", "Plan view", "look=Top"),
+    Key("2", "Whole room", "look=Room"),
+    Key("3", "3-D view of the array", "look=3-D"),
+    Key("J", "Next step of the lesson", lambda page, _: page.lessons.go(NEXT)),
+    Key("J", "Previous step of the lesson", lambda page, _: page.lessons.go(BACK), "shift"),
 )
 
 
@@ -102,10 +92,12 @@ def add_keys(gui: viser.GuiApi, page) -> None:
     """Add the shortcuts, which act on the page, to every browser that opens it."""
 
     async def act(key: Key, event) -> None:
-        if event.client is not None and key.of_page:
+        if event.client is None or page.viewer is None:
+            return
+        if isinstance(key.act, str):
+            page.carry_out(event.client, *key.act.partition("=")[::2])
+        else:
             key.act(page, event.client)
-        elif event.client is not None and page.viewer is not None:
-            key.act(page.viewer.tabs)
 
     for key in KEYS:
         gui.add_command(key.label, hotkey=key.key, modifier=key.modifier).on_trigger(partial(act, key))
@@ -116,7 +108,7 @@ NUMBERS = {
     " array without known microphones after the best rotation, translation and reflection. Where the positions to"
     " compare with are nominal, those of a plan, it is called deviation",
     "Cost (dB)": "the part of the pressures that no sound field explains (Eq. 7 of the paper), over all modes of the"
-    " measurement and relative to their power; it falls as the positions improve, with any solver",
+    " measurement and relative to their power; it falls as the positions improve, with any method",
     "Step, sweep": "one move of the solver; each microphone moved once",
     "Mode (Hz)": "a peak of the room's power spectrum, numbered from 1 at the lowest frequency. Microphones are"
     " numbered from 0",

@@ -425,7 +425,7 @@ class LessonsTab:
             self._await(next((one for one in waiting[::-1] if one.run), setting), shown, before, False)
 
         # With the controls that a page begins with, so that a lesson depends on nothing before it.
-        request = OpenRequest(scene, start_seed=seed, choices=plain_choices())
+        request = OpenRequest(scene, start_seed=seed, choices=plain_choices() | {"objective": False})
         self._page.open(request)
         self._requests.append(request)
         self._pending = request, apply_all

@@ -16,7 +16,7 @@ from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
 from .. import html
 from ..binding import Binding, Tab
-from ..cost_maps import CostMap, count_label, log_scale, modes_label, of_take
+from ..cost_maps import CostMap, count_label, has_decibels, modes_label, of_take
 from ..prepare import PreparedRun
 from ..scheduler import Memo
 from ..state import (
@@ -66,14 +66,14 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
     minima = "no local minimum" if not found.count else f"{found.count} local minim{'um' if found.count == 1 else 'a'}"
     several, modes = len(request.modes) > 1, request.modes
     what = f"sum of {count_label(measurement, modes)}" if several else f"{modes_label(measurement, modes)} alone"
-    if request.order_offset is None:
+    if not drawn.decibels:
         here, lowest = format_number(drawn.cost_here, 4), format_number(drawn.lowest, 4)
     else:
         here, lowest = (f"{decibels(cost):.1f} dB" for cost in (drawn.cost_here, drawn.lowest))
     what = f"microphone {request.microphone}, {what}"
     what += f": <b>{minima}</b> in the map" if request.style.minima else ""
     if found.end is not None:
-        lowest = f"below {decibels(found.end):.1f} dB" if request.order_offset is not None else lowest
+        lowest = f"below {decibels(found.end):.1f} dB" if drawn.decibels else lowest
     places = f" at {len(found.lowest)} places" if len(found.lowest) > 1 else ""
     lowest = f", lowest {lowest}{places}" if request.style.minima else ""
     orders = f"<br>{drawn.note}" * bool(drawn.note) + (f"<br>{orders}" if orders else "")
@@ -83,8 +83,8 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
 
 SAME_AS_SOLVER, CUSTOM = "Of the solver", "Custom"
 LINEAR, LOG = "Linear", "Logarithmic"
-EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
-QUANTITIES: tuple[str, ...] = (EQ7, OBJECTIVE)
+OBJECTIVE, EQ7 = "What the method minimises", "Eq. 7, for comparison"
+QUANTITIES: tuple[str, ...] = (OBJECTIVE, EQ7)
 SCALES: tuple[str, ...] = (LOG, LINEAR)
 ALL_TAKES = "All takes"
 NO_SEARCH = f"No map: {html.NO_DOMAIN}"
@@ -120,7 +120,7 @@ class MapTab(Tab):
         )  # fmt: skip
         self.microphone = binding.slider(
             "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone, self.choose_microphone,
-            hint="Or click a microphone in the scene; drag it to move its estimate",
+            command="microphone", hint="Or click a microphone in the scene; drag it to move its estimate",
         )  # fmt: skip
         self.follow = binding.checkbox(
             "Follow solver", lambda choices: choices.follow, self.follow_solver,
@@ -155,7 +155,7 @@ class MapTab(Tab):
                 "Quantity", QUANTITIES, lambda choices: OBJECTIVE if choices.objective else EQ7,
                 lambda value: choose(objective=value == OBJECTIVE),
                 visible=lambda choices: of_cost(choices) and not choices.volume,
-                hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
+                hint="Eq. 7 at one order is the same for all methods",
             )  # fmt: skip
             self.order = binding.slider(
                 "Extra orders", 0, MAX_ORDER_OFFSET, 1, lambda choices: choices.order_offset,
@@ -264,10 +264,11 @@ def panel_image(run: PreparedRun, drawn: CostMap, dark: bool = False, shared: bo
     positions = np.asarray(request.state.positions)
     truth = run.drawn_truth(positions)
     true = None if truth is None else tuple(truth[n][:2])
+    log, columns = request.style.log and has_decibels(run, request), 2 if several or len(panels.modes) < 6 else 3
     return mosaic(
         [*panels.maps, panels.total], captions, panels.search, DARK if dark else LIGHT,
         true=true, estimate=tuple(positions[n][:2]), minima=request.style.minima and drawn.fine,
-        log=log_scale(run, request), shared=shared, columns=2 if several or len(panels.modes) < 6 else 3,
+        log=log, shared=shared, columns=columns,
     )  # fmt: skip
 
 

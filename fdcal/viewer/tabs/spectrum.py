@@ -155,8 +155,7 @@ class SpectrumPanel(Tab):
     def inputs(self, state: PageState) -> tuple:
         """Return the modes of the map, the highest frequency of the array, and the take."""
         binding, choices, shown = self._binding, self._binding.choices, state.view.state
-        order_offset = None if choices.objective else choices.order_offset
-        used = map_modes(binding.run, shown, choices.modes, order_offset, choices.take)
+        used = map_modes(binding.run, shown, choices.modes, choices.map_order, choices.take)
         problem = binding.run.problem
         limit = array_f_max(shown.positions, problem.sound_speed, problem.dimension)
         limit = round(limit) if np.isfinite(limit) else limit

@@ -89,8 +89,8 @@ UP, DOWN = "Lowest first", "Highest first"
 ORDERS: tuple[str, ...] = (UP, DOWN)
 RATE, MAX_RATE = 4, 20  # modes per second
 NOT_ASKED, NEXT = -2, -1  # in place of the number of a state whose sweep is wanted: of none, of the present one
-ADVICE = (
-    "Play adds one {} after the other to the map and counts its local minima; the sum keeps the one that all share."
+ADVICE = "Modes are added to the map one by one, and its local minima are counted: one is left, which all modes share."
+    "One {} after the other is added to the map. Its local minima are counted: all of them share the one that is left."
 )
 
 
@@ -111,7 +111,7 @@ class SweepTab(Tab):
         self._revision, self._curve, self._drawn = NOT_ASKED, Memo(), Memo()
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
         self._last: CostMap | None = None  # the map that was shown last
-        self._alone = False
+        self._alone, self._label = False, f"Add {row}s one by one"
         series = (
             uplot.Series(label="modes"),
             uplot.Series(label="local minima", stroke=BLUE, width=0, points=dots(4, BLUE, BLUE)),
@@ -119,20 +119,27 @@ class SweepTab(Tab):
         )
         with binding.gui.add_folder(f"Add {binding.row}s"):
             self.play = binding.button(
-                "Play", lambda _: self.toggle(), icon=viser.Icon.PLUS, hint=f"Add one {row} after the other to the map"
-            )
+                self._label, lambda _: self.toggle(), icon=viser.Icon.PLUS, command="sweep",
+                hint=f"Add one {row} after the other to the map",
+            )  # fmt: skip
             self.summed = binding.slider(
-                f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes,
+                f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes, command="modes",
                 hint=f"How many {row}s the map is the sum of",
+            )  # fmt: skip
+            self.single = binding.checkbox(
+                f"This {row} only", False, lambda single: self.sum_modes(self._count(), single), command="alone",
+                hint=f"The {row} that was added last, in place of the sum",
             )  # fmt: skip
             with binding.gui.add_folder("Order and speed", expand_by_default=False):
                 hint = f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down"
-                self.order = binding.dropdown("Order", ORDERS, UP, lambda _: self._restart(), hint=hint)
+                self.order = binding.dropdown(
+                    "Order", ORDERS, lambda choices: DOWN if choices.descending else UP, self._choose_order, hint=hint
+                )
                 self.highest = binding.slider(
                     f"Highest {row}", 1, modes, 1, modes, lambda _: self._restart(), hint="Of the whole sum"
                 )
                 self.rate = binding.gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE)
-            self.text = binding.gui.add_html(html.remark(ADVICE.format(row)))
+            self.text = binding.gui.add_html(html.remark(ADVICE))
             self._plot = Plot(
                 binding.gui, "Local minima of the sum", series, f"{binding.row}s summed",
                 height=140, whole=True, legend=False,
@@ -159,30 +166,34 @@ class SweepTab(Tab):
         """Stop."""
         self._playing = None
 
-    def sum_modes(self, count: int) -> None:
-        """Pause, and show the sum of the first `count` modes of the sweep."""
-        self.pause()
-        self._revision = NEXT
-        sequence = self._sequence()
-        self._map.choose_modes(sorted(sequence[: min(count, len(sequence))]))
-
-    @property
-    def alone(self) -> bool:
-        """Whether the map shows one mode alone; of the lowest one, which is also a sum, whether the last one was."""
-        modes = self._binding.choices.modes
-        if modes != self._usable()[:1]:
-            self._alone = modes is not None and len(modes) == 1
-        return self._alone
-
-    def sum_up_to(self, highest: int, alone: bool) -> None:
-        """Pause, and show the sum of the modes up to `highest` that a map can sum, or the last of them alone."""
+    def sum_modes(self, count: int, alone: bool | None = None) -> None:
+        """Pause, and show the sum of the first `count` modes of the sweep, or the last of them alone, as before."""
+        self._alone = self.alone if alone is None else alone
         self.pause()
         if not self._binding.choices.shown:
             self._map.show_as(FLOOR)
-        usable = self._usable()
-        summed = usable[: max(sum(mode <= highest for mode in usable), 1)]
-        self._alone = alone
-        self._map.choose_modes(summed[-1:] if alone else summed)
+        sequence = self._sequence()
+        count = min(count, len(sequence))
+        self._map.choose_modes(sorted(sequence[count - 1 if self._alone else 0 : count]))
+
+    @property
+    def alone(self) -> bool:
+        """Whether the map shows one mode alone; of the first one, which is also a sum, whether the last one was."""
+        modes = self._binding.choices.modes
+        if modes != self._sequence()[:1]:
+            self._alone = modes is not None and len(modes) == 1
+        return self._alone
+
+    def _count(self) -> int:
+        """Return the place in the sweep of the mode that was added last to the map."""
+        choices, run, sequence = self._binding.choices, self._binding.run, self._sequence()
+        shown = map_modes(run, run.session.view.state, choices.modes, choices.map_order, choices.take)
+        last = shown[0] if choices.descending else shown[-1]
+        return sequence.index(last) + 1 if last in sequence else len(sequence)
+
+    def _choose_order(self, order: str) -> None:
+        self._binding.choose(descending=order == DOWN)
+        self._restart()
 
     def _restart(self) -> None:
         """Show as many modes as before, in another order; whatever plays begins again."""
@@ -191,16 +202,12 @@ class SweepTab(Tab):
         if again:
             self.toggle()
 
-    def _usable(self) -> tuple[int, ...]:
-        """Return the modes that can be summed, ascending."""
-        binding, choices = self._binding, self._binding.choices
-        return of_take(binding.run, carried_modes(binding.run, choices.map_order, binding.modes) or (1,), choices.take)
-
     def _sequence(self) -> tuple[int, ...]:
-        """Return the modes in the order in which they are added."""
-        usable = self._usable()
+        """Return the modes in the order in which they are added, as far as a map can sum them."""
+        run, choices = self._binding.run, self._binding.choices
+        usable = of_take(run, carried_modes(run, choices.map_order, self._binding.modes) or (1,), choices.take)
         modes = tuple(mode for mode in usable if mode <= self.highest.value) or usable[:1]
-        return modes[::-1] if self.order.value == DOWN else modes
+        return modes[::-1] if choices.descending else modes
 
     # Below: the main loop alone.
 
@@ -300,19 +307,20 @@ class SweepTab(Tab):
 
     def _update(self, sweep: Sweep | None, error: Exception | None) -> None:
         """Bring button, slider, the number of local minima of the present sum, and curve up to date."""
-        binding, choices, run = self._binding, self._binding.choices, self._binding.run
+        binding, choices = self._binding, self._binding.choices
         sequence = self._sequence() if sweep is None else sweep.request.modes
         summed = first_of(sequence, choices.modes or ())  # 0 where the map is another sum
-        label = "Pause" if self.playing else "Play"
+        label = "Stop" if self.playing else self._label
         if self.play.label != label:
             self.play.label, self.play.icon = label, viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLUS
-        shown = map_modes(run, run.session.view.state, choices.modes, choices.map_order, choices.take)
-        binding.send(self.summed, first_of(sequence, shown) or len(sequence))
+        self.summed.max = max(len(self._sequence()), 2)
+        binding.send(self.summed, self._count())
+        binding.send(self.single, self.alone)
         frame = None if sweep is None else sweep.frame(summed)
         if error is not None:
             self.text.content = html.complaint(error)
         elif frame is None:
-            self.text.content = html.remark(ADVICE.format(binding.row))
+            self.text.content = html.remark(ADVICE)
         else:
             self.text.content = caption(binding.measurement, frame)
         self._plot.folder.visible = sweep is not None  # a sweep of another state has no curve

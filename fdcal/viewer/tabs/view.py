@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import viser
@@ -23,14 +24,14 @@ from ...graphics.replay import replay_html
 from ...graphics.snapshot import render_png
 from ...graphics.volume import sampled_volume
 from ...model.libraries import call
-from ...model.validation import InputError
+from ...model.validation import InputError, require_choice
 from ...session import session_file
 from .. import html
 from ..binding import Binding, Tab
 from ..cost_maps import (
     ModePanels,
     fine_panels,
-    log_scale,
+    has_decibels,
     map_label,
     shown_modes,
     terms_of,
@@ -49,16 +50,16 @@ class ViewTab(Tab):
     def __init__(self, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
         self._binding, gui = binding, binding.gui
         camera = gui.add_button_group("Camera", tuple(VIEWS))  # a hint would cover the tabs above
-        self.camera = binding.on(camera, lambda client, value: place(client, VIEWS[value]), of_client=True)
+        self.camera = binding.on(camera, lambda client, name: place(client, VIEWS[name]), True, "look")
         gui.add_html(html.remark("In this window only: plan view, array, whole room."))
         choose = binding.choose
-        self.dark = binding.checkbox("Dark page", lambda choices: choices.dark, self.darken)
+        self.dark = binding.checkbox("Dark page", lambda choices: choices.dark, self.darken, command="dark_page")
         self.lecture = binding.checkbox(
-            "Lecture mode", lambda choices: choices.lecture, lambda value: choose(lecture=value),
+            "Lecture mode", lambda choices: choices.lecture, lambda value: choose(lecture=value), command="lecture",
             hint="Large type, the panels folded away; key H ends it, too",
         )  # fmt: skip
         self.trails = binding.checkbox(
-            "Trails", lambda choices: choices.trails, lambda value: choose(trails=value),
+            "Trails", lambda choices: choices.trails, lambda value: choose(trails=value), command="trails",
             hint="Path of each estimate over the last 200 states",
         )  # fmt: skip
         self.ellipses = binding.checkbox(
@@ -154,7 +155,7 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     request = snapshot.map_request
     heading = f"Cost of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
     request = replace(request, style=replace(request.style, log=True))
-    log, quantity = log_scale(snapshot.run, request), map_label(snapshot.run, request).partition(" (")[0]
+    log, quantity = has_decibels(snapshot.run, request), map_label(snapshot.run, request).partition(" (")[0]
     drawn = {"truth": truth, "estimate": positions[n][:2]}
     drawn |= {"heading": heading, "log": log, "quantity": quantity}
     # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
@@ -265,14 +266,19 @@ class ExportTab(Tab):
                 lambda value: binding.choose(export_size=SIZES[value]), visible=_of_picture,
             )  # fmt: skip
             save = gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now")
-            self.button = binding.on(save, lambda client, _: self.save(client), of_client=True)
+            self.button = binding.on(save, self.save, of_client=True, command="save")
 
-    def save(self, client: viser.ClientHandle) -> None:
-        """Request a file of what is shown; the page says at once that it is in progress, or why it is refused."""
+    def save(self, client: viser.ClientHandle, kind_name: Any = None) -> None:
+        """Request a file of what is shown; the page says at once that it is in progress, or why it is refused.
+
+        `kind_name`: of KINDS; the one that is chosen unless given. Raises InputError: there is no such kind.
+        """
         if self.worker.full:
             client.add_notification("Too many files are waiting", "Try again in a moment.", color="red")
             return
-        kind = KINDS[self._binding.choices.export_kind]
+        name = kind_name if isinstance(kind_name, str) and kind_name else self._binding.choices.export_kind
+        require_choice("file", name, KINDS)
+        kind = KINDS[name]
         if kind.slow:
             client.add_notification("Rendering", "The download starts when the file is ready.", auto_close_seconds=4)
         self.worker.request(client, kind, replace(self._binding.state, choices=self._binding.choices))
