@@ -127,9 +127,8 @@ def test_another_scene_replaces_the_first(tiny_page, scene):
     first, tabs = page.viewer.binding, dict(page.panels.tabs)
     first.choose(dark=True, log=False)
     first.choose(trails=True)
-    page.open(
-        OpenRequest(edited(scene, {"solver.name": "descent"}), start_seed=5, choices={"microphone": 9, "modes": [2]})
-    )
+    wanted = {"microphone": 9, "follow": False, "modes": [2]}
+    page.open(OpenRequest(edited(scene, {"solver.name": "descent"}), start_seed=5, choices=wanted))
     assert page.viewer.binding is first
     turn_until(lambda: page.viewer.binding is not first)
     choices, session = page.viewer.binding.choices, page.viewer.binding.session

@@ -90,8 +90,6 @@ ORDERS: tuple[str, ...] = (UP, DOWN)
 RATE, MAX_RATE = 4, 20  # modes per second
 NOT_ASKED, NEXT = -2, -1  # in place of the number of a state whose sweep is wanted: of none, of the present one
 ADVICE = "Modes are added to the map one by one, and its local minima are counted: one is left, which all modes share."
-    "One {} after the other is added to the map. Its local minima are counted: all of them share the one that is left."
-)
 
 
 class SweepTab(Tab):
