@@ -15,7 +15,7 @@ from fdcal.session.sources import OpenRequest
 from fdcal.viewer import app
 from fdcal.viewer import scene3d as cameras
 
-WAIT = 60.0  # s, bound of every wait
+WAIT = 20.0  # s, bound of every wait
 EXACT = "?fixedDpr=1#face=expert"  # of a page where it matters which pixel shows what: its canvas is reported in pixels
 COARSE = "?fixedDpr=0.25#face=expert"  # of any other page: a sixteenth of the pixels is enough
 
@@ -92,13 +92,13 @@ def until(page, holds):
 def run_to_the_end(page):
     """Run the solver as fast as the machine can, until it has converged."""
     slider(page, "Steps per second").press("End")
-    press(page, "Run")
+    press(page, "Play")
     page.get_by_text("Converged").first.wait_for()
 
 
 def begin_anew(page):
     """Take the solver back to its start."""
-    press(page, "Reset")
+    press(page, "Restart")
     page.get_by_text("step 0, sweep 0").first.wait_for()
 
 

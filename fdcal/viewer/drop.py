@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 import viser
 
+from ..assessment.words import counted
 from ..cost.basins import OUTSIDE, DescentPath, basins_of, descent_path
 from ..cost.maps import cost_maps, lattice_of
 from ..graphics.glyphs import annuli, lift
@@ -210,7 +211,7 @@ class Fall:
         if self.home is None:
             return f"{edge or 'rest'}, cost {self.cost_text(-1)}"
         off = f"{1e3 * self.distance:.0f} mm" if self.distance < 0.0995 else f"{1e2 * self.distance:.0f} cm"
-        return f"{edge or ('home' if self.home else 'trapped')}, {off} off"
+        return f"reached the true position within {off}" if self.home else f"{edge or 'trapped'}, {off} off"
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +346,7 @@ class Drop:
         return False
 
     def _say(self, words: str, buttons=NO_BUTTONS) -> None:
-        counts = "" if not self.tries else f"{self.home} of {self.tries} home"
+        counts = f"{self.home} of {counted(self.tries, 'drop')} reached the true position" if self.tries else ""
         self._overlay.say(words, counts, buttons)
 
     def close(self) -> None:

@@ -89,7 +89,8 @@ def test_a_microphone_that_is_let_go_rolls_downhill_into_a_hole_that_is_named(pa
     below = page.evaluate("place => replay.downhill(replay.map, place).at(-1)", [*truth, 0.0])
     home = np.linalg.norm(end - below) < 0.01  # in the hole in which the true position lies
     words, tries = page.evaluate("replay.own.words"), page.locator("#tries").inner_text()
-    assert words == f"{'home' if home else 'trapped'}, {off} off" and tries == f"{int(home)} of 1 home"
+    assert words == (f"reached the true position within {off}" if home else f"trapped, {off} off")
+    assert tries == f"{int(home)} of 1 drop reached the true position"
 
 
 # A place of the map from which the way downhill ends at its edge.

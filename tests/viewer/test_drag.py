@@ -240,9 +240,9 @@ def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_name
         end = session.view.state.positions[9]
         np.testing.assert_allclose(end, minima[number], atol=1e-9)
         off = np.linalg.norm(end - truth)
-        word = "home" if at_home else "trapped"
         text = f"{1e3 * off:.0f} mm" if off < 0.0995 else f"{1e2 * off:.0f} cm"
-        assert f"{word}, {text} off" in said(page) and f"{tries - 1} of {tries} home" in said(page)
+        text = f"reached the true position within {text}" if at_home else f"trapped, {text} off"
+        assert text in said(page) and f"{tries - 1} of {tries} drop" in said(page)
         assert drop_module.CONTINUE in said(page)
         turn_until(lambda: not any(part.name == "ball/path" for part in viewer.snapshot.picture.lines))
     session.seek(0)
@@ -252,7 +252,7 @@ def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_name
     turn_until(lambda: session.view.running)
     session.pause()
     session.reset()
-    turn_until(lambda: session.view.count == 1 and "home" not in said(page))
+    turn_until(lambda: session.view.count == 1 and "drop" not in said(page))
 
 
 def test_at_the_edge_of_the_map_there_is_no_minimum_to_be_trapped_in(opened):

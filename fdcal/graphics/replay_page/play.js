@@ -50,7 +50,7 @@ function roll(time) {
   own.path = null; rolling = null;
   landed(n, over);
 }
-// Names the hole of a map in which microphone n has come to rest: it is at home in the one in which the true position lies.
+// Names the hole of a map in which microphone n has come to rest, and whether the true position lies in it.
 function landed(n, over) {
   const [x, y] = own.places[n], sure = truth && data.reference == "true", apart = p => Math.hypot(p[0] - x, p[1] - y);
   const hole = [...over.minima.lowest, ...over.minima.others].some(p => apart(p) < 2 * over.lattice.step);
@@ -58,8 +58,8 @@ function landed(n, over) {
   const away = sure ? Math.hypot(...own.places[n].map((v, axis) => v - truthOf(n)[axis])) : NaN;
   if (sure) { own.tries++; own.homes += home; }
   const off = away < 0.0995 ? `${(1e3 * away).toFixed(0)} mm` : `${(100 * away).toFixed(0)} cm`;
-  const where = !hole ? "at the edge of the map" : !sure ? "at rest" : home ? "home" : "trapped";
-  own.words = `${where}, ${sure ? `${off} off` : `${level(over, [x, y]).toFixed(1)} dB`}`;
+  const where = !hole ? "at the edge of the map" : sure ? "trapped" : "at rest";
+  own.words = home ? `reached the true position within ${off}` : `${where}, ${sure ? `${off} off` : `${level(over, [x, y]).toFixed(1)} dB`}`;
   show();
 }
 
@@ -190,5 +190,5 @@ function drawPlay(pen, project, r) {
 function showPlay() {
   $("back").hidden = !own;
   $("steps").hidden = !descentLattice;
-  $("tries").textContent = own?.tries ? `${own.homes} of ${own.tries} home` : maps && free.length && !own ? "Drag a microphone, and let it go" : "";
+  $("tries").textContent = own?.tries ? `${own.homes} of ${own.tries} drop${own.tries > 1 ? "s" : ""} reached the true position` : maps && free.length && !own ? "Drag a microphone, and let it go" : "";
 }

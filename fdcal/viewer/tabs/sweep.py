@@ -133,8 +133,10 @@ class SweepTab(Tab):
                 self.order = binding.dropdown(
                     "Order", ORDERS, lambda choices: DOWN if choices.descending else UP, self._choose_order, hint=hint
                 )
+                # the film's scene begins with the highest
+                highest = (binding.choices.modes or (modes,))[-1] if binding.choices.descending else modes
                 self.highest = binding.slider(
-                    f"Highest {row}", 1, modes, 1, modes, lambda _: self._restart(), hint="Of the whole sum"
+                    f"Highest {row}", 1, modes, 1, highest, lambda _: self._restart(), hint="Of the whole sum"
                 )
                 self.rate = binding.gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE)
             self.text = binding.gui.add_html(html.remark(ADVICE))

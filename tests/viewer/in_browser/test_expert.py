@@ -47,8 +47,10 @@ def test_a_microphone_that_is_let_go_rolls_into_its_minimum_and_the_page_says_wh
     page.mouse.move(*away, steps=6)
     page.get_by_text(re.compile(r"^-[\d.]+ dB$")).first.wait_for()
     page.mouse.up()
-    page.get_by_text(re.compile(r"^(home|trapped|at the edge of the map), [\d.]+ [cm]m off$")).first.wait_for()
-    page.get_by_text(re.compile(r"^[01] of 1 home$")).wait_for()
+    page.get_by_text(
+        re.compile(r"^(reached the true position within|trapped,|at the edge of the map,) [\d.]+ [cm]m")
+    ).first.wait_for()
+    page.get_by_text(re.compile(r"^[01] of 1 drop reached the true position$")).wait_for()
     page.get_by_role("button", name="Continue from here").press("Enter")  # a notice of the browser may lie above it
     page.get_by_text(re.compile(r"^step ([2-9]|\d\d+), ")).first.wait_for()
 
@@ -72,9 +74,8 @@ def test_a_run_ends_without_a_fault_and_what_is_pressed_then_stays_below_the_poi
     )
     run_to_the_end(page)
     page.get_by_text("Assessing the result").wait_for()
-    page.get_by_role("button", name="Run", exact=True, disabled=True).wait_for()  # a finished run has nothing to run
     page.get_by_role("button", name="Step", exact=True).wait_for(state="detached")
-    button = page.get_by_role("button", name="Reset", exact=True)
+    button = page.get_by_role("button", name="Restart", exact=True)
     button.hover()
     page.mouse.down()
     page.locator(".fdcal-verdict").wait_for()

@@ -71,7 +71,7 @@ def sized(page, size):
 
 @pytest.fixture
 def expert(opened):
-    legend_of(opened).get_by_text("dB").wait_for()
+    legend_of(opened).get_by_text("Eq. 7 (dB)").wait_for()
     return opened
 
 
@@ -145,7 +145,7 @@ def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(expert):
 
 def test_on_a_phone_the_legend_stands_above_the_scene_and_every_tab_of_the_sheet_can_be_opened(expert):
     sized(expert, PHONE)
-    bar, run = expert.get_by_text(re.compile("fdcal · tiny")), expert.get_by_role("button", name="Run", exact=True)
+    bar, run = expert.get_by_text(re.compile("fdcal · tiny")), expert.get_by_role("button", name="Play", exact=True)
     bar.wait_for()
 
     def above_the_scene():
@@ -266,26 +266,40 @@ def test_everything_in_explore_works(page):
     page.wait_for_function("location.hash.includes('map=relief') && location.hash.includes('view=')")
     press(page, "Top")
     page.wait_for_function("!/relief|view=/.test(location.hash)")
+    page.get_by_text("misfit (dB)").wait_for()
+    step = page.locator("[data-do='step=Step']")
+    said = re.fullmatch(r"Move microphone (\d+) to its lowest point", step.inner_text())
+    step.click()  # it does what it says, draws the move, and goes on to the next
+    page.get_by_text("moves by").wait_for()
+    page.wait_for_function("!/modes=[\\d]|microphone/.test(location.hash)")  # the map is that of what is minimised
+    page.wait_for_function(f"!document.querySelector(\"[data-do='step=Step']\").innerText.includes('{said[1]} ')")
     page.locator("[data-do=play]").click()
-    page.wait_for_function("!/modes=[\\d]/.test(location.hash)")  # the map is that of the modes in use
-    page.locator("[data-do=play]", has_text="Play again").wait_for()
+    page.locator("[data-do=play]", has_text="Pause").wait_for()
     page.get_by_text(re.compile("Converged, .* off on average")).wait_for()
     uncut(page)
     page.wait_for_function("document.querySelector('.run path').getAttribute('d').length > 20")  # cost along the run
-    page.locator("[data-do=onestep]:disabled").wait_for()
+    page.locator("[data-do='step=Step']:disabled").wait_for()
     page.locator("[data-do=state]").press("Home")
     page.get_by_text(re.compile("Paused, .* off on average")).wait_for()
-    page.locator("[data-do=onestep]").click()
-    page.locator("[data-do=state][max='1']").wait_for()
-    press(page, "Start again")
-    page.locator("[data-do=restart]").wait_for(state="detached")
+    page.locator("[data-do='step=Step']").click()
+    page.locator("[data-do=state][max='1'][value='1']").wait_for()
+    press(page, "All together")
+    page.locator("[data-do^='method='][aria-pressed=true]", has_text="All together").wait_for()
+    page.get_by_text("Move all microphones a step").wait_for()
+    press(page, "One at a time (the paper)")
+    page.get_by_text(re.compile("Move microphone .* to its lowest point")).wait_for()
+    page.locator("[data-do='step=Restart']").wait_for(state="detached")
     page.locator("[data-do=state]:disabled").wait_for()
+    press(page, "Share")
+    with page.expect_download() as download:
+        page.get_by_role("button", name=re.compile("^Replay")).click()
+    assert download.value.path().stat().st_size < 300_000
 
 
 def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_comes_back(page):
     lesson = load_lesson(LESSON)
     step, caption = lesson.steps[0], page.locator("[data-region=caption]")
-    page.locator("[data-do=onestep]").click()
+    page.locator("[data-do='step=Step']").click()
     page.locator("[data-do=state][max='1']").wait_for()
     page.locator("[data-do=microphone]").press("Home")
     page.wait_for_function("location.hash.includes('microphone=0')")
