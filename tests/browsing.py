@@ -15,7 +15,7 @@ from fdcal.session.sources import OpenRequest
 from fdcal.viewer import app
 from fdcal.viewer import scene3d as cameras
 
-WAIT = 20.0  # s, bound of every wait
+WAIT = 60.0  # s, bound of every wait
 EXACT = "?fixedDpr=1#face=expert"  # of a page where it matters which pixel shows what: its canvas is reported in pixels
 COARSE = "?fixedDpr=0.25#face=expert"  # of any other page: a sixteenth of the pixels is enough
 
