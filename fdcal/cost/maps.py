@@ -1,6 +1,6 @@
 """Maps of the cost of moving one microphone, for display: planes, lines and volumes of any fineness.
 
-    eq7_maps, eq7_cut, cost_volume  Eq. 7 at one fixed order, relative to the power: what the page shows of any solver
+    eq7_maps, cost_volume  Eq. 7 at one fixed order, relative to the power: what the page shows of any solver
     descent_maps                    Eq. 7 as a step of descent minimises it
     likelihood_maps                 the likelihood, which the other solvers minimise
     cost_maps                       one of these, as the page asks for it
@@ -237,25 +237,6 @@ def eq7_maps(
     """
     moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
     return moved.maps(modes, search) / moved.power(modes)
-
-
-def eq7_cut(
-    problem: Problem, positions: Reals, n: int, modes: Sequence[int], order_offset: int, points: Reals,
-    channels: ChannelCorrection | None = None,
-) -> np.ndarray:  # fmt: skip
-    """Return the cost of `eq7_maps` at points (S, D), metres, along a line : (P, S).
-
-    Examples
-    --------
-    >>> import fdcal
-    >>> measurement = fdcal.load("tiny")
-    >>> eq7_cut(measurement.problem(), measurement.positions, 5, (1, 2, 3), 2, measurement.positions[5:8]).shape
-    (3, 3)
-    """
-    moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
-    # so few points need no nodes: their rows of W are cheaper
-    found = {mode: fit.cost_of(rows) for mode, fit, rows in moved.fits(modes, np.asarray(points, float))}
-    return np.stack([found[mode] for mode in modes]) / moved.power(modes)
 
 
 @dataclass(frozen=True)

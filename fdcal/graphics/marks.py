@@ -25,7 +25,7 @@ from .primitives import Colour, Floor, Lines, Mesh, Theme, fractions
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
 LOWEST = (255, 132, 0)
 TRAIL, ELLIPSE, FAULTY = (240, 130, 200), (255, 110, 60), (128, 0, 255)
-CUT, POINTED = (0, 95, 95), (0, 130, 100)
+POINTED = (0, 130, 100)
 SAME = (0, 0, 0), (0, 130, 60), (140, 0, 140)  # of lines of equal pressure
 LOW_COST = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
 CIRCLE_SIDES = 24
@@ -106,7 +106,6 @@ MARKS = {
             Mark(f"same/{i}", "same pressure", "line", colour, width=0.34, halo=0.2, line=0.2, line_halo=0.0)
             for i, colour in enumerate(SAME)
         ),
-        Mark("cut", "cut from A to B", "line", CUT, 1.3, 0.3, 0.3, line_halo=0.0),
         Mark("microphones/pointed", "named in the text", "ring", POINTED, 2.6, 0.3, size=0.66, line=0.14),
         Mark("microphones/faulty", "faulty channel", "barred ring", FAULTY, 2.4, 0.34, size=0.66, line=0.2),
     )
@@ -130,7 +129,6 @@ class Layer(enum.IntEnum):
     FAULTY = 9
     SELECTED_TRUE = 10
     SELECTED = 12
-    CUT = 13
 
 
 LAYERS_PER_RADIUS = 24  # layers in the height of one radius of a marker

@@ -10,8 +10,6 @@ import numpy as np
 from ..model.validation import Reals, frozen_array
 from . import glyphs
 from .marks import (
-    CIRCLE_SIDES,
-    CUT,
     ELLIPSE,
     ESTIMATE,
     MARKS,
@@ -25,7 +23,7 @@ from .marks import (
     on_layer,
     strokes,
 )
-from .primitives import Colour, Floor, Label, Lines, Mesh, Picture
+from .primitives import Colour, Floor, Lines, Mesh, Picture
 from .volume import Volume
 
 _DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
@@ -33,8 +31,6 @@ ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
 NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn
 SMALL_ELLIPSE = 0.5  # of the radius of a marker: half axis below which an ellipse is hidden by the marks
 VISIBLE = 0.03  # of the extent: half axis to which the median ellipse is enlarged
-CUT_RADIUS = MARKS["cut"].reach  # of the ring at an end, radii of a marker
-CUT_PIECES = 80  # of the line over a relief
 
 
 def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
@@ -129,21 +125,6 @@ def with_volume(picture: Picture, volume: Volume | None) -> Picture:
     if volume.surface is None:
         return picture
     return replace(picture, captions=(*picture.captions, ("isosurfaces", volume.text)), surfaces=(volume.surface,))
-
-
-def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:
-    """Return the picture with the line of a cut from A to B, `ends` (2, 2), metres, a ring around each end."""
-    radius, pieces = picture.marker_radius, 1 if floor is None or floor.heights is None else CUT_PIECES
-    first, last = np.asarray(ends, float)
-    points = drape(np.linspace(first, last, pieces + 1), floor)
-    points = on_layer(points, picture.z_range[0], radius, Layer.CUT)
-    rings = glyphs.polygons(points[[0, -1]], CUT_RADIUS * radius, CIRCLE_SIDES)
-    segments = np.concatenate([np.stack([points[:-1], points[1:]], axis=1), rings])
-    labels = (
-        Label(f"cut_ends/{name}", name, (x, y + 2.2 * CUT_RADIUS * radius, z), CUT)
-        for name, (x, y, z) in zip("AB", points[[0, -1]].tolist(), strict=True)
-    )
-    return picture.plus(*strokes("cut", segments, radius), *labels)
 
 
 BALL_RADIUS = MARKS["microphones/ball"].reach  # of the ball, in radii of a marker

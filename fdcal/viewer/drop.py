@@ -1,16 +1,16 @@
 """Microphones that are taken with the pointer: selected, dragged over their map, and let go, where they roll downhill.
 
-An invisible disc, a handle, lies over every estimated position and every end of the line of a cut, that of the ball
-across its middle. viser reports which one the pointer took and where the pointer is, on a plane that faces the camera;
-here that becomes a position at the height of what is dragged. Solids in place of discs do not do: from these a busy
-page reports at times that the pointer is nowhere (NaN).
+An invisible disc, a handle, lies over every estimated position, that of the ball across its middle. viser reports which
+one the pointer took and where the pointer is, on a plane that faces the camera; here that becomes a position at the
+height of what is dragged. Solids in place of discs do not do: from these a busy page reports at times that the pointer
+is nowhere (NaN).
 
 While a microphone is dragged, nothing of the session changes: the scene shows the microphone at the pointer, the cost
 there and the path downhill, which a thread computes. When it is let go it rolls along the path into the local minimum
 below it, and the session gets one new state at its end. Where no cost is shown, the microphone follows the pointer in
 the session.
 
-MicrophonePicker   handles of the microphones, and of the line of a cut
+MicrophonePicker   handles of the microphones
 Drop               what is dragged or rolls
 """
 
@@ -31,7 +31,7 @@ from ..cost.basins import OUTSIDE, DescentPath, basins_of, descent_path
 from ..cost.maps import cost_maps, lattice_of
 from ..graphics.glyphs import annuli, lift
 from ..graphics.marks import drape
-from ..graphics.overlays import CUT_RADIUS, along, ball_centre
+from ..graphics.overlays import along, ball_centre
 from ..graphics.primitives import Floor, Picture
 from ..model.validation import Reals
 from ..session.session import SessionView
@@ -43,7 +43,6 @@ from .scheduler import Memo
 HANDLE_RADIUS = 1.7  # in radii of a marker
 FIXED = 0.9  # size of the handles of microphones that cannot be dragged, of the others: a finger rather takes those
 BALL = 1.6  # size of the handle of the ball, likewise: it is what a pointer looks for
-END = 1.8 * CUT_RADIUS / HANDLE_RADIUS  # size of those at the ends of the line, likewise
 SPECK = 1e-3  # size of what stands in the corners of the search domain, and of what is not there, likewise
 HANDLE_HEIGHT = 14 / 24  # of its middle over the floor, in radii of a marker
 
@@ -54,7 +53,7 @@ Move = Callable[[int, np.ndarray, int, bool], None]  # microphone, place, number
 class MicrophonePicker:
     """Owns the handles. With Shift a microphone stays where it is let go.
 
-    `binding`: of the session, whose `choices.cut` is the line; `picture`: as drawn, for the extent of the search domain
+    `binding`: of the session; `picture`: as drawn, for the extent of the search domain
     and the size of the markers; `select`: called with the number of the microphone that was clicked; `move`: called
     with the number of one that is dragged, its place, metres, the number of the gesture, and whether it was let go;
     `place`: likewise, with Shift; `name`: of the handles' node, a new one for each instance. `handles`: in the scene.
@@ -82,7 +81,7 @@ class MicrophonePicker:
         # The browser looks for handles only inside the box that they all spanned at first: specks in the corners of the
         # search domain span it.
         corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
-        self._shown, self._sizes = np.concatenate([np.tile(corners[0], (self._count + 2, 1)), corners]), np.zeros(0)
+        self._shown, self._sizes = np.concatenate([np.tile(corners[0], (self._count, 1)), corners]), np.zeros(0)
         vertices, faces = annuli(np.zeros((1, 3)), HANDLE_RADIUS * self._marker / 2, HANDLE_RADIUS * self._marker, 12)
         self.handles = handles = server.scene.add_batched_meshes_simple(
             name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (len(self._shown), 1)), self._shown,
@@ -106,23 +105,16 @@ class MicrophonePicker:
         return self._binding.choices.release or index not in self._binding.run.problem.known
 
     def _drag(self, event, move: Move) -> None:
-        """Move a microphone or an end to where the line of sight meets its height or slice inside the search domain."""
+        """Move a microphone to where the line of sight meets its height inside the search domain."""
         if event.phase == "start":
             self._gesture[event.client_id] = next(self._gestures)
-        index, gesture, line = event.instance_index, self._gesture.get(event.client_id), self._binding.choices.cut
-        if gesture is None or index not in range(self._count + 2):
-            return
-        is_end = index >= self._count
-        if line is None if is_end else not self._movable(index):
+        index, gesture = event.instance_index, self._gesture.get(event.client_id)
+        if gesture is None or index not in range(self._count) or not self._movable(index):
             return
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
         place = plane_point(eye, point, float(self._shown[index, 2]))
         if place is not None:
             place = np.clip(place, self._low[: len(place)], self._high[: len(place)])
-            if line is not None and is_end:
-                x, y = place.tolist()
-                self._binding.choose(cut=((x, y), line[1]) if index == self._count else (line[0], (x, y)))
-                return
             self._last[event.client_id] = move, index, place
             if event.phase != "end":
                 move(index, place, gesture, False)
@@ -137,30 +129,24 @@ class MicrophonePicker:
             move(index, place, gesture, True)
 
     def show(self, positions, floor: Floor | None, ball: int | None = None) -> None:
-        """Move the handles to the estimated positions and the ends of the line; called by the main loop.
+        """Move the handles to the estimated positions; called by the main loop.
 
         `positions` (N, D) float64, metres; `floor`: the map, on the relief of which they stand, or None; `ball`: the
         one that is drawn as a ball, or None.
         """
         places, sizes = self._shown.copy(), np.full(len(self._shown), SPECK)
-        places[: self._count] = self._over(drape(positions, floor, self._marker), 1)
+        points = drape(positions, floor, self._marker)
+        points = points if points.shape[1] == 3 else lift(points, self._picture.z_range[0])
+        places[: self._count] = points + [0.0, 0.0, HANDLE_HEIGHT * self._marker]
         sizes[: self._count] = [1.0 if self._movable(n) else FIXED for n in range(self._count)]
         if ball is not None:
             places[ball], sizes[ball] = ball_centre(self._picture, positions[ball], floor), BALL
-        if self._binding.choices.cut is not None:
-            ends = slice(self._count, self._count + 2)
-            places[ends], sizes[ends] = self._over(drape(np.array(self._binding.choices.cut), floor), 2), END
         if not np.array_equal(self._sizes, sizes):
             self._sizes = sizes
             self.handles.batched_scales = sizes.astype(np.float32)
         if not np.array_equal(self._shown, places):
             self._shown = places
             self.handles.batched_positions = places.astype(np.float32)
-
-    def _over(self, points: np.ndarray, layer: int) -> np.ndarray:
-        """Return places (P, 3) over points on the floor, metres: the ends of the line over the microphones."""
-        points = points if points.shape[1] == 3 else lift(points, self._picture.z_range[0])
-        return points + [0.0, 0.0, layer * HANDLE_HEIGHT * self._marker]
 
 
 def plane_point(eye: np.ndarray, point: np.ndarray, level: float) -> np.ndarray | None:

@@ -25,7 +25,6 @@ from .html import Overlay
 from .prepare import SessionSwitcher
 from .state import PageState
 from .tabs.curves import CurvesTab
-from .tabs.cut import CutPanel
 from .tabs.map import MapsPanel, MapTab
 from .tabs.microphones import MicrophonesTab
 from .tabs.scene import SceneTab
@@ -369,7 +368,6 @@ class Tabs:
             self.sweep = SweepTab(binding, self.map)
             self.maps = MapsPanel(binding)
             self.spectrum = SpectrumPanel(binding)
-            self.cut = CutPanel(binding)
         with folders.tab("View"):
             self.view = ViewTab(binding, self.look)
             self.export = ExportTab(binding)

@@ -173,8 +173,6 @@ class SessionPicture:
             picture = overlays.with_ellipses(picture, positions, uncertainty.axes, floor, scale, note)
         if uncertainty is not None and uncertainty.channels is not None:
             picture = overlays.with_faulty_channels(picture, positions, self._faulty(uncertainty), floor)
-        if choices.cut is not None:
-            picture = overlays.with_cut(picture, choices.cut, floor)
         return picture
 
     def _faulty(self, found: PositionUncertainty) -> list[int]:

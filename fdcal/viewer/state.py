@@ -29,7 +29,6 @@ PICTURE = "Picture (PNG)"  # the first kind of file to save
 ELLIPSE_SCALES = {"Automatic": 0, "True": 1, "10 times": 10, "100 times": 100, "1000 times": 1000}  # label to factor
 VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
 
-Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
 BOUNDS = {"relief_height": (0.05, 1.0)}
 # Choices that another scene keeps.
 KEPT = (
@@ -73,7 +72,6 @@ class Choices(MapStyle):
     export_size: tuple[int, int] = (1280, 800)  # of a picture to save, width and height in pixels
     seed: int = 0  # of the solver's next start
     rate: int | None = None  # steps per second that the user has chosen; None before that
-    cut: Line | None = None  # the line along which the cost is drawn; None for no line
     take: int | None = None  # whose rows and spectrum are shown; None for those of all takes
     # verdict: whether the result is assessed; panel, marks: as of `fdcal.session.lesson.LessonSetting`
     verdict: bool = True

@@ -17,7 +17,6 @@ from fdcal.cost.maps import (
     cost_maps,
     cost_volume,
     descent_maps,
-    eq7_cut,
     eq7_maps,
     interpolate,
     likelihood_maps,
@@ -90,7 +89,7 @@ def test_what_has_no_map_is_refused(waves):
     with pytest.raises(InputError, match="search"):
         eq7_maps(replace(problem, search=None), x, 5, (1,), 2)
     with pytest.raises(InputError, match="order"):
-        eq7_cut(PLANE, GUESS, 9, (14,), 12, GUESS[:1])
+        eq7_maps(PLANE, GUESS, 9, (14,), 12)
     with pytest.raises(InputError, match="in a plane"):
         cost_volume(*case("plane3d"), 10, (1, 2), 2)
     with pytest.raises(InputError, match="two-dimensional"):
@@ -139,20 +138,6 @@ def test_cost_maps_without_an_order_are_the_solvers_landscape_on_any_lattice(wav
 def test_positions_of_a_volume_s_points():
     lattice = Search(origin=(1.0, 2.0, 3.0), size=(0.4, 0.3, 0.2), step=0.01)
     np.testing.assert_allclose(map_positions([[2, 1, 5]], lattice), [[1.05, 2.01, 3.02]])
-
-
-CHANNELS = ChannelCorrection(np.exp(1j * np.linspace(0, 1, 24)), np.linspace(1, 2, 24))
-
-
-@pytest.mark.parametrize("channels", [None, CHANNELS])
-@pytest.mark.parametrize("modes", [(1,), (2, 5, 9), tuple(range(1, 13))])
-def test_a_cut_along_a_row_of_the_lattice_is_that_row_of_the_maps(modes, channels):
-    search, row = PLANE.search, 11
-    maps = eq7_maps(PLANE, GUESS, 9, modes, 2, None, channels)
-    x = search.origin[0] + search.step * np.arange(search.shape[0])
-    points = np.column_stack([x, np.full(len(x), search.origin[1] + row * search.step)])
-    cut = eq7_cut(PLANE, GUESS, 9, modes, 2, points, channels)
-    np.testing.assert_allclose(cut, maps[:, row], rtol=1e-6, atol=1e-12)
 
 
 def test_a_layer_of_the_volume_is_the_map_of_that_height_also_with_gains_and_noise_of_the_channels():

@@ -139,10 +139,9 @@ def rgb(text):
 
 MARKS = {"true": marks.TRUE, "estimate": marks.ESTIMATE, "known": marks.KNOWN, "lowest": marks.LOWEST}
 ENDS = 255 * matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0])[:, :3]
-ON_MAP = {**MARKS, "faulty": marks.FAULTY, "cut": marks.CUT, "low": ENDS[0], "high": ENDS[1]}
+ON_MAP = {**MARKS, "faulty": marks.FAULTY, "low": ENDS[0], "high": ENDS[1]}
 MARKS["halo"] = marks.HALO
 TRACES = {"trail": marks.TRAIL, "ellipse": marks.ELLIPSE, "estimate": marks.ESTIMATE, "known": marks.KNOWN}
-TRACES["cut"] = marks.CUT
 BASINS = {f"basin {i}": tuple(colour) for i, colour in enumerate(heatmap.TABLE.tolist())}
 CURVES = {"mean": rgb(plots.RED), "largest": rgb(plots.ORANGE), "cost": rgb(plots.BLUE)}
 MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectrum_plot.GREY)}

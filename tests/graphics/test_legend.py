@@ -15,7 +15,6 @@ from fdcal.graphics.marks import MARKS, symbol
 from fdcal.graphics.overlays import (
     ellipse_scale,
     with_ball,
-    with_cut,
     with_ellipses,
     with_faulty_channels,
     with_trails,
@@ -77,7 +76,6 @@ def full(scene, measurement, estimate, floor):
     picture = with_floor(picture, floor)
     picture = with_trails(with_ball(picture, estimate[5], floor), np.stack([estimate, estimate + 0.05]))
     picture = with_ellipses(picture, estimate, np.tile(0.02 * np.eye(2), (8, 1, 1)))
-    picture = with_cut(picture, [[0.5, 0.4], [0.9, 0.8]], floor)
     return with_faulty_channels(picture, estimate, [4])
 
 

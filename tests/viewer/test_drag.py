@@ -21,13 +21,12 @@ from fdcal.model.validation import InputError, modes_text, parse_modes
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import drop as drop_module
 from fdcal.viewer.binding import Binding
-from fdcal.viewer.cost_maps import CostMapRequest, MapStyle, place_of_basin
+from fdcal.viewer.cost_maps import MapStyle, place_of_basin
 from fdcal.viewer.drop import MicrophonePicker
 from fdcal.viewer.prepare import DisplayFrame
 from fdcal.viewer.session_view import SessionPicture
 from fdcal.viewer.state import Choices
 from fdcal.viewer.tabs import map as map_tab
-from fdcal.viewer.tabs.cut import cost_along
 
 SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
 HERE = (1.2, 2.2, 0.0)  # the middle of the search domain
@@ -39,8 +38,7 @@ def picker():
     placed, selected, direct, callbacks, shape = [], [], [], {}, {}
     binding = SimpleNamespace(
         measurement=SimpleNamespace(count=5, search=SEARCH),
-        choices=SimpleNamespace(release=False, cut=None),
-        choose=lambda cut: setattr(binding.choices, "cut", cut),
+        choices=SimpleNamespace(release=False),
         run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))),
     )  # fmt: skip
     disc = SimpleNamespace(
@@ -100,28 +98,6 @@ def test_a_ball_in_a_valley_is_taken_where_it_is_drawn(picker):
     across = picker.handles.batched_scales[1] * np.linalg.norm(picker.shape["vertices"], axis=1).max()
     assert np.linalg.norm(ball - middle, axis=1).max() < 0.7 * across
     assert picker.shape["vertices"][:, 2].max() == 0, "a page finds the pointer on it from above"
-
-
-def test_the_ends_of_the_line_are_dragged_one_by_one_inside_the_search_domain(picker):
-    line, choices = ((1.1, 2.1), (1.3, 2.3)), picker.binding.choices
-    places = np.array([[1.05, 2.1], [1.2, 2.2], [1.3, 2.1], [1.1, 2.3], [1.0, 2.0]])
-    picker.drag(event("start", 5, HERE))
-    assert choices.cut is None, "there is no line"
-    choices.cut = line
-    picker.made.show(places, None)
-    np.testing.assert_allclose(picker.handles.batched_positions[5:7, :2], line)
-    for index, point in ((5, (1.2, 2.4, 9.0)), (6, (np.nan, 0, 0)), (7, HERE), (8, HERE)):
-        picker.drag(event("start", index, point))
-        assert choices.cut == line, "above the eye, nowhere, or no end"
-    picker.drag(event("start", 5, (1.2, 2.25, 0.0), eye=(1.2, 2.25, 5.0)))
-    (first, second) = choices.cut
-    assert first == pytest.approx((1.2, 2.25)) and second == line[1] and not picker.placed
-    picker.drag(event("update", 6, (9.0, -9.0, 0.0)))
-    assert choices.cut == (first, pytest.approx((1.4, 2.0)))
-    assert not (picker.handles.batched_scales[5:7] < 0.1).any()
-    choices.cut = None
-    picker.made.show(places, None)
-    assert (picker.handles.batched_scales[5:7] < 0.1).all()
 
 
 def test_a_drag_is_one_gesture_and_the_next_or_that_of_another_page_is_another(picker):
@@ -383,10 +359,6 @@ def test_small_maps_cut_and_basins_have_the_true_position_where_the_main_map_has
     panels = SimpleNamespace(modes=(1,), maps=[None], total=None, search=None)
     map_tab.panel_image(blind, SimpleNamespace(request=request, panels=panels, fine=True))
     assert marks[0] == tuple(truth[n])
-    ends = truth[n] - [0.1, 0.0], truth[n] + [0.1, 0.0]
-    assert cost_along(
-        blind, CostMapRequest(0, n, (1,), 0, True, MapStyle(), False, shown, None), ends
-    ).truth == pytest.approx(0.1)
 
 
 def test_nothing_is_moved_where_microphones_are_known_or_the_truth_is_not(work, blind):

@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 from browsing import WAIT
 from doubles import State, set_by_client, view_of
-from hypothesis import given
-from hypothesis import strategies as st
 
 from fdcal.cost.basins import basins_of, local_minima
-from fdcal.cost.eq7 import ReferenceCost
 from fdcal.cost.maps import cost_maps, eq7_maps, minima_of, mode_powers, refined
 from fdcal.cost.scale import Minima
 from fdcal.graphics.annotations import legend_of
@@ -34,7 +31,6 @@ from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.state import BASINS, FLOOR, NOTHING, SHAPE
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import sweep as sweeping
-from fdcal.viewer.tabs.cut import MAX_MODES, POINTS, SPAN, cut_series, foot, line_across
 from fdcal.viewer.tabs.map import EQ7
 from fdcal.viewer.tabs.sweep import DOWN
 
@@ -399,57 +395,3 @@ def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
                and map_on_page(viewer).rgb.shape == swept.rgb.shape)  # fmt: skip
     np.testing.assert_array_equal(map_on_page(viewer).rgb, swept.rgb)
     assert map_on_page(viewer).minima == swept.minima and tab.caption.content == caption
-
-
-LOW, HIGH = np.array([1.0, 2.0]), np.array([1.4, 2.6])
-
-
-@given(st.tuples(st.floats(0, 1), st.floats(0, 1)), st.floats(0, 6.28))
-def test_a_line_across_goes_through_its_point_from_edge_to_edge(share, angle):
-    place, along = LOW + (HIGH - LOW) * share, np.array([np.cos(angle), np.sin(angle)])
-    ends = np.array(line_across(place, along, LOW, HIGH))
-    assert (ends >= LOW).all() and (ends <= HIGH).all()
-    off = (ends - place) @ [-along[1], along[0]]
-    assert np.abs(off).max() < 1e-9
-    on_edge = np.isclose(ends, LOW, atol=1e-9) | np.isclose(ends, HIGH, atol=1e-9)
-    assert on_edge.any(axis=1).all()
-
-
-def test_the_foot_of_a_position_is_where_it_projects_and_none_far_from_the_line():
-    ends = np.array([[0.0, 0.0], [2.0, 0.0]])
-    assert foot([0.5, 0.02], ends) == pytest.approx(0.5)
-    assert foot([0.5, 0.3], ends) is None and foot([-0.1, 0.0], ends) is None and foot([2.1, 0.0], ends) is None
-    assert foot([0.5, 0.0], np.zeros((2, 2))) is None
-
-
-def test_the_plot_of_a_cut_through_the_estimate_has_the_cost_of_the_status_line(opened):
-    viewer, turn_until = opened
-    cut, binding = viewer.tabs.cut, viewer.binding
-    reference_cost = ReferenceCost(viewer.run.problem)
-    viewer.tabs.map.choose_modes(range(1, reference_cost.count + 1))
-    set_by_client(cut.lines, "x")
-    turn_until(lambda: cut._shown is not None and cut._shown.request.modes == binding.choices.modes)
-    columns, made = cut._plot.data, cut._shown
-    assert len(columns) == len(cut_series(viewer.run.measurement)) and all(len(column) == POINTS for column in columns)
-    assert all(np.isfinite(column).all() for column in columns)
-    here = np.asarray(binding.session.view.state.positions)[binding.choices.microphone]
-    assert made.estimate == pytest.approx(here[0] - binding.choices.cut[0][0])
-    at = np.interp(made.estimate, made.distance, made.total)
-    assert at == pytest.approx(reference_cost(binding.session.view.state.positions), abs=0.3), "between two points"
-    assert len(made.modes) == MAX_MODES and np.ptp(np.clip(columns[MAX_MODES + 1], -SPAN, None)) > 3
-    assert "cut" in {part.name for part in viewer.snapshot.picture.meshes}
-    set_by_client(cut.lines, "None")
-    turn_until(lambda: "cut" not in {part.name for part in viewer.snapshot.picture.meshes})
-    assert binding.choices.cut is None
-
-
-def test_the_line_to_the_lowest_cost_goes_through_estimate_and_minimum(opened):
-    viewer, turn_until = opened
-    turn_until(lambda: viewer.snapshot.picture.floor is not None)
-    floor, binding = viewer.snapshot.picture.floor, viewer.binding
-    set_by_client(viewer.tabs.cut.lines, "Lowest")
-    ends = np.array(binding.choices.cut)
-    here = np.asarray(binding.session.view.state.positions)[binding.choices.microphone]
-    direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    across = np.array([-direction[1], direction[0]])
-    assert abs((here - ends[0]) @ across) < 1e-6 and abs((floor.lowest[0] - ends[0]) @ across) < 1e-6

@@ -10,7 +10,6 @@ import pytest
 
 from fdcal.graphics.camera import Camera, project
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.overlays import with_cut
 from fdcal.graphics.picture import compose, static_picture, with_estimate
 from fdcal.graphics.primitives import DARK, LECTURE_DARK, LECTURE_LIGHT, LIGHT, Label, contrast, halo_of
 from fdcal.model.arrays import positions_of
@@ -194,7 +193,6 @@ def test_every_text_stands_out_from_its_outline(scene, measurement, theme):
     drawn = with_estimate(
         static_picture(scene, measurement, dark, None, lecture), measurement, measurement.positions, 3
     )
-    drawn = with_cut(drawn, [(0.6, 0.4), (0.8, 0.6)])
     for colour in {*(label.colour for label in drawn.labels), theme.quiet}:
         assert contrast(colour, halo_of(colour, theme)) >= 4.5
     assert f"color:rgb{drawn.labels[-1].colour}".replace(" ", "") in labels_html(drawn.labels, theme)
