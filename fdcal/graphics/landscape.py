@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 
 MAX_TICKS = 6  # of a colour bar
+TITLE_PAD = 12.0  # points: a mark at the edge of a map does not reach its title
 
 
 def draw_landscape(
@@ -61,7 +62,7 @@ def draw_landscape(
     count = len(panels.maps)
     columns = int(np.ceil(np.sqrt(count)))
     rows = int(np.ceil(count / columns))
-    figure = Figure(figsize=(3.9 * columns, 3.7 * rows + 0.4), dpi=120, layout="compressed")
+    figure = Figure(figsize=(3.9 * columns, 4.0 * rows + 0.8), dpi=120, layout="compressed")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
     titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
@@ -73,14 +74,17 @@ def draw_landscape(
     edges = x - half, x + nx * panels.search.step - half, y - half, y + ny * panels.search.step - half
     style: dict[str, Any] = {"origin": "lower", "interpolation": "nearest", "cmap": COLOUR_MAP, "extent": edges}
     style["norm"] = Normalize(low, max(high, low + LEAST_RANGE), clip=True)
-    images = []
+    images, (left, right, bottom, top) = [], edges
+    known = {"microphones/true": truth, "microphones/estimate": estimate}
+    inside = {name: [place] for name, place in known.items()
+              if place is not None and left <= place[0] <= right and bottom <= place[1] <= top}  # fmt: skip
     for panel, title, shown, minima in zip(axes, titles, scaled, panels.marks, strict=False):
         images.append(panel.imshow(shown, **style))
-        plot_marks(panel, "microphones/true", None if truth is None else [truth])
+        plot_marks(panel, "microphones/true", inside.get("microphones/true"))
         plot_marks(panel, "minima", minima.others)
         plot_marks(panel, "lowest", minima.lowest)
-        plot_marks(panel, "microphones/estimate", None if estimate is None else [estimate])
-        panel.set_title(title)
+        plot_marks(panel, "microphones/estimate", inside.get("microphones/estimate"))
+        panel.set_title(title, pad=TITLE_PAD)
     label = f"{quantity} (dB re the highest of each map)" if log else f"{quantity}, above the lowest of each map"
     ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10])
     figure.colorbar(images[-1], ax=axes.tolist(), label=label, ticks=ticks, extend="both", extendfrac=0.02, aspect=40)

@@ -18,7 +18,7 @@ from .primitives import DIVERGING_COLOUR_MAP, ColourBar, Curve, Floor
 
 POINTS = 300  # of the map, along its longer edge
 MAX_WAVES = 3  # whose lines are drawn
-COUNTED = {2: "both modes", 3: "all three modes"}
+COUNTED = {2: "both frequencies", 3: "all three frequencies"}
 
 
 def wave_floor(
@@ -51,7 +51,7 @@ def wave_floor(
     curves, crossings = [], np.zeros((0, 2))
     if marked:
         for field, level, (_, name) in zip(fields, levels, waves, strict=True):
-            curves.append(Curve(f"measures the same in {name.partition(',')[0]}", contour(field, level, lattice)))
+            curves.append(Curve(f"measures the same at {name.rpartition(', ')[2]}", contour(field, level, lattice)))
         if len(waves) > 1:
             misfit = (np.stack(fields) - np.reshape(levels, (-1, 1, 1))) ** 2
             crossings = minima_of(misfit.sum(axis=0), lattice).lowest
@@ -64,7 +64,7 @@ def wave_floor(
         height=height,
         show_minima=len(crossings) > 0,
         curves=tuple(curves),
-        captions=(("lowest", f"measures the same in {COUNTED[len(waves)]}"),) if len(waves) > 1 else (),
+        captions=(("lowest", f"measures the same at {COUNTED[len(waves)]}"),) if len(waves) > 1 else (),
     )
 
 
