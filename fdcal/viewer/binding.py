@@ -27,15 +27,27 @@ from .state import Choices, PageState, initial_choices
 Control = TypeVar("Control")
 
 
-class Tab:
-    """A tab of one session, which creates its controls in `__init__`: a function of the state of the page.
+RUN_BAR = "run bar"  # in place of a tab: what stands above all of them
 
-    `interval`: s at least between two updates; `plots`: that may have something to send later.
+
+class Tab:
+    """A part of a tab of one session, which creates its controls in `__init__`: a function of the state of the page.
+
+    `where`: name of the tab; `order`: of the parts of all tabs, which may use those before; `interval`: s at least
+    between two updates; `plots`: that may have something to send later.
     """
 
+    where, order = "", 10
     interval = 0.0
     plots: tuple = ()
     _updated = -math.inf
+
+    def __init__(self, binding: Binding): ...
+
+    @classmethod
+    def attribute(cls) -> str:
+        """Return the name of the part among `Tabs`: "map" of a MapTab."""
+        return cls.__name__.lower().removesuffix("tab").removesuffix("panel").replace("runbar", "run_bar")
 
     def refresh(self) -> None:
         """Let what depends on choices and values of controls follow them, after a program has set them."""

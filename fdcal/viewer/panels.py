@@ -1,16 +1,19 @@
 """The panels of the face Expert: their tabs, which stay as long as the server, and what one session has in them.
 
 A tab that stays keeps its place in every browser: a user who looks at a tab while another scene is opened sees the
-same tab afterwards. `Tabs` lists the tabs of a session: a new one is a line there, its name in LEFT or RIGHT, and a
-module of `tabs`. `StatusBar` stands above them while another session is prepared; `RunBar` and `SolverTab`, which run
-the solver and set it up, stand between.
+same tab afterwards. `Tabs` makes those of a session: every class derived from `Tab` in a module of `tabs`. `StatusBar`
+stands above them while another session is prepared; `RunBar` and `SolverTab`, which run the solver and set it up, stand
+between.
 """
 
 import itertools
+import pkgutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
@@ -19,23 +22,15 @@ from .. import solvers
 from ..model.address import Unit
 from ..model.scene import MeasuredScene, no_rectangle
 from ..session.sources import OpenRequest
-from . import html
-from .binding import Binding, Tab
+from . import html, tabs
+from .binding import RUN_BAR, Binding, Tab
 from .html import Overlay
 from .prepare import SessionSwitcher
 from .state import PageState
-from .tabs.curves import CurvesTab
-from .tabs.map import MapsPanel, MapTab
-from .tabs.microphones import MicrophonesTab
-from .tabs.scene import SceneTab
-from .tabs.spectrum import SpectrumPanel
-from .tabs.sweep import SweepTab
-from .tabs.view import ExportTab, ViewTab
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
-RIGHT = ("Curves", "Scene", "View", "Help")  # without icons, which would take too much room
-RUN_BAR = "run bar"
-LEFT = ("Map", "Mics")  # those of a session are made by `Tabs`
+# Tabs without icons, which would take too much room; a tab of another name stands at the right, too.
+RIGHT, LEFT = ("Curves", "Scene", "View", "Help"), ("Map", "Mics")
 
 
 class Panels:
@@ -55,7 +50,9 @@ class Panels:
         gui.add_divider()
         group, panel = gui.add_tab_group(), gui.add_panel()
         self.tabs: dict[str, Any] = {RUN_BAR: run_bar}
-        self.tabs |= {name: group.add_tab(name) for name in RIGHT} | {name: panel.add_tab(name) for name in LEFT}
+        others = {kind.where for kind in tab_kinds()} - {RUN_BAR, *LEFT, *RIGHT}
+        self.tabs |= {name: group.add_tab(name) for name in (*RIGHT, *sorted(others))}
+        self.tabs |= {name: panel.add_tab(name) for name in LEFT}
         panel.dock_left()
         panel.set_width(LEFT_WIDTH)
         panel.expand()  # on a phone, where sections are folded at first
@@ -134,8 +131,10 @@ def watched_rate(first: float, elapsed: float) -> float:
     return first * 2 ** min(elapsed / DOUBLING_TIME, MAX_DOUBLINGS)
 
 
-class RunBar:
+class RunBar(Tab):
     """Owns the controls above the tabs: status, verdict, Play or Pause, single steps, the history and the speed."""
+
+    where, order = RUN_BAR, 0
 
     def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui
@@ -171,15 +170,15 @@ class RunBar:
         """Limit the solver to so many steps per second; MAX_RATE removes the limit."""
         self._binding.sent[id(self.speed)] = rate  # the user may still be dragging the slider
         self._binding.choose(rate=rate)
-        self.apply_rate()
+        self.refresh()
 
     def watch(self) -> None:
         """Let every run begin slowly, and become faster and faster: no speed that was chosen before counts."""
         self._lesson = True
         self._binding.choose(rate=None)
-        self.apply_rate()
+        self.refresh()
 
-    def apply_rate(self) -> None:
+    def refresh(self) -> None:
         """Give the solver the speed that it begins with."""
         self._since = -1.0
         self._pace(0 if self._rate == MAX_RATE else self._rate)
@@ -231,7 +230,7 @@ class RunBar:
             if rate > 1.2 * self._paced:
                 self._pace(rate)
         elif self._since >= 0:
-            self.apply_rate()
+            self.refresh()
         send(self.speed, self._rate if self._since < 0 else min(round(self._paced), MAX_RATE))
         label = "Pause" if view.running else "Play"
         if self.run.label != label:
@@ -260,6 +259,8 @@ def default_start(solver: str) -> str:
 
 class SolverTab(Tab):
     """Owns the controls, and restarts the solver with them."""
+
+    where, order = RUN_BAR, 1
 
     def __init__(self, binding: Binding):
         self._binding, state, settings = binding, binding.session.view.state, binding.run.scene.solver
@@ -344,10 +345,20 @@ class SolverTab(Tab):
         send(self.automatic, state.automatic)
 
 
+@cache
+def tab_kinds() -> tuple[type[Tab], ...]:
+    """Return the tabs of a session, of this module and those in `tabs`, in the order in which they are made."""
+    modules = [import_module(f"{tabs.__name__}.{module.name}") for module in pkgutil.iter_modules(tabs.__path__)]
+    kinds = {kind for module in modules for kind in vars(module).values() if isinstance(kind, type)}
+    found = [kind for kind in {RunBar, SolverTab, *kinds} if issubclass(kind, Tab) and kind.where]
+    return tuple(sorted(found, key=lambda kind: (kind.where != RUN_BAR, kind.order, kind.__name__)))
+
+
 class Tabs:
     """The run bar and the tabs of one session, in the order in which they are made: a later one may use an earlier one.
 
-    `place`: function that moves the camera of one browser to a view.
+    Each is an attribute, named as its class: `map` is a MapTab. `place`: function that moves the camera of one browser
+    to a view.
     """
 
     def __init__(
@@ -358,23 +369,13 @@ class Tabs:
     ):
         self.binding, self._place = binding, place
         binding.tabs = self
-        with folders.tab(RUN_BAR):
-            self.run_bar = RunBar(binding)
-            self.solver = SolverTab(binding)
-        with folders.tab("Scene"):
-            self.scene = SceneTab(binding)
-        with folders.tab("Map"):
-            self.map = MapTab(binding)
-            self.sweep = SweepTab(binding, self.map)
-            self.maps = MapsPanel(binding)
-            self.spectrum = SpectrumPanel(binding)
-        with folders.tab("View"):
-            self.view = ViewTab(binding, self.look)
-            self.export = ExportTab(binding)
-        with folders.tab("Curves"):
-            self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought)
-        with folders.tab("Mics"):
-            self.microphones = MicrophonesTab(binding)
+        for kind in tab_kinds():
+            with folders.tab(kind.where):
+                setattr(self, kind.attribute(), kind(binding))
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
 
     def __iter__(self) -> Iterator[Tab]:
         return (tab for tab in vars(self).values() if isinstance(tab, Tab))
@@ -396,11 +397,10 @@ class Tabs:
         """Let everything follow the values of the controls, after a program has set them."""
         for tab in self:
             tab.refresh()
-        self.run_bar.apply_rate()
+        self.run_bar.refresh()
 
     def show(self, tick: PageState) -> None:
         """Bring everything up to date; called by the main loop."""
         self.binding.state = tick
-        self.run_bar.show(tick)
         for tab in self:
             tab.update(tick)

@@ -236,7 +236,7 @@ class Viewer:
             self._verdict, self.maps = VerdictWorker(run, binding.threads), CostMapWorker(run, binding.threads)
             self.tabs = Tabs(folders, binding, nodes.cameras.request)
             self.drop.tabs = self.tabs
-            self.tabs.run_bar.apply_rate()
+            self.tabs.run_bar.refresh()
             nodes.show(picture)
             moves = self.tabs.map.pick, self.drop.move, self.drop.place
             self.picker = MicrophonePicker(server, binding, picture, *moves, f"/picking/{folders.number}")

@@ -29,7 +29,7 @@ def test_controls_without_effect_are_hidden(controls):
     panel, session = controls
     map_, view, export = panel.map, panel.view, panel.export
     map_.choose_modes([1, 2])
-    handles = (map_.which, map_.upto, map_.text, map_.scale)
+    handles = (map_.which, map_.text, map_.scale)
     assert all(handle.visible for handle in handles)
     set_by_client(map_.kind, NOTHING)
     assert not any(handle.visible for handle in handles)
@@ -61,7 +61,7 @@ def test_the_view_from_the_side_raises_a_flat_map_and_that_from_above_lays_it_do
 def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, work):
     unbounded = dataclasses.replace(work, problem=dataclasses.replace(work.problem, search=None))
     map_ = map.MapTab(Binding(server.gui, unbounded, 6))
-    assert not any(handle.visible for handle in (map_.kind, map_.which, map_.upto, map_.scale))
+    assert not any(handle.visible for handle in (map_.kind, map_.which, map_.scale))
     map_.show(PageState(work.session.view, microphone=3))
     assert "search domain" in map_.caption.content
     server.gui.reset()
@@ -130,14 +130,14 @@ def test_a_run_that_is_watched_begins_slowly_and_speeds_up_unless_a_speed_is_cho
         panel.run_bar.show(PageState(dataclasses.replace(session.view, running=running), now))
         return [command[1] for command in session.commands if command[0] == "pace"][-1]
 
-    panel.run_bar.apply_rate()
+    panel.run_bar.refresh()
     assert [pace(now) for now in (10.0, 11.2, 13.6)] == pytest.approx([5, 10, 40])
     set_by_client(panel.run_bar.speed, 12)
     assert pace(30.0) == 12 and panel.run_bar.speed.value == 12
     panel.binding.choose(rate=None)
     pace(31.0, running=False)
     session.step_time = 0.02
-    panel.run_bar.apply_rate()
+    panel.run_bar.refresh()
     assert [pace(now) for now in (40.0, 41.2)] == pytest.approx([25, 50]), "the next begins slowly, unless steps are"
 
 

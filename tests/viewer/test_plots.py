@@ -1,5 +1,7 @@
 """Curves and spectrum."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from doubles import State, view_of
@@ -18,11 +20,17 @@ from fdcal.viewer.tabs.curves import NO_RESTART, CurvesTab
 from fdcal.viewer.tabs.microphones import ErrorByDistance
 
 
+def curves_of(server, measurement, sought):
+    """The curves of the errors of the microphones sought."""
+    run = SimpleNamespace(sought=sought)
+    return CurvesTab(SimpleNamespace(gui=server.gui, measurement=measurement, run=run))
+
+
 @pytest.fixture
 def curves(server, measurement, monkeypatch):
     """The curves of a run in which all ten microphones are sought; new axes are sent at once."""
     monkeypatch.setattr(plots, "APART", 0.0)
-    return CurvesTab(server.gui, measurement, np.arange(10))
+    return curves_of(server, measurement, np.arange(10))
 
 
 def test_plots_hold_finite_numbers_only(curves, measurement):
@@ -112,7 +120,7 @@ def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monk
 
 
 def test_errors_are_those_of_the_microphones_sought_and_follow_a_rewound_history(server, measurement):
-    curves = CurvesTab(server.gui, measurement, np.array([4, 5]))
+    curves = curves_of(server, measurement, np.array([4, 5]))
     away = np.zeros((10, 2))
     away[4], away[5], away[9] = [0.001, 0.0], [0.003, 0.0], [0.5, 0.0]
     states = [State(measurement.positions + away / (i + 1), i) for i in range(6)]

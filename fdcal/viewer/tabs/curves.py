@@ -8,12 +8,10 @@ from other positions. The number of the stage is in the legend, and restarts whe
 from typing import Any
 
 import numpy as np
-import viser
 from viser import uplot
 
 from ...graphics.picture import cost_title
-from ...model.measurement import Measurement
-from ..binding import Tab
+from ..binding import Binding, Tab
 from ..plots import BLUE, GREY, ORANGE, PURPLE, RED, Plot, decades_of
 from ..state import PageState
 
@@ -37,9 +35,11 @@ class CurvesTab(Tab):
     `error`: Plot of the position errors, or None where the true positions are unknown.
     """
 
+    where = "Curves"
     interval = 0.25
 
-    def __init__(self, gui: viser.GuiApi, measurement: Measurement, sought: np.ndarray):
+    def __init__(self, binding: Binding):
+        gui, measurement, sought = binding.gui, binding.measurement, binding.run.sought
         self._measurement, self._free = measurement, max(measurement.count - len(measurement.known), 1)
         self._sought = sought  # microphones whose errors count
         self._states: list[Any] = []  # whose numbers are in _rows

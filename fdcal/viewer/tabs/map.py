@@ -96,6 +96,8 @@ class MapTab(Tab):
     `kinds`: of maps that there can be; `axis`, `position`: of the slice through a volume, metres.
     """
 
+    where, order = "Map", 1
+
     def __init__(self, binding: Binding):
         self._binding, self._possible = binding, binding.run.problem.search is not None
         self._caption, self._risen = Memo(), ""  # and the kind of map that `rise` has chosen
@@ -141,10 +143,6 @@ class MapTab(Tab):
             hint="Of the map; the solver keeps its own",
         )  # fmt: skip
         modes = choices.modes or (1,)
-        self.upto = binding.slider(
-            f"Up to {row}", 1, binding.modes, 1, modes[-1], lambda value: self.choose_modes(range(1, value + 1)),
-            visible=lambda choices: choices.modes is not None and mapped(choices), hint=f"From {row} 1 to this one",
-        )  # fmt: skip
         self.text = binding.on(
             binding.gui.add_text(f"{row.title()} numbers", modes_text(modes), hint="For example 1-3, 5"), self._read
         )
@@ -190,7 +188,7 @@ class MapTab(Tab):
         modes = None if modes is None else tuple(modes)
         self._binding.choose(modes=modes, modes_error="")
         if modes is not None:
-            self.text.value, self.upto.value = modes_text(modes), modes[-1]
+            self.text.value = modes_text(modes)
 
     def _choose_which(self, label: str) -> None:
         """Show the modes that the solver uses, or begin with these to choose others."""
@@ -205,7 +203,6 @@ class MapTab(Tab):
             self._binding.choose(modes_error=html.error_message(error))
             return
         self._binding.choose(modes=modes, modes_error="")
-        self.upto.value = modes[-1]
 
     def show_as(self, kind: str) -> None:
         """Show one of `kinds`; a flat map in place of one that there cannot be."""
@@ -277,6 +274,8 @@ class MapsPanel(Tab):
 
     `image`: control that shows the maps.
     """
+
+    where, order = "Map", 3
 
     def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui

@@ -169,6 +169,7 @@ def chart(
 class MicrophonesTab(Tab):
     """Owns the plot and the tables."""
 
+    where = "Mics"
     interval = 0.3
 
     def __init__(self, binding: Binding):

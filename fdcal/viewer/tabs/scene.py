@@ -32,6 +32,8 @@ SMALLER = 'change "Array radius (m)", "Microphones" or "Scene seed"'
 class SceneTab(Tab):
     """Owns the controls of the tab. Nothing changes before Apply; a scene that is refused changes nothing."""
 
+    where = "Scene"
+
     def __init__(self, binding: Binding):
         self._binding, self._scene = binding, binding.run.scene
         name, self._own_name = self._scene.name, ""  # in the list, of a scene that does not come with fdcal

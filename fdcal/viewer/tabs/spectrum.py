@@ -136,6 +136,7 @@ def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | 
 class SpectrumPanel(Tab):
     """Owns the plot and the text below it."""
 
+    where, order = "Map", 4
     interval = 0.25
 
     def __init__(self, binding: Binding):

@@ -32,7 +32,6 @@ from ..cost_maps import (
 from ..plots import BLUE, RED, Plot, dots
 from ..scheduler import Memo
 from ..state import FLOOR, PageState
-from .map import MapTab
 
 
 @dataclass(frozen=True)
@@ -97,11 +96,13 @@ class SweepTab(Tab):
 
     Its callbacks run on viser's event loop, `show` on the main loop.
 
-    `map_tab`: whose modes are set; `made`: the sweep that was asked for, as far as it is computed, or None.
+    `made`: the sweep that was asked for, as far as it is computed, or None.
     """
 
-    def __init__(self, binding: Binding, map_tab: MapTab):
-        self._binding, self._map, row, modes = binding, map_tab, binding.row, binding.modes
+    where, order = "Map", 2
+
+    def __init__(self, binding: Binding):
+        self._binding, self._map, row, modes = binding, binding.tabs.map, binding.row, binding.modes
         self.worker = binding.threads.job(self._compute)
         self._sweep: Sweep | None = None
         self._playing: Playback | None = None

@@ -42,15 +42,14 @@ ELLIPSES_LATER = "Ellipses appear when the solver has finished."
 
 
 class ViewTab(Tab):
-    """Owns the controls of the tab.
+    """Owns the controls of the tab."""
 
-    `place`: function that moves the camera of one browser to a view.
-    """
+    where = "View"
 
-    def __init__(self, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
+    def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui
         camera = gui.add_button_group("Camera", tuple(VIEWS))  # a hint would cover the tabs above
-        self.camera = binding.on(camera, lambda client, name: place(client, VIEWS[name]), True, "look")
+        self.camera = binding.on(camera, lambda client, name: binding.tabs.look(client, VIEWS[name]), True, "look")
         gui.add_html(html.remark("In this window only: plan view, array, whole room."))
         choose = binding.choose
         self.dark = binding.checkbox("Dark page", lambda choices: choices.dark, self.darken, command="dark_page")
@@ -246,6 +245,8 @@ SIZES = {"1280 x 800": (1280, 800), "1920 x 1080": (1920, 1080), "3840 x 2160": 
 
 class ExportTab(Tab):
     """Owns the controls, and makes files in the order in which they were requested; a bounded number may wait."""
+
+    where, order = "View", 11
 
     def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui
