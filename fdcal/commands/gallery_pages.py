@@ -28,8 +28,9 @@ from .plotting import counted_microphones
 MAX_BYTES = 1_000_000  # of one replay
 TITLE = "Microphone positions from the resonances of a room"
 INTRODUCTION = (
-    "Each picture opens a run of fdcal that plays in this browser: microphones, errors, and the cost of moving one of"
-    " them, from any modes. The address of a page names what it shows, so that you can link to a moment."
+    "fdcal finds where the microphones of an array are, from what they record of a reverberant room. Each picture opens"
+    " a run or a lesson that plays in this browser; the address of a page names what it shows, so you can link to a"
+    " moment."
 )
 
 

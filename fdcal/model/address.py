@@ -1,6 +1,7 @@
 """What a link names of a view, after # in an address: one grammar for the page, for lessons and for offline pages.
 
 scene             name of a scene that comes with fdcal, or of the one that is shown
+method            name of the solver
 lesson, part      name of a lesson; number of its step, from 1, and perhaps of the answer given, as "2" or "2,1"
 step, sweep, stage  the first state of the run with this number; stages count from 1, as on the page
 microphone        whose map is shown, from 0, or "none"
@@ -32,6 +33,7 @@ SOLVER = "solver"  # the modes that the solver uses
 NUMBER = r"-?\d{1,9}(\.\d{1,9})?(e[-+]?\d\d?)?"
 ADDRESS = {  # key: regular expression of its values, as Python and JavaScript read it
     "scene": r".+",
+    "method": r"[a-z]+",
     "lesson": r".+",
     "part": r"[1-9]\d?(,[1-9])?",
     "step": r"\d{1,6}",

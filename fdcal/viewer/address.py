@@ -1,8 +1,8 @@
 """The view in the page's address after #: a link opens the same view (`fdcal.model.address`).
 
-The page writes scene, microphone (none where the map follows the solver), modes and map, or lesson and part, which set
-the rest by themselves; each browser adds its camera. "face", Explore or Expert, is of a browser alone, and never comes
-here (`server/page.js`).
+The page writes scene, method, step, microphone (none where the map follows the solver), modes and map, or lesson and
+part, which set the rest by themselves; each browser adds its camera. "face", Explore or Expert, is of a browser alone,
+and never comes here (`server/page.js`).
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from urllib.parse import quote, urlencode
 
 import viser
 
+from .. import solvers
 from ..graphics.camera import Camera
 from ..model.address import ADDRESS, SOLVER, parse_address
 from ..model.scene import load_scene, scene_names
-from ..model.validation import InputError, modes_text, parse_modes, shown
+from ..model.validation import InputError, modes_text, parse_modes, require_choice
 from ..session.lesson import LessonSetting
 from ..session.sources import OpenRequest, scene_request
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
@@ -46,8 +47,10 @@ def address_of(viewer: Viewer, lesson: str = "", part: int = 1) -> str:
     """Return what the address says of a session, or of a lesson; the camera of each browser is added there."""
     if lesson:
         return f"lesson={quote(lesson)}&part={part}"
-    choices = viewer.binding.choices
-    parts = {"scene": quote(viewer.run.scene.name)}
+    choices, state = viewer.binding.choices, viewer.run.session.view.state
+    parts = {"scene": quote(viewer.run.scene.name), "method": viewer.run.scene.solver.name}
+    if state.step and not viewer.run.session.view.running:
+        parts["step"] = str(state.step)
     if not choices.follow:
         parts["microphone"] = str(choices.microphone)
     modes = SOLVER if choices.modes is None else modes_text(choices.modes).replace(" ", "")
@@ -78,6 +81,9 @@ class AddressBar:
             return
         camera_of(asked)
         lesson, scene, own = asked.get("lesson", ""), asked.get("scene", ""), viewer.run.scene.name
+        method = asked.get("method", "")
+        if method:
+            require_choice("method", method, solvers.names())
         if lesson:
             lessons.open(lesson, int(asked.get("part", "1").partition(",")[0]))
             self._pending = None, client, asked
@@ -85,19 +91,28 @@ class AddressBar:
         if lessons.progress.lesson is not None and scene:
             lessons.leave()
         if scene in ("", own):
-            self._set(viewer, client, asked)
-            return
-        if scene not in scene_names():
-            problem = f'the address names the scene "{shown(scene)}"'
-            raise InputError(problem, f"use {', '.join(scene_names())}", key="scene")
-        request = replace(scene_request(load_scene(scene)), choices=plain_choices())
+            if method in ("", viewer.run.scene.solver.name):
+                self._set(viewer, client, asked)
+                return
+            request = OpenRequest(viewer.run.scene, measurement=viewer.run.measurement, fewer_modes=True)
+        else:
+            require_choice("scene", scene, scene_names())
+            request = scene_request(load_scene(scene))
+        if method and method != request.scene.solver.name:
+            solver = replace(request.scene.solver, name=method, start=None)
+            request = replace(request, scene=replace(request.scene, solver=solver))
+        request = replace(request, choices=plain_choices())
         self._page.open(request)
         self._pending = request, client, asked
 
     def _set(self, viewer: Viewer, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
         """Set what differs from what is shown: a page that is loaded again changes nothing."""
         binding, now, camera = viewer.binding, parse_address(address_of(viewer)), camera_of(asked)
-        keys = ["view"] if "lesson" in asked else [key for key in ADDRESS if key not in ("scene", "lesson", "part")]
+        keys = (
+            ["view"]
+            if "lesson" in asked
+            else [key for key in ADDRESS if key not in ("scene", "method", "lesson", "part")]
+        )
         new = {key: asked[key] for key in keys if key in asked and asked[key] != now.get(key)}
         count, microphone = binding.measurement.count, new.get("microphone", "none")
         if microphone != "none" and int(microphone) >= count:

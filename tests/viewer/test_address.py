@@ -61,11 +61,13 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page, monke
         assert "scene" in written and written.get("modes") == ("1,3" if kept else None), "those that it has room for"
 
 
-def test_a_link_to_another_scene_opens_it_and_then_sets_the_map(tiny_page):
+def test_a_link_to_another_scene_opens_it_and_then_sets_method_step_and_map(tiny_page):
     page, turn_until = tiny_page
     command(page, "open=scene=lshape&microphone=3&modes=1-4&map=none")
     turn_until(lambda: page.viewer.run.scene.name == "lshape" and not page.viewer.binding.choices.shown)
-    turn_until(lambda: address_bar(page) == "scene=lshape&microphone=3&modes=1-4&map=none")
+    turn_until(lambda: address_bar(page) == "scene=lshape&method=descent&microphone=3&modes=1-4&map=none")
+    command(page, "open=scene=tiny&method=joint&step=2&modes=solver&map=flat")
+    turn_until(lambda: address_bar(page) == "scene=tiny&method=joint&step=2&modes=solver&map=flat")
 
 
 def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(server, tiny_page):
@@ -92,7 +94,7 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
 
 
 NOT_THERE = (
-    "scene=../../etc/passwd", "scene=none_such", "microphone=-1", "microphone=99", "modes=1-9999", "modes=x", "map=up",
+    "scene=../../etc/passwd", "scene=none_such", "method=x", "microphone=-1", "microphone=99", "modes=1-9999", "modes=x", "map=up",
     "step=1&step=2", "step=1&sweep=2", "view=1,2,3", "view=0,0,1,0,0,1,0,1,0,0.5", "other=1", "lesson=x",
     "view=0,0,nan,0,0,1,0,1,0,0.5", "scene=100%2525",
 )  # fmt: skip

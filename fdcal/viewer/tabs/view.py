@@ -117,6 +117,7 @@ def panels_on_screen(state: PageState, count: int) -> ModePanels | None:
 
 MAX_WAITING = 8  # files that may wait to be made
 MAX_PANELS = 8  # maps of single modes in a figure
+REPLAY_BYTES = 300_000  # of a run as a page, which can be sent by mail
 MAX_NAME = 60  # characters of the scene in the name of a file
 
 log = logging.getLogger(__name__)
@@ -182,10 +183,10 @@ def _table(snapshot: PageState) -> bytes:
 
 def _replay(snapshot: PageState) -> bytes:
     run, history = snapshot.run, snapshot.view.history
-    shown = {"problem": run.problem, "microphone": snapshot.microphone}
     return replay_html(
-        run.known_scene, run.measurement, history, run.scene.title, run.reference_cost, run.sought, **shown
-    ).encode()
+        run.known_scene, run.measurement, history, run.scene.title, run.reference_cost, run.sought,
+        problem=run.problem, microphone=snapshot.microphone, max_bytes=REPLAY_BYTES,
+    ).encode()  # fmt: skip
 
 
 def _session(snapshot: PageState) -> bytes:
