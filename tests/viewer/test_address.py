@@ -94,9 +94,9 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
 
 
 NOT_THERE = (
-    "scene=../../etc/passwd", "scene=none_such", "method=x", "microphone=-1", "microphone=99", "modes=1-9999", "modes=x", "map=up",
+    "scene=../../etc/passwd", "scene=none_such", "method=x", "microphone=-1", "microphone=99", "modes=1-9999",
     "step=1&step=2", "step=1&sweep=2", "view=1,2,3", "view=0,0,1,0,0,1,0,1,0,0.5", "other=1", "lesson=x",
-    "view=0,0,nan,0,0,1,0,1,0,0.5", "scene=100%2525",
+    "view=0,0,nan,0,0,1,0,1,0,0.5", "modes=x", "map=up", "scene=100%2525",
 )  # fmt: skip
 
 
