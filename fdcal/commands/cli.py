@@ -21,6 +21,7 @@ import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
+from typing import Any
 
 import click
 
@@ -54,6 +55,25 @@ def without_debug(args: Sequence[str]) -> tuple[list[str], bool]:
     return head + args[stop:], len(head) < stop
 
 
+def printable(text: str) -> str:
+    """Return a text without control characters, which names in files and of files may hold."""
+    return "".join(x if x.isprintable() or x in "\n\t" else "?" for x in text)
+
+
+class PrintableOutput:
+    """A stream to which texts are written as `printable`."""
+
+    def __init__(self, stream: Any):
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        return self._stream.write(printable(text) if isinstance(text, str) else text)  # else it raises TypeError
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
 @contextlib.contextmanager
 def guarded(debug: bool = False) -> Iterator[End]:
     """Turn an exception into one line on standard error, after the traceback with `debug`, and an exit code."""
@@ -68,7 +88,7 @@ def guarded(debug: bool = False) -> Iterator[End]:
         line = " ".join(message.split())
         line = line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
         with contextlib.suppress(OSError, ValueError):  # where nobody reads it
-            print("error:", line, file=sys.stderr, flush=True)
+            print("error:", printable(line), file=sys.stderr, flush=True)
 
 
 def _described(error: BaseException) -> tuple[str, int]:
@@ -91,7 +111,9 @@ def _described(error: BaseException) -> tuple[str, int]:
 def main(args: list[str] | None = None) -> None:
     """Run a command and exit with its code."""
     given, debug = without_debug(sys.argv[1:] if args is None else args)
-    with guarded(debug) as end, ended_as_interrupted(), one_blas_thread_for_command():
+    output: Any = PrintableOutput(sys.stdout)
+    quiet = contextlib.redirect_stdout(output)
+    with guarded(debug) as end, quiet, ended_as_interrupted(), one_blas_thread_for_command():
         end.code = commands.main(args=given, prog_name="fdcal", standalone_mode=False) or 0
         try:
             sys.stdout.flush()

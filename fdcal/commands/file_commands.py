@@ -160,6 +160,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
 
     The exit code is that of calibrate with all takes, 4 if they give no result, 130 after Ctrl-C.
     """
+    from ..model.storage import TEMPORARY
     from ..recordings import formats
     from ..recordings.formats.positions import read_positions
     from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
@@ -181,6 +182,8 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
         formats.read(file)
     for file in replay:
         check_take(replayed(file, inputs), path, seconds)
+    for left in sorted(path.parent.glob(f"{TEMPORARY}*{path.suffix}")):
+        print(f"a take that was not ended is there: mv {left} NAME{path.suffix} keeps it, rm {left} deletes it")
     together = partial(takes_result, positions=positions, options=options, wording=opt.OPTIONS)
     paths, written = list(earlier), 0
     while True:

@@ -7,6 +7,7 @@ of a right one.
 from __future__ import annotations
 
 import math
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -230,7 +231,7 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
         raise StorageError(f"-o {text} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
     for source in map(Path, filter(None, inputs)):
         linked = source.exists() and path.exists() and source.samefile(path)  # as hard links are
-        if linked or source.resolve() == path.resolve():
+        if linked or os.path.realpath(source) == os.path.realpath(path):
             problem = f"-o {text} is the input itself, which is never overwritten"
             raise InputError(problem, "choose another name", key="output", value=text)
     if path.exists() and not force:
@@ -282,7 +283,7 @@ BAR = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfi
 def progress_bar(title: str) -> Iterator[ProgressReport]:
     """Give a function that shows a bar on standard error; it appears with the first call.
 
-    Where 0 is done nobody knows how much is left: the bar is a clock. Into a file goes one line.
+    Where 0 is done nobody knows how much is left: the bar is a clock. Into a file goes nothing.
     """
     from tqdm import tqdm
 
@@ -290,10 +291,7 @@ def progress_bar(title: str) -> Iterator[ProgressReport]:
 
     def progress(done: float, note: str = "") -> None:
         if not bars:
-            terminal = sys.stderr.isatty()
-            bars.append(tqdm(total=1.0, desc=title, mininterval=0.2, file=sys.stderr, disable=not terminal))
-            if not terminal:
-                print(f"{title} ...", file=sys.stderr, flush=True)
+            bars.append(tqdm(total=1.0, desc=title, mininterval=0.2, file=sys.stderr, disable=not sys.stderr.isatty()))
         bars[0].bar_format = BAR if done else "{desc} {elapsed}{postfix}"
         bars[0].set_postfix_str(note, refresh=False)
         if done < bars[0].n:  # another run, or a restart; `update` would show nothing for a long time

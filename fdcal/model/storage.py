@@ -39,7 +39,7 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
 
     `write`: writes the file of the given name; `force`: overwrite an existing file.
     """
-    path = Path(path)
+    path = Path(os.path.realpath(path))  # a link stays one
     if not force and path.exists():
         raise InputError(f"{path} exists", "use <force> to overwrite it", key="path", value=path)
     temporary = path.parent / f"{TEMPORARY}{secrets.token_hex(8)}{path.suffix}"
@@ -136,7 +136,7 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
     if path.is_dir() and not force and any(path.iterdir()):
         remedy = "add <force> to replace what it has of the same names, or choose another folder"
         raise InputError(f"{path} is not empty", remedy, key="output", value=str(path))
-    temporary = path.resolve().parent / f"{TEMPORARY}{secrets.token_hex(8)}"
+    temporary = Path(os.path.realpath(path)).parent / f"{TEMPORARY}{secrets.token_hex(8)}"
     try:
         if path.is_dir():  # raises OSError where no file can be written into it
             probe = path / f"{TEMPORARY}{secrets.token_hex(8)}"
@@ -157,10 +157,11 @@ MAX_DOTS = 500  # before the "=" of a line: the parser's time grows with the squ
 
 
 def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -> bytes:
-    """Return the content, as "scene", of a file of `max_bytes` at most: a device without an end is no hang."""
+    """Return the content, as "scene", of a file of `max_bytes` at most, which is no device and no pipe."""
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no name of a file, it holds a NUL character", "correct it")
     try:
+        require_regular(path)
         with open(path, "rb") as file:
             content = file.read(max_bytes + 1)
     except OSError as error:

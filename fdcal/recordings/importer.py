@@ -5,6 +5,7 @@ A file holds takes or channels of one take: a recording of all microphones with 
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -92,8 +93,8 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
     if not paths:
         raise InputError("no file is given", "give one or several", key="source")
     paths = [one for path in paths for one in formats.sound_files(path) or [path]]
-    times = Counter(Path(path).resolve() for path in paths)
-    twice = sorted(str(path) for path in paths if times[Path(path).resolve()] > 1)
+    times = Counter(os.path.realpath(path) for path in paths)
+    twice = sorted(str(path) for path in paths if times[os.path.realpath(path)] > 1)
     if twice:
         raise InputError(f"{twice[0]} is given twice", "give each file once", key="source")
     read = list[Recording]()

@@ -47,11 +47,11 @@ NO_DOMAIN = (
 
 # How the page calls the arguments that an error's remedy mentions (`InputError.worded`).
 CONTROLS = {
-    "array_radius": "fdcal import FILE --array-radius R",
+    "array_radius": "the array radius of `fdcal import`",
     "kind": 'the list "Kind of a recording" below the scenes',
     "known": 'the slider "Known microphones" in the tab Scene',
     "modes": 'the slider "Last mode" in the settings of the solver',
-    "rate": "fdcal import FILE --rate HZ",
+    "rate": "the sampling rate to `fdcal import`",
     "radius": "its radius in the file that is shown",
     "search": "a search domain",
     "seed": 'the field "Seed" in the settings of the solver',

@@ -62,10 +62,12 @@ def test_a_dead_channel_is_not_called_misplaced_wherever_it_was_found(folder, tm
 
 
 def test_each_take_says_what_all_of_them_say_together(folder, capsys):
+    (folder / ".fdcal-0.wav").write_bytes(b"RIFF")  # as of a program that was killed
     arguments = ["record", "-o", folder / "t1.wav", "--result", folder / "r.json", "--positions", folder / "list.csv"]
     code = exit_code(*arguments, "--replay", folder / "one.wav", "--replay", folder / "two.wav", "--seconds", 10)
     out = capsys.readouterr().out
     assert (folder / "t2.wav").exists() and code in (0, 4)
+    assert f"mv {folder / '.fdcal-0.wav'} NAME.wav keeps it" in out
     found = json.loads((folder / "r.json").read_text())
     assert len(found["positions"]) == COUNT and found["verdict"] in out
     assert 1e3 * found["mean_error_m"] < 20 and f"mean {1e3 * found['mean_error_m']:.3g} mm" in out

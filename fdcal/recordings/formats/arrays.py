@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from ...model.libraries import needs
-from ...model.storage import load_archive
+from ...model.storage import load_archive, require_regular
 from ...model.validation import InputError, StorageError, require_array, require_choice, shown
 from ..recording import KINDS, MIN_SAMPLES, RANGE_SAMPLES, Recording, ranges
 from . import Format, damaged, isolated, isolated_call, wanted_source
@@ -49,6 +49,7 @@ Opened = Callable[[], contextlib.AbstractContextManager[Any]]  # gives the array
 def keys_of(path: Path) -> list[str]:
     """Return the names of the arrays in an archive; none where it cannot be read."""
     try:
+        require_regular(path)
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             return list(archive.files)
     except Exception:  # a damaged archive raises anything
@@ -266,8 +267,11 @@ def _positions(path: Path) -> np.ndarray:
 def _mapped(path: Path) -> np.ndarray:
     """Return an .npy file of real numbers, memory-mapped."""
     try:
+        require_regular(path)
         with np.errstate(all="raise"):  # a damaged header may announce more bytes than there are numbers
             values = np.load(path, mmap_mode="r", allow_pickle=False)
+    except InputError:
+        raise
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
     except Exception as error:  # a damaged header raises anything

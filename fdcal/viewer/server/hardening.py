@@ -44,6 +44,7 @@ log = logging.getLogger(__name__)
 Handler = Callable[..., Any]  # a coroutine function
 RATE, BURST = 200.0, 400.0  # control updates per second of one client, and at once
 FLOOD_TIME = 5.0  # s that a client may have to wait in all, before it has been within its budget again
+OPEN_TIME = 2.0  # s that a client may take to say what it wants; the server waits so long for it when it ends
 STALL_TIME = 10.0  # s in which a client must read something of what waits for it
 MAX_UNREAD_BYTES = 16_000_000  # that wait for one client
 DEAF = "a client that does not read was disconnected"
@@ -163,8 +164,8 @@ log.addFilter(StrangerFilter())
 Respond = Callable[..., Response | None]  # of a connection and a request
 
 
-def own_page_only(respond: Respond) -> Respond:
-    """Wrap the function that answers requests: a page connects only to the address that it comes from.
+def own_page_only(respond: Respond, origins: list[re.Pattern[str]]) -> Respond:
+    """Wrap the function that answers requests: it is asked by its own name, by a page that comes from the same address.
 
     A browser sets both headers itself, and neither depends on a forwarded port. `allowed_origins` has the names. The
     page is sent uncompressed to loopback addresses (also through an SSH tunnel): compressing costs 30 ms before the
@@ -172,13 +173,19 @@ def own_page_only(respond: Respond) -> Respond:
     """
 
     def answer(connection, request) -> Response | None:
+        hosts = [host.lower() for host in request.headers.get_all("Host")]
+        if not hosts or not all(any(one.fullmatch(f"http://{host}") for one in origins) for host in hosts):
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "This server has another name.\n")
         came_from = [origin.partition("//")[2].lower() for origin in request.headers.get_all("Origin")]
         connects = came_from or "Upgrade" in request.headers
-        if connects and came_from != [host.lower() for host in request.headers.get_all("Host")]:
+        if connects and came_from != hosts:
             return connection.respond(http.HTTPStatus.FORBIDDEN, "This page is for its own address only.\n")
         if request.path.partition("?")[0] == "/" and is_loopback(connection.remote_address[0]):
             request.headers.pop("Accept-Encoding", None)
-        return respond(connection, request)
+        try:
+            return respond(connection, request)
+        except OSError:  # a name that is too long for a file
+            return connection.respond(http.HTTPStatus.NOT_FOUND, "404\n")
 
     return answer
 
@@ -269,13 +276,14 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
         problem = f"the server cannot listen at host = {host}, port = {port} ({reason})"
         raise InputError(problem, "give another <host> or <port>", key="host", value=host) from error
     module: Any = websockets.asyncio.server
+    origins = allowed_origins(host)
     serve = module.serve
 
     def restricted(handler: Handler, *arguments, **given):
         """Listen with a list of allowed origins and bounds of what a client may send."""
         if given.get("process_request") is not None:
-            given["process_request"] = own_page_only(titled(given["process_request"], film, on_sent))
-        given |= {"origins": allowed_origins(host), "max_size": MAX_MESSAGE_BYTES}
+            given["process_request"] = own_page_only(titled(given["process_request"], film, on_sent), origins)
+        given |= {"origins": origins, "max_size": MAX_MESSAGE_BYTES, "open_timeout": OPEN_TIME}
         given |= {"create_connection": GuardedConnection, "logger": log}
         return serve(version_checked(handler), *arguments, **given)
 

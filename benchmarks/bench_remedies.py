@@ -1,0 +1,179 @@
+"""Each remedy that a verdict prints, followed: does the error fall, or does the verdict become true?
+
+Jobs are the cases of `benchmarks.field`, with the modes that fdcal chooses and with all of them, family by family,
+until WANTED of them have printed a remedy or FDCAL_BENCH_DRAWS cases of each family (40 unless given) have been tried.
+REMEDIES is the table of what fdcal can print: words of the verdict, and what somebody does who follows them. A remedy
+helps where the RMS error falls by a fifth, or the answer is called good and is right (`benchmarks.field.score`). One
+that cannot be followed, as more modes where all are in use, counts as no help. It should help in most jobs; otherwise
+it does not belong into a verdict.
+"""
+
+import io
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fdcal.assessment.calibration import Calibration
+from fdcal.model.measurement import load_measurement, with_known
+from fdcal.model.storage import cache_folder
+from fdcal.model.validation import InputError
+from fdcal.session.calibration_run import solve
+from fdcal.session.sources import CalibrationInput, measurement_input, with_mode_number, with_settings
+
+from .field.cases import Case, NoCaseError, build
+from .field.families import FAMILIES
+from .field.score import CONFIDENT_ERROR, RIGHT_ERROR, RMS_SIGMAS, _aligned
+from .report import Figure
+
+ALONE = True
+WANTED, FEWEST = 10, 10
+DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "40"))
+FAMILIES_WANTED = [name for name in os.environ.get("FDCAL_BENCH_FAMILIES", "").split(",") if name] or list(FAMILIES)
+FALLS = 0.8  # of the error before
+MORE_KNOWN, LOUDER_DB, LONGER = 4, 10.0, 4.0
+
+
+@dataclass(frozen=True)
+class Job:
+    """A case, what was calibrated, and what came of it."""
+
+    case: Case
+    inputs: CalibrationInput
+    result: Calibration
+
+
+def inputs_of(case: Case) -> CalibrationInput:
+    """Return what `fdcal calibrate FILE.npz` would calibrate."""
+    file = io.BytesIO()
+    np.savez(file, **case.table)
+    file.seek(0)
+    inputs = measurement_input(load_measurement(file), "case")
+    return with_settings(inputs, known=case.spec.known_mode if case.spec.known else None)
+
+
+def rebuilt(job: Job, **changes) -> Case:
+    """Return the case of a spec with other values."""
+    return build(replace(job.case.spec, **changes), Path(cache_folder()) / "field")
+
+
+def in_modes(job: Job, count: int) -> CalibrationInput:
+    """Return the inputs with a number of modes; InputError where they are in use already."""
+    count = min(count, len(job.inputs.measurement.frequencies))
+    if count == len(job.result.frequencies):
+        raise InputError("these modes are in use already")
+    return with_settings(job.inputs, modes=count)
+
+
+def more_known(job: Job) -> CalibrationInput:
+    """Return the inputs with the true positions of a few microphones more."""
+    known = set(job.inputs.measurement.known.tolist()) if job.inputs.settings.known == "all" else set()
+    others = [n for n in range(len(job.case.positions)) if n not in known]
+    chosen = np.random.default_rng(0).permutation(others)[:MORE_KNOWN]
+    places = {str(n): job.case.positions[n] for n in [*known, *chosen.tolist()]}
+    measurement = with_known(job.inputs.measurement, places)
+    settings = replace(job.inputs.settings, known="all")
+    return with_mode_number(replace(job.inputs, measurement=measurement, settings=settings))
+
+
+def measured_again(job: Job) -> CalibrationInput:
+    """Return the inputs with the true positions of the microphones that are given."""
+    places = {str(n): job.case.positions[n] for n in job.inputs.measurement.known.tolist()}
+    return replace(job.inputs, measurement=with_known(job.inputs.measurement, places))
+
+
+def without_faulty(job: Job) -> CalibrationInput:
+    """Return the inputs without the channels that are called faulty."""
+    faulty = tuple({one.name for one in job.result.channels.faults}) if job.result.channels else ()
+    file = io.BytesIO()
+    np.savez(file, **job.case.table)
+    file.seek(0)
+    if not faulty:
+        raise InputError("no channel is called faulty")
+    return measurement_input(load_measurement(file, faulty), "case", settings=job.inputs.settings)
+
+
+def with_distance(job: Job) -> CalibrationInput:
+    """Return the inputs with one distance."""
+    first, second = 0, len(job.case.positions) // 2
+    apart = float(np.linalg.norm(np.subtract(*job.case.positions[[first, second]])))
+    return replace(job.inputs, distance=(str(first), str(second), apart), estimate_sound_speed=True)
+
+
+# Words of a verdict, as `InputError` writes arguments, and what somebody does who follows them.
+REMEDIES: dict[str, Callable[[Job], CalibrationInput | Case]] = {
+    "use fewer modes (modes)": lambda job: in_modes(job, len(job.result.frequencies) // 2),
+    "use modes ": lambda job: in_modes(job, int(job.result.verdict_text.partition("use modes ")[2].split(",")[0])),
+    "use more modes (modes)": lambda job: in_modes(job, 2 * len(job.result.frequencies)),
+    "use other modes (modes)": lambda job: in_modes(job, len(job.result.frequencies) // 2),
+    "known microphones": more_known,
+    "give more positions": more_known,
+    "closer together": lambda job: rebuilt(job, size=job.case.spec.size / 2),
+    "try another solver": lambda job: with_settings(job.inputs, solver="joint"),
+    "record another take": lambda job: rebuilt(job, takes=job.case.spec.takes + 1),
+    "measure longer, louder": lambda job: rebuilt(job, snr=(job.case.spec.snr or 60.0) + LOUDER_DB),
+    "a longer time_limit": lambda job: replace(job.inputs, time_limit=LONGER * 45),
+    "leave faulty ones out with exclude": without_faulty,
+    "check the positions and the cables": measured_again,
+    "check them": measured_again,
+    "give one distance with estimate_sound_speed": with_distance,
+}
+
+
+def judged(case: Case, result: Calibration) -> tuple[float, bool]:
+    """Return the RMS error of the healthy microphones that are sought, metres, and whether the answer is called right.
+
+    A blind array is moved onto the truth as a whole.
+    """
+    names = [int(name) for name in result.names]
+    truth, sick = case.positions[names], {str(n) for n in case.named}
+    counted = np.array([name not in sick for name in result.names])
+    found = _aligned(result.positions, truth, counted) if result.aligned else result.positions
+    counted &= ~np.isin(result.names, result.known)
+    errors = np.linalg.norm(found - truth, axis=1)[counted]
+    error = float(np.sqrt(np.mean(errors**2)))
+    claim = np.inf if result.uncertainty is None else float(np.sqrt(np.mean(result.uncertainty[counted] ** 2)))
+    right = error < max(RIGHT_ERROR, min(RMS_SIGMAS * claim, CONFIDENT_ERROR))
+    return error, result.verdict == "good" and right
+
+
+def jobs() -> Iterator[Job]:
+    """Yield the cases, each calibrated with the modes that fdcal chooses, and with all that it has."""
+    for spec in (spec for name in FAMILIES_WANTED for spec in FAMILIES[name](DRAWS)):
+        for every in (False, True):
+            try:
+                case = build(spec, Path(cache_folder()) / "field")
+                inputs = inputs_of(case)
+                if every:
+                    inputs = with_settings(inputs, modes=len(inputs.measurement.frequencies))
+                yield Job(case, inputs, solve(inputs))
+            except (NoCaseError, InputError):
+                continue
+
+
+def run() -> Iterator[Figure]:
+    tried = {words: [0, 0, 0] for words in REMEDIES}  # jobs that printed it, followed it, were helped
+    for job in jobs():
+        before, _ = judged(job.case, job.result)
+        for words, follow in REMEDIES.items():
+            if job.result.verdict == "good" or words not in job.result.verdict_text or tried[words][0] >= WANTED:
+                continue
+            tried[words][0] += 1
+            try:
+                other = follow(job)
+                case, inputs = (other, inputs_of(other)) if isinstance(other, Case) else (job.case, other)
+                after, trusted = judged(case, solve(inputs))
+            except (NoCaseError, InputError) as error:
+                print(f"  {words}: not followed ({error})", flush=True)
+                continue
+            print(f"  {words}: {job.result.verdict}, {1e3 * before:.1f} -> {1e3 * after:.1f} mm, {trusted}", flush=True)
+            tried[words][1] += 1
+            tried[words][2] += trusted or after < FALLS * before
+        if all(one[0] >= WANTED for one in tried.values()):
+            break
+    for words, (printed, followed, helped) in tried.items():
+        target = "more than half" if printed >= FEWEST else "too few jobs"
+        met = 2 * helped > printed if printed >= FEWEST else None
+        yield Figure(f'"{words.strip()}" helps; {followed} followed', helped, f"of {printed}", target, met)
