@@ -156,5 +156,5 @@ def _draw_bar(draw, picture: Picture, bar: ColourBar, camera: Camera, letters) -
         row = bottom + fraction * (top - bottom)
         draw.line([(right, row), (right + 6 * scale, row)], fill=theme.foreground, width=stroke)
         _write(draw, (right + 10 * scale, row), text, letters, theme.foreground, "lm", theme.background, scale)
-    label = bar.label.replace(" (", "\n(").replace("), ", "),\n").replace(" at z", "\nat z")
+    label = bar.label.replace(" (", "\n(").replace("), ", "),\n").replace(" the layer z", "\nthe layer\nz")
     draw.multiline_text((left - scale, top - 8 * scale), label, theme.foreground, font(14 * scale), anchor="ld")

@@ -208,7 +208,7 @@ def layer_floor(
 
 
 def _at(text: str, z: float) -> str:
-    return f"{text}, on the floor at z = {z:z.2f} m"
+    return f"{text}, on the floor the layer z = {z:z.2f} m"
 
 
 def _floor(rgb: np.ndarray, corners: np.ndarray, height: float, bar: ColourBar | None, **more) -> Floor:

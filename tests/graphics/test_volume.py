@@ -91,7 +91,7 @@ def test_the_layer_of_a_height_lies_on_the_floor_in_the_colours_of_the_scale():
     sampled, volume = SampledVolume(Terms(), SEARCH, cost(), None), volume_of(cost(), SEARCH, True)
     for z, shown in ((3.1, 3.1), (2.0, 3.0), (9.0, 3.4)):  # beyond the domain it is that at its edge
         floor = layer_floor(volume, sampled, z, 0.5, True, 40)
-        assert floor.bar.label.endswith(f"at z = {shown:.2f} m") and floor.height == 0.5 and not floor.show_minima
+        assert floor.bar.label.endswith(f"layer z = {shown:.2f} m") and floor.height == 0.5 and not floor.show_minima
         np.testing.assert_allclose([*floor.origin, *floor.size], [*DOMAIN[0, :2], *np.ptp(DOMAIN, axis=0)[:2]])
         x = floor.origin[0] + (np.arange(40) + 0.5) * floor.size[0] / 40
         share = (10 * (-4 + 5 * (x + shown - 4.0)) - volume.bar.low) / (volume.bar.high - volume.bar.low)

@@ -263,7 +263,7 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, spa
 def test_the_floor_below_the_isosurfaces_is_the_layer_of_the_estimate(worker, space):
     wanted = space.map_request
     drawn = first(worker, wanted, True)
-    assert f"at z = {wanted.state.positions[MICROPHONE][2]:.2f} m" in drawn.floor.bar.label
+    assert f"layer z = {wanted.state.positions[MICROPHONE][2]:.2f} m" in drawn.floor.bar.label
     costs = {
         first(worker, dataclasses.replace(wanted, **change), False).lowest
         for change in ({}, {"microphone": 11}, {"modes": (2, 6)})
