@@ -64,6 +64,10 @@ def main() -> None:
         "path": listed(path, 3),
         **look(measurement, heatmap.cost_floor(last, search, True, relief=True, relief_height=opening.RELIEF_HEIGHT)),
     }  # fmt: skip
+    data["shown"] = [
+        listed(heatmap.normalise(np.array(heatmap.colour_limits(one.cost, True)), *limits, True), 4)
+        for one, limits in zip(sums, data["scale"], strict=True)
+    ]
     levels = [heatmap.normalise(one.cost, *limits, True) for one, limits in zip(sums, data["scale"], strict=True)]
     coarse = np.stack(levels)[:, ::EVERY, ::EVERY]
     data |= {

@@ -29,8 +29,11 @@ def test_the_files_hold_what_the_scene_computes_to():
     state = solver.init(problem, solvers.with_mode_count(problem, scene.solver), scene.seed)
     modes, counts = tuple(range(opening.MODE, 0, -1)), film["summed"]
     sums = partial_sums(problem, solver, state, opening.MICROPHONE, modes, ORDER_OFFSET, counts=counts)
-    for one, levels, scale, marked in zip(sums, maps.reshape(-1, n, n), film["scale"], film["minima"], strict=True):
+    parts = film["scale"], film["shown"], film["minima"]
+    for one, levels, scale, shown, marked in zip(sums, maps.reshape(-1, n, n), *parts, strict=True):
         np.testing.assert_allclose(scale, colour_limits(one.cost, True, WHOLE), rtol=1e-3)
+        limits = np.array(colour_limits(one.cost, True))
+        np.testing.assert_allclose(shown, normalise(limits, *scale, True), atol=1e-3)
         np.testing.assert_allclose(levels, 255 * normalise(one.cost, *scale, True)[::2, ::2], atol=0.6)
         found = map_minima(
             problem, solver, state, opening.MICROPHONE, one.modes, ORDER_OFFSET, one.cost, problem.search

@@ -61,9 +61,11 @@ function along(share) {
 }
 
 const mixed = new Float32Array(n * n);
+let ends = [0, 1];  // of the levels, between which colours differ, as in fdcal.graphics.heatmap
 function mix({index, share, from = Math.max(index - 1, 0)}) {
   const one = levels.subarray(index * n * n, (index + 1) * n * n), before = levels.subarray(from * n * n);
   for (let i = 0; i < n * n; i++) mixed[i] = (share * one[i] + (1 - share) * before[i]) / 255;
+  ends = [0, 1].map(end => share * data.shown[index][end] + (1 - share) * data.shown[from][end]);
 }
 function level(x, y) {
   const [u, v] = [x - origin[0], y - origin[1]].map((d, i) => Math.min(Math.max(d / size[i] * (n - 1), 0), n - 1.001)), i = Math.floor(u), j = Math.floor(v), at = j * n + i;
@@ -134,7 +136,8 @@ function drawRelief(camera) {
   const vertex = (i, j, z, s, light) => { vertices.set([origin[0] + i * step[0], origin[1] + j * step[1], z, s, light], k); k += 5; };
   for (let j = 0; j < n; j++) for (let i = 0; i < n; i++) {
     const x = height * (at(i + 1, j) - at(i - 1, j)) / 2 / step[0], y = height * (at(i, j + 1) - at(i, j - 1)) / 2 / step[1];
-    vertex(i, j, height * at(i, j), at(i, j), (1 - x * lx / lz - y * ly / lz) / Math.hypot(1, x, y));
+    const shade = Math.min(Math.max((at(i, j) - ends[0]) / (ends[1] - ends[0]), 0), 1);
+    vertex(i, j, height * at(i, j), shade, (1 - x * lx / lz - y * ly / lz) / Math.hypot(1, x, y));
   }
   for (const [x, y] of [[-1, 0], [0, -1]]) for (const top of [1, 0]) for (let i = 0; i < n; i++)
     vertex(x ? 0 : i, y ? 0 : i, top * height * (x ? at(0, i) : at(i, 0)), -1, 0);
