@@ -76,5 +76,5 @@ def switch(page: ProtocolPage, scene: str, runs: bool, longest: float = TIMEOUT)
     page.set("Apply", True)
     page.wait_for(lambda: page.controls["Apply"] != before, longest)
     if runs:
-        page.set("Run", True)
+        page.set("Play", True)
         time.sleep(RUN_TIME)

@@ -190,7 +190,7 @@ def _first_picture(browser) -> list[Figure]:
     with Served(SCENE, {}) as served:
         page = open_page(browser, served.url)
         first, taken = time.perf_counter() - start, served.processor()
-        page.get_by_role("button", name="Run", exact=True).wait_for()
+        page.get_by_role("button", name="Play", exact=True).wait_for()
         ready = time.perf_counter() - start
         wait_for_node(page, "/floor")
         mapped = time.perf_counter() - start
@@ -219,7 +219,7 @@ def _empty(browser) -> float:
 
 def _while_it_runs(page) -> float:
     """Let the solver run and move sliders; frames a second of the browser before they are moved."""
-    page.get_by_role("button", name="Run", exact=True).click()
+    page.get_by_role("button", name="Play", exact=True).click()
     page.get_by_text("Running", exact=True).first.wait_for()
     frames = page.evaluate(FRAMES, SECONDS)
     page.get_by_text("Settings", exact=True).click()
@@ -237,11 +237,8 @@ def _drags(page, served: Served) -> float:
     pause = page.get_by_role("button", name="Pause", exact=True)
     if pause.count():  # a run whose modes the user chose may have ended
         pause.click()
-    page.get_by_role("button", name="Reset", exact=True).click()
+    page.get_by_role("button", name="Restart", exact=True).click()
     page.get_by_role("tab", name="Map", exact=True).click()
-    number = page.get_by_text("Modes shown", exact=True).get_attribute("for")
-    page.locator(f"[id='{number}']").click()
-    page.get_by_role("option", name="Custom", exact=True).click()
     page.locator("//label[.='Mode numbers']/following::input[1]").first.fill(f"1-{MODES}")
     page.keyboard.press("Enter")
     page.get_by_text(f"sum of {MODES} modes").first.wait_for()

@@ -43,7 +43,7 @@ def check_page() -> None:
         with urlopen(address, timeout=TIMEOUT) as answer:
             assert answer.status == 200 and b"<html" in answer.read()
         with ProtocolPage(address) as page:
-            page.wait_for(lambda: "Run" in page.controls and "/microphones/true" in page.nodes, TIMEOUT)
+            page.wait_for(lambda: "Play" in page.controls and "/microphones/true" in page.nodes, TIMEOUT)
         server.send_signal(signal.SIGINT)
         _, errors = server.communicate(timeout=TIMEOUT)
     finally:

@@ -85,6 +85,8 @@ def browsed(ended: bool, folder: Path) -> None:
         page.wait_for_timeout(20e3)  # software rendering: the room appears a little after the controls
         page.get_by_role("button", name="Hide this line").click()  # which says that there is no graphics card
         if ended:
+            page.get_by_role("button", name="All together").click()
+            page.get_by_text("Move all microphones").wait_for()
             play.click()
             page.get_by_text("Converged").filter(visible=True).first.wait_for(timeout=180e3)
             page.wait_for_timeout(10e3)

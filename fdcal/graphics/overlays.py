@@ -187,7 +187,12 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
         replace(label, **above, text=text or label.text) if label.name == "selected/name" else label
         for label in picture.labels
     )
-    meshes = tuple(part for part in picture.meshes if not part.name.startswith("selected/estimate"))
+    # the ball covers both crosses of its microphone: where no other estimate has one, there is none
+    sizes = {part.name: len(part.vertices) for part in picture.meshes}
+    covered = ["selected/estimate"]
+    if sizes.get("microphones/estimate") == sizes.get("selected/estimate"):
+        covered.append("microphones/estimate")
+    meshes = tuple(part for part in picture.meshes if not part.name.startswith(tuple(covered)))
     return replace(picture, meshes=meshes, labels=labels).plus(*drawn)
 
 

@@ -29,7 +29,7 @@ def test_controls_without_effect_are_hidden(controls):
     panel, session = controls
     map_, view, export = panel.map, panel.view, panel.export
     map_.choose_modes([1, 2])
-    handles = (map_.which, map_.text, map_.scale)
+    handles = (map_.text, map_.scale)
     assert all(handle.visible for handle in handles)
     set_by_client(map_.kind, NOTHING)
     assert not any(handle.visible for handle in handles)
@@ -61,7 +61,7 @@ def test_the_view_from_the_side_raises_a_flat_map_and_that_from_above_lays_it_do
 def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, work):
     unbounded = dataclasses.replace(work, problem=dataclasses.replace(work.problem, search=None))
     map_ = map.MapTab(Binding(server.gui, unbounded, 6))
-    assert not any(handle.visible for handle in (map_.kind, map_.which, map_.scale))
+    assert not any(handle.visible for handle in (map_.kind, map_.text, map_.scale))
     map_.show(PageState(work.session.view, microphone=3))
     assert "search domain" in map_.caption.content
     server.gui.reset()

@@ -191,7 +191,7 @@ def test_the_list_of_takes_changes_rows_and_spectrum(tabs, controls):
     set_by_client(map_.take, "All takes")
     assert binding.choices.take is None
     one = controls[0].map
-    assert one.take is None and one.which.label == "Modes shown", "one take has no list"
+    assert one.take is None and one.text.label == "Mode numbers", "one take has no list"
 
 
 def test_the_spectrum_is_that_of_the_take(server, takes, measurement):

@@ -12,6 +12,7 @@ from ...cost.eq7 import decibels
 from ...graphics.landscape import mosaic
 from ...graphics.picture import row_word
 from ...graphics.primitives import DARK, LIGHT, format_number
+from ...model.address import SOLVER
 from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
 from .. import html
@@ -81,7 +82,6 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
     return f"<div style='{html.CARD}'>{what}<br>cost at the estimate <b>{here}</b>{lowest}{orders}</div>"
 
 
-SAME_AS_SOLVER, CUSTOM = "Of the solver", "Custom"
 LINEAR, LOG = "Linear", "Logarithmic"
 OBJECTIVE, EQ7 = "What the method minimises", "Eq. 7, for comparison"
 QUANTITIES: tuple[str, ...] = (OBJECTIVE, EQ7)
@@ -93,7 +93,7 @@ NO_SEARCH = f"No map: {html.NO_DOMAIN}"
 class MapTab(Tab):
     """Owns the controls of the tab, each of which is shown where it has an effect on the kind of map.
 
-    `kinds`: of maps that there can be; `axis`, `position`: of the slice through a volume, metres.
+    `kinds`: of maps that there can be.
     """
 
     where, order = "Map", 1
@@ -126,7 +126,7 @@ class MapTab(Tab):
         )  # fmt: skip
         self.follow = binding.checkbox(
             "Follow solver", lambda choices: choices.follow, self.follow_solver,
-            visible=not binding.run.solver.TRAITS.moves_all, hint="Show the microphone that the last step moved",
+            visible=not binding.run.solver.TRAITS.moves_all, hint="Show the microphone that the next step moves",
         )  # fmt: skip
         self.take = None
         takes = {ALL_TAKES: None} | {f"Take {take}": take for take in np.unique(binding.measurement.takes).tolist()}
@@ -137,16 +137,14 @@ class MapTab(Tab):
                 lambda label: choose(take=takes[label]),
                 hint="Whose rows the maps sum and whose spectrum is shown; a take is one place of the source",
             )  # fmt: skip
-        self.which = binding.dropdown(
-            f"{row.title()}s shown", (SAME_AS_SOLVER, CUSTOM),
-            lambda choices: SAME_AS_SOLVER if choices.modes is None else CUSTOM, self._choose_which, visible=mapped,
-            hint="Of the map; the solver keeps its own",
-        )  # fmt: skip
-        modes = choices.modes or (1,)
         self.text = binding.on(
-            binding.gui.add_text(f"{row.title()} numbers", modes_text(modes), hint="For example 1-3, 5"), self._read
-        )
-        binding.follow(self.text, visible=lambda choices: choices.modes is not None and mapped(choices))
+            binding.gui.add_text(
+                f"{row.title()} numbers", SOLVER if choices.modes is None else modes_text(choices.modes),
+                hint=f'Of the map, for example 1-3, 5; "{SOLVER}" for those that the solver uses',
+            ),
+            self._read,
+        )  # fmt: skip
+        binding.follow(self.text, visible=mapped)
         self.caption = binding.gui.add_html("")
         with binding.gui.add_folder("Scale and quantity", expand_by_default=False):
             self.quantity = binding.dropdown(
@@ -180,25 +178,19 @@ class MapTab(Tab):
         self.microphone.value = self._binding.choices.microphone
 
     def follow_solver(self, follow: bool) -> None:
-        """Show the microphone that the last step moved, or stay with the present one."""
+        """Show the microphone that the next step moves, or stay with the present one."""
         self._binding.choose(follow=follow, microphone=self.microphone.value)
 
     def choose_modes(self, modes) -> None:
         """Show the map of these modes, counted from 1; None for those that the solver uses."""
         modes = None if modes is None else tuple(modes)
         self._binding.choose(modes=modes, modes_error="")
-        if modes is not None:
-            self.text.value = modes_text(modes)
-
-    def _choose_which(self, label: str) -> None:
-        """Show the modes that the solver uses, or begin with these to choose others."""
-        state = self._binding.session.view.state
-        self.choose_modes(range(state.first, state.last + 1) if label == CUSTOM else None)
+        self.text.value = SOLVER if modes is None else modes_text(modes)
 
     def _read(self, text) -> None:
         """Show the map of the modes that a text names; a text that cannot be read changes nothing but the error."""
         try:
-            modes = parse_modes(text, self._binding.modes)
+            modes = None if text == SOLVER else parse_modes(text, self._binding.modes)
         except InputError as error:
             self._binding.choose(modes_error=html.error_message(error))
             return

@@ -49,8 +49,8 @@ def opened(shared):
     def as_wanted():  # asked for again where an answer to what was done before has changed it meanwhile
         shared.evaluate("location.hash = 'scene=tiny&microphone=9&modes=solver&map=flat&face=expert'")
         shared.wait_for_timeout(100)
-        assert shared.get_by_role("button", name="Reset", exact=True).is_visible()
-        assert shared.evaluate("/scene=tiny&microphone=9.*map=flat.*face=expert/.test(location.hash)")
+        assert shared.get_by_role("button", name="Restart", exact=True).is_visible()
+        assert shared.evaluate("/scene=tiny&.*microphone=9.*map=flat.*face=expert/.test(location.hash)")
 
     until(shared, as_wanted)
     begin_anew(shared)

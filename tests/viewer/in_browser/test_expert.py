@@ -13,9 +13,7 @@ from browsing import (
     pick,
     press,
     run_to_the_end,
-    stands,
     tab,
-    unfold,
 )
 
 from fdcal.acoustics.measure import cached_measurement
@@ -86,28 +84,10 @@ def test_a_run_ends_without_a_fault_and_what_is_pressed_then_stays_below_the_poi
     assert page.faults == []
 
 
-def test_a_microphone_is_picked_by_a_click_and_an_end_of_its_cut_is_dragged_and_the_plot_follows(page, scene):
+def test_a_microphone_is_picked_by_a_click(page, scene):
     tab(page, "Map")
     pick_known(page, scene)
     page.wait_for_function("box => !box.checked", arg=page.get_by_label("Follow solver").element_handle())
-    unfold(page, "Cut")
-    press(page, "x")
-    text = page.get_by_text(re.compile(r"lowest [\d.]+ m from A")).first
-    text.wait_for()
-    before, search = text.inner_text(), scene.search
-    low, height = search.origin[0], float(cached_measurement(scene).positions[5, 1])
-    high = low + search.step * (search.shape[0] - 1)
-    stands(page, "/cut", [(low + high) / 2, height], 2e-3)
-    up = 0.15 if height < search.origin[1] + search.size[1] / 2 else -0.15
-    here, there = on_screen(page, scene, np.array([[low, height, 0.0], [low, height + up, 0.0]]))
-    hover(page, here)
-    page.mouse.down()
-    page.mouse.move(*there, steps=8)
-    page.mouse.up()
-    stands(page, "/cut", [(low + high) / 2, height + up / 2], 5e-3)
-    page.wait_for_function("text => !document.body.innerText.includes(text)", arg=before)
-    press(page, "None")
-    unfold(page, "Cut")
 
 
 def test_a_file_is_saved_by_the_browser(page, tmp_path):
