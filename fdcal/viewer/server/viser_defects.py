@@ -1,5 +1,7 @@
 """What works round defects of viser 1.1.1, each with its defect; private parts of viser, whose version is pinned.
 
+`docs/viser_defects.py` shows them with viser alone.
+
 LoopEvent   a message that another thread pushes may never reach the browser
 encoded     an image is compressed as small as possible, which takes ten times as long
 """
